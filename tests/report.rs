@@ -207,6 +207,83 @@ fn what_is_no_run_folder_is_refused() {
     }
 }
 
+#[test]
+fn the_folder_of_a_sweep_is_no_run_and_beside_runs_it_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let path = short_scenario(folder.path(), 1.0);
+    assert_eq!(output(canrig(&runs, "simulate").arg(&path)).0, Some(0));
+    let run = only_run(&runs);
+    let text = fs::read_to_string(&path).unwrap();
+    let axis = "[sweep]\n[[sweep.list]]\nkey = \"seed\"\nvalues = [1, 2]\n";
+    fs::write(&path, format!("{text}{axis}")).unwrap();
+    assert_eq!(output(canrig(&runs, "sweep").arg(&path)).0, Some(0));
+    let is_other = |path: &PathBuf| *path != run;
+    let sweep = crate::support::runs(&runs).into_iter().find(is_other);
+    let sweep = sweep.unwrap();
+    let page = fs::read(sweep.join("report.html")).unwrap();
+    let reason = format!(
+        "{} is the folder of a sweep or of torture, not of a run",
+        sweep.display()
+    );
+    for command in ["report", "replay", "coverage", "export --format=csv"] {
+        let words: Vec<&str> = command.split(' ').collect();
+        let (code, stdout, stderr) = tool(&words, &[&sweep]);
+        assert_eq!(code, Some(3), "{command}: {stderr}");
+        assert!(stderr.contains(&reason), "{command}: {stderr}");
+        assert_eq!(stdout, "", "{command}");
+    }
+    let (code, _, stderr) = tool(&["compare"], &[&run, &sweep]);
+    assert_eq!(code, Some(3), "{stderr}");
+    let place = folder.path().join("all.html");
+    let arguments = ["report", "--output", place.to_str().unwrap()];
+    let (code, _, stderr) = tool(&arguments, &[&run, &sweep]);
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(
+        stderr.contains(&format!("{reason}; it is left out")),
+        "{stderr}"
+    );
+    assert!(unbroken(&place).contains("1 of 1 runs passed"));
+    assert!(fs::read(sweep.join("report.html")).unwrap() == page);
+}
+
+#[test]
+fn what_cannot_be_read_of_a_log_is_said_on_the_page_of_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), "step.toml");
+    let log = fs::read(run.join("bus.log")).unwrap();
+    fs::write(run.join("bus.log"), &log[..log.len() / 2]).unwrap();
+    let (code, _, stderr) = tool(&["report"], &[&run]);
+    assert_eq!(code, Some(0), "{stderr}");
+    let remark = format!("{}: the log breaks off (", run.display());
+    assert!(stderr.contains(&remark), "{stderr}");
+    assert!(unbroken(&run.join("report.html")).contains("the log breaks off ("));
+}
+
+/// A run that was killed before there was a log has a verdict that says so.
+#[test]
+fn a_run_that_has_ended_and_lost_its_log_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path(), "step.toml");
+    fs::remove_file(run.join("bus.log")).unwrap();
+    let page = fs::read(run.join("report.html")).unwrap();
+    for command in ["report", "replay", "export --format=csv"] {
+        let words: Vec<&str> = command.split(' ').collect();
+        let (code, stdout, stderr) = tool(&words, &[&run]);
+        assert_eq!(code, Some(3), "{command}: {stderr}");
+        let reason = "bus.log cannot be read: No such file";
+        assert!(stderr.contains(reason), "{command}: {stderr}");
+        assert_eq!(stdout, "", "{command}");
+    }
+    assert!(fs::read(run.join("report.html")).unwrap() == page);
+    let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
+    assert!(verdict.contains("\"outcome\": \"pass\""), "{verdict}");
+    let killed = verdict.replace("\"outcome\": \"pass\"", "\"outcome\": \"incomplete\"");
+    fs::write(run.join("verdict.json"), killed).unwrap();
+    assert_eq!(tool(&["report"], &[&run]).0, Some(0));
+    assert_eq!(tool(&["replay"], &[&run]).0, Some(4));
+}
+
 /// Nodes send 0 for what they do not have.
 #[test]
 fn a_page_draws_no_signal_that_the_run_does_not_have() {

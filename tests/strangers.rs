@@ -171,17 +171,23 @@ fn output_that_cannot_be_written_is_no_success() {
     assert_eq!(reader.wait().unwrap().code(), Some(0));
 }
 
+/// The program with no room for files of more than so many kilobytes.
+fn limited(kilobytes: u32, words: &[&str]) -> Command {
+    let mut bash = Command::new("bash");
+    bash.args(["-c", &format!("ulimit -f {kilobytes}; exec \"$@\""), "-"]);
+    bash.arg(env!("CARGO_BIN_EXE_canrig")).args(words);
+    bash
+}
+
 #[test]
 fn a_limit_on_files_is_an_error_and_what_is_not_whole_is_partial() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = short_scenario(folder.path(), 1.0);
     let runs = folder.path().join("runs");
-    // In kilobytes: less than bus.log, more than what is written before the run.
-    let mut bash = Command::new("bash");
-    bash.args(["-c", "ulimit -f 120; exec \"$@\"", "-"]);
-    bash.arg(env!("CARGO_BIN_EXE_canrig")).arg("simulate");
-    bash.arg("--output").arg(&runs).arg(scenario);
-    let (code, _, stderr) = output(&mut bash);
+    // Less than bus.log, more than what is written before the run.
+    let mut simulate = limited(120, &["simulate"]);
+    let simulate = simulate.arg("--output").arg(&runs).arg(scenario);
+    let (code, _, stderr) = output(simulate);
     assert_eq!(code, Some(4), "{stderr}");
     assert!(stderr.contains("File too large"), "{stderr}");
     let run = only_run(&runs);
@@ -190,6 +196,41 @@ fn a_limit_on_files_is_an_error_and_what_is_not_whole_is_partial() {
     for name in ["signals.csv", "report.html", "run.rrd"] {
         assert!(!run.join(name).exists(), "{name}");
     }
+}
+
+/// The recording is the largest file, and is done last.
+#[test]
+fn a_run_whose_recording_cannot_be_written_says_nowhere_that_it_passed() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = short_scenario(folder.path(), 1.0);
+    let runs = folder.path().join("runs");
+    let mut simulate = limited(500, &["simulate"]);
+    let simulate = simulate.arg("--output").arg(&runs).arg(scenario);
+    let (code, _, stderr) = output(simulate);
+    assert_eq!(code, Some(4), "{stderr}");
+    let run = only_run(&runs);
+    let message = format!("{} cannot be made: ", run.join("run.rrd").display());
+    assert!(stderr.contains(&message), "{stderr}");
+    assert!(run.join("signals.csv").exists());
+    for name in ["junit.xml", "report.html", "run.rrd"] {
+        assert!(!run.join(name).exists(), "{name}");
+    }
+}
+
+#[test]
+fn an_fmu_that_the_disk_does_not_take_is_named_and_nothing_else_is_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("sma.fmu");
+    let mut export = limited(10, &["fmu", "--export", "sma", "--output"]);
+    let (code, stdout, stderr) = output(export.arg(&place));
+    assert_eq!(code, Some(4), "{stderr}");
+    assert_eq!(
+        (stdout.as_str(), stderr.lines().count()),
+        ("", 1),
+        "{stderr}"
+    );
+    assert!(stderr.contains("sma.fmu cannot be written"), "{stderr}");
+    assert!(!place.exists());
 }
 
 /// Nobody reads these pipes: who waited for that would wait for ever.

@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use recording::cell::inert;
 use recording::events::{Events, Level};
 
 /// Writes one row for each event, in the order of time: when, how grave, and what, as the page of a run has them.
@@ -17,7 +18,8 @@ pub fn write(output: impl Write, events: &Events) -> io::Result<()> {
             Level::Warning => "warning",
             Level::Error => "error",
         };
-        table.write_record([&format!("{:.6}", event.time_seconds), level, &event.text])?;
+        let (time, text) = (format!("{:.6}", event.time_seconds), inert(&event.text));
+        table.write_record([&*time, level, &*text])?;
     }
     table.flush()
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use dbc::{Database, Message, SignalHandle};
 
+use recording::cell::{cell, heading};
 use recording::frames::Frames;
 use recording::log::Stamped;
 
@@ -12,7 +13,7 @@ use recording::log::Stamped;
 const ID_BITS: u32 = 0x1FFF_FFFF;
 
 /// Writes one row for each frame, in the order of the recording. Times are of the scenario, which began at `zero` on the clock of
-/// the frames. Names, numbers and bytes hold neither comma nor quote.
+/// the frames.
 ///
 /// # Errors
 /// The output does not take it.
@@ -28,7 +29,8 @@ pub fn write_all(
         let name = message.map_or("", |message| message.name.as_str());
         let sender = message.and_then(|message| message.sender.as_deref());
         let identifier = frame.raw_id() & ID_BITS;
-        let (seconds, sender) = (since(time, zero), sender.unwrap_or_default());
+        let (name, sender) = (cell(name), cell(sender.unwrap_or_default()));
+        let seconds = since(time, zero);
         write!(output, "{seconds:.6},{identifier},{name},{sender},")?;
         match (frame.is_error(), frame.is_remote()) {
             (true, _) => write!(output, "error")?,
@@ -57,8 +59,8 @@ pub fn write_message(
     message: &Message,
 ) -> io::Result<()> {
     let signals = message.signals.iter().map(|signal| signal.name.as_str());
-    let names: Vec<&str> = ["time_seconds"].into_iter().chain(signals).collect();
-    writeln!(output, "{}", names.join(","))?;
+    let names = ["time_seconds"].into_iter().chain(signals);
+    writeln!(output, "{}", heading(names))?;
     let handle = |name: &str| database.signal(&format!("{}.{name}", message.name));
     let signals = message.signals.iter().map(|signal| handle(&signal.name));
     let signals: Vec<Option<SignalHandle>> = signals.collect();

@@ -5,6 +5,7 @@ use recording::events::{Event, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
+use recording::work::Way;
 use rig::setup::Setup;
 
 use crate::circumstances::Circumstances;
@@ -38,7 +39,8 @@ pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) 
     judged(&Evidence::new(timeline, setup, circumstances))
 }
 
-/// Judges each of the loops that were played at once. The contours stand among the rows of their first loop.
+/// Judges each of the loops that were played at once. The contours stand among the rows of their first loop. It takes as long as a
+/// way through the frames.
 #[must_use]
 pub fn judge_loops(
     setups: &[Setup],
@@ -49,7 +51,13 @@ pub fn judge_loops(
     let evidence = loops
         .iter()
         .map(|(setup, timeline)| Evidence::new(timeline, setup, circumstances).among(&loops));
-    evidence.map(|evidence| judged(&evidence)).collect()
+    let mut way = Way::new(loops.len() as u64);
+    let verdicts = evidence.map(|evidence| {
+        let verdict = judged(&evidence);
+        way.go(1);
+        verdict
+    });
+    verdicts.collect()
 }
 
 fn judged(evidence: &Evidence<'_>) -> Verdict {

@@ -11,6 +11,7 @@
 
 pub mod bus_log;
 pub mod capture;
+pub mod cell;
 pub mod ending;
 pub mod events;
 mod fan;

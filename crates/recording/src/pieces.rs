@@ -41,6 +41,8 @@ pub(crate) struct PieceReader<R> {
     /// The text of the latest piece, if it is held, and how much of it was taken.
     held: Cursor<Vec<u8>>,
     way: Way,
+    /// The place in the file that the way is gone to.
+    gone_to: u64,
 }
 
 enum State<R> {
@@ -57,7 +59,15 @@ impl<R: Read + Seek> PieceReader<R> {
             state: State::Between(BufReader::with_capacity(BUFFER_BYTES, input)),
             held: Cursor::default(),
             way: Way::new(bytes),
+            gone_to: 0,
         }
+    }
+
+    /// The file is taken up to this place.
+    fn go_to(&mut self, place: u64) {
+        let bytes = place.saturating_sub(self.gone_to);
+        self.way.go(usize::try_from(bytes).unwrap_or(usize::MAX));
+        self.gone_to = place;
     }
 
     /// Goes to the next piece that is whole; `false` at the end of the file.
@@ -73,10 +83,10 @@ impl<R: Read + Seek> PieceReader<R> {
             input.seek(SeekFrom::Start(begin + 1))?;
             skip_to_magic(&mut input)?;
         }
-        let bytes = input.stream_position()? - begin;
-        self.way.go(usize::try_from(bytes).unwrap_or(usize::MAX));
+        let end = input.stream_position()?;
         match checked {
             Ok(true) => {
+                self.go_to(end);
                 self.held = Cursor::new(text);
                 self.state = State::Between(input);
             }
@@ -85,10 +95,11 @@ impl<R: Read + Seek> PieceReader<R> {
                 self.state = State::Within(Decoder::with_buffer(input)?.single_frame());
             }
             Err(reason) => {
+                self.go_to(end);
                 self.state = State::Between(input);
                 let damaged = Damaged {
                     begin,
-                    bytes,
+                    bytes: end - begin,
                     reason,
                 };
                 return Err(io::Error::new(io::ErrorKind::InvalidData, damaged));
@@ -115,6 +126,7 @@ impl<R: Read + Seek> Read for PieceReader<R> {
                 State::Within(mut piece) => match piece.read(bytes)? {
                     0 => self.state = State::Between(piece.finish()),
                     read => {
+                        self.go_to(piece.get_mut().stream_position()?);
                         self.state = State::Within(piece);
                         return Ok(read);
                     }
@@ -217,6 +229,12 @@ mod tests {
     fn a_log_that_another_tool_compressed_is_one_piece() {
         let text = "(0.000001) can0 123#\n".repeat(300_000);
         assert!(text.len() > HELD_BYTES_MAX);
-        assert_eq!(read(&piece(&text)), (text, 0));
+        let compressed = piece(&text);
+        let mut pieces = PieceReader::new(Cursor::new(&compressed), compressed.len() as u64);
+        let mut half = vec![0; text.len() / 2];
+        pieces.read_exact(&mut half).unwrap();
+        let gone = pieces.gone_to as f64 / compressed.len() as f64;
+        assert!((0.3..0.7).contains(&gone), "{gone}");
+        assert_eq!(read(&compressed), (text, 0));
     }
 }

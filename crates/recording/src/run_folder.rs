@@ -43,6 +43,8 @@ pub mod file {
     pub const SHEETS: &str = "eds";
     /// The recording for the Rerun viewer.
     pub const RERUN: &str = "run.rrd";
+    /// The rows of a sweep or of torture: a folder that has them is not that of a run.
+    pub const ROWS: &str = "rows.jsonl";
 }
 
 #[derive(Debug)]
@@ -182,13 +184,14 @@ impl RunFolder {
     }
 }
 
-/// Where the log of a run folder is.
+/// Where the log of a run folder is. A plain one beside that of a long run is what somebody decompressed, as far as it came.
 #[must_use]
 pub fn log_in(folder: &Path) -> PathBuf {
-    let (log, long) = (folder.join(file::BUS_LOG), folder.join(file::LONG_BUS_LOG));
-    match long.exists() && !log.exists() {
-        true => long,
-        false => log,
+    let long = folder.join(file::LONG_BUS_LOG);
+    // What is there and leads nowhere is refused by whoever reads it.
+    match long.symlink_metadata() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => folder.join(file::BUS_LOG),
+        _ => long,
     }
 }
 
@@ -331,6 +334,20 @@ mod tests {
         );
         assert_eq!(slug("../../etc"), "etc");
         assert_eq!(slug("ψ"), "run");
+    }
+
+    #[test]
+    fn the_log_of_a_long_run_is_its_compressed_one_whatever_is_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let [log, long] = [file::BUS_LOG, file::LONG_BUS_LOG].map(|name| folder.path().join(name));
+        assert_eq!(log_in(folder.path()), log);
+        fs::write(&log, "").unwrap();
+        assert_eq!(log_in(folder.path()), log);
+        symlink(&long, &long).unwrap();
+        assert_eq!(log_in(folder.path()), long);
+        fs::remove_file(&long).unwrap();
+        fs::write(&long, "").unwrap();
+        assert_eq!(log_in(folder.path()), long);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io::{self, Write};
 
+use recording::cell::heading;
 use recording::timeline::{self, OfLoop};
 use recording::work::Way;
 
@@ -11,8 +12,7 @@ const SCALE: f64 = 1e7;
 /// Whole numbers below this are exact.
 const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
 
-/// Writes the table of loops that were played at once to an output that has a buffer. Names and numbers hold neither comma nor
-/// quote, so nothing needs quoting.
+/// Writes the table of loops that were played at once to an output that has a buffer.
 ///
 /// # Errors
 /// The output does not take it.
@@ -23,11 +23,10 @@ pub fn write(mut output: impl Write, loops: &[OfLoop<'_>]) -> io::Result<()> {
     let signals = timeline::signals(loops);
     let own = ["cycle", "time_seconds"].into_iter();
     let names = own.chain(signals.iter().map(|signal| signal.name.as_str()));
-    let names: Vec<&str> = names.collect();
+    writeln!(output, "{}", heading(names))?;
     let values = signals.iter().map(|signal| signal.values);
     let columns = [&first.time_seconds].into_iter().chain(values);
     let mut columns: Vec<_> = columns.map(|values| (values.iter(), None)).collect();
-    writeln!(output, "{}", names.join(","))?;
     let mut cells = vec![String::new(); columns.len()];
     let mut way = Way::new(first.cycle.len() as u64);
     for cycle in &first.cycle {

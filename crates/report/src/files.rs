@@ -1,5 +1,7 @@
 //! The files of a judged run.
 
+use std::fs;
+use std::path::PathBuf;
 use std::thread;
 
 use dbc::SignalMissing;
@@ -20,26 +22,27 @@ pub enum ReportError {
     #[error(transparent)]
     Signal(#[from] SignalMissing),
     /// A report cannot be made.
-    #[error("{name} cannot be made: {reason}")]
+    #[error("{} cannot be made: {reason}", path.display())]
     Made {
         /// Which one.
-        name: &'static str,
+        path: PathBuf,
         /// Why.
         reason: String,
     },
 }
 
 impl ReportError {
-    fn made(name: &'static str, error: &dyn std::error::Error) -> Self {
+    fn made(folder: &RunFolder, name: &str, error: &dyn std::error::Error) -> Self {
         Self::Made {
-            name,
+            path: folder.path().join(name),
             reason: error.to_string(),
         }
     }
 }
 
 /// Writes the files of a judged run of one loop or more, but for the signals of a long one. The recording takes as long as all
-/// others, so they are made beside it. The verdict comes last, since it says that the folder is complete.
+/// others, so they are made beside it. What says the verdict comes when all else is there, and `verdict.json` last, since it says
+/// that the folder is complete.
 ///
 /// # Errors
 /// A file cannot be made or written.
@@ -48,32 +51,48 @@ pub fn write_all(
     verdict: &Verdict,
     folder: &RunFolder,
 ) -> Result<(), ReportError> {
-    thread::scope(|scope| {
-        let beside = scope.spawn(|| write_tables_and_page(runs, verdict, folder));
+    let page = thread::scope(|scope| {
+        let beside = scope.spawn(|| write_table_and_make_page(runs, verdict, folder));
         let recorded = write_recording(runs, verdict, folder);
-        beside
-            .join()
-            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-        recorded
+        let page = beside.join();
+        let page = page.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        recorded.map(|()| page)
     })?;
-    Ok(folder.write(file::VERDICT, verdict.to_json().as_bytes())?)
+    let junit = junit::to_xml(std::slice::from_ref(verdict))
+        .map_err(|error| ReportError::made(folder, file::JUNIT, &error))?;
+    let said = write_what_says_the_verdict(folder, &page, &junit, verdict);
+    if said.is_err() {
+        // Beside a verdict "incomplete" neither may say another. Where one was not written, there is nothing to remove.
+        for name in [file::REPORT, file::JUNIT] {
+            let _ = fs::remove_file(folder.path().join(name));
+        }
+    }
+    Ok(said?)
 }
 
-fn write_tables_and_page(
+fn write_what_says_the_verdict(
+    folder: &RunFolder,
+    page: &str,
+    junit: &str,
+    verdict: &Verdict,
+) -> Result<(), WriteError> {
+    folder.write(file::REPORT, page.as_bytes())?;
+    folder.write(file::JUNIT, junit.as_bytes())?;
+    folder.write(file::VERDICT, verdict.to_json().as_bytes())
+}
+
+fn write_table_and_make_page(
     runs: &[Run<'_>],
     verdict: &Verdict,
     folder: &RunFolder,
-) -> Result<(), ReportError> {
+) -> Result<String, ReportError> {
     if runs.iter().all(|run| !run.is_long) {
         let loops = runs.iter().map(|run| (run.setup.prefix(), run.timeline));
         let loops = Vec::from_iter(loops);
         folder.write_with(file::SIGNALS, |output| csv::write(output, &loops))?;
     }
-    let junit = junit::to_xml(std::slice::from_ref(verdict))
-        .map_err(|error| ReportError::made(file::JUNIT, &error))?;
-    folder.write(file::JUNIT, junit.as_bytes())?;
-    let page = html::to_html(runs, verdict)?;
-    Ok(folder.write(file::REPORT, page.as_bytes())?)
+    // Whoever played the run has all of its frames.
+    Ok(html::to_html(runs, verdict, &[])?)
 }
 
 #[cfg(feature = "rerun")]
@@ -84,7 +103,7 @@ fn write_recording(
 ) -> Result<(), ReportError> {
     let path = folder.path().join(file::RERUN);
     crate::rerun::write(&path, runs, verdict)
-        .map_err(|error| ReportError::made(file::RERUN, &error))
+        .map_err(|error| ReportError::made(folder, file::RERUN, &error))
 }
 
 #[cfg(not(feature = "rerun"))]

@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use std::fmt;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::panic::PanicHookInfo;
-use std::sync::{Once, OnceLock, mpsc};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Once, OnceLock, mpsc};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -53,13 +54,58 @@ pub fn print_bytes(bytes: &[u8]) {
 
 /// Prints what is too long to be held in memory on standard output: as it is, but for a terminal.
 pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>) {
-    let mut stdout = BufWriter::new(io::stdout());
-    if stdout.get_ref().is_terminal() {
-        let mut bytes = Vec::new();
-        keep_error(write(&mut bytes));
-        print_bytes(&bytes);
-    } else {
-        keep_error(write(&mut stdout).and_then(|()| stdout.flush()));
+    let stdout = io::stdout();
+    let is_terminal = stdout.is_terminal();
+    let mut lines = PrintableLines::new(&stdout);
+    let mut plain = &stdout;
+    let output: &mut (dyn Write + Send) = match is_terminal {
+        true => &mut lines,
+        false => &mut plain,
+    };
+    let mut output = BufWriter::new(output);
+    keep_error(write(&mut output).and_then(|()| output.flush()));
+}
+
+/// An output that a terminal is behind. What it gets in parts is passed on by whole lines, so that no character is cut.
+struct PrintableLines<W> {
+    output: W,
+    /// The line that has no end yet.
+    begun: Vec<u8>,
+}
+
+impl<W: Write> PrintableLines<W> {
+    fn new(output: W) -> Self {
+        let begun = Vec::new();
+        Self { output, begun }
+    }
+
+    fn pass_on(&mut self) -> io::Result<()> {
+        let text = String::from_utf8_lossy(&self.begun);
+        self.output.write_all(printable(&text).as_bytes())?;
+        self.begun.clear();
+        Ok(())
+    }
+}
+
+impl<W: Write> Write for PrintableLines<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let whole = (bytes.iter().rposition(|byte| *byte == b'\n')).map_or(0, |end| end + 1);
+        let (lines, begun) = bytes.split_at(whole);
+        if !lines.is_empty() {
+            self.begun.extend(lines);
+            self.pass_on()?;
+        }
+        self.begun.extend(begun);
+        // What has no lines is not for people: a cut character more or less does no harm.
+        if self.begun.len() >= BUFFER_BYTES {
+            self.pass_on()?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.pass_on()?;
+        self.output.flush()
     }
 }
 
@@ -310,6 +356,7 @@ impl Drop for PartsBar {
 /// A bar that shows how far long work on a recording is, and how much time is left. It is drawn on a terminal only, by a thread
 /// of its own, when the work lasts longer than two seconds.
 pub struct WorkBar {
+    ways: Arc<AtomicU64>,
     ended: Option<mpsc::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -318,19 +365,28 @@ impl WorkBar {
     /// The bar of work that goes so many times through the recordings.
     #[must_use]
     pub fn new(ways: u64, is_shown: bool) -> Self {
+        let ways = Arc::new(AtomicU64::new(ways));
         if !is_shown || !io::stderr().is_terminal() {
             return Self {
+                ways,
                 ended: None,
                 thread: None,
             };
         }
         let (ended, end) = mpsc::channel();
         let before = parts_done();
-        let thread = thread::spawn(move || show_work(ways * PARTS, before, &end));
+        let expected = Arc::clone(&ways);
+        let thread = thread::spawn(move || show_work(&expected, before, &end));
         Self {
+            ways,
             ended: Some(ended),
             thread: Some(thread),
         }
+    }
+
+    /// So many ways it is, as is known when the recordings have been read.
+    pub fn expect(&self, ways: u64) {
+        self.ways.store(ways, Ordering::Relaxed);
     }
 }
 
@@ -345,18 +401,20 @@ impl Drop for WorkBar {
 }
 
 /// Draws the bar until the other end of the channel is dropped.
-fn show_work(parts: u64, before: u64, end: &mpsc::Receiver<()>) {
+fn show_work(ways: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
     let is_over = |wait| end.recv_timeout(wait) != Err(mpsc::RecvTimeoutError::Timeout);
     if is_over(PATIENCE) {
         return;
     }
-    let bar = ProgressBar::with_draw_target(Some(parts), ProgressDrawTarget::stderr());
+    let parts = || ways.load(Ordering::Relaxed) * PARTS;
+    let bar = ProgressBar::with_draw_target(Some(parts()), ProgressDrawTarget::stderr());
     let bar = bar.with_elapsed(PATIENCE);
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {left} left");
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style.with_key("left", show_left));
     while !is_over(WORK_PERIOD) {
-        bar.set_position((parts_done() - before).min(parts));
+        bar.set_length(parts());
+        bar.set_position((parts_done() - before).min(parts()));
     }
     bar.finish_and_clear();
 }
@@ -386,7 +444,26 @@ fn micros(time: Duration) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Read;
+
     use super::*;
+
+    #[test]
+    fn what_is_printed_in_parts_is_passed_on_by_lines_and_steers_nothing() {
+        let text = "25 °C\n\u{1b}[2J \u{202e}→\nthe end ≤";
+        for size in 1..text.len() {
+            let mut lines = PrintableLines::new(Vec::new());
+            for part in text.as_bytes().chunks(size) {
+                lines.write_all(part).unwrap();
+            }
+            assert!(lines.begun.len() <= size + "the end ≤".len());
+            lines.flush().unwrap();
+            assert_eq!(String::from_utf8(lines.output).unwrap(), printable(text));
+        }
+        let mut endless = PrintableLines::new(io::sink());
+        io::copy(&mut io::repeat(b'x').take(10 << 20), &mut endless).unwrap();
+        assert!(endless.begun.capacity() < 4 * BUFFER_BYTES);
+    }
 
     #[test]
     fn the_state_of_a_run_fits_beside_the_bar() {

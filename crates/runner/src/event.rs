@@ -24,7 +24,10 @@ pub enum RunEvent<'a> {
     /// How far the scenario is. It comes from another thread.
     Reached(RunProgress),
     /// A scenario was played; now it is judged, and its files are written.
-    Played,
+    Played {
+        /// How often its frames or cycles are gone through for that.
+        ways: u64,
+    },
     /// A scenario was played and judged.
     Judged {
         /// Its file.

@@ -26,7 +26,7 @@ impl Listener for EventLines {
     fn on_event(&self, event: &RunEvent<'_>) {
         self.print(&match event {
             // What follows says it.
-            RunEvent::Played => return,
+            RunEvent::Played { .. } => return,
             RunEvent::Note(text) => json!({"event": "note", "text": text}),
             RunEvent::Preflight(step) => json!({"event": "note", "text": in_words(step)}),
             RunEvent::Began { duration_seconds } => {

@@ -12,7 +12,7 @@ use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
 use crate::observer::observed;
-use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run_loops};
+use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run_loops, ways_to_files};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
@@ -223,7 +223,7 @@ impl<'a> Stage<'a> {
         *self.is_playing() = true;
         let played = play();
         *self.is_playing() = false;
-        played.inspect(|_| self.listener.on_event(&RunEvent::Played))
+        played
     }
 }
 
@@ -254,7 +254,11 @@ fn play_one(
         is_long: scenario.duration_seconds > args.compress_above,
     };
     let judged = run_loops(setups, place, watch, queues, |folder, capture| {
-        stage.play(|| testbed.play(setups, folder, capture))
+        let played = stage.play(|| testbed.play(setups, folder, capture));
+        played.inspect(|played| {
+            let ways = ways_to_files(played, setups.len());
+            listener.on_event(&RunEvent::Played { ways });
+        })
     });
     match judged {
         Ok(judged) => {

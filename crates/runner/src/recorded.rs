@@ -45,6 +45,12 @@ pub enum RecordedError {
         /// The folder.
         path: PathBuf,
     },
+    /// A folder of many runs.
+    #[error("{} is the folder of a sweep or of torture, not of a run", path.display())]
+    ManyRuns {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A log without a scenario.
     #[error("{}: a log does not name the scenario that was played; name it with --scenario FILE", path.display())]
     NoScenario {
@@ -133,7 +139,7 @@ impl Recorded {
     /// for what the folder does not say.
     ///
     /// # Errors
-    /// A file is missing or not valid. A log that breaks off is no error.
+    /// A file is missing or not valid. A log that breaks off is no error, nor is it that a run that broke off has none.
     pub fn load(
         path: &Path,
         played: Option<&Path>,
@@ -158,13 +164,6 @@ impl Recorded {
                 path: path.to_owned(),
             });
         }
-        let log = read_log(&log_path)?;
-        if log.frames.is_empty() && !is_folder {
-            return Err(RecordedError::Empty {
-                path: log_path,
-                broken: log.unread.broken,
-            });
-        }
         let (setups, stored) = match played {
             Some(played) => {
                 let loops = rig::loops::load_any(played, catalogue);
@@ -173,6 +172,13 @@ impl Recorded {
             }
             None => read_played(folder, catalogue)?,
         };
+        let log = read_log(&log_path, stored.as_ref())?;
+        if log.frames.is_empty() && !is_folder {
+            return Err(RecordedError::Empty {
+                path: log_path,
+                broken: log.unread.broken,
+            });
+        }
         let stalls = match is_folder {
             true => read_stalls(folder).map_err(|source| RecordedError::Read {
                 path: folder.join(file::STALLS),
@@ -259,6 +265,16 @@ impl Recorded {
         Ok(verdict)
     }
 
+    /// How often [`Recorded::judge`] goes through the frames besides: for the times of each loop, where the run has any.
+    #[must_use]
+    pub fn ways_for_timing(&self) -> u64 {
+        let stored = self.stored.as_ref();
+        match stored.is_some_and(|stored| stored.timing.is_some()) {
+            true => self.setups.len() as u64,
+            false => 0,
+        }
+    }
+
     /// What each loop came to by itself.
     #[must_use]
     pub fn verdicts_of_loops(&self, timelines: &[Timeline]) -> Vec<Verdict> {
@@ -330,22 +346,39 @@ pub(crate) fn refuse(error: RecordedError) -> Exit {
 
 /// Refuses what is no run folder.
 pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
-    if is_folder(path)? && path.join(file::SCENARIO).exists() {
-        return Ok(());
+    let path = path.to_owned();
+    match is_folder(&path)? && path.join(file::SCENARIO).exists() {
+        true if holds_many_runs(&path) => Err(RecordedError::ManyRuns { path }),
+        true => Ok(()),
+        false => Err(RecordedError::NoRun { path }),
     }
-    Err(RecordedError::NoRun {
-        path: path.to_owned(),
-    })
 }
 
-fn read_log(path: &Path) -> Result<Log, RecordedError> {
+fn holds_many_runs(folder: &Path) -> bool {
+    folder.join(file::ROWS).exists()
+}
+
+/// The folders among several that are to be taken for runs: those of sweeps, which stand beside them in `runs/*`, are named and
+/// left out. Where there are no others, one that is refused is better than nothing.
+pub(crate) fn runs_among(folders: &[PathBuf]) -> Vec<&Path> {
+    let folders = folders.iter().map(PathBuf::as_path);
+    let (others, runs): (Vec<_>, Vec<_>) = folders.partition(|folder| holds_many_runs(folder));
+    if runs.is_empty() {
+        return others;
+    }
+    for path in others {
+        let path = path.to_owned();
+        let reason = RecordedError::ManyRuns { path };
+        print_error(&format!("canrig: {reason}; it is left out"));
+    }
+    runs
+}
+
+fn read_log(path: &Path, stored: Option<&Verdict>) -> Result<Log, RecordedError> {
+    let is_incomplete = stored.is_some_and(|stored| stored.outcome == Outcome::Incomplete);
     match Log::read(path) {
-        // Killed before the first frame.
-        Err(error)
-            if error.kind() == io::ErrorKind::NotFound
-                && path.ends_with(file::BUS_LOG)
-                && has_scenario(path) =>
-        {
+        // Killed before there was a log.
+        Err(error) if error.kind() == io::ErrorKind::NotFound && is_incomplete => {
             let unread = Unread {
                 broken: Some("there is none".to_owned()),
                 ..Unread::default()
@@ -360,10 +393,6 @@ fn read_log(path: &Path) -> Result<Log, RecordedError> {
             source,
         }),
     }
-}
-
-fn has_scenario(log: &Path) -> bool {
-    log.with_file_name(file::SCENARIO).exists()
 }
 
 /// The verdict of a run; none when there is no file. It is written as a whole, so one that cannot be read back was damaged.

@@ -156,6 +156,13 @@ pub fn run_loops(
     })
 }
 
+/// So often the frames and cycles of a long run are gone through after it was played: for the timelines, to judge them, and for
+/// the signals; for each loop, for the page, for the viewer, and for its times where these are real.
+pub(crate) fn ways_to_files(played: &Played, loops: usize) -> u64 {
+    let ways_of_loop = if played.host.is_some() { 3 } else { 2 };
+    3 + ways_of_loop * loops as u64
+}
+
 /// Writes the signals of a long run.
 fn write_signals(folder: &RunFolder, loops: &[OfLoop<'_>]) -> Result<(), WriteError> {
     folder.write_with(file::LONG_SIGNALS, |output| {

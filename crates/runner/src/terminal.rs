@@ -27,10 +27,6 @@ enum Progress {
     Work(#[expect(dead_code, reason = "it draws itself")] WorkBar),
 }
 
-/// So often its frames and cycles are gone through after a long run was played: for the timeline, the page, the recording for the
-/// viewer and the signals.
-const WAYS_OF_A_RUN: u64 = 4;
-
 impl Terminal {
     pub(crate) fn new(json: bool, quiet: bool) -> Self {
         Self {
@@ -79,8 +75,8 @@ impl Listener for Terminal {
                     bar.show(reading);
                 }
             }
-            RunEvent::Played => {
-                let bar = WorkBar::new(WAYS_OF_A_RUN, self.prints_notes());
+            RunEvent::Played { ways } => {
+                let bar = WorkBar::new(*ways, self.prints_notes());
                 self.progress().take();
                 *self.progress() = Some(Progress::Work(bar));
             }

@@ -17,7 +17,7 @@ use judge::verdict::Identity;
 use scenario::open_to_write;
 
 /// Name of the file.
-pub(super) const FILE: &str = "rows.jsonl";
+pub(super) const FILE: &str = recording::run_folder::file::ROWS;
 /// Name of the file with the lines that something happened to.
 const DAMAGED: &str = "rows.damaged.jsonl";
 /// Name of a file with the rows of another program, and after the first one with a number.

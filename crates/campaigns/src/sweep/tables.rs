@@ -8,6 +8,7 @@ use super::cases::Cases;
 use super::row::SweepRow;
 use super::store::{self, StoreError};
 use exports::parquet::{Cells, ColumnKind, ParquetTable};
+use recording::cell::inert;
 
 /// Names of the tables.
 pub(super) const CSV: &str = "runs.csv";
@@ -54,7 +55,11 @@ impl Tables<'_> {
     /// Writes the CSV table.
     pub(super) fn write_csv(&self, output: &mut BufWriter<File>) -> io::Result<()> {
         let mut table = csv::Writer::from_writer(output);
-        table.write_record(self.columns().iter().map(|(name, _)| inert(name)))?;
+        table.write_record(
+            self.columns()
+                .iter()
+                .map(|(name, _)| inert(name).into_owned()),
+        )?;
         for row in self.rows()? {
             table.write_record(self.cells(&row?))?;
         }
@@ -62,12 +67,12 @@ impl Tables<'_> {
     }
 
     fn cells(&self, row: &SweepRow) -> Vec<String> {
-        let mut cells = vec![row.case.to_string(), inert(&row.id)];
+        let mut cells = vec![row.case.to_string(), inert(&row.id).into_owned()];
         cells.extend(self.values(row.case).map(|value| value.to_string()));
         cells.push(row.seed.map_or_else(String::new, |seed| seed.to_string()));
         cells.push(row.ended.word().to_owned());
-        cells.push(inert(&missed(row).unwrap_or_default()));
-        cells.push(inert(row.reason.as_deref().unwrap_or_default()));
+        cells.push(inert(&missed(row).unwrap_or_default()).into_owned());
+        cells.push(inert(row.reason.as_deref().unwrap_or_default()).into_owned());
         let metrics = self.metrics.iter().map(|name| row.metric(name));
         cells
             .extend(metrics.map(|value| value.map_or_else(String::new, |value| value.to_string())));
@@ -120,14 +125,6 @@ impl Tables<'_> {
     }
 }
 
-/// A text that no spreadsheet takes for a formula: where it could, an apostrophe is before it.
-fn inert(text: &str) -> String {
-    match text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
-        true => format!("'{text}"),
-        false => text.to_owned(),
-    }
-}
-
 /// The limits that a case missed, in one cell.
 fn missed(row: &SweepRow) -> Option<String> {
     (!row.missed.is_empty()).then(|| row.missed.join("; "))
@@ -172,7 +169,7 @@ mod tests {
             let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
             (row.missed, row.metrics) = (vec![text.clone()], vec![(text.clone(), value)]);
             let mut written = csv::Writer::from_writer(Vec::new());
-            written.write_record(tables.columns().iter().map(|(name, _)| inert(name))).unwrap();
+            written.write_record(tables.columns().iter().map(|(name, _)| inert(name).into_owned())).unwrap();
             written.write_record(tables.cells(&row)).unwrap();
             let bytes = written.into_inner().unwrap();
             let mut read = csv::ReaderBuilder::new().has_headers(false).from_reader(&bytes[..]);

@@ -9,7 +9,7 @@ mod three;
 mod two;
 
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::io::{Seek, Write};
+use std::io::{Cursor, Write};
 use std::sync::{LazyLock, OnceLock};
 
 use zip::write::SimpleFileOptions;
@@ -123,25 +123,25 @@ impl Model {
     }
 }
 
-/// Writes the FMU of a model for this machine; `library` are the bytes of the shared library that knows it.
+/// Writes the FMU of a model for this machine; `library` are the bytes of the shared library that knows it. It is made in memory,
+/// since a writer of zip files that is left unfinished, as on a full disk, prints on standard error.
 ///
 /// # Errors
 /// It cannot be written.
 pub fn write_fmu(
-    output: impl Write + Seek,
+    mut output: impl Write,
     model: &Model,
     version: Version,
     library: &[u8],
 ) -> std::io::Result<()> {
-    let mut zip = ZipWriter::new(output);
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
     zip.start_file(DESCRIPTION, options)?;
     zip.write_all(model.description_xml(version).as_bytes())?;
     let path = format!("binaries/{}/{}.so", version.platform(), model.name);
     zip.start_file(path, options.unix_permissions(0o755))?;
     zip.write_all(library)?;
-    zip.finish()?;
-    Ok(())
+    output.write_all(&zip.finish()?.into_inner())
 }
 
 /// Makes the models of a library.

@@ -23,19 +23,23 @@ use rig::external::ExternalNode;
 const EVENTS_MAX: usize = 300;
 
 /// The page of a run of one loop or more, with the verdict of all of them. It depends on nothing but the recording and the
-/// verdict.
+/// verdict; `remarks` say what of the log cannot be read.
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
 ///
 /// # Panics
 /// There is no loop.
-pub fn to_html(runs: &[Run<'_>], verdict: &Verdict) -> Result<String, SignalMissing> {
+pub fn to_html(
+    runs: &[Run<'_>],
+    verdict: &Verdict,
+    remarks: &[String],
+) -> Result<String, SignalMissing> {
     let first = &runs[0];
     let scenario = &first.setup.scenario;
     let timelines = Vec::from_iter(runs.iter().map(|run| run.timeline));
     let body = html! {
-        (head(runs, verdict))
+        (head(runs, verdict, remarks))
         h2 { "Verdict" }
         @if verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
         @else { (page::metrics(&verdict.metrics, verdict.outcome)) }
@@ -75,7 +79,7 @@ fn heading(run: &Run<'_>, text: &str) -> Markup {
     }
 }
 
-fn head(runs: &[Run<'_>], verdict: &Verdict) -> Markup {
+fn head(runs: &[Run<'_>], verdict: &Verdict, remarks: &[String]) -> Markup {
     let run = &runs[0];
     let scenario = &run.setup.scenario;
     html! {
@@ -83,6 +87,7 @@ fn head(runs: &[Run<'_>], verdict: &Verdict) -> Markup {
         p { (page::badge(verdict.outcome)) }
         @if let Some(reason) = &verdict.reason { p { (reason) } }
         @if let Some(end) = end_besides(verdict) { p { (end) } }
+        @for remark in remarks { p.unsure { "Of the recording as it is now, " (remark) ". This page shows the other frames." } }
         @if let Some(description) = &scenario.description { p.soft { (description) } }
         dl.facts {
             div { dt { "control law" } dd { (laws(runs)) } }

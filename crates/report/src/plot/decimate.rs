@@ -2,7 +2,7 @@
 
 use platform::series::{give_back, passing};
 
-use super::range::finite_range;
+use super::range::{NOTHING, extended, finite_range};
 use super::scale::{DrawingScale, HEIGHT, WIDTH};
 
 /// Points that are joined, in whole units of the drawing.
@@ -10,6 +10,9 @@ pub(super) type Polyline = Vec<(i32, i32)>;
 
 /// Width of a pixel column in units of the drawing.
 const COLUMN: i32 = 4;
+
+/// So many gaps within a pixel column, which nobody can tell apart, are drawn. Of more the page would grow with the run.
+const GAPS_MAX: usize = 4;
 
 /// Side of a cell of a path in the plane.
 const CELL: i32 = 4;
@@ -34,18 +37,10 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> V
             scale,
         };
         (x, y) = (&x[last + 1..], &y[last + 1..]);
-        if let Some(range) = finite_range(column.y) {
-            column.draw(range, &mut line);
-            column.give_back();
-            continue;
-        }
-        for (number, part) in column.parts().enumerate() {
-            if number > 0 {
-                end(&mut line, &mut lines);
-            }
-            if let Some(range) = finite_range(part.y) {
-                part.draw(range, &mut line);
-            }
+        match finite_range(column.y) {
+            Some(range) => column.draw(range, &mut line),
+            None if column.has_many_gaps() => column.draw_over_gaps(&mut line, &mut lines),
+            None => column.draw_parts(&mut line, &mut lines),
         }
         column.give_back();
     }
@@ -116,12 +111,53 @@ impl<'a> PixelColumn<'a> {
         })
     }
 
+    fn has_many_gaps(&self) -> bool {
+        let parts = self.parts().filter(|part| !part.y.is_empty());
+        parts.count() > GAPS_MAX + 1
+    }
+
+    fn draw_parts(&self, line: &mut Polyline, lines: &mut Vec<Polyline>) {
+        for (number, part) in self.parts().enumerate() {
+            if number > 0 {
+                end(line, lines);
+            }
+            if let Some(range) = finite_range(part.y) {
+                part.draw(range, line);
+            }
+        }
+    }
+
+    /// Draws all parts as one. A gap at an edge stays.
+    fn draw_over_gaps(&self, line: &mut Polyline, lines: &mut Vec<Polyline>) {
+        let is_finite = |y: &f64| y.is_finite();
+        let first = self.y.iter().position(is_finite).unwrap_or(0);
+        let end_of_last = self
+            .y
+            .iter()
+            .rposition(is_finite)
+            .map_or(0, |last| last + 1);
+        if first > 0 {
+            end(line, lines);
+        }
+        let whole = Self {
+            x: &self.x[first..end_of_last],
+            y: &self.y[first..end_of_last],
+            scale: self.scale,
+        };
+        whole.draw(extended(NOTHING, whole.y), line);
+        if end_of_last < self.y.len() {
+            end(line, lines);
+        }
+    }
+
     /// The points are not looked at again soon.
     fn give_back(&self) {
         give_back(self.x);
         give_back(self.y);
     }
 
+    /// Draws the first, the lowest, the highest and the last point; the first and the last one must be finite. A point between
+    /// them that is not has height 0, so it is taken at most for one that is there too.
     fn draw(&self, (low, high): (f64, f64), line: &mut Polyline) {
         let height = |y: f64| nearest(self.scale.down(y));
         let point = |place: usize| {
@@ -253,6 +289,44 @@ mod tests {
             decimated(points.into_iter()),
             [vec![(0, 1), (100, 2)], vec![(200, 3)]]
         );
+    }
+
+    #[test]
+    fn gaps_everywhere_do_not_make_a_long_curve_larger() {
+        let size = |samples: u32| {
+            let points = (0..samples).map(|sample| {
+                let y = match sample {
+                    _ if sample % 2 == 1 => f64::NAN,
+                    _ if sample == samples / 2 => 900.0,
+                    _ => f64::from(sample % 7),
+                };
+                (f64::from(sample) * WIDTH / f64::from(samples), y)
+            });
+            let lines = decimated(points);
+            let highest = lines.iter().flatten().map(|point| point.1).max();
+            assert_eq!(highest, Some(900));
+            lines.iter().map(Vec::len).sum::<usize>()
+        };
+        assert!(size(400_000) <= 5 * 800, "{}", size(400_000));
+    }
+
+    #[test]
+    fn of_many_gaps_in_a_pixel_those_at_its_edges_stay() {
+        let points = |missing: fn(u32) -> bool| {
+            (0..60).map(move |sample| {
+                let y = if missing(sample) { f64::NAN } else { 1.0 };
+                (f64::from(sample) / 5.0, y)
+            })
+        };
+        // Of three pixels the middle one has the gaps.
+        let inside = decimated(points(|sample| {
+            (22..34).contains(&sample) && sample % 2 == 0
+        }));
+        assert_eq!(inside, [vec![(0, 1), (12, 1)]]);
+        let at_its_begin = decimated(points(|sample| {
+            (18..34).contains(&sample) && sample % 2 == 0
+        }));
+        assert_eq!(at_its_begin, [vec![(0, 1), (3, 1)], vec![(4, 1), (12, 1)]]);
     }
 
     #[test]

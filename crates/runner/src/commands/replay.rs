@@ -19,7 +19,7 @@ use worlds::catalogue::catalogue;
 /// Frames go to a viewer no earlier than this before their time.
 const AHEAD_MAX: Duration = Duration::from_millis(10);
 
-/// The frames are read, decoded, and their times measured.
+/// The frames are read, decoded and judged.
 const WAYS: u64 = 3;
 
 /// Arguments of `replay`.
@@ -55,7 +55,7 @@ fn speed(text: &str) -> Result<f64, String> {
 #[must_use]
 pub fn replay(args: &ReplayArgs) -> Exit {
     let bar = WorkBar::new(WAYS, true);
-    let judged = judged(args);
+    let judged = judged(args, &bar);
     drop(bar);
     match judged {
         Err(error) => refuse(error),
@@ -67,11 +67,12 @@ pub fn replay(args: &ReplayArgs) -> Exit {
     }
 }
 
-fn judged(args: &ReplayArgs) -> Result<(Recorded, Verdict), RecordedError> {
+fn judged(args: &ReplayArgs, bar: &WorkBar) -> Result<(Recorded, Verdict), RecordedError> {
     let path = &args.recording;
     let limits = args.scenario.as_deref().filter(|_| path.is_dir());
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());
     let mut recorded = Recorded::load(path, played, catalogue())?;
+    bar.expect(WAYS + recorded.ways_for_timing());
     if let Some(limits) = limits {
         recorded.setups[0].scenario.expect = read_limits(path, limits, catalogue())?;
     }

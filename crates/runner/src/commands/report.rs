@@ -5,23 +5,23 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::console::WorkBar;
+use crate::console::{WorkBar, print_error};
 use crate::exit::Exit;
 use crate::output::{link, renew_page, write_page};
-use crate::recorded::{Recorded, RecordedError, refuse, require_run};
+use crate::recorded::{Recorded, RecordedError, refuse, require_run, runs_among};
 use judge::verdict::Verdict;
 use recording::run_folder::file;
 use recording::timeline::Timeline;
 use report::{Run, html, overview};
 use worlds::catalogue::catalogue;
 
-/// The frames are read, decoded, and their times measured.
-const WAYS: u64 = 3;
+/// The frames are read, decoded, judged, and gone through for the page of a loop.
+const WAYS: u64 = 4;
 
 /// Arguments of `report`.
 #[derive(Args, Debug)]
 pub struct ReportArgs {
-    /// Run folders
+    /// Run folders; of several, those of sweeps are left out
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// The file to write: the page of a single run, or one more page that compares several runs
@@ -32,14 +32,19 @@ pub struct ReportArgs {
 /// Makes the page of each run, and one of all of them where `--output` says where.
 #[must_use]
 pub fn report(args: &ReportArgs) -> Exit {
-    let bar = WorkBar::new(WAYS * args.runs.len() as u64, true);
+    let paths = runs_among(&args.runs);
+    let bar = WorkBar::new(WAYS * paths.len() as u64, true);
     let mut runs = Vec::new();
-    for path in &args.runs {
+    for path in paths {
         match read(path) {
             Ok(run) => runs.push(run),
             Err(error) => return refuse(error),
         }
     }
+    let further_loops = |(recorded, ..): &(Recorded, _, _)| recorded.setups.len() as u64 - 1;
+    let further = runs.iter().map(further_loops);
+    bar.expect(WAYS * runs.len() as u64 + further.sum::<u64>());
+    let is_of_one = args.runs.len() == 1;
     let pages = runs.iter().map(|(recorded, timelines, verdict)| {
         let verdicts = recorded.verdicts_of_loops(timelines);
         let loops = recorded.setups.iter().zip(timelines).zip(&verdicts);
@@ -52,13 +57,22 @@ pub fn report(args: &ReportArgs) -> Exit {
         });
         let loops = Vec::from_iter(loops);
         let place = match &args.output {
-            Some(output) if runs.len() == 1 => output.clone(),
+            Some(output) if is_of_one => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
-        html::to_html(&loops, verdict).map(|text| (place, text))
+        let remarks = recorded.log.unread.remarks();
+        html::to_html(&loops, verdict, &remarks).map(|text| (place, text))
     });
     let pages: Vec<_> = pages.collect();
     drop(bar);
+    for (recorded, ..) in &runs {
+        for remark in recorded.log.unread.remarks() {
+            let path = recorded.path.display();
+            print_error(&format!(
+                "canrig: {path}: {remark}; the page shows the other frames"
+            ));
+        }
+    }
     for page in pages {
         let written = match page {
             Ok((place, text)) if args.output.as_ref() == Some(&place) => write_page(&place, &text),
@@ -70,7 +84,7 @@ pub fn report(args: &ReportArgs) -> Exit {
         }
     }
     match &args.output {
-        Some(output) if runs.len() > 1 => write_page(output, &together(&runs, output))
+        Some(output) if !is_of_one => write_page(output, &together(&runs, output))
             .err()
             .unwrap_or(Exit::Pass),
         _ => Exit::Pass,

@@ -14,8 +14,8 @@ use judge::comparison::{
 };
 use worlds::catalogue::catalogue;
 
-/// The frames are read and decoded.
-const WAYS: u64 = 2;
+/// The frames are read, decoded and judged.
+const WAYS: u64 = 3;
 
 /// Arguments of `compare`.
 #[derive(Args, Debug)]
@@ -57,7 +57,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 #[must_use]
 pub fn compare(args: &CompareArgs) -> Exit {
     let bar = WorkBar::new(2 * WAYS + SIGNAL_WAYS, true);
-    let compared = compared(args);
+    let compared = compared(args, &bar);
     drop(bar);
     match compared {
         Ok((comparison, page)) => {
@@ -113,14 +113,19 @@ impl CompareError {
 
 type Page<'a> = Option<(&'a Path, String)>;
 
-fn compared(args: &CompareArgs) -> Result<(Comparison, Page<'_>), CompareError> {
-    let [a, b] = [&args.a, &args.b].map(|path| -> Result<_, RecordedError> {
-        let recorded = Recorded::load(path, None, catalogue())?;
+fn compared<'a>(
+    args: &'a CompareArgs,
+    bar: &WorkBar,
+) -> Result<(Comparison, Page<'a>), CompareError> {
+    let [a, b] = [&args.a, &args.b].map(|path| Recorded::load(path, None, catalogue()));
+    let (a, b) = (a?, b?);
+    bar.expect(2 * WAYS + a.ways_for_timing() + b.ways_for_timing() + SIGNAL_WAYS);
+    let judged = |recorded: &Recorded| -> Result<_, RecordedError> {
         let timelines = recorded.timelines()?;
         let verdict = recorded.judge(&timelines)?;
-        Ok((recorded, timelines, verdict))
-    });
-    let ((a, a_timelines, a_verdict), (b, b_timelines, b_verdict)) = (a?, b?);
+        Ok((timelines, verdict))
+    };
+    let ((a_timelines, a_verdict), (b_timelines, b_verdict)) = (judged(&a)?, judged(&b)?);
     let (a_loops, b_loops) = (a.named(&a_timelines), b.named(&b_timelines));
     let tolerances = Tolerances {
         given: &args.tolerance,

@@ -10,7 +10,7 @@ use super::page;
 use crate::console::{print, print_error};
 use crate::exit::Exit;
 use crate::output::{link, write_page};
-use crate::recorded::{RecordedError, read_played, refuse, require_run};
+use crate::recorded::{RecordedError, read_played, refuse, require_run, runs_among};
 use judge::verdict::{Outcome, Verdict};
 use recording::run_folder::file;
 use rig::setup::Setup;
@@ -31,7 +31,7 @@ enum CoverageError {
 /// Arguments of `coverage`.
 #[derive(Args, Debug)]
 pub struct CoverageArgs {
-    /// Run folders; of several runs of one scenario the worst one counts
+    /// Run folders; of several runs of one scenario the worst one counts, and of several folders those of sweeps are left out
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// A CSV file of all requirements, with a column `id` and, if you like, `text`: those that no run tests are shown too
@@ -83,7 +83,7 @@ fn exit(requirements: &[Requirement]) -> Exit {
 fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
-    for folder in &args.runs {
+    for folder in runs_among(&args.runs) {
         let (setups, verdict) = read(folder)?;
         for (id, rows) in demanded(&setups) {
             let untimed = untimed(&setups, verdict.as_ref());

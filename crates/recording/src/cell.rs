@@ -1,0 +1,41 @@
+//! Texts in tables for other programs. Names in a folder's DBC are somebody else's.
+
+use std::borrow::Cow;
+
+/// A text that no spreadsheet takes for a formula: where it could, an apostrophe is before it.
+#[must_use]
+pub fn inert(text: &str) -> Cow<'_, str> {
+    match text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
+        true => format!("'{text}").into(),
+        false => text.into(),
+    }
+}
+
+/// The same as a cell of a CSV table: in quotes where a part of it would be taken for the table's own.
+#[must_use]
+pub fn cell(text: &str) -> Cow<'_, str> {
+    let text = inert(text);
+    match text.contains([',', '"', '\r', '\n']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")).into(),
+        false => text,
+    }
+}
+
+/// The names of a table's columns as its first line.
+#[must_use]
+pub fn heading<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    let cells = names.into_iter().map(cell);
+    Vec::from_iter(cells).join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_somebody_else_stay_one_cell_each_and_are_no_formulas() {
+        let names = ["position_millimetres", "a,b", "a \"b\"", "=1+1", "-a\nb"];
+        let expected = "position_millimetres,\"a,b\",\"a \"\"b\"\"\",'=1+1,\"'-a\nb\"";
+        assert_eq!(heading(names), expected);
+    }
+}
