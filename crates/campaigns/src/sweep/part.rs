@@ -13,6 +13,7 @@ use super::finish::Shown;
 use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
 use super::store::{Header, Lock, Recovered, Store, StoreError};
+use super::uncopied::{Changed, Uncopied};
 use crate::campaign::{Campaign, NoResult, Stopped};
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
@@ -33,6 +34,8 @@ pub(crate) enum PartError {
     Write(#[from] WriteError),
     #[error(transparent)]
     NoIdentity(#[from] NoIdentity),
+    #[error(transparent)]
+    Changed(#[from] Changed),
     #[error(
         "run {case} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
     )]
@@ -224,6 +227,7 @@ impl PartPlay<'_> {
         cases: &dyn Cases,
         setup: &Setup,
     ) -> Result<(RunFolder, Lock), PartError> {
+        let files = Uncopied::new(setup)?;
         let folder = open_folder(self.output, setup, cases, self.shard)?;
         let header = Header::new(cases, &identity(setup)?, self.shard);
         let (mut store, found) = match self.is_shared {
@@ -235,7 +239,7 @@ impl PartPlay<'_> {
         }
         print_found(&found, self.shown != Shown::All);
         self.report("began", cases, store.len(), &folder);
-        let rest = self.play_rest(cases, &mut store, &folder);
+        let rest = self.play_rest(cases, &mut store, &folder, &files);
         if self.is_shared {
             if attempt::is_whole(folder.path(), &header).unwrap_or_default() {
                 // Another machine was faster; what became of this attempt does not matter.
@@ -282,12 +286,14 @@ impl PartPlay<'_> {
         cases: &dyn Cases,
         store: &mut Store,
         folder: &RunFolder,
+        files: &Uncopied,
     ) -> Result<(), PartError> {
         let all = self.shard.cases(cases.runs());
         let of = all.len();
         let left: Vec<usize> = all.filter(|case| !store.has(*case)).collect();
         let bar = RunsBar::new(Some(of), self.campaign.is_shown).going_on_from(store.len());
         let keep = |case: usize, row: Result<SweepRow, NoResult>| {
+            files.check()?;
             let row = match row {
                 Ok(row) => row,
                 // The program's own hook prints a panic; the row says in which case it was.
