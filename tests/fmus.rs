@@ -3,7 +3,9 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
 
 use fmu::description::Version;
 use fmu::export::{Model, ModelVariable, Role, write_fmu};
@@ -511,6 +513,37 @@ fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
     fs::write(&rig, &text).unwrap();
     fs::write(folder.path().join("rigs/cart.fmu"), "PK").unwrap();
     refused("cart", "cart", &["it is no zip file"]);
+}
+
+#[test]
+fn a_sweep_ends_when_its_fmu_becomes_another_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let step = cart(folder.path(), "");
+    let sweep = "[sweep]\ndraws = 2000\n[[sweep.uniform]]\nkey = \"plant.cart.fmu.start.mass_kilograms\"\nfrom = 1.8\nto = 2.8\n[expect]\n";
+    fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
+    let place = folder.path().join("runs");
+    let mut command = canrig(&place, "sweep");
+    let command = command.arg(&step).args(["--threads", "1"]);
+    let command = command.stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let rows = || {
+        let part = runs(&place).pop();
+        let text = part.map(|folder| fs::read_to_string(folder.join("rows.jsonl")));
+        text.map_or(0, |text| text.unwrap_or_default().lines().count())
+    };
+    while child.try_wait().unwrap().is_none() && (!place.exists() || rows() < 5) {
+        thread::sleep(Duration::from_millis(5));
+    }
+    let library = fs::read(folder.path().join("cart.so")).unwrap();
+    write_cart(folder.path(), "another one", &library);
+    let ended = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(4), "{stderr}");
+    assert!(
+        stderr.contains("cart.fmu is gone or another file than at the start"),
+        "{stderr}"
+    );
+    assert!((5..2000).contains(&rows()), "{}", rows());
 }
 
 #[test]

@@ -147,6 +147,62 @@ fn a_damaged_store_is_named_kept_and_mended_and_a_foreign_one_left_alone() {
     );
 }
 
+#[test]
+fn what_is_missing_in_a_folder_is_written_again_and_what_is_stale_is_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let swept = whole(folder.path(), &path);
+    let undisturbed = results(&swept);
+    let (scenario, course) = (swept.join("scenario.toml"), swept.join("course.csv"));
+    let stale = swept.join("failing/case-1-0123456789abcdef.toml");
+    for damage in [&|| fs::write(&scenario, "").unwrap(), &|| {
+        fs::remove_file(&scenario).unwrap()
+    }] as [&dyn Fn(); 2]
+    {
+        damage();
+        fs::remove_file(&course).unwrap();
+        fs::write(&stale, "of another canrig").unwrap();
+        let mut again = canrig(&folder.path().join("whole"), "sweep");
+        let (code, _, stderr) = output(again.arg(&path).arg("--quiet"));
+        assert_eq!((code, stderr.as_str()), (Some(1), ""));
+        let read = |path: &Path| fs::read(path).unwrap();
+        assert_eq!(read(&scenario), read(&path));
+        assert_eq!(read(&course), read(&folder.path().join("course.csv")));
+        assert!(!stale.exists());
+        assert_eq!(results(&swept), undisturbed);
+    }
+}
+
+#[test]
+fn a_damaged_row_of_a_killed_attempt_at_a_part_is_named_and_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let parts = folder.path().join("parts");
+    let play = || {
+        let mut part = canrig(&parts, "sweep");
+        output(part.arg(&path).args(["--shard", "1/2", "--quiet"]))
+    };
+    assert_eq!(play().0, Some(1));
+    let part = only_run(&parts);
+    let rows = part.join("rows.jsonl");
+    let undisturbed = fs::read(&rows).unwrap();
+    let lines = undisturbed.split_inclusive(|byte| *byte == b'\n').take(6);
+    let mut attempt = lines.collect::<Vec<_>>().concat();
+    let middle = attempt.len() - 40;
+    attempt[middle] ^= 1;
+    fs::write(part.join("attempt.other.abcdefgh.jsonl"), attempt).unwrap();
+    fs::remove_file(&rows).unwrap();
+    let (code, _, stderr) = play();
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(
+        stderr.contains("line 6 of ") && stderr.contains("attempt.other.abcdefgh.jsonl is damaged"),
+        "{stderr}"
+    );
+    assert_eq!(fs::read(&rows).unwrap(), undisturbed);
+    let damaged = fs::read_to_string(part.join("rows.damaged.jsonl")).unwrap();
+    assert_eq!(damaged.lines().count(), 1);
+}
+
 fn wait_until(child: &mut Child, condition: impl Fn() -> bool) {
     for _ in 0..6000 {
         if condition() || child.try_wait().unwrap().is_some() {

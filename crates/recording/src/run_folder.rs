@@ -1,11 +1,12 @@
 //! The folder of one run, and how files come into it: whole or not at all.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
+use tempfile::TempPath;
 
 use crate::bus_log::BusLog;
 use scenario::{hexadecimal, require_file};
@@ -83,7 +84,7 @@ impl RunFolder {
     }
 
     /// As [`RunFolder::lasting`], with what `write` writes into it: it appears with all of that at once, also where others, on
-    /// other machines, make the same folder at the same time. One that is there stays as it is.
+    /// other machines, make the same folder at the same time. Into one that is there, `write` writes what is missing.
     ///
     /// # Errors
     /// The folder cannot be made, or `write` failed.
@@ -95,8 +96,8 @@ impl RunFolder {
     ) -> Result<Self, WriteError> {
         let path = Self::path_of(parent, name, id);
         let folder = Self { path };
-        if folder.scenario().exists() {
-            return Ok(folder);
+        if folder.path.exists() {
+            return write(&folder).map(|()| folder);
         }
         fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
         let partial = format!("{}-{id}.partial", slug(name));
@@ -110,7 +111,7 @@ impl RunFolder {
             // What is left of it does no harm.
             let _ = fs::remove_dir_all(partial.path());
         }
-        match folder.scenario().exists() {
+        match folder.path.is_dir() {
             true => Ok(folder),
             false => written.map(|()| folder),
         }
@@ -140,6 +141,17 @@ impl RunFolder {
     /// The file cannot be written.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
         self.write_with(name, |output| output.write_all(bytes))
+    }
+
+    /// As [`RunFolder::write`], where the file is not there with these very bytes.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn ensure(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
+        match is_file_of(&self.path.join(name), bytes) {
+            Ok(true) => Ok(()),
+            Ok(false) | Err(_) => self.write(name, bytes),
+        }
     }
 
     /// As [`RunFolder::write`], for what is too long to be held in memory.
@@ -227,7 +239,8 @@ pub fn write_whole(
     })
 }
 
-/// Puts a file in the place of another: `write` makes it under a name of its own, which it loses when all of it is there.
+/// Puts a file in the place of another: `write` writes it under a name of its own, which it loses when all of it is there. That
+/// name is new each time, so that whoever replaces the same file meanwhile has another one, and no link is followed.
 ///
 /// # Errors
 /// Something that is no file is in its place, or `write` failed.
@@ -238,18 +251,36 @@ pub fn replace<E: From<io::Error>>(
     // Where a link leads, not the link.
     let found = fs::canonicalize(path);
     let path = found.as_deref().unwrap_or(path);
-    let partial = path.with_added_extension("partial");
-    for place in [path, &partial] {
-        if place.exists() {
-            require_file(place)?;
-        }
+    if path.exists() {
+        require_file(path)?;
     }
-    let written = write(&partial).and_then(|()| Ok(fs::rename(&partial, path)?));
-    if written.is_err() {
-        // On a full disk it holds the room that is missing.
-        let _ = fs::remove_file(&partial);
-    }
-    written
+    let partial = partial_of(path)?;
+    write(&partial)?;
+    // Until here its end, also by an error, removes it: on a full disk it holds the room that is missing.
+    Ok(partial.persist(path).map_err(|error| error.error)?)
+}
+
+/// A new file beside another, `NAME.<random>.partial`.
+fn partial_of(path: &Path) -> io::Result<TempPath> {
+    let mut prefix = path.file_name().unwrap_or_default().to_owned();
+    prefix.push(".");
+    let folder = match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    };
+    let partial = tempfile::Builder::new()
+        .prefix(&prefix)
+        .suffix(".partial")
+        // Whatever the user's own mask admits.
+        .permissions(Permissions::from_mode(0o666))
+        .tempfile_in(folder)?;
+    Ok(partial.into_temp_path())
+}
+
+/// Whether a file has these bytes.
+fn is_file_of(path: &Path, bytes: &[u8]) -> io::Result<bool> {
+    require_file(path)?;
+    Ok(path.metadata()?.len() == bytes.len() as u64 && fs::read(path)? == bytes)
 }
 
 /// As [`write_whole`], for a file that is not there yet. A folder in its name is made.
@@ -324,6 +355,8 @@ fn hash(seed: u64, text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::MetadataExt;
+
     use super::*;
 
     #[test]
@@ -379,7 +412,7 @@ mod tests {
         let make = |text: &str| {
             RunFolder::shared(parent.path(), "run", "1", |folder| {
                 folder.write("table.csv", text.as_bytes())?;
-                assert!(!parent.path().join("run-1").join("table.csv").exists());
+                assert_eq!(parent.path().join("run-1").exists(), text == "late");
                 // Meanwhile somebody else is faster.
                 if text == "slow" {
                     RunFolder::shared(parent.path(), "run", "1", |other| {
@@ -394,8 +427,55 @@ mod tests {
         let read = || fs::read_to_string(folder.path().join("table.csv")).unwrap();
         assert_eq!(read(), "fast");
         make("late").unwrap();
-        assert_eq!(read(), "fast");
+        assert_eq!(read(), "late");
         assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_is_missing_in_a_shared_folder_or_differs_is_written_again() {
+        let parent = tempfile::tempdir().unwrap();
+        let make = || {
+            RunFolder::shared(parent.path(), "run", "1", |folder| {
+                folder.ensure("table.csv", b"table")?;
+                folder.ensure(file::SCENARIO, b"scenario")
+            })
+        };
+        let path = |name: &str| parent.path().join("run-1").join(name);
+        make().unwrap();
+        let rows = path("rows.jsonl");
+        fs::write(&rows, "rows").unwrap();
+        let inode = || path("table.csv").metadata().unwrap().ino();
+        let before = inode();
+        for damage in [&|| fs::remove_file(path(file::SCENARIO)).unwrap(), &|| {
+            fs::write(path(file::SCENARIO), "").unwrap()
+        }] as [&dyn Fn(); 2]
+        {
+            damage();
+            make().unwrap();
+            assert_eq!(fs::read(path(file::SCENARIO)).unwrap(), b"scenario");
+            // What is as it was is left alone.
+            assert_eq!(inode(), before);
+        }
+        assert_eq!(fs::read(rows).unwrap(), b"rows");
+    }
+
+    #[test]
+    fn two_who_replace_a_file_at_once_each_have_their_own_and_no_link_is_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, theirs) = (folder.path().join("file"), folder.path().join("theirs"));
+        fs::write(&theirs, "theirs").unwrap();
+        symlink(&theirs, folder.path().join("file.partial")).unwrap();
+        write_whole(&path, |output| {
+            output.write_all(b"slow ")?;
+            output.flush()?;
+            write_whole(&path, |other| other.write_all(b"fast"))?;
+            assert_eq!(fs::read(&path)?, b"fast");
+            output.write_all(b"one")
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"slow one");
+        assert_eq!(fs::read(&theirs).unwrap(), b"theirs");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 
     #[test]

@@ -26,14 +26,14 @@ pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> 
     write_scenario(folder, setup)
 }
 
-/// Writes what is played. The scenario comes last, since a folder that has it is taken to have the others: a sweep that was
+/// Writes what is played, where it is not there already. The scenario comes last, since a folder that has it is taken to have the others: a sweep that was
 /// killed goes on from there.
 ///
 /// # Errors
 /// A file cannot be written.
 pub fn write_scenario(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
     link_fmus(folder, setup, "")?;
-    files_of(setup).try_for_each(|(name, text)| folder.write(name, text.as_bytes()))
+    files_of(setup).try_for_each(|(name, text)| folder.ensure(name, text.as_bytes()))
 }
 
 /// Writes the EDS of each node of the rig that these loops share.
@@ -230,7 +230,7 @@ mod tests {
         let database = Arc::new(Database::shipped().clone());
         let setup = Setup::load_recorded(&scenario, database).unwrap();
         let folder = RunFolder::create(&place.path().join("runs"), "t", 1, text).unwrap();
-        fs::create_dir(folder.path().join("course.csv.partial")).unwrap();
+        fs::create_dir(folder.path().join("course.csv")).unwrap();
         write_setup(&folder, &setup).unwrap_err();
         assert!(folder.path().join(file::FRAMES).exists());
         assert!(!folder.scenario().exists());

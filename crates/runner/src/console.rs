@@ -289,8 +289,9 @@ impl RunsBar {
     #[must_use]
     pub fn new(total: Option<usize>, is_shown: bool) -> Self {
         let bar = ProgressBar::with_draw_target(total.map(|total| total as u64), target(is_shown));
-        let style = ProgressStyle::with_template("{bar:40} {pos} of {len} runs  {eta} left");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        let style = ProgressStyle::with_template("{bar:40} {pos} of {len} runs{left}");
+        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+        bar.set_style(style.with_key("left", show_eta));
         Self { bar, before: 0 }
     }
 
@@ -306,6 +307,19 @@ impl RunsBar {
     /// Moves the bar to a number of runs.
     pub fn show(&self, done: usize) {
         self.bar.set_position((self.before + done) as u64);
+    }
+}
+
+fn show_eta(state: &ProgressState, output: &mut dyn fmt::Write) {
+    // A state that cannot be written is not worth an end.
+    let _ = output.write_str(&words_of_eta(state.eta()));
+}
+
+/// The time that is left, behind other words. As long as no run has ended, it is zero, and nobody knows it.
+fn words_of_eta(eta: Duration) -> String {
+    match eta.is_zero() {
+        true => String::new(),
+        false => format!("  {:#} left", HumanDuration(eta)),
     }
 }
 
@@ -483,5 +497,18 @@ mod tests {
             ..reading
         };
         assert_eq!(state(&open_loop), "9.1 s   34.99 mm    143 µs late");
+    }
+
+    #[test]
+    fn no_time_is_left_that_nobody_knows() {
+        let words = |bar: &RunsBar| words_of_eta(bar.bar.eta());
+        for bar in [
+            RunsBar::new(Some(1000), false),
+            RunsBar::new(Some(1000), false).going_on_from(400),
+        ] {
+            bar.show(0);
+            assert_eq!(words(&bar), "");
+        }
+        assert_eq!(words_of_eta(Duration::from_secs(30)), "  30s left");
     }
 }

@@ -49,38 +49,67 @@ pub(crate) enum Fate {
 
 /// Begins an attempt at a part with the rows that others left; or opens the part, where it is whole.
 pub(crate) fn open(folder: &Path, header: &Header) -> Result<(Store, Recovered), StoreError> {
-    let published = folder.join(FILE);
+    let path = folder.join(FILE);
     let mut found = Recovered::default();
     let mut sources = Vec::new();
-    if published.exists() {
-        let file = scenario::open_file(&published).map_err(read_error(&published))?;
-        let content = Content::read(&file, header).map_err(read_error(&published))?;
-        if content.is_older(header) {
-            let aside = super::store::set_older_aside(&published, &content);
-            found.set_aside = Some(aside.map_err(write_error(&published))?);
-        } else if !content
-            .is_ours(&file, header)
-            .map_err(read_error(&published))?
-        {
-            return Err(StoreError::Foreign { path: published });
-        } else if content.is_whole(header) {
-            return Ok((Store::of_whole(published, file, header, content), found));
-        } else {
-            found.set_aside = content.set_aside(&file, &published)?;
-            sources.push((file, content.rows));
+    if let Some((file, content)) = published(folder, header, &mut found)? {
+        if content.is_whole(header) {
+            return Ok((Store::of_whole(path, file, header, content), found));
         }
+        found.set_aside.extend(content.set_aside(&file, &path)?);
+        sources.push((file, content.rows));
     }
     for path in attempts(folder).map_err(read_error(folder))? {
-        // One that is gone has become the rows of the part, or its machine tidies up: then its rows are played again.
-        let Ok(file) = scenario::open_file(&path) else {
-            continue;
-        };
-        let content = Content::read(&file, header).map_err(read_error(&path))?;
-        sources.push((file, content.rows));
+        if let Some((file, content)) = attempt_at(&path, header)? {
+            found.set_aside.extend(content.set_aside(&file, &path)?);
+            sources.push((file, content.rows));
+        }
     }
     let store = begin(folder, header, &sources)?;
     log(folder, "began", &store)?;
     Ok((store, found))
+}
+
+/// What has the name of the part's rows, if anything. Rows of another program are set aside, and somebody else's file is refused.
+fn published(
+    folder: &Path,
+    header: &Header,
+    found: &mut Recovered,
+) -> Result<Option<(File, Content)>, StoreError> {
+    let path = folder.join(FILE);
+    let Some((file, content)) = content(&path, header)? else {
+        return Ok(None);
+    };
+    if content.is_older(header) {
+        let aside = super::store::set_older_aside(&path, &content);
+        found.set_aside.push(aside.map_err(write_error(&path))?);
+        return Ok(None);
+    }
+    match content.is_ours(&file, header).map_err(read_error(&path))? {
+        true => Ok(Some((file, content))),
+        false => Err(StoreError::Foreign { path }),
+    }
+}
+
+/// What is in the file of an attempt at this part by this program. One that is gone has become the rows of the part, or its machine
+/// tidies up: then its rows are played again.
+fn attempt_at(path: &Path, header: &Header) -> Result<Option<(File, Content)>, StoreError> {
+    let Ok(file) = scenario::open_file(path) else {
+        return Ok(None);
+    };
+    let content = Content::read(&file, header).map_err(read_error(path))?;
+    let is_ours = content.is_ours(&file, header).map_err(read_error(path))?;
+    Ok(is_ours.then_some((file, content)))
+}
+
+/// A file and what is in it; none where there is none.
+fn content(path: &Path, header: &Header) -> Result<Option<(File, Content)>, StoreError> {
+    let file = match scenario::open_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        opened => opened.map_err(read_error(path))?,
+    };
+    let content = Content::read(&file, header).map_err(read_error(path))?;
+    Ok(Some((file, content)))
 }
 
 /// A new attempt, with the rows of earlier ones.
@@ -112,29 +141,30 @@ fn begin(
 }
 
 /// The rows of an attempt that has all of them become those of the part. What other attempts left is removed.
-pub(crate) fn publish(store: &Store, folder: &Path, header: &Header) -> Result<(), StoreError> {
-    let published = folder.join(FILE);
-    if store.path() == published {
-        return Ok(());
+pub(crate) fn publish(
+    store: &Store,
+    folder: &Path,
+    header: &Header,
+) -> Result<Recovered, StoreError> {
+    let path = folder.join(FILE);
+    let mut found = Recovered::default();
+    if store.path() == path {
+        return Ok(found);
     }
-    if let Ok(file) = scenario::open_file(&published) {
-        let content = Content::read(&file, header).map_err(read_error(&published))?;
-        if content.is_older(header) {
-            super::store::set_older_aside(&published, &content).map_err(write_error(&published))?;
-        }
-    }
-    match fs::rename(store.path(), &published) {
+    // Since this attempt began, anybody may have put a file there.
+    published(folder, header, &mut found)?;
+    match fs::rename(store.path(), &path) {
         Err(_) if is_whole(folder, header)? => {}
-        renamed => renamed.map_err(write_error(&published))?,
+        renamed => renamed.map_err(write_error(&path))?,
     }
     log(folder, "ended", store)?;
     for path in attempts(folder).map_err(read_error(folder))? {
-        if is_of(&path, header) {
+        if let Ok(Some(_)) = attempt_at(&path, header) {
             // One that is still at work finds the part whole.
             let _ = fs::remove_file(path);
         }
     }
-    Ok(())
+    Ok(found)
 }
 
 /// Notes that an attempt was stopped in order: its rows stay where they are.
@@ -149,14 +179,8 @@ pub(crate) fn is_published(path: &Path) -> bool {
 
 /// Whether all rows of the part are there.
 pub(crate) fn is_whole(folder: &Path, header: &Header) -> Result<bool, StoreError> {
-    let published = folder.join(FILE);
-    match scenario::open_file(&published) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
-        opened => {
-            let content = opened.and_then(|file| Content::read(&file, header));
-            Ok(content.map_err(read_error(&published))?.is_whole(header))
-        }
-    }
+    let found = content(&folder.join(FILE), header)?;
+    Ok(found.is_some_and(|(_, content)| content.is_whole(header)))
 }
 
 /// The files of a part that grow while it is played.
@@ -227,11 +251,6 @@ fn attempts(folder: &Path) -> io::Result<Vec<PathBuf>> {
     }
     found.sort();
     Ok(found)
-}
-
-/// Whether an attempt is one at this part by this program.
-fn is_of(path: &Path, header: &Header) -> bool {
-    super::store::header_of(path).is_some_and(|found| found == *header)
 }
 
 /// What this machine is called.
@@ -328,12 +347,62 @@ mod tests {
         fs::write(folder.path().join("attempt.n1.x.jsonl"), &bytes[..20]).unwrap();
         assert!(!is_whole(folder.path(), &ours()).unwrap());
         let (store, found) = open(folder.path(), &ours()).unwrap();
-        assert_eq!((store.len(), found.set_aside), (2, None));
+        assert_eq!((store.len(), found.set_aside.len()), (2, 0));
         end(store, folder.path());
         assert_eq!(rows(folder.path()), undisturbed());
         let tried = tried(folder.path()).unwrap();
         let seen: Vec<_> = tried.iter().map(|one| one.fate).collect();
         assert_eq!(seen, [Fate::Lost, Fate::Ended]);
+    }
+
+    #[test]
+    fn what_is_damaged_in_an_attempt_is_named_kept_and_played_again() {
+        for damaged_line in [1, 4] {
+            let folder = tempfile::tempdir().unwrap();
+            let (mut killed, _) = open(folder.path(), &ours()).unwrap();
+            play(&mut killed, 5);
+            let path = killed.path().to_owned();
+            drop(killed);
+            let bytes = fs::read(&path).unwrap();
+            let mut lines: Vec<Vec<u8>> = bytes
+                .split_inclusive(|byte| *byte == b'\n')
+                .map(<[u8]>::to_vec)
+                .collect();
+            let line = &mut lines[damaged_line - 1];
+            line[30] ^= 1;
+            let damaged = line.clone();
+            fs::write(&path, lines.concat()).unwrap();
+            let (store, found) = open(folder.path(), &ours()).unwrap();
+            let words = format!("line {damaged_line} of {} is damaged", path.display());
+            assert!(
+                found.set_aside.concat().starts_with(&words),
+                "{:?}",
+                found.set_aside
+            );
+            let kept = fs::read(folder.path().join("rows.damaged.jsonl")).unwrap();
+            assert_eq!(kept, damaged);
+            assert_eq!(store.len(), if damaged_line == 1 { 5 } else { 4 });
+            end(store, folder.path());
+            assert_eq!(rows(folder.path()), undisturbed());
+            assert!(attempts(folder.path()).unwrap().is_empty());
+        }
+    }
+
+    #[test]
+    fn what_comes_into_the_place_of_the_rows_meanwhile_is_left_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut store, _) = open(folder.path(), &ours()).unwrap();
+        play(&mut store, CASES.len());
+        store.finish().unwrap();
+        let theirs = "notes of somebody else\n".repeat(100);
+        fs::write(folder.path().join(FILE), &theirs).unwrap();
+        let error = publish(&store, folder.path(), &ours()).unwrap_err();
+        assert!(matches!(error, StoreError::Foreign { .. }), "{error}");
+        assert_eq!(rows(folder.path()), theirs.as_bytes());
+        // When it is gone, the rows are still there.
+        fs::remove_file(folder.path().join(FILE)).unwrap();
+        let (again, _) = open(folder.path(), &ours()).unwrap();
+        assert_eq!(again.len(), CASES.len());
     }
 
     #[test]
@@ -347,7 +416,7 @@ mod tests {
         // Another program's rows: kept, and played again.
         let (store, found) = open(folder.path(), &header("s", "q")).unwrap();
         assert_eq!(store.len(), 0);
-        assert!(found.set_aside.unwrap().contains("another canrig"));
+        assert!(found.set_aside.concat().contains("another canrig"));
         let kept = fs::read(folder.path().join("rows.older.jsonl")).unwrap();
         assert_eq!(kept, undisturbed());
         // An attempt of another campaign beside ours is not looked at.
@@ -368,7 +437,7 @@ mod tests {
         assert!(!is_whole(folder.path(), &ours()).unwrap());
         let (store, found) = open(folder.path(), &ours()).unwrap();
         assert_eq!(store.len(), 9);
-        assert!(found.set_aside.unwrap().contains("is damaged"));
+        assert!(found.set_aside.concat().contains("is damaged"));
         end(store, folder.path());
         assert_eq!(rows(folder.path()), undisturbed());
     }

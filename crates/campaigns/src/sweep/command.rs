@@ -107,7 +107,8 @@ fn play(args: &SweepArgs, setups: &[Setup]) -> Result<Exit, SweepError> {
         shown,
         lines: lines.as_ref(),
     };
-    let folder = part.play(&plan, &setups[0])?;
+    // Until tables and page are made: another call would make them at the same time.
+    let (folder, _lock) = part.play(&plan, &setups[0])?;
     let exit = match args.part.is_for_engine() {
         true => Exit::Pass,
         false => finish(&folder, setups, &plan, shown)?,

@@ -1,5 +1,8 @@
 //! What is made of the rows when all of them are there.
 
+use std::collections::BTreeSet;
+use std::{fs, io};
+
 use super::cases::Cases;
 use super::page;
 use super::store::StoreError;
@@ -48,6 +51,7 @@ pub(crate) fn finish(
     };
     folder.write_with(tables::CSV, |output| tables.write_csv(output))?;
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
+    remove_others(folder, &summary.failing)?;
     if !summary.failing.is_empty() {
         write_tables(folder, &setups[0], FAILING)?;
     }
@@ -63,6 +67,37 @@ pub(crate) fn finish(
         print_files(folder, &summary);
     }
     Ok(exit)
+}
+
+/// Removes the scenarios of cases that do not fail any more, as where another canrig played the rows before. Other files are left
+/// alone.
+fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteError> {
+    let kept: BTreeSet<String> = failing.iter().map(place).collect();
+    let path = folder.path().join(FAILING);
+    let entries = match fs::read_dir(&path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(WriteError::at(&path))?,
+    };
+    for entry in entries {
+        let entry = entry.map_err(WriteError::at(&path))?;
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if is_case(&name) && !kept.contains(&format!("{FAILING}/{name}")) {
+            fs::remove_file(entry.path()).map_err(WriteError::at(&entry.path()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether a file is called as [`place`] calls it.
+fn is_case(name: &str) -> bool {
+    let name = name.strip_prefix("case-");
+    let name = name.and_then(|name| name.strip_suffix(".toml"));
+    let parts = name.and_then(|name| name.split_once('-'));
+    parts.is_some_and(|(case, id)| {
+        let is_id = !id.is_empty() && id.bytes().all(|digit| digit.is_ascii_hexdigit());
+        case.parse::<usize>().is_ok() && is_id
+    })
 }
 
 /// Where the scenario of a case is.
@@ -103,4 +138,46 @@ fn print_files(folder: &RunFolder, summary: &Summary) {
         tables::PARQUET
     ));
     print(&format!("page     {}", path(file::REPORT)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::row::Ended;
+
+    #[test]
+    fn of_failing_cases_only_those_of_now_stay_and_what_is_not_ours() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = RunFolder::lasting(parent.path(), "run", "1").unwrap();
+        // Nothing is there yet.
+        remove_others(&folder, &[]).unwrap();
+        let failing = Failing {
+            case: 3,
+            id: "0123456789abcdef".to_owned(),
+            ended: Ended::Fail,
+            why: String::new(),
+            values: String::new(),
+        };
+        let theirs = ["failing/course.csv", "failing/case-notes.toml"];
+        let stale = [
+            "failing/case-4-0123456789abcdef.toml",
+            "failing/case-3-01.toml",
+        ];
+        for name in theirs.iter().chain(&stale) {
+            folder.write(name, b"").unwrap();
+        }
+        folder.write(&place(&failing), b"").unwrap();
+        remove_others(&folder, &[failing]).unwrap();
+        let entries = fs::read_dir(folder.path().join(FAILING)).unwrap();
+        let mut names = Vec::from_iter(entries.map(|entry| entry.unwrap().file_name()));
+        names.sort();
+        assert_eq!(
+            names,
+            [
+                "case-3-0123456789abcdef.toml",
+                "case-notes.toml",
+                "course.csv"
+            ]
+        );
+    }
 }

@@ -175,7 +175,7 @@ pub(crate) fn merge_parts(
         });
     }
     drop(missing);
-    drop(store);
+    let _lock = store.into_lock();
     let exit = finish(&folder, setups, cases, shown)?;
     if let CampaignCases::Torture(torture) = campaign {
         shrink_first(folder.path(), torture, output).map_err(MergeError::Shrink)?;

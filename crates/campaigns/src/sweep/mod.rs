@@ -20,5 +20,6 @@ pub(crate) mod shard;
 pub(crate) mod store;
 pub mod summary;
 mod tables;
+mod uncopied;
 
 pub use shard::Shard;

@@ -12,7 +12,8 @@ use super::cases::Cases;
 use super::finish::Shown;
 use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
-use super::store::{Header, Recovered, Store, StoreError};
+use super::store::{Header, Lock, Recovered, Store, StoreError};
+use super::uncopied::{Changed, Uncopied};
 use crate::campaign::{Campaign, NoResult, Stopped};
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
@@ -33,6 +34,8 @@ pub(crate) enum PartError {
     Write(#[from] WriteError),
     #[error(transparent)]
     NoIdentity(#[from] NoIdentity),
+    #[error(transparent)]
+    Changed(#[from] Changed),
     #[error(
         "run {case} could not be played on this machine: {reason}. What is done is kept, that run is not: give the same command again"
     )]
@@ -192,7 +195,9 @@ fn of_slurm_array(
     let last = number("SLURM_ARRAY_TASK_MAX")?;
     // Of a list, such as 3,7,9, Slurm gives no step that would lead from its first to its last.
     let place = task.checked_sub(first).ok_or(NoPart::Gaps)?;
-    let is_even = of > 0 && last.is_none_or(|last| last == first + (of - 1) * step);
+    let steps = of.checked_sub(1).and_then(|gaps| gaps.checked_mul(step));
+    let end = steps.and_then(|steps| steps.checked_add(first));
+    let is_even = end.is_some_and(|end| last.is_none_or(|last| last == end));
     if !is_even || !place.is_multiple_of(step) || place / step >= of {
         return Err(NoPart::Gaps);
     }
@@ -215,8 +220,14 @@ pub(crate) struct PartPlay<'a> {
 }
 
 impl PartPlay<'_> {
-    /// Plays the cases that are not done, keeps their rows, and returns the folder.
-    pub(crate) fn play(&self, cases: &dyn Cases, setup: &Setup) -> Result<RunFolder, PartError> {
+    /// Plays the cases that are not done, and keeps their rows. Returns the folder and its lock: the rows are this program's alone
+    /// until it has made all of them that it wants.
+    pub(crate) fn play(
+        &self,
+        cases: &dyn Cases,
+        setup: &Setup,
+    ) -> Result<(RunFolder, Lock), PartError> {
+        let files = Uncopied::new(setup)?;
         let folder = open_folder(self.output, setup, cases, self.shard)?;
         let header = Header::new(cases, &identity(setup)?, self.shard);
         let (mut store, found) = match self.is_shared {
@@ -228,11 +239,11 @@ impl PartPlay<'_> {
         }
         print_found(&found, self.shown != Shown::All);
         self.report("began", cases, store.len(), &folder);
-        let rest = self.play_rest(cases, &mut store, &folder);
+        let rest = self.play_rest(cases, &mut store, &folder, &files);
         if self.is_shared {
             if attempt::is_whole(folder.path(), &header).unwrap_or_default() {
                 // Another machine was faster; what became of this attempt does not matter.
-                return Ok(folder);
+                return Ok((folder, store.into_lock()));
             }
             if rest.is_err() {
                 // It may be the disk that is full: then nobody can note anything.
@@ -242,9 +253,10 @@ impl PartPlay<'_> {
         rest?;
         store.finish()?;
         if self.is_shared {
-            attempt::publish(&store, folder.path(), &header)?;
+            let found = attempt::publish(&store, folder.path(), &header)?;
+            print_found(&found, self.shown != Shown::All);
         }
-        Ok(folder)
+        Ok((folder, store.into_lock()))
     }
 
     /// Prints how far it is for another program.
@@ -274,12 +286,14 @@ impl PartPlay<'_> {
         cases: &dyn Cases,
         store: &mut Store,
         folder: &RunFolder,
+        files: &Uncopied,
     ) -> Result<(), PartError> {
         let all = self.shard.cases(cases.runs());
         let of = all.len();
         let left: Vec<usize> = all.filter(|case| !store.has(*case)).collect();
         let bar = RunsBar::new(Some(of), self.campaign.is_shown).going_on_from(store.len());
         let keep = |case: usize, row: Result<SweepRow, NoResult>| {
+            files.check()?;
             let row = match row {
                 Ok(row) => row,
                 // The program's own hook prints a panic; the row says in which case it was.
@@ -320,7 +334,7 @@ pub(crate) fn open_folder(
     let id = format!("{}-{}{part}", cases.kind(), cases.id());
     RunFolder::shared(parent, &setup.scenario.name, &id, |folder| {
         for (name, text) in cases.files() {
-            folder.write(name, text.as_bytes())?;
+            folder.ensure(name, text.as_bytes())?;
         }
         write_scenario(folder, setup)
     })
@@ -331,7 +345,7 @@ pub(crate) fn print_found(found: &Recovered, is_quiet: bool) {
     if found.is_torn && !is_quiet {
         print("the last row was torn; its run is played again");
     }
-    if let Some(words) = &found.set_aside {
+    for words in &found.set_aside {
         print_error(&format!("canrig: {words}"));
     }
 }
@@ -382,6 +396,8 @@ mod tests {
             ("SLURM_ARRAY_TASK_STEP", "1"),
             ("SLURM_ARRAY_TASK_COUNT", "3"),
         ];
+        let most = usize::MAX.to_string();
+        let absurd = list.map(|(name, _)| (name, most.as_str()));
         for (variables, shards, text) in [
             (&[][..], None, "no engine runs this command"),
             (&[(KUBERNETES, "3")], None, "add --shards COUNT"),
@@ -398,6 +414,7 @@ mod tests {
             (&[(SLURM, "x")], Some(4), "is \"x\", which is no number"),
             (&[(SLURM, "1")], Some(0), "there are 1 to 10000 parts"),
             (&list, None, "not evenly spaced"),
+            (&absurd, None, "not evenly spaced"),
         ] {
             let error = shard(variables, shards).unwrap_err().to_string();
             assert!(error.contains(text), "{text}: {error}");

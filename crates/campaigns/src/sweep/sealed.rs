@@ -89,13 +89,14 @@ impl<R: Read> Lines<R> {
         }
     }
 
-    /// Goes to the next line; false at the end of the file. One that is too long comes in parts.
+    /// Goes to the next line; false at the end of the file. One that is too long comes in parts, which have its number.
     pub(super) fn advance(&mut self) -> io::Result<bool> {
+        let is_begun = !self.bytes.is_empty() && !self.bytes.ends_with(b"\n");
+        self.number += usize::from(!is_begun);
         self.offset += self.bytes.len() as u64;
         self.bytes.clear();
         let mut input = self.input.by_ref().take(LINE_BYTES_MAX);
         input.read_until(b'\n', &mut self.bytes)?;
-        self.number += 1;
         Ok(!self.bytes.is_empty())
     }
 
@@ -127,6 +128,18 @@ mod tests {
 
     fn seal(key: &str) -> Seal {
         Seal::new("row", key.to_owned())
+    }
+
+    #[test]
+    fn a_line_that_comes_in_parts_is_counted_once() {
+        let long = vec![b'x'; 2 * usize::try_from(LINE_BYTES_MAX).unwrap()];
+        let text = [b"a\n", long.as_slice(), b"\nb\n"].concat();
+        let mut lines = Lines::new(text.as_slice());
+        let mut numbers = Vec::new();
+        while lines.advance().unwrap() {
+            numbers.push(lines.number);
+        }
+        assert_eq!(numbers, [1, 2, 2, 2, 3]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +14,7 @@ use super::cases::Cases;
 use super::row::SweepRow;
 use super::sealed::{Lines, Place, Seal, is_torn};
 use judge::verdict::Identity;
+use recording::run_folder::replace;
 use scenario::open_to_write;
 
 /// Name of the file.
@@ -24,6 +25,8 @@ const DAMAGED: &str = "rows.damaged.jsonl";
 const OLDER: &str = "rows.older";
 /// Rows that a power cut may cost; a kill of the program costs none.
 const UNSYNCED_MAX: usize = 32;
+/// Bytes of a file that are read before it must have shown whose it is: more than any damage to a disk takes at a time.
+const FOREIGN_BYTES_MAX: u64 = 64 << 20;
 /// Damaged lines that are named.
 const NAMED_MAX: usize = 10;
 /// The format of the file.
@@ -94,18 +97,26 @@ impl Header {
 pub(crate) enum StoreError {
     #[error("{} cannot be read: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
-    #[error("{} cannot be written: {source}. What is done is kept: make room, and give the same command again", path.display())]
+    #[error("{} cannot be written: {source}. What is done is kept: {}, and give the same command again", path.display(), cure(source))]
     Write { path: PathBuf, source: io::Error },
     #[error("another canrig is at work on {}", path.display())]
     Busy { path: PathBuf },
     #[error("{} is not the store of this sweep, and is left as it is: move it away, and give the same command again", path.display())]
     Foreign { path: PathBuf },
-    #[error("{} was written by another canrig ({version}): `canrig sweep` plays its runs again", path.display())]
+    #[error("{} was written by another canrig ({version}): play it again with the command that played it", path.display())]
     Older { path: PathBuf, version: String },
-    #[error("line {line} of {} is damaged: `canrig sweep` plays its run again", path.display())]
+    #[error("line {line} of {} is damaged: play it again with the command that played it", path.display())]
     Damaged { path: PathBuf, line: usize },
-    #[error("the row of case {case} in {} is damaged: `canrig sweep` plays its run again", path.display())]
+    #[error("the row of case {case} in {} is damaged: play it again with the command that played it", path.display())]
     DamagedRow { path: PathBuf, case: usize },
+}
+
+/// What makes a file writable that was not.
+fn cure(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "make room",
+        _ => "see that it can be written",
+    }
 }
 
 /// Rows that grow. They are this program's alone while it is open.
@@ -126,13 +137,19 @@ pub(crate) struct Store {
     unsynced_max: usize,
 }
 
+/// Keeps others out of the rows of a store while it lives.
+#[derive(Debug)]
+pub(crate) struct Lock {
+    _files: Vec<File>,
+}
+
 /// What a store was like when it was opened.
 #[derive(Debug, Default)]
 pub(crate) struct Recovered {
     /// Whether the last row was cut where the program was killed.
     pub(crate) is_torn: bool,
     /// What was set aside, for people.
-    pub(crate) set_aside: Option<String>,
+    pub(crate) set_aside: Vec<String>,
 }
 
 /// What is in a file of that name.
@@ -142,7 +159,7 @@ pub(super) struct Content {
     older: Option<OlderHeader>,
     pub(super) rows: BTreeMap<usize, Place>,
     is_in_order: bool,
-    /// Lines that do not open, by their numbers.
+    /// Lines that do not open, or parts of them, by the numbers of the lines.
     damaged: Vec<(usize, Place)>,
     /// What has no end, and is no row cut at the end of the file unless it is the last.
     torn: Option<(usize, Place)>,
@@ -199,6 +216,14 @@ impl Store {
         self.file.sync_data()
     }
 
+    /// Its lock, without what it knows of a million rows.
+    pub(super) fn into_lock(mut self) -> Lock {
+        self.replaced.push(self.file);
+        Lock {
+            _files: self.replaced,
+        }
+    }
+
     /// Where it is.
     pub(super) fn path(&self) -> &Path {
         &self.path
@@ -210,7 +235,11 @@ impl Store {
         if path.exists() {
             scenario::open_file(&path).map_err(read_error(&path))?;
         }
-        let file = locked(&path, OpenOptions::new().truncate(false))?;
+        let file = open_to_write(&path, OpenOptions::new().read(true).truncate(false));
+        let file = file.map_err(write_error(&path))?;
+        if !lock(&file) {
+            return Err(StoreError::Busy { path });
+        }
         let content = Content::read(&file, header).map_err(read_error(&path))?;
         let is_older = content.is_older(header);
         if !is_older && !content.is_ours(&file, header).map_err(read_error(&path))? {
@@ -230,7 +259,7 @@ impl Store {
         self.rewrite()?;
         Ok(Recovered {
             is_torn: false,
-            set_aside: Some(set_aside),
+            set_aside: vec![set_aside],
         })
     }
 
@@ -252,24 +281,24 @@ impl Store {
         }
         Ok(Recovered {
             is_torn: content.torn.is_some(),
-            set_aside,
+            set_aside: Vec::from_iter(set_aside),
         })
     }
 
     /// Puts a file in the place of this one that has the header and the rows in the order of the cases.
     fn rewrite(&mut self) -> Result<(), StoreError> {
-        let partial = self.path.with_added_extension("partial");
-        let file = locked(&partial, OpenOptions::new().truncate(true))?;
-        let written = self.write_anew(file);
-        let written = written.and_then(|file| fs::rename(&partial, &self.path).map(|()| file));
-        let file = written.map_err(write_error(&partial))?;
-        self.replaced.push(std::mem::replace(&mut self.file, file));
+        let path = self.path.clone();
+        let replaced = replace(&path, |partial| self.write_anew(partial));
+        replaced.map_err(write_error(&path))?;
         self.is_in_order = true;
         Ok(())
     }
 
     /// Writes header and rows to another file, which is this store's from now on.
-    fn write_anew(&mut self, file: File) -> io::Result<File> {
+    fn write_anew(&mut self, path: &Path) -> io::Result<()> {
+        let file = OpenOptions::new().read(true).write(true).open(path)?;
+        // Before it has the name of the other one, nobody else knows it.
+        lock(&file);
         let mut output = BufWriter::new(file);
         let header = self.header.line();
         output.write_all(header.as_bytes())?;
@@ -283,7 +312,8 @@ impl Store {
         let file = output.into_inner()?;
         file.sync_data()?;
         (self.rows, self.end) = (rows, offset);
-        Ok(file)
+        self.replaced.push(std::mem::replace(&mut self.file, file));
+        Ok(())
     }
 
     /// Whether the row of a case is there.
@@ -354,22 +384,29 @@ impl Store {
 }
 
 impl Content {
+    /// Reads what is there now: another machine may go on writing. Of a file that is not this sweep's, no more than is needed to
+    /// see that.
     pub(super) fn read(file: &File, header: &Header) -> io::Result<Self> {
         let seal = header.seal_of_rows();
-        let mut lines = Lines::new(file);
+        let mut lines = Lines::new(file.take(file.metadata()?.len()));
         let mut content = Self {
             is_in_order: true,
             ..Self::default()
         };
         while lines.advance()? {
-            if lines.number == 1
+            if lines.offset == 0
                 && let Some(line) = lines.whole()
             {
                 content.header = Header::seal().open(line);
                 content.older = serde_json::from_slice(line).ok();
-                if content.header.is_some() {
-                    continue;
+                match &content.header {
+                    Some(found) if found != header => break,
+                    Some(_) => continue,
+                    None => {}
                 }
+            }
+            if lines.offset > FOREIGN_BYTES_MAX && content.is_unknown() {
+                break;
             }
             for (bytes, place) in lines.parts() {
                 let row = bytes.strip_suffix(b"\n").and_then(|line| seal.open(line));
@@ -402,6 +439,11 @@ impl Content {
         }
     }
 
+    /// Whether nothing says so far whose file it is.
+    fn is_unknown(&self) -> bool {
+        self.header.is_none() && self.rows.is_empty()
+    }
+
     /// Whether this sweep's rows were written by another program.
     pub(super) fn is_older(&self, header: &Header) -> bool {
         match (&self.header, &self.older) {
@@ -426,16 +468,23 @@ impl Content {
         let aside = path.with_file_name(DAMAGED);
         self.keep_damaged(file, &aside)
             .map_err(write_error(&aside))?;
-        let numbers: Vec<usize> = self.damaged.iter().map(|(number, _)| *number).collect();
+        let numbers: Vec<usize> = self.damaged_lines().map(|parts| parts[0].0).collect();
         Ok(Some(damaged_words(path, &numbers)))
+    }
+
+    /// The damaged parts of each line.
+    fn damaged_lines(&self) -> impl Iterator<Item = &[(usize, Place)]> {
+        self.damaged.chunk_by(|(one, _), (other, _)| one == other)
     }
 
     fn keep_damaged(&self, file: &File, aside: &Path) -> io::Result<()> {
         let aside = open_to_write(aside, OpenOptions::new().append(true))?;
         let mut output = BufWriter::new(aside);
-        for (_, place) in &self.damaged {
-            let line = bytes(file, *place)?;
-            output.write_all(line.strip_suffix(b"\n").unwrap_or(&line))?;
+        for parts in self.damaged_lines() {
+            for (_, place) in parts {
+                let part = bytes(file, *place)?;
+                output.write_all(part.strip_suffix(b"\n").unwrap_or(&part))?;
+            }
             output.write_all(b"\n")?;
         }
         output.into_inner()?.sync_data()
@@ -510,17 +559,10 @@ fn bytes(file: &File, place: Place) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Opens a file for this program alone.
-fn locked(path: &Path, options: &mut OpenOptions) -> Result<File, StoreError> {
-    let file = open_to_write(path, options.read(true));
-    let file = file.map_err(write_error(path))?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(StoreError::Busy {
-            path: path.to_owned(),
-        }),
-        // A file system without locks has to do without.
-        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
-    }
+/// Makes a file this program's alone; whether it is.
+fn lock(file: &File) -> bool {
+    // A file system without locks has to do without.
+    !matches!(file.try_lock(), Err(TryLockError::WouldBlock))
 }
 
 pub(super) fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
@@ -531,13 +573,6 @@ pub(super) fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
 pub(super) fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
     let path = path.to_owned();
     move |source| StoreError::Write { path, source }
-}
-
-/// The header of a file; none where it is not as it was written.
-pub(super) fn header_of(path: &Path) -> Option<Header> {
-    let mut lines = Lines::new(scenario::open_file(path).ok()?);
-    lines.advance().ok()?;
-    Header::seal().open(lines.whole()?)
 }
 
 /// The header of the rows in a folder, and the rows.
@@ -640,7 +675,7 @@ pub(super) mod tests {
     /// The rows in a folder; the bytes of the file.
     fn written(folder: &Path) -> Vec<u8> {
         let (mut store, found) = Store::open(folder, &ours()).unwrap();
-        assert_eq!((store.len(), found.set_aside), (0, None));
+        assert_eq!((store.len(), found.set_aside.len()), (0, 0));
         append(&mut store);
         fs::read(folder.join(FILE)).unwrap()
     }
@@ -661,7 +696,7 @@ pub(super) mod tests {
         let expected: Vec<SweepRow> = cases.iter().map(|case| row(*case)).collect();
         assert_eq!(rows, expected);
         let aside = fs::read(folder.path().join(DAMAGED)).unwrap_or_default();
-        assert_eq!(aside.is_empty(), found.set_aside.is_none());
+        assert_eq!(aside.is_empty(), found.set_aside.is_empty());
         append(&mut store);
         assert_eq!(fs::read(folder.path().join(FILE)).unwrap(), whole);
         Ok((cases, found))
@@ -677,7 +712,7 @@ pub(super) mod tests {
             assert_eq!(cases, CASES[..ends.count().saturating_sub(1)], "{length}");
             let is_torn = length > 0 && whole[length - 1] != b'\n';
             assert_eq!(found.is_torn, is_torn, "{length}");
-            assert_eq!(found.set_aside, None, "{length}");
+            assert!(found.set_aside.is_empty(), "{length}");
         }
     }
 
@@ -702,7 +737,7 @@ pub(super) mod tests {
                 if place == last {
                     assert!(found.is_torn);
                 } else {
-                    let words = found.set_aside.unwrap();
+                    let words = found.set_aside.concat();
                     assert!(words.contains("damaged"), "{place}: {words}");
                 }
             }
@@ -748,7 +783,7 @@ pub(super) mod tests {
         lines.push(lines[2]);
         let (cases, found) = kept(&lines.concat(), &whole).unwrap();
         assert_eq!(cases, CASES);
-        assert!(found.set_aside.unwrap().starts_with("line 6 of "));
+        assert!(found.set_aside.concat().starts_with("line 6 of "));
     }
 
     #[test]
@@ -758,7 +793,7 @@ pub(super) mod tests {
         for other in [&b"notes of somebody else"[..], &[0; 4096], b"a\nb"] {
             let (cases, found) = kept(&[&whole[..], other].concat(), &whole).unwrap();
             assert_eq!((cases, found.is_torn), (CASES.to_vec(), false));
-            assert!(found.set_aside.unwrap().contains("damaged"));
+            assert!(found.set_aside.concat().contains("damaged"));
         }
     }
 
@@ -809,6 +844,72 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_damaged_line_is_named_once_with_its_own_number() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = written(folder.path());
+        let begin = whole.split_inclusive(|byte| *byte == b'\n').next().unwrap();
+        // A line that is read in parts, and one that begins as two rows do.
+        let long = [vec![b'x'; 3 << 20], b"\n".to_vec()].concat();
+        let torn = [&begin[..50], &begin[..60], b"\n"].concat();
+        let bytes = [begin, &long, &torn, &whole[begin.len()..]].concat();
+        let (cases, found) = kept(&bytes, &whole).unwrap();
+        assert_eq!(cases, CASES);
+        let words = found.set_aside.concat();
+        assert!(words.starts_with("2 lines of "), "{words}");
+        assert!(words.contains("are damaged (2, 3):"), "{words}");
+        fs::write(folder.path().join(FILE), bytes).unwrap();
+        Store::open(folder.path(), &ours()).unwrap();
+        let aside = fs::read(folder.path().join(DAMAGED)).unwrap();
+        assert!(aside == [long, torn].concat());
+    }
+
+    #[test]
+    fn a_huge_file_of_somebody_else_is_not_read_to_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE);
+        let other = header("other", "p").line();
+        for begin in [b"".as_slice(), other.as_bytes()] {
+            fs::write(&path, begin).unwrap();
+            // A hole, which takes no room, and an hour to be read.
+            let length = 4 << 40;
+            File::options()
+                .write(true)
+                .open(&path)
+                .unwrap()
+                .set_len(length)
+                .unwrap();
+            let error = Store::open(folder.path(), &ours()).unwrap_err();
+            assert!(matches!(error, StoreError::Foreign { .. }), "{error}");
+            assert_eq!(path.metadata().unwrap().len(), length);
+        }
+    }
+
+    #[test]
+    fn room_is_asked_for_where_it_is_missing_only() {
+        let words = |kind: io::ErrorKind| write_error(Path::new("rows"))(kind.into()).to_string();
+        assert!(words(io::ErrorKind::StorageFull).contains("kept: make room, and give"));
+        assert!(words(io::ErrorKind::QuotaExceeded).contains("make room"));
+        let words = words(io::ErrorKind::PermissionDenied);
+        assert!(words.ends_with("see that it can be written, and give the same command again"));
+    }
+
+    #[test]
+    fn a_store_is_busy_until_its_lock_is_dropped_also_when_it_was_written_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = written(folder.path());
+        let theirs = folder.path().join("theirs");
+        fs::write(&theirs, "theirs").unwrap();
+        std::os::unix::fs::symlink(&theirs, folder.path().join("rows.jsonl.partial")).unwrap();
+        fs::write(folder.path().join(FILE), [b"\n", &whole[..]].concat()).unwrap();
+        let lock = Store::open(folder.path(), &ours()).unwrap().0.into_lock();
+        let error = Store::open(folder.path(), &ours()).unwrap_err();
+        assert!(matches!(error, StoreError::Busy { .. }), "{error}");
+        drop(lock);
+        Store::open(folder.path(), &ours()).unwrap();
+        assert_eq!(fs::read(theirs).unwrap(), b"theirs");
+    }
+
+    #[test]
     fn rows_of_another_program_are_set_aside_and_never_counted() {
         let folder = tempfile::tempdir().unwrap();
         let older = written(folder.path());
@@ -818,13 +919,13 @@ pub(super) mod tests {
         );
         let newer = header("s", "another build");
         let (store, found) = Store::open(folder.path(), &newer).unwrap();
-        let words = found.set_aside.unwrap();
+        let words = found.set_aside.concat();
         assert!(words.contains("another canrig (1)"), "{words}");
         assert_eq!(store.len(), 0);
         drop(store);
         fs::write(folder.path().join(FILE), &format_1).unwrap();
         let (store, found) = Store::open(folder.path(), &newer).unwrap();
-        let words = found.set_aside.unwrap();
+        let words = found.set_aside.concat();
         assert!(words.contains("another canrig (0)"), "{words}");
         assert_eq!(store.len(), 0);
         let kept = |name: &str| fs::read(folder.path().join(name)).unwrap();
@@ -837,7 +938,7 @@ pub(super) mod tests {
         fs::write(folder.path().join(FILE), mixed).unwrap();
         let (store, found) = Store::open(folder.path(), &newer).unwrap();
         assert_eq!(store.len(), 0);
-        assert!(found.set_aside.unwrap().starts_with("4 lines of "));
+        assert!(found.set_aside.concat().starts_with("4 lines of "));
     }
 
     #[test]

@@ -143,7 +143,7 @@ fn part(
         let text = error.to_string();
         (text, error.exit())
     });
-    let counted = counted.and_then(|folder| {
+    let counted = counted.and_then(|(folder, _lock)| {
         let broken = broken_in(folder.path());
         broken.map_err(|error| (error.to_string(), Exit::BenchFailed))
     });

@@ -279,7 +279,7 @@ fn the_file_is_complete_or_not_there() {
     let (folder, path, _) = written();
     let bytes = fs::read(&path).unwrap();
     assert!(bytes.starts_with(b"RRF"));
-    assert!(!folder.path().join("run.rrd.partial").exists());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     let (frames, timeline, verdict) = made_up_run();
     let nowhere = folder.path().join("missing").join("run.rrd");
     let written = write(
@@ -288,8 +288,9 @@ fn the_file_is_complete_or_not_there() {
         &verdict,
     );
     assert!(written.is_err());
-    // Where the new one cannot grow beside it, the old one stays.
-    fs::create_dir(folder.path().join("run.rrd.partial")).unwrap();
+    // Where the new one cannot grow beside it, since its name would be too long, the old one stays.
+    let path = folder.path().join("r".repeat(250));
+    fs::write(&path, &bytes).unwrap();
     let written = write(
         &path,
         &[run(&setup(), &frames, &timeline, &verdict)],

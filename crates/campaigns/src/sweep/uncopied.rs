@@ -1,0 +1,95 @@
+//! The files that a campaign plays and does not copy, such as FMUs. All of its rows must be of the same ones.
+
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+use rig::setup::Setup;
+use scenario::{HASH_SUFFIX, hash_in, hash_of, open_file};
+
+/// One of them is another file meanwhile.
+#[derive(Debug, thiserror::Error)]
+#[error("{} is gone or another file than at the start, and rows of both do not go together. What is done is kept: put the first one back and give the same command again, or do so for another campaign with the new one", path.display())]
+pub(crate) struct Changed {
+    path: PathBuf,
+}
+
+/// What a file is taken for the same by: its number on the disk, its length, and when it was changed.
+#[derive(Debug, PartialEq)]
+struct Stamp(u64, u64, i64, i64);
+
+/// The files as they were at the start.
+pub(super) struct Uncopied(Vec<(PathBuf, Option<Stamp>)>);
+
+impl Uncopied {
+    /// Those of a setup, which must be what they were when it was loaded.
+    pub(super) fn new(setup: &Setup) -> Result<Self, Changed> {
+        let beside = setup.path.parent().unwrap_or(Path::new(""));
+        let files = setup.tables.iter().filter_map(|(name, line)| {
+            let file = name.strip_suffix(HASH_SUFFIX)?;
+            Some((beside.join(file), hash_in(line)))
+        });
+        let stamped = files.map(|(path, hash)| {
+            // Before it is read, so that no change is missed.
+            let stamp = stamp(&path);
+            match open_file(&path).and_then(hash_of) {
+                Ok(found) if found == hash => Ok((path, stamp)),
+                _ => Err(Changed { path }),
+            }
+        });
+        stamped.collect::<Result<_, _>>().map(Self)
+    }
+
+    /// All of them must be as they were.
+    pub(super) fn check(&self) -> Result<(), Changed> {
+        let mut files = self.0.iter();
+        match files.find(|(path, before)| stamp(path) != *before) {
+            Some((path, _)) => Err(Changed { path: path.clone() }),
+            None => Ok(()),
+        }
+    }
+}
+
+fn stamp(path: &Path) -> Option<Stamp> {
+    let found = path.metadata().ok()?;
+    Some(Stamp(
+        found.ino(),
+        found.len(),
+        found.mtime(),
+        found.mtime_nsec(),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::{self, File};
+
+    use super::*;
+    use scenario::Scenario;
+    use worlds::catalogue::catalogue;
+
+    #[test]
+    fn a_file_that_is_replaced_or_gone_is_seen() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.fmu");
+        let text = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+            [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+        let scenario = Scenario::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let mut setup = Setup::new(scenario, catalogue()).from_file("s.toml", text.to_owned());
+        setup.path = folder.path().join("s.toml");
+        fs::write(&path, "one").unwrap();
+        let hash = hash_of(File::open(&path).unwrap()).unwrap();
+        let line = format!("{hash}  a.fmu\n");
+        setup.tables.insert("a.fmu.sha256".to_owned(), line);
+        let files = Uncopied::new(&setup).unwrap();
+        files.check().unwrap();
+        let other = folder.path().join("other");
+        fs::write(&other, "two").unwrap();
+        fs::rename(&other, &path).unwrap();
+        let error = files.check().unwrap_err();
+        assert!(error.to_string().contains("a.fmu is gone or another file"));
+        // As it was between loading and start.
+        assert!(Uncopied::new(&setup).is_err());
+        fs::remove_file(&path).unwrap();
+        assert!(files.check().is_err());
+    }
+}
