@@ -2,7 +2,7 @@
 
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::{PermissionsExt, symlink};
+use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -239,8 +239,7 @@ pub fn write_whole(
     })
 }
 
-/// Puts a file in the place of another: `write` writes it under a name of its own, which it loses when all of it is there. That
-/// name is new each time, so that whoever replaces the same file meanwhile has another one, and no link is followed.
+/// Puts a file in the place of another: `write` writes it under a name of its own, which it loses when all of it is there.
 ///
 /// # Errors
 /// Something that is no file is in its place, or `write` failed.
@@ -254,14 +253,19 @@ pub fn replace<E: From<io::Error>>(
     if path.exists() {
         require_file(path)?;
     }
-    let partial = partial_of(path)?;
+    let (partial, _lock) = partial_of(path)?;
     write(&partial)?;
     // Until here its end, also by an error, removes it: on a full disk it holds the room that is missing.
     Ok(partial.persist(path).map_err(|error| error.error)?)
 }
 
-/// A new file beside another, `NAME.<random>.partial`.
-fn partial_of(path: &Path) -> io::Result<TempPath> {
+/// The file in which another begins: `NAME.partial`, also where a program that was killed left one. It is locked, so that whoever
+/// replaces the same file meanwhile writes another one, `NAME.<random>.partial`. So does who finds a link there, or what is no file.
+fn partial_of(path: &Path) -> io::Result<(TempPath, Option<File>)> {
+    let usual = path.with_added_extension("partial");
+    if let Some(lock) = locked(&usual) {
+        return Ok((TempPath::try_from_path(usual)?, Some(lock)));
+    }
     let mut prefix = path.file_name().unwrap_or_default().to_owned();
     prefix.push(".");
     let folder = match path.parent() {
@@ -274,7 +278,23 @@ fn partial_of(path: &Path) -> io::Result<TempPath> {
         // Whatever the user's own mask admits.
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(folder)?;
-    Ok(partial.into_temp_path())
+    Ok((partial.into_temp_path(), None))
+}
+
+/// A file that this program has for itself; none where another one has it, or where there can be none.
+fn locked(path: &Path) -> Option<File> {
+    let is_free = fs::symlink_metadata(path).map_or(true, |found| found.is_file());
+    let options = is_free.then(|| {
+        OpenOptions::new()
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)
+    });
+    let file = options?.ok().filter(|file| file.try_lock().is_ok())?;
+    // Whoever had it before may have given it its name meanwhile.
+    let (own, found) = (file.metadata().ok()?, path.metadata().ok()?);
+    ((own.dev(), own.ino()) == (found.dev(), found.ino())).then_some(file)
 }
 
 /// Whether a file has these bytes.
@@ -355,8 +375,6 @@ fn hash(seed: u64, text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::os::unix::fs::MetadataExt;
-
     use super::*;
 
     #[test]
@@ -476,6 +494,16 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"slow one");
         assert_eq!(fs::read(&theirs).unwrap(), b"theirs");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn what_a_killed_program_left_of_a_file_is_written_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        fs::write(path.with_added_extension("partial"), "left by another").unwrap();
+        write_whole(&path, |output| output.write_all(b"new")).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]
