@@ -83,7 +83,11 @@ fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteErr
         let name = entry.file_name();
         let name = name.to_string_lossy();
         if is_case(&name) && !kept.contains(&format!("{FAILING}/{name}")) {
-            fs::remove_file(entry.path()).map_err(WriteError::at(&entry.path()))?;
+            match fs::remove_file(entry.path()) {
+                // Another machine that ends the same part was faster.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                removed => removed.map_err(WriteError::at(&entry.path()))?,
+            }
         }
     }
     Ok(())
