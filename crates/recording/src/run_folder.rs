@@ -232,20 +232,21 @@ pub fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {
-    replace(path, |partial| {
-        let mut output = BufWriter::new(File::create(partial)?);
+    replace(path, |file| {
+        let mut output = BufWriter::new(file);
         write(&mut output)?;
         output.into_inner()?.sync_data()
     })
 }
 
-/// Puts a file in the place of another: `write` writes it under a name of its own, which it loses when all of it is there.
+/// Puts a file in the place of another: `write` writes it under a name of its own, which it loses when all of it is there. It is empty,
+/// can be read, too, and is locked as long as it is open, where the file system has locks.
 ///
 /// # Errors
 /// Something that is no file is in its place, or `write` failed.
 pub fn replace<E: From<io::Error>>(
     path: &Path,
-    write: impl FnOnce(&Path) -> Result<(), E>,
+    write: impl FnOnce(File) -> Result<(), E>,
 ) -> Result<(), E> {
     // Where a link leads, not the link.
     let found = fs::canonicalize(path);
@@ -253,18 +254,22 @@ pub fn replace<E: From<io::Error>>(
     if path.exists() {
         require_file(path)?;
     }
-    let (partial, _lock) = partial_of(path)?;
-    write(&partial)?;
+    let (file, partial) = partial_of(path)?;
+    // Until it has its name, nobody else may write it.
+    let _lock = file.try_clone()?;
+    write(file)?;
     // Until here its end, also by an error, removes it: on a full disk it holds the room that is missing.
     Ok(partial.persist(path).map_err(|error| error.error)?)
 }
 
-/// The file in which another begins: `NAME.partial`, also where a program that was killed left one. It is locked, so that whoever
-/// replaces the same file meanwhile writes another one, `NAME.<random>.partial`. So does who finds a link there, or what is no file.
-fn partial_of(path: &Path) -> io::Result<(TempPath, Option<File>)> {
+/// The file in which another begins: `NAME.partial`, also where a program that was killed left one. Whoever replaces the same file
+/// meanwhile writes another one, `NAME.<random>.partial`. So does who finds a link there, or what is no file.
+fn partial_of(path: &Path) -> io::Result<(File, TempPath)> {
     let usual = path.with_added_extension("partial");
-    if let Some(lock) = locked(&usual) {
-        return Ok((TempPath::try_from_path(usual)?, Some(lock)));
+    if let Some(file) = locked(&usual) {
+        let partial = TempPath::try_from_path(usual)?;
+        file.set_len(0)?;
+        return Ok((file, partial));
     }
     let mut prefix = path.file_name().unwrap_or_default().to_owned();
     prefix.push(".");
@@ -278,20 +283,18 @@ fn partial_of(path: &Path) -> io::Result<(TempPath, Option<File>)> {
         // Whatever the user's own mask admits.
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(folder)?;
-    Ok((partial.into_temp_path(), None))
+    // Nobody else knows it, so only a file system without locks refuses.
+    let _ = partial.as_file().try_lock();
+    Ok(partial.into_parts())
 }
 
 /// A file that this program has for itself; none where another one has it, or where there can be none.
 fn locked(path: &Path) -> Option<File> {
     let is_free = fs::symlink_metadata(path).map_or(true, |found| found.is_file());
-    let options = is_free.then(|| {
-        OpenOptions::new()
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-    });
-    let file = options?.ok().filter(|file| file.try_lock().is_ok())?;
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false);
+    let file = is_free.then(|| options.open(path))?.ok()?;
+    let file = file.try_lock().is_ok().then_some(file)?;
     // Whoever had it before may have given it its name meanwhile.
     let (own, found) = (file.metadata().ok()?, path.metadata().ok()?);
     ((own.dev(), own.ino()) == (found.dev(), found.ino())).then_some(file)

@@ -18,6 +18,7 @@ mod tests;
 mod times;
 
 use dbc::SignalMissing;
+use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
 use std::path::Path;
@@ -74,14 +75,14 @@ pub enum RerunError {
 /// # Panics
 /// There is no loop.
 pub fn write(path: &Path, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
-    replace(path, |partial| write_partial(partial, runs, verdict))
+    replace(path, |file| write_to(file, runs, verdict))
 }
 
-fn write_partial(path: &Path, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
+fn write_to(file: File, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
     let scenario = &runs[0].setup.scenario;
     let id = recording_id(runs, verdict);
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
-    let mut file = RecordingFile::create(path, store)?;
+    let mut file = RecordingFile::begin(file, store)?;
     let properties = RecordingInfo::new()
         .with_name(scenario.name.as_str())
         .with_start_time(0_i64);

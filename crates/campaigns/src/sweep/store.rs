@@ -288,17 +288,14 @@ impl Store {
     /// Puts a file in the place of this one that has the header and the rows in the order of the cases.
     fn rewrite(&mut self) -> Result<(), StoreError> {
         let path = self.path.clone();
-        let replaced = replace(&path, |partial| self.write_anew(partial));
+        let replaced = replace(&path, |file| self.write_anew(file));
         replaced.map_err(write_error(&path))?;
         self.is_in_order = true;
         Ok(())
     }
 
-    /// Writes header and rows to another file, which is this store's from now on.
-    fn write_anew(&mut self, path: &Path) -> io::Result<()> {
-        let file = OpenOptions::new().read(true).write(true).open(path)?;
-        // Before it has the name of the other one, nobody else knows it.
-        lock(&file);
+    /// Writes header and rows to another file, which is this store's from now on. It is locked before it has the name of the other one.
+    fn write_anew(&mut self, file: File) -> io::Result<()> {
         let mut output = BufWriter::new(file);
         let header = self.header.line();
         output.write_all(header.as_bytes())?;

@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::Path;
 
 use re_sdk::StoreId;
 use re_sdk::external::re_log_encoding::{Encoder, EncodingOptions};
@@ -20,8 +19,8 @@ pub(super) struct RecordingFile {
 
 impl RecordingFile {
     /// A file that holds nothing but which recording it is.
-    pub(super) fn create(path: &Path, store: StoreId) -> Result<Self, RerunError> {
-        let file = BufWriter::new(File::create(path)?);
+    pub(super) fn begin(file: File, store: StoreId) -> Result<Self, RerunError> {
+        let file = BufWriter::new(file);
         let version = re_sdk::build_info().version;
         let options = EncodingOptions::PROTOBUF_UNCOMPRESSED;
         let mut encoder = Encoder::new_eager(version, options, file)?;
