@@ -173,9 +173,13 @@ fn output_that_cannot_be_written_is_no_success() {
 
 /// The program with no room for files of more than so many kilobytes.
 fn limited(kilobytes: u32, words: &[&str]) -> Command {
+    limited_program(Path::new(env!("CARGO_BIN_EXE_canrig")), kilobytes, words)
+}
+
+fn limited_program(program: &Path, kilobytes: u32, words: &[&str]) -> Command {
     let mut bash = Command::new("bash");
     bash.args(["-c", &format!("ulimit -f {kilobytes}; exec \"$@\""), "-"]);
-    bash.arg(env!("CARGO_BIN_EXE_canrig")).args(words);
+    bash.arg(program).args(words);
     bash
 }
 
@@ -221,7 +225,14 @@ fn a_run_whose_recording_cannot_be_written_says_nowhere_that_it_passed() {
 fn an_fmu_that_the_disk_does_not_take_is_named_and_nothing_else_is_printed() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("sma.fmu");
-    let mut export = limited(10, &["fmu", "--export", "sma", "--output"]);
+    // The program looks for the library beside itself; cargo makes it beside the tests.
+    let program = folder.path().join("canrig");
+    fs::copy(env!("CARGO_BIN_EXE_canrig"), &program).unwrap();
+    let name = "libcanrig_plants.so";
+    let library = std::env::current_exe().unwrap().with_file_name(name);
+    fs::copy(library, folder.path().join(name)).unwrap();
+    let words = ["fmu", "--export", "sma", "--output"];
+    let mut export = limited_program(&program, 10, &words);
     let (code, stdout, stderr) = output(export.arg(&place));
     assert_eq!(code, Some(4), "{stderr}");
     assert_eq!(
