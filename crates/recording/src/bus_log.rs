@@ -114,11 +114,17 @@ impl BusLog {
     }
 }
 
+/// Whether a file that is open is the one of this name.
+pub(crate) fn has_name(file: &File, path: &Path) -> bool {
+    let number = |found: Metadata| (found.dev(), found.ino());
+    let own = file.metadata().map(number);
+    let found = path.metadata().map(number);
+    own.is_ok_and(|own| found.is_ok_and(|found| own == found))
+}
+
 /// Refuses a file that has lost its name: a folder without its log is no recording.
 fn require_at(path: &Path, file: File) -> io::Result<File> {
-    let own = file.metadata()?;
-    let is_own = |found: Metadata| (found.dev(), found.ino()) == (own.dev(), own.ino());
-    match path.metadata().is_ok_and(is_own) {
+    match has_name(&file, path) {
         true => Ok(file),
         false => Err(io::Error::other(
             "somebody removed or replaced it during the run",

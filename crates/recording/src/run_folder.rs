@@ -2,13 +2,13 @@
 
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
+use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use tempfile::TempPath;
 
-use crate::bus_log::BusLog;
+use crate::bus_log::{BusLog, has_name};
 use scenario::{hexadecimal, require_file};
 
 pub use crate::write_error::WriteError;
@@ -296,8 +296,7 @@ fn locked(path: &Path) -> Option<File> {
     let file = is_free.then(|| options.open(path))?.ok()?;
     let file = file.try_lock().is_ok().then_some(file)?;
     // Whoever had it before may have given it its name meanwhile.
-    let (own, found) = (file.metadata().ok()?, path.metadata().ok()?);
-    ((own.dev(), own.ino()) == (found.dev(), found.ino())).then_some(file)
+    has_name(&file, path).then_some(file)
 }
 
 /// Whether a file has these bytes.
@@ -378,6 +377,8 @@ fn hash(seed: u64, text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::MetadataExt;
+
     use super::*;
 
     #[test]

@@ -26,8 +26,7 @@ pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> 
     write_scenario(folder, setup)
 }
 
-/// Writes what is played, where it is not there already. The scenario comes last, since a folder that has it is taken to have the others: a sweep that was
-/// killed goes on from there.
+/// Writes what is played, where it is not there already. The scenario comes last: a folder that has it has the others.
 ///
 /// # Errors
 /// A file cannot be written.
