@@ -84,6 +84,9 @@ impl<R: Read + Seek> PieceReader<R> {
             skip_to_magic(&mut input)?;
         }
         let end = input.stream_position()?;
+        if end < begin {
+            return Err(io::Error::other("it has become shorter"));
+        }
         match checked {
             Ok(true) => {
                 self.go_to(end);
@@ -213,6 +216,27 @@ mod tests {
         }
         assert_eq!(read(b""), (String::new(), 0));
         assert_eq!(read(b"no log at all"), (String::new(), 1));
+    }
+
+    #[test]
+    fn a_file_that_becomes_shorter_is_no_damage() {
+        let lines =
+            (0..100_000_u32).map(|number| format!("{:08x}\n", number.wrapping_mul(2_654_435_761)));
+        let pieces = piece(&lines.collect::<String>()).repeat(3);
+        let mut file = tempfile::tempfile().unwrap();
+        io::Write::write_all(&mut file, &pieces).unwrap();
+        for bytes in [0, 1000, pieces.len() / 2] {
+            file.set_len(0).unwrap();
+            file.rewind().unwrap();
+            io::Write::write_all(&mut file, &pieces).unwrap();
+            file.rewind().unwrap();
+            let mut pieces = PieceReader::new(file.try_clone().unwrap(), pieces.len() as u64);
+            pieces.read_exact(&mut [0; 900_000]).unwrap();
+            file.set_len(bytes as u64).unwrap();
+            let error = io::copy(&mut pieces, &mut io::sink()).unwrap_err();
+            let is_damage = Damaged::of(&error).is_some();
+            assert_eq!(is_damage, bytes > 1000, "{bytes}: {error}");
+        }
     }
 
     #[test]
