@@ -7,7 +7,7 @@ use std::process::Stdio;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 
 use crate::fmus::{cart, is_without_current};
-use crate::processes::{Run, is_gone};
+use crate::processes::{Run, is_gone, last_command};
 use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output};
 
@@ -196,4 +196,23 @@ fn what_a_killed_emulator_unpacked_is_removed_by_the_next_one() {
     let (code, stdout, stderr) = output(next);
     assert_eq!(code, Some(0), "{stdout}{stderr}");
     assert_eq!(left(&runtime), [""; 0]);
+}
+
+/// A cycle takes 30 ms: what was recorded is on the disk soon, and the user's wish to stop is heard.
+#[test]
+fn a_slow_plant_in_lockstep_holds_up_neither_the_log_nor_a_signal() {
+    let folder = tempfile::tempdir().unwrap();
+    let steady = steady(folder.path(), 100.0, 9, 0.0);
+    let run = Run::start(&steady, "lockstep");
+    kill_process(run.id(), Signal::INT).unwrap();
+    let runtime = run.runtime();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(130), "{text}");
+    assert_eq!(left(&runtime), [""; 0]);
+    fs::remove_dir(runtime).unwrap();
+    let log = fs::read_to_string(only_run(folder.path()).join("bus.log")).unwrap();
+    let last = last_command(&log);
+    assert!(last.ends_with("0000"), "{last}");
+    let cycles = log.lines().filter(|line| line.contains(" 080#")).count();
+    assert!(cycles < 500, "{cycles}");
 }

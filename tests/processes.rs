@@ -51,7 +51,7 @@ impl Run {
         }
     }
 
-    fn id(&self) -> Pid {
+    pub(crate) fn id(&self) -> Pid {
         Pid::from_raw(self.canrig.id().cast_signed()).unwrap()
     }
 

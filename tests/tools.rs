@@ -446,7 +446,7 @@ fn what_the_user_got_wrong_is_reported() {
             2,
             "no EDS gives the type of 0x2000:01, so the size of \"50\" is not known",
         ),
-        (&["monitor", "--duration=-1"], 2, "0 to 86400 seconds"),
+        (&["monitor", "--duration=-1"], 2, "0 to 604800 seconds"),
         (
             &["monitor", "--dbc", "nowhere.dbc"],
             2,

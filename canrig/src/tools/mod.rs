@@ -27,6 +27,7 @@ use rig::data_sheet::DataSheetError;
 use rig::named_nodes::NamedNodes;
 use runner::exit::Exit;
 use runner::named::setups_of;
+use scenario::TIME_SECONDS_MAX;
 
 /// The bus that a tool joins.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -85,15 +86,17 @@ impl NamesArgs {
     }
 }
 
-/// A time from 0 to a day.
+/// A time from 0 to that of the longest run.
 pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text
         .parse()
         .map_err(|_| "a number of seconds is expected")?;
-    if (0.0..=86_400.0).contains(&seconds) {
+    if (0.0..=TIME_SECONDS_MAX).contains(&seconds) {
         Ok(seconds)
     } else {
-        Err("the time must be from 0 to 86400 seconds".to_owned())
+        Err(format!(
+            "the time must be from 0 to {TIME_SECONDS_MAX} seconds"
+        ))
     }
 }
 

@@ -1,11 +1,12 @@
 //! What all HTML pages share: one file, no script, nothing loaded from elsewhere, light and dark.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use platform::terminal::printable;
 
 use super::terminal;
 use judge::verdict::{Metric, Outcome};
 
-/// A page of this title.
+/// A page of this title. As on a terminal, no name in it turns the text around it or hides a part of itself.
 pub fn page(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
@@ -21,7 +22,7 @@ pub fn page(title: &str, body: &Markup) -> String {
             body { main { (body) } }
         }
     };
-    page.into_string() + "\n"
+    printable(&page.into_string()).into_owned() + "\n"
 }
 
 /// A name as files have it, which may be broken after each underscore.
@@ -71,5 +72,19 @@ pub fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
                 @if tests_any { td.none[metric.requirements.is_empty()] data-name="requirements" { (metric.requirements.join(", ")) } }
             } } }
         } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_name_turns_or_hides_text_around_it() {
+        let body = html! { h1 { "a\u{202e}b_\u{1b}[31m\u{200b}<c>" } p { "25 °C → ≤ 3 mm" } };
+        let page = page("\u{2066}run", &body);
+        assert!(page.contains("a\\u202eb_\\u001b[31m\\u200b&lt;c&gt;"));
+        assert!(page.contains("<title>\\u2066run</title>"));
+        assert!(page.contains("25 °C → ≤ 3 mm"));
     }
 }

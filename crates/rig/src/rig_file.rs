@@ -9,6 +9,7 @@ use std::time::Duration;
 use dbc::signals::TRUTH_MESSAGES;
 use dbc::{Coding, Database, DbcError, Kind, Signal};
 use miette::Diagnostic;
+use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{PositionRange, RigFile};
 use scenario::{Scenario, ScenarioError, read_text};
@@ -162,11 +163,7 @@ impl LoadedRig {
         }
         let PositionRange { min, max } = self.file.limits.position_millimetres;
         let trajectory = scenario.reference.trajectory();
-        let period = scenario.bus.sync_period();
-        let duration = Duration::from_secs_f64(scenario.duration_seconds);
-        let times = (0..).map(|cycle| period * cycle);
-        for time in times.take_while(|time| *time < duration) {
-            let seconds = time.as_secs_f64();
+        for seconds in telling_cycles_seconds(scenario, &trajectory) {
             let wanted = 1e3 * trajectory.at(seconds).position_metres;
             if !(min - ROUNDING_MILLIMETRES..=max + ROUNDING_MILLIMETRES).contains(&wanted) {
                 let symbol = scenario.wiring.unit.symbol();
@@ -221,6 +218,24 @@ fn database(file: &RigFile, drive: &DriveLayout) -> Result<Database, DbcError> {
             }
         });
     Ok(database)
+}
+
+/// The times of the cycles in which the set-point may have a value that it did not have before: a day has too many to ask for all.
+fn telling_cycles_seconds(
+    scenario: &Scenario,
+    trajectory: &Trajectory,
+) -> impl Iterator<Item = f64> {
+    let nanoseconds = |seconds: f64| Duration::from_secs_f64(seconds).as_nanos();
+    let period = scenario.bus.sync_period().as_nanos();
+    let end = nanoseconds(scenario.duration_seconds);
+    let stretches = trajectory.stretches(scenario.duration_seconds);
+    let cycles = stretches.flat_map(move |(from_seconds, until_seconds)| {
+        let last = nanoseconds(until_seconds).div_ceil(period);
+        nanoseconds(from_seconds) / period..=last
+    });
+    let times = cycles.map(move |cycle| cycle * period);
+    let times = times.filter(move |time| *time < end);
+    times.map(|time| Duration::from_nanos_u128(time).as_secs_f64())
 }
 
 /// Where the frames of drive, fan and load module are.
@@ -322,6 +337,49 @@ mod tests {
         let rig = |max: &str| load(&RIG.replace("max = 45.0", max)).unwrap();
         assert_eq!(rig("max = 36.0").admits(&scenario), Ok(()));
         assert!(rig("max = 35.9").admits(&scenario).is_err());
+    }
+
+    #[test]
+    fn a_set_point_beyond_the_limits_is_found_wherever_it_is() {
+        let rig = load(&RIG.replace("max = 45.0", "max = 35.0")).unwrap();
+        let admits = |pieces: &str| {
+            let text = format!(
+                "schema = 1\nname = \"s\"\nduration_seconds = 604800.0\n[bus]\nsync_period_milliseconds = 0.1\n[controller.pid]\n\
+                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n{pieces}"
+            );
+            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            rig.admits(&scenario)
+        };
+        let step = |at: f64, to: f64| {
+            format!("[[reference.step]]\nat_seconds = {at:?}\nposition_millimetres = {to:?}\n")
+        };
+        let sine = |amplitude: f64| {
+            format!(
+                "[[reference.sine]]\nfrom_seconds = 9.0\ncentre_millimetres = 20.0\namplitude_millimetres = {amplitude:?}\nperiod_seconds = 5.0\n"
+            )
+        };
+        let ramp = |to: f64| {
+            format!(
+                "[[reference.ramp]]\nfrom_seconds = 600000.0\nuntil_seconds = 600009.0\nposition_millimetres = {to:?}\n"
+            )
+        };
+        assert_eq!(
+            admits(&(sine(15.0) + &ramp(35.0) + &step(604_799.5, 35.0))),
+            Ok(())
+        );
+        for (pieces, at) in [
+            (step(604_799.99, 36.0), "604799.99"),
+            (sine(15.1), "10.1"),
+            (ramp(36.0), "60000"),
+        ] {
+            let refused = admits(&pieces).unwrap_err();
+            assert!(refused.contains(&format!("at {at}")), "{refused}");
+        }
+        // Behind the end, and where another piece is in its place before it gets there.
+        assert_eq!(
+            admits(&(sine(15.1) + &step(10.0, 20.0) + &ramp(36.0) + &step(600_001.0, 0.0))),
+            Ok(())
+        );
     }
 
     #[test]

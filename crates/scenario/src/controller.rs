@@ -279,7 +279,7 @@ pub struct OpenLoop {
 #[serde(deny_unknown_fields)]
 pub struct CurrentStep {
     /// When the current jumps.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Current after the jump.
     #[schemars(range(min = 0.0, max = 1.0))]
@@ -291,10 +291,10 @@ pub struct CurrentStep {
 #[serde(deny_unknown_fields)]
 pub struct CurrentRamp {
     /// Start of the ramp.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// End of the ramp.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
     /// Current at the end.
     #[schemars(range(min = 0.0, max = 1.0))]
@@ -307,7 +307,7 @@ pub struct CurrentRamp {
 #[serde(deny_unknown_fields)]
 pub struct CurrentTable {
     /// Start; the file's times count from here.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// The file, relative to the scenario.
     pub file: String,

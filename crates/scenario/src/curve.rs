@@ -87,9 +87,37 @@ impl Curve {
             None => Sample::default(),
         }
     }
+
+    /// The stretches of time that show every value until `end_seconds`: of a piece that stands still or repeats itself, the rest is
+    /// left out.
+    pub(crate) fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
+        let starts = self.segments.iter().map(|segment| segment.start_seconds);
+        let ends = starts.skip(1).chain([end_seconds]);
+        let pieces = self.segments.iter().zip(ends).map(move |(piece, end)| {
+            let until = piece.is_new_until_seconds().min(end).min(end_seconds);
+            (piece.start_seconds, until)
+        });
+        [(0.0, 0.0)].into_iter().chain(pieces)
+    }
 }
 
 impl Segment {
+    /// From then on it has no other values than before.
+    fn is_new_until_seconds(&self) -> f64 {
+        match &self.piece {
+            Piece::Constant { .. } => self.start_seconds,
+            Piece::Line { until_seconds, .. } | Piece::Chirp { until_seconds, .. } => {
+                *until_seconds
+            }
+            Piece::Sine {
+                radians_per_second, ..
+            } => self.start_seconds + TAU / radians_per_second,
+            Piece::Table { rows } => {
+                self.start_seconds + rows.last().map_or(0.0, |(seconds, _)| *seconds)
+            }
+        }
+    }
+
     fn at(&self, time_seconds: f64) -> Sample {
         let elapsed = time_seconds - self.start_seconds;
         match &self.piece {

@@ -28,10 +28,10 @@ pub struct Output {
     #[schemars(length(min = 1, max = 64))]
     pub name: String,
     /// When it changes.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// When it goes back to what acts at rest; it stays if absent.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_seconds: Option<f64>,
     /// Its value, in the unit at the end of its name, within the range of the plant's port.
@@ -43,10 +43,10 @@ pub struct Output {
 #[serde(deny_unknown_fields)]
 pub struct Fan {
     /// When the fan starts.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// When the fan stops.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
     /// Factor on the cooling by air while the fan is on.
     #[schemars(range(min = 1.0, max = 30.0))]
@@ -58,7 +58,7 @@ pub struct Fan {
 #[serde(deny_unknown_fields)]
 pub struct Load {
     /// When the load changes.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Added to the plant's load; may be negative.
     #[schemars(range(min = -1_000.0, max = 1_000.0))]

@@ -92,7 +92,7 @@ pub struct Expect {
     /// Longest time from the end of the last fault until the deviation from the set-point stays within the recovery
     /// band.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub recovers_within_seconds: Option<f64>,
     /// `true`: at the end no current flows, and the drive is disabled or silent. `false`: a current flows, or the drive is enabled.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -112,7 +112,7 @@ pub struct Expect {
     /// The metrics of position, current and traffic are judged on what comes before this; later the loop is meant to be open,
     /// because a node dies on purpose. Reactions to faults, signals and sequences are judged to the end of the scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub judged_until_seconds: Option<f64>,
     /// Demands on signals, each in its window of time.
     #[schemars(length(max = 1000))]

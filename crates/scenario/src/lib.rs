@@ -53,6 +53,9 @@ mod view;
 mod window;
 pub mod wiring;
 
+/// Longest run, and latest time of a scenario: a week, in which a soak over a weekend has room.
+pub const TIME_SECONDS_MAX: f64 = 604_800.0;
+
 pub use bus::Bus;
 pub use error::{Problem, ScenarioError, without_colours};
 pub use file::{open_file, open_to_write, read_text, require_file};

@@ -34,11 +34,11 @@ pub struct Contour {
     pub loops: Vec<String>,
     /// Start of the window.
     #[serde(default)]
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// End of the window; the end of the scenario if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
     /// Longest distance from the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -39,7 +39,7 @@ pub struct Reference {
 #[serde(deny_unknown_fields)]
 pub struct Hold {
     /// When the hold begins.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Position that is held.
     #[schemars(range(min = 0.0, max = 60.0))]
@@ -51,7 +51,7 @@ pub struct Hold {
 #[serde(deny_unknown_fields)]
 pub struct Step {
     /// When the set-point jumps.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Position after the jump.
     #[schemars(range(min = 0.0, max = 60.0))]
@@ -63,10 +63,10 @@ pub struct Step {
 #[serde(deny_unknown_fields)]
 pub struct Ramp {
     /// Start of the ramp.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// End of the ramp.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
     /// Position at the end.
     #[schemars(range(min = 0.0, max = 60.0))]
@@ -78,7 +78,7 @@ pub struct Ramp {
 #[serde(deny_unknown_fields)]
 pub struct Sine {
     /// Start of the sine.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// Mean of the sine.
     #[schemars(range(min = 0.0, max = 60.0))]
@@ -96,10 +96,10 @@ pub struct Sine {
 #[serde(deny_unknown_fields)]
 pub struct Chirp {
     /// Start of the chirp.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// End of the chirp.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
     /// Mean of the chirp.
     #[schemars(range(min = 0.0, max = 60.0))]
@@ -136,7 +136,7 @@ impl Chirp {
 #[serde(deny_unknown_fields)]
 pub struct Table {
     /// Start; the file's times count from here.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// The file, relative to the scenario.
     pub file: String,
@@ -202,6 +202,11 @@ impl Trajectory {
             jerk_metres_per_second_cubed: jerk,
             has_exact_derivatives: sample.has_exact_derivatives,
         }
+    }
+
+    /// The stretches of scenario time that show every set-point until `end_seconds`. A stretch may end where it begins.
+    pub fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
+        self.0.stretches(end_seconds)
     }
 }
 

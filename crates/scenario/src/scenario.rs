@@ -35,7 +35,7 @@ pub struct Scenario {
     #[schemars(range(min = 0, max = 9_007_199_254_740_991_u64))]
     pub seed: u64,
     /// Length of the run from the first SYNC after Operation Enabled.
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub duration_seconds: f64,
     /// Bit rate and cycle of the bus.
     #[serde(default)]

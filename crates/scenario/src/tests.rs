@@ -90,7 +90,7 @@ Error:
  2 │ name = \"test\"
  3 │ duration_seconds = 0
    ·                    ┬
-   ·                    ╰── must be above 0, at most 86400
+   ·                    ╰── must be above 0, at most 604800
  4 │ [controller.pid]
    ╰────
 

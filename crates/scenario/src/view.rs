@@ -19,7 +19,7 @@ pub struct ControllerView {
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
     /// Length of the run from the first SYNC after Operation Enabled.
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 86_400.0))]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
     pub duration_seconds: f64,
     /// The bus.
     #[serde(default)]

@@ -21,11 +21,11 @@ pub struct Sequence {
     pub requirements: Vec<String>,
     /// Earlier events do not count, and the first one's time counts from here; the start of the scenario if absent.
     #[serde(default)]
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
     /// Later events do not count; the end of the run if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
     /// The events, in their order.
     #[schemars(length(min = 1, max = 100))]

@@ -25,11 +25,11 @@ pub struct SignalCheck {
     pub name: String,
     /// The window begins: that sample counts. From the start of the scenario if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: Option<f64>,
     /// The window ends: that sample counts no more. With the run if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
     /// Every sample of the window is within these limits; judged by the one that is nearest to a limit or beyond it.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -64,10 +64,10 @@ macro_rules! faults {
             #[serde(deny_unknown_fields)]
             pub struct $fault {
                 /// When the fault begins.
-                #[schemars(range(min = 0.0, max = 86_400.0))]
+                #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
                 pub from_seconds: f64,
                 /// When the fault ends; with the run if absent.
-                #[schemars(range(min = 0.0, max = 86_400.0))]
+                #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
                 #[serde(default, skip_serializing_if = "Option::is_none")]
                 pub until_seconds: Option<f64>,
                 $($(#[$field_meta])* pub $field: $type,)*

@@ -106,7 +106,7 @@ faults! {
 #[serde(deny_unknown_fields)]
 pub struct Restart {
     /// When the node starts anew.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// The node that fails.
     pub node: Node,
@@ -117,7 +117,7 @@ pub struct Restart {
 #[serde(deny_unknown_fields)]
 pub struct NmtStop {
     /// When the order is sent.
-    #[schemars(range(min = 0.0, max = 86_400.0))]
+    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// The node that fails.
     pub node: Node,

@@ -159,7 +159,7 @@ struct Foreign {
     until: Duration,
     /// Time between two frames; 0 without a pause.
     period: Duration,
-    sent: u32,
+    sent: u64,
 }
 
 impl Foreign {
@@ -176,12 +176,13 @@ impl Foreign {
 
     /// When its next frame is due, if the bus is free from a time on.
     fn next(&self, free_at: Duration) -> Option<Duration> {
-        let due = self.from + self.period * self.sent;
+        let periods = self.period.as_nanos() * u128::from(self.sent);
+        let due = self.from + Duration::from_nanos_u128(periods);
         Some(due.max(free_at)).filter(|_| due < self.until && free_at < self.until)
     }
 
     fn frame(&self) -> CanFrame {
-        let [a, b, c, d] = self.sent.to_le_bytes();
+        let [a, b, c, d, ..] = self.sent.to_le_bytes();
         CanFrame::new(self.identifier, &[a, b, c, d, 0, 0, 0, 0])
     }
 }
@@ -352,7 +353,7 @@ impl BusFaults {
     /// The foreign frame has won.
     pub(crate) fn take_foreign(&mut self, now: Duration) {
         if let Some(place) = self.due(now) {
-            self.foreign[place].sent = self.foreign[place].sent.wrapping_add(1);
+            self.foreign[place].sent += 1;
         }
     }
 
