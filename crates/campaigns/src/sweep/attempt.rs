@@ -152,9 +152,15 @@ pub(crate) fn publish(
         return Ok(found);
     }
     // Since this attempt began, anybody may have put a file there.
-    published(folder, header, &mut found)?;
-    match fs::rename(store.path(), &path) {
+    let renamed = match published(folder, header, &mut found)? {
+        Some(_) => fs::rename(store.path(), &path),
+        None => rename_to_new(store.path(), &path),
+    };
+    match renamed {
         Err(_) if is_whole(folder, header)? => {}
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+            return Err(StoreError::Foreign { path });
+        }
         renamed => renamed.map_err(write_error(&path))?,
     }
     log(folder, "ended", store)?;
@@ -165,6 +171,16 @@ pub(crate) fn publish(
         }
     }
     Ok(found)
+}
+
+/// Gives a file a name that no other file has, also where somebody makes one at this moment. Some file systems have no second names, and
+/// cannot do that.
+fn rename_to_new(from: &Path, to: &Path) -> io::Result<()> {
+    match fs::hard_link(from, to) {
+        Ok(()) => fs::remove_file(from),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Err(error),
+        Err(_) => fs::rename(from, to),
+    }
 }
 
 /// Notes that an attempt was stopped in order: its rows stay where they are.
@@ -403,6 +419,21 @@ mod tests {
         fs::remove_file(folder.path().join(FILE)).unwrap();
         let (again, _) = open(folder.path(), &ours()).unwrap();
         assert_eq!(again.len(), CASES.len());
+    }
+
+    #[test]
+    fn a_name_that_somebody_takes_first_is_theirs() {
+        let folder = tempfile::tempdir().unwrap();
+        let [ours, theirs, new] = ["ours", "theirs", "new"].map(|name| folder.path().join(name));
+        for path in [&ours, &theirs] {
+            fs::write(path, path.file_name().unwrap().as_encoded_bytes()).unwrap();
+        }
+        let error = rename_to_new(&ours, &theirs).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(fs::read(&theirs).unwrap(), b"theirs");
+        rename_to_new(&ours, &new).unwrap();
+        assert_eq!(fs::read(new).unwrap(), b"ours");
+        assert!(!ours.exists());
     }
 
     #[test]
