@@ -11,11 +11,19 @@ use super::{RerunError, groups};
 use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
 use rig::setup::Setup;
+use scenario::Scenario;
 
-/// Of a long run, the extremes of so much time are logged.
-pub(super) const THINNED_SECONDS: f64 = 0.1;
-/// Stretch of time over which a load is a mean.
-const LOAD_STRETCH_SECONDS: f64 = 0.1;
+/// Stretch of time over which a load is a mean, and of which a long run logs the extremes. It is longer where there would be more
+/// stretches than the viewer can hold.
+const STRETCH_SECONDS: f64 = 0.1;
+/// So many stretches has a run at most: ten hours have all of 0.1 s.
+const STRETCHES_MAX: f64 = 360_000.0;
+
+/// How much time of a long run has its extremes logged.
+pub(super) fn stretch_seconds(scenario: &Scenario) -> f64 {
+    (scenario.duration_seconds / STRETCHES_MAX).max(STRETCH_SECONDS)
+}
+
 /// The signals in the group [`groups::TIMING`], with their names in the legend and their colours.
 const TIMING: [(&str, &str, [u8; 3]); 3] = [
     (
@@ -50,6 +58,7 @@ pub(crate) struct BusReader {
     bits_per_second: f64,
     now: Moment,
     cycles: Vec<Cycle>,
+    stretch_seconds: f64,
     stretch: f64,
     stretch_end: Duration,
     bits: u32,
@@ -65,6 +74,10 @@ impl BusReader {
     /// The database lacks a signal.
     pub(crate) fn new(setup: &Setup, is_thinned: bool) -> Result<Self, SignalMissing> {
         let (scenario, database) = (&setup.scenario, &*setup.database);
+        let stretch_seconds = match is_thinned {
+            false => STRETCH_SECONDS,
+            true => stretch_seconds(scenario),
+        };
         Ok(Self {
             cycle: CycleReader::new(database)?,
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
@@ -72,8 +85,9 @@ impl BusReader {
             bits_per_second: 1e3 * f64::from(scenario.bus.bitrate_kilobits_per_second),
             now: times::moment_at(0.0, 1.0),
             cycles: Vec::new(),
+            stretch_seconds,
             stretch: 1.0,
-            stretch_end: first_from(LOAD_STRETCH_SECONDS),
+            stretch_end: first_from(stretch_seconds),
             bits: 0,
             loads: Vec::new(),
             is_thinned,
@@ -127,7 +141,8 @@ impl BusReader {
 
     /// Where cycles are thinned, puts the latest into the one before, if both are of one stretch.
     fn thin(&mut self) {
-        let stretch = |cycle: &Cycle| (cycle.moment.seconds / THINNED_SECONDS).floor();
+        let stretch_seconds = self.stretch_seconds;
+        let stretch = |cycle: &Cycle| (cycle.moment.seconds / stretch_seconds).floor();
         if let [.., before, latest] = &mut self.cycles[..]
             && self.is_thinned
             && stretch(before) == stretch(latest)
@@ -142,13 +157,13 @@ impl BusReader {
     /// Counts bits; a stretch that is over becomes a row at its end.
     fn add_load(&mut self, time: Duration, bits: u32) {
         while time >= self.stretch_end {
-            let end_seconds = self.stretch * LOAD_STRETCH_SECONDS;
+            let end_seconds = self.stretch * self.stretch_seconds;
             let end = times::moment_at(end_seconds, self.period.as_secs_f64());
-            let capacity = self.bits_per_second * LOAD_STRETCH_SECONDS;
+            let capacity = self.bits_per_second * self.stretch_seconds;
             let load = 100.0 * f64::from(self.bits) / capacity;
             self.loads.push((end, load));
             self.stretch += 1.0;
-            self.stretch_end = first_from(self.stretch * LOAD_STRETCH_SECONDS);
+            self.stretch_end = first_from(self.stretch * self.stretch_seconds);
             self.bits = 0;
         }
         self.bits += bits;

@@ -7,7 +7,7 @@ use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 use re_sdk_types::components::Radius;
 use scenario::loops::Contour;
 
-use super::bus::THINNED_SECONDS;
+use super::bus::stretch_seconds;
 use super::output::{Output, send_rows, send_static};
 use super::times;
 use super::{RerunError, groups};
@@ -50,9 +50,12 @@ fn log_plane(
 ) -> Result<Option<Plane>, RerunError> {
     let [x, y] = axes.map(|(_, run)| run.timeline);
     let [across, up] = axes.map(|(name, _)| name);
-    let pause_rows = match axes.iter().any(|(_, run)| run.is_long) {
-        false => 0,
-        true => usize::try_from(x.cycles_in(THINNED_SECONDS)).unwrap_or(usize::MAX),
+    let pause_rows = match axes.iter().find(|(_, run)| run.is_long) {
+        None => 0,
+        Some((_, run)) => {
+            let cycles = x.cycles_in(stretch_seconds(&run.setup.scenario));
+            usize::try_from(cycles).unwrap_or(usize::MAX)
+        }
     };
     let group = format!("contour/{across}_{up}");
     let now = format!("{group}/now");

@@ -13,7 +13,7 @@ use scenario::events::DisturbanceCommand;
 
 use super::RerunError;
 use super::blueprint::Page;
-use super::bus::{self, BusReader, THINNED_SECONDS};
+use super::bus::{self, BusReader, stretch_seconds};
 use super::drawing::Drawing;
 use super::groups::{self, OwnView, Style, held, line};
 use super::hysteresis::{self, Hysteresis};
@@ -74,7 +74,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let scenario = &setup.scenario;
         let pause_seconds = match known {
             Known::Whole | Known::SoFar => 0.0,
-            Known::Thinned => THINNED_SECONDS,
+            Known::Thinned => stretch_seconds(scenario),
         };
         let drawing = Drawing::draw(output, scenario, pause_seconds)?;
         Ok(Self {
@@ -151,7 +151,8 @@ impl<'o, 'a> Recording<'o, 'a> {
             .columns
             .iter()
             .map(|column| (column.name.as_str(), &*column.values));
-        let stretch = usize::try_from(timeline.cycles_in(THINNED_SECONDS)).unwrap_or(usize::MAX);
+        let stretch = timeline.cycles_in(stretch_seconds(scenario));
+        let stretch = usize::try_from(stretch).unwrap_or(usize::MAX);
         // Most signals have the same rows, so the times are made once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in own.into_iter().chain(columns) {

@@ -340,3 +340,14 @@ fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
     };
     assert_eq!(texts(&path), texts(&whole.path().join("run.rrd")));
 }
+
+#[test]
+fn a_week_has_no_more_rows_than_ten_hours() {
+    let stretch = |duration_seconds| {
+        let mut scenario = setup().scenario;
+        scenario.duration_seconds = duration_seconds;
+        super::bus::stretch_seconds(&scenario)
+    };
+    assert_eq!([600.0, 36_000.0].map(stretch), [0.1; 2]);
+    assert_eq!([86_400.0, 604_800.0].map(stretch), [0.24, 1.68]);
+}
