@@ -13,7 +13,7 @@ mod view;
 
 use maud::{Markup, PreEscaped, html};
 
-use self::ticks::{decades, ticks};
+use self::ticks::{apart, decades, ticks};
 use self::view::View;
 
 pub use curve::{Colour, Extent, Patch, PlotCurve, Shape};
@@ -138,7 +138,7 @@ impl<'a> Plot<'a> {
         let down = |(value, label)| (100.0 - view.up(value), label);
         PlotDrawing {
             content,
-            x_labels: x_ticks.into_iter().map(along).collect(),
+            x_labels: apart(x_ticks).into_iter().map(along).collect(),
             y_labels: y_ticks.into_iter().map(down).collect(),
             is_cut: view.is_cut,
         }

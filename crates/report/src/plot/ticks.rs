@@ -2,6 +2,8 @@
 
 /// Ticks on an axis, about.
 const TICKS: f64 = 6.0;
+/// So many characters has a label that has room beside the next one.
+const LABEL_CHARACTERS_MAX: usize = 7;
 
 /// Round values in a range, with their labels.
 pub(super) fn ticks((low, high): (f64, f64)) -> Vec<(f64, String)> {
@@ -27,13 +29,25 @@ pub(super) fn ticks((low, high): (f64, f64)) -> Vec<(f64, String)> {
             break;
         }
         // Adding 0 makes -0 a 0.
-        ticks.push((value, label(value + 0.0, decimals)));
+        let label = label(value + 0.0, step, decimals);
+        ticks.push((value, label));
     }
     ticks
 }
 
-fn label(value: f64, decimals: usize) -> String {
-    if value.abs() >= 1e5 {
+/// Labels beside each other that have room: of long ones every other.
+pub(super) fn apart(ticks: Vec<(f64, String)>) -> Vec<(f64, String)> {
+    let is_long = |(_, label): &(f64, String)| label.chars().count() > LABEL_CHARACTERS_MAX;
+    let step = match ticks.iter().any(is_long) {
+        false => 1,
+        true => 2,
+    };
+    ticks.into_iter().step_by(step).collect()
+}
+
+/// A power of ten makes a large number short, but not one that differs from the next in its last digits.
+fn label(value: f64, step: f64, decimals: usize) -> String {
+    if value.abs() >= 1e5 && step >= 1e4 {
         return format!("{value:e}").replace('-', "−");
     }
     format!("{value:.decimals$}").replace('-', "−")
@@ -72,5 +86,18 @@ mod tests {
             ["10.0", "10.2", "10.4", "10.6", "10.8", "11.0"]
         );
         assert_eq!(labels(-2e6, 2e6), ["−2e6", "−1e6", "0", "1e6", "2e6"]);
+    }
+
+    #[test]
+    fn a_second_at_the_end_of_a_week_has_labels_that_differ_and_have_room() {
+        let of_a_second = ticks((604_700.0, 604_701.0));
+        let labels =
+            |ticks: Vec<(f64, String)>| Vec::from_iter(ticks.into_iter().map(|tick| tick.1));
+        assert_eq!(
+            labels(apart(of_a_second)),
+            ["604700.0", "604700.4", "604700.8"]
+        );
+        let of_a_day = ticks((86_399.0, 86_400.0));
+        assert_eq!(apart(of_a_day.clone()), of_a_day);
     }
 }
