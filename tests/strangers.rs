@@ -221,16 +221,44 @@ fn a_run_whose_recording_cannot_be_written_says_nowhere_that_it_passed() {
     }
 }
 
+/// The program in a folder, with the library of its plants beside it, where it looks for it; cargo makes that beside the tests.
+fn with_library(folder: &Path) -> PathBuf {
+    let program = folder.join("canrig");
+    fs::copy(env!("CARGO_BIN_EXE_canrig"), &program).unwrap();
+    let name = "libcanrig_plants.so";
+    let library = std::env::current_exe().unwrap().with_file_name(name);
+    fs::copy(library, folder.join(name)).unwrap();
+    program
+}
+
+/// What takes no time to begin and some to write.
+#[test]
+fn a_signal_leaves_nothing_half_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = with_library(folder.path());
+    let place = folder.path().join("sma.fmu");
+    let partial = place.with_added_extension("partial");
+    for signal in [Signal::INT, Signal::TERM] {
+        let mut export = Command::new(&program);
+        let export = export.args(["fmu", "--export", "sma", "--output"]);
+        let mut export = export.arg(&place).spawn().unwrap();
+        while !partial.exists() {
+            assert_eq!(export.try_wait().unwrap(), None);
+        }
+        kill_process(Pid::from_child(&export), signal).unwrap();
+        let code = export.wait().unwrap().code();
+        assert!(matches!(code, Some(0 | 130)), "{code:?}");
+        assert_eq!(place.exists(), code == Some(0));
+        assert!(!partial.exists());
+        let _ = fs::remove_file(&place);
+    }
+}
+
 #[test]
 fn an_fmu_that_the_disk_does_not_take_is_named_and_nothing_else_is_printed() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("sma.fmu");
-    // The program looks for the library beside itself; cargo makes it beside the tests.
-    let program = folder.path().join("canrig");
-    fs::copy(env!("CARGO_BIN_EXE_canrig"), &program).unwrap();
-    let name = "libcanrig_plants.so";
-    let library = std::env::current_exe().unwrap().with_file_name(name);
-    fs::copy(library, folder.path().join(name)).unwrap();
+    let program = with_library(folder.path());
     let words = ["fmu", "--export", "sma", "--output"];
     let mut export = limited_program(&program, 10, &words);
     let (code, stdout, stderr) = output(export.arg(&place));

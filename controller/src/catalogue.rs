@@ -9,6 +9,7 @@ use scenario::registration::{InvalidOwn, register};
 
 use crate::law::{ControlLaw, Law, LawOfSeveral};
 use crate::law_with_ports::{JointLaw, LawWithPorts, Ports};
+use crate::nominal_model::NominalModel;
 use crate::open_loop::OpenLoop;
 use crate::pid::Pid;
 use crate::pid_pair::PidPair;
@@ -212,6 +213,19 @@ pub fn law(controller: &Controller) -> Result<Law, LawError> {
             usize::from(first.is_some()) + others,
         )),
     }
+}
+
+/// The law in a `[controller]` table by whose model of the plant the load can be lifted nowhere; none where there is no such law.
+#[must_use]
+pub fn law_that_lifts_nothing(controller: &Controller) -> Option<&'static str> {
+    let [full, paper] = [
+        (controller.sliding_mode.as_ref()).map(|law| (SlidingMode::NAME, &law.nominal_model)),
+        (controller.sliding_mode_paper.as_ref())
+            .map(|law| (SlidingModePaper::NAME, &law.nominal_model)),
+    ];
+    let (name, model) = full.or(paper)?;
+    let lifts = NominalModel::new(model).set_point_metres_max() > 0.0;
+    (!lifts).then_some(name)
 }
 
 fn own_law(own: &Own) -> Result<Law, LawError> {

@@ -28,6 +28,9 @@ const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
 /// Share of a branch's span, from either end, at which Eq. (2) is no longer solved for the temperature.
 const SHARE_MIN: f64 = 1e-3;
 
+/// Least martensite fraction that set-points may ask for; beyond, hardly any stretch is left to work with.
+pub(crate) const MARTENSITE_FRACTION_MIN: f64 = 0.2;
+
 /// The state of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
@@ -431,7 +434,14 @@ impl NominalModel {
     /// Position at which the wire has no stretch left.
     #[must_use]
     pub fn position_metres_max(&self) -> f64 {
-        self.elongation * self.ratio
+        (self.elongation * self.ratio).max(0.0)
+    }
+
+    /// Highest position that set-points may ask for: that at which the load rests with the least martensite. A wire that is too soft
+    /// for its load lifts it nowhere.
+    #[must_use]
+    pub fn set_point_metres_max(&self) -> f64 {
+        self.holding_position(MARTENSITE_FRACTION_MIN).max(0.0)
     }
 
     /// True where the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).

@@ -10,9 +10,6 @@ use crate::nominal_model::{LocalModel, NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
 use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter};
 
-/// Least martensite fraction that set-points may ask for; beyond, hardly any stretch is left to work with.
-pub(crate) const MARTENSITE_FRACTION_MIN: f64 = 0.2;
-
 /// The law's constants.
 #[derive(Clone, Debug)]
 pub struct SlidingMode {
@@ -155,7 +152,7 @@ impl ControlLaw for SlidingMode {
                     .reference_launch_jerk_metres_per_second_cubed,
                 lag_max: config.boundary_layer_metres_per_second_squared,
                 landing_ratio: config.reference_landing_ratio,
-                position_metres_max: model.holding_position(MARTENSITE_FRACTION_MIN),
+                position_metres_max: model.set_point_metres_max(),
             },
             modes: Modes::new(config),
             observer: Observer::new(&config.observer, model),

@@ -4,9 +4,11 @@ use scenario::controller::SlidingModePaper as Config;
 use scenario::reference::SetPoint;
 
 use crate::law::{Command, ControlLaw, Measurement};
-use crate::nominal_model::{Branch, BranchCurve, NominalModel, State as ModelState};
+use crate::nominal_model::{
+    Branch, BranchCurve, MARTENSITE_FRACTION_MIN, NominalModel, State as ModelState,
+};
 use crate::reference_filter::{self, CriticallyDamped, JerkRange, Point, ReferenceFilter};
-use crate::sliding_mode::{MARTENSITE_FRACTION_MIN, Surface, command};
+use crate::sliding_mode::{Surface, command};
 
 /// The law's constants.
 #[derive(Clone, Debug)]
@@ -50,7 +52,7 @@ impl ControlLaw for SlidingModePaper {
 
     fn new(config: &Config) -> Self {
         let model = NominalModel::new(&config.nominal_model);
-        let position_metres_max = model.holding_position(MARTENSITE_FRACTION_MIN);
+        let position_metres_max = model.set_point_metres_max();
         Self {
             surface: Surface {
                 bandwidth: config.bandwidth_radians_per_second,

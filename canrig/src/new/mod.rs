@@ -15,6 +15,7 @@ use clap::{Args, Subcommand};
 use scenario::own::Section;
 
 use name::{InvalidName, Name};
+use platform::unfinished::Unfinished;
 use profile::{MANIFEST_BYTES_MAX, release_profile};
 use recording::run_folder::write_whole;
 use rig::RigArgs;
@@ -264,7 +265,8 @@ fn in_new_folder(
     }
     // Of two that ask at once, one gets it.
     let partial = folder.with_added_extension("partial");
-    fs::create_dir(&partial).map_err(|source| failed(&partial, source))?;
+    let begin = || fs::create_dir(&partial).map_err(|source| failed(&partial, source));
+    let ((), _unfinished) = Unfinished::begin(begin, |()| partial.clone())?;
     let written = write(&partial)
         .and_then(|()| fs::rename(&partial, folder).map_err(|source| failed(folder, source)));
     if written.is_err() {

@@ -31,6 +31,7 @@ mod socketcan_bus;
 pub mod stall_watch;
 pub mod stop;
 pub mod terminal;
+pub mod unfinished;
 pub mod worker;
 
 pub use open::open;

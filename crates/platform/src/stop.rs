@@ -5,6 +5,7 @@ use std::io;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicI32, Ordering};
+use std::thread;
 
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::io::Errno;
@@ -17,6 +18,8 @@ const KILL_AFTER_SECONDS: libc::c_uint = 3;
 static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
 /// The exit code of a program that a signal ends at once.
 static AT_ONCE_CODE: AtomicI32 = AtomicI32::new(0);
+/// What calls the thread that does something before that end; -1 where nothing is to be done.
+static AT_ONCE_EVENT: AtomicI32 = AtomicI32::new(-1);
 
 /// What a terminal sends to all processes in it: Ctrl-C, Ctrl-\, and its end.
 pub const OF_TERMINAL: [libc::c_int; 3] = [libc::SIGINT, libc::SIGQUIT, libc::SIGHUP];
@@ -158,8 +161,40 @@ fn at_once() -> libc::sighandler_t {
 }
 
 extern "C" fn on_end(_signal: libc::c_int) {
-    // SAFETY: it is async-signal-safe.
-    unsafe { libc::_exit(AT_ONCE_CODE.load(Ordering::Relaxed)) }
+    let event = AT_ONCE_EVENT.load(Ordering::Relaxed);
+    match event {
+        // SAFETY: it is async-signal-safe.
+        -1 => unsafe { libc::_exit(AT_ONCE_CODE.load(Ordering::Relaxed)) },
+        event => raise(event),
+    }
+}
+
+/// From now on a program that a signal ends at once does something first, in a thread: a handler may not do much. What it does is
+/// always the same.
+pub(crate) fn end_at_once_after(act: fn()) {
+    static EVENT: OnceLock<Option<OwnedFd>> = OnceLock::new();
+    if !heard().any(|signal| has_handler(signal, at_once())) {
+        return;
+    }
+    let event = EVENT.get_or_init(|| {
+        let event = eventfd(0, EventfdFlags::CLOEXEC).ok()?;
+        let called = event.try_clone().ok()?;
+        let wait = move || {
+            while rustix::io::read(&called, &mut [0; 8]) == Err(Errno::INTR) {}
+            act();
+            // SAFETY: it ends the program, as the handler would.
+            unsafe { libc::_exit(AT_ONCE_CODE.load(Ordering::Relaxed)) }
+        };
+        thread::Builder::new().spawn(wait).ok()?;
+        Some(event)
+    });
+    let event = event.as_ref().map_or(-1, AsRawFd::as_raw_fd);
+    AT_ONCE_EVENT.store(event, Ordering::Relaxed);
+}
+
+/// Takes [`end_at_once_after`] back.
+pub(crate) fn end_at_once_after_nothing() {
+    AT_ONCE_EVENT.store(-1, Ordering::Relaxed);
 }
 
 fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
@@ -206,16 +241,16 @@ fn signal_event(signals: &[libc::c_int]) -> io::Result<BorrowedFd<'static>> {
 
 /// Raises the event, and arms the kernel against a process that no longer looks at it: SIGALRM ends it.
 extern "C" fn on_signal(_signal: libc::c_int) {
+    raise(SIGNAL_EVENT.load(Ordering::Relaxed));
+}
+
+fn raise(event: libc::c_int) {
     // SAFETY: errno is this thread's; write and alarm are async-signal-safe; the event is never closed, and before there
     // is one the write fails harmlessly.
     unsafe {
         let errno = *libc::__errno_location();
         let one = 1_u64;
-        libc::write(
-            SIGNAL_EVENT.load(Ordering::Relaxed),
-            (&raw const one).cast(),
-            size_of::<u64>(),
-        );
+        libc::write(event, (&raw const one).cast(), size_of::<u64>());
         libc::alarm(KILL_AFTER_SECONDS);
         *libc::__errno_location() = errno;
     }

@@ -5,6 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 
+use platform::unfinished::Unfinished;
 use sha2::{Digest, Sha256};
 use tempfile::TempPath;
 
@@ -254,7 +255,9 @@ pub fn replace<E: From<io::Error>>(
     if path.exists() {
         require_file(path)?;
     }
-    let (file, partial) = partial_of(path)?;
+    let begin = || partial_of(path);
+    let ((file, partial), _unfinished) =
+        Unfinished::begin(begin, |(_, partial)| partial.to_path_buf())?;
     // Until it has its name, nobody else may write it.
     let _lock = file.try_clone()?;
     write(file)?;

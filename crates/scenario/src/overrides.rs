@@ -5,6 +5,9 @@ use std::str::FromStr;
 use thiserror::Error;
 use toml::{Table, Value};
 
+/// Longer keys lead nowhere; what has many thousand parts is deeper than a stack.
+const KEY_PARTS_MAX: usize = 100;
+
 /// A key and its value: `controller.pid.integral_time_seconds=0.2`, `reference.step[0].position_millimetres=20`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Override {
@@ -55,7 +58,10 @@ pub fn overridden(text: String, overrides: &[Override]) -> Result<String, Overri
         return Ok(text);
     };
     for Override { key, value } in overrides {
-        set(&mut document, key, value.clone())
+        let is_short = key.split('.').count() <= KEY_PARTS_MAX;
+        is_short
+            .then(|| set(&mut document, key, value.clone()))
+            .flatten()
             .ok_or_else(|| OverrideError::Nowhere(key.clone()))?;
     }
     Ok(document.to_string())
@@ -124,6 +130,9 @@ mod tests {
             let error = with(&[&format!("{key}=1")]).unwrap_err();
             assert_eq!(error, OverrideError::Nowhere(key.to_owned()));
         }
+        let deep = format!("{}x=1", "a.".repeat(8000));
+        let error = with(&[&deep]).unwrap_err();
+        assert!(matches!(error, OverrideError::Nowhere(_)));
         for text in ["name", "=1"] {
             assert_eq!(with(&[text]).unwrap_err(), OverrideError::NoKey);
         }

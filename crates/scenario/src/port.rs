@@ -136,11 +136,11 @@ impl Ports {
 
 /// The finest of 1, 2 and 5 times a power of ten whose steps over a range fit 16 bits; 1 where the range is none.
 pub(crate) fn steps_for([min, max]: [f64; 2]) -> f64 {
-    let largest = min.abs().max(max.abs());
-    if !(largest.is_finite() && largest > 0.0) {
+    let most = STEPS_MAX / min.abs().max(max.abs());
+    // Neither a range of nothing, nor one without an end.
+    if !(most.is_finite() && most > 0.0) {
         return 1.0;
     }
-    let most = STEPS_MAX / largest;
     let mut power = 1.0;
     while power > most {
         power /= 10.0;
@@ -510,6 +510,8 @@ mod tests {
             ([0.0, 1.0], 20_000.0),
             ([-1e6, 1e6], 0.02),
             ([0.0, f64::INFINITY], 1.0),
+            ([0.0, 0.0], 1.0),
+            ([-1e-310, 1e-310], 1.0),
         ] {
             assert!((steps_for(range) / steps - 1.0).abs() < 1e-9, "{range:?}");
         }

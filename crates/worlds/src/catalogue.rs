@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use controller::catalogue::{law_ports, own_laws};
+use controller::catalogue::{law_ports, law_that_lifts_nothing, own_laws};
 use plant_emulator::{InvalidEmulator, catalogue as plants};
 use scenario::{Objection, Scenario};
 
@@ -18,10 +18,24 @@ pub fn catalogue() -> &'static Catalogue {
         let of_one_axis = plants::kinds();
         let of_one_axis = of_one_axis.filter_map(|kind| Some((kind.name(), kind.signals()?)));
         let find_ports = |scenario: &Scenario| plants::ports(scenario).ok();
-        let catalogue = Catalogue::new(of_one_axis, own_laws(), plant_objection, find_ports);
+        let catalogue = Catalogue::new(of_one_axis, own_laws(), objection, find_ports);
         catalogue.with_laws_of_all(law_ports)
     });
     &CATALOGUE
+}
+
+fn objection(scenario: &Scenario) -> Option<Objection> {
+    plant_objection(scenario).or_else(|| law_objection(scenario))
+}
+
+fn law_objection(scenario: &Scenario) -> Option<Objection> {
+    let law = law_that_lifts_nothing(&scenario.controller)?;
+    Some(Objection {
+        path: format!("controller.{law}.nominal_model"),
+        message: format!("the nominal model of `{law}` makes no physical sense"),
+        label: "a wire as soft or a load as heavy as here is lifted nowhere".to_owned(),
+        help: None,
+    })
 }
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
@@ -69,6 +83,26 @@ fn is_wired(scenario: &Scenario) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_law_whose_model_lifts_nothing_is_objected_to() {
+        let objection = |law: &str, modulus: &str| {
+            let text = format!(
+                "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}.nominal_model]\n\
+                 austenite_modulus_pascals = {modulus}\n\
+                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
+            );
+            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            objection(&scenario).map(|objection| objection.path)
+        };
+        for law in ["sliding_mode", "sliding_mode_paper"] {
+            assert_eq!(objection(law, "28e9"), None);
+            let path = format!("controller.{law}.nominal_model");
+            for modulus in ["1e-9", "1e6", "1e9"] {
+                assert_eq!(objection(law, modulus).as_ref(), Some(&path), "{modulus}");
+            }
+        }
+    }
 
     #[test]
     fn every_column_of_the_shipped_plants_and_laws_has_a_name_of_its_own() {
