@@ -145,12 +145,23 @@ fn held_up(command: &mut Command, act: impl FnOnce()) -> (Option<i32>, Vec<u8>, 
     (output.status.code(), text, stderr)
 }
 
+/// A run of two minutes, and its compressed log.
+fn with_long_log(folder: &Path) -> (PathBuf, PathBuf) {
+    let source = sine(folder, 120);
+    let run = simulated(&folder.join("runs"), &source, "10");
+    let log = run.join("bus.log.zst");
+    (run, log)
+}
+
+fn cut(log: &Path, bytes: usize) {
+    let log = fs::File::options().write(true).open(log).unwrap();
+    log.set_len(bytes as u64).unwrap();
+}
+
 #[test]
 fn a_log_is_read_to_its_end_by_whoever_opened_it() {
     let folder = tempfile::tempdir().unwrap();
-    let source = sine(folder.path(), 120);
-    let run = simulated(&folder.path().join("runs"), &source, "10");
-    let log = run.join("bus.log.zst");
+    let (run, log) = with_long_log(folder.path());
     let kept = fs::read(&log).unwrap();
     let export = |act: &dyn Fn()| {
         let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
@@ -164,10 +175,7 @@ fn a_log_is_read_to_its_end_by_whoever_opened_it() {
     // Before and behind the place where it is read, and in between.
     for bytes in [0, 1000, kept.len() / 2, kept.len() - 1000] {
         fs::write(&log, &kept).unwrap();
-        let (code, _, error) = export(&|| {
-            let log = fs::File::options().write(true).open(&log).unwrap();
-            log.set_len(bytes as u64).unwrap();
-        });
+        let (code, _, error) = export(&|| cut(&log, bytes));
         assert_eq!(code, Some(4), "{bytes}: {error}");
         let reason = "was changed while it was read";
         assert!(error.contains(reason), "{bytes}: {error}");
@@ -178,17 +186,13 @@ fn a_log_is_read_to_its_end_by_whoever_opened_it() {
 #[test]
 fn of_a_log_that_is_cut_meanwhile_no_half_file_is_left() {
     let folder = tempfile::tempdir().unwrap();
-    let source = sine(folder.path(), 120);
-    let run = simulated(&folder.path().join("runs"), &source, "10");
-    let log = run.join("bus.log.zst");
+    let (run, log) = with_long_log(folder.path());
     let output = folder.path().join("frames.blf");
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let canrig = canrig.args(["export", "--format", "blf", "--output"]);
     let partial = output.with_added_extension("partial");
-    let (code, error) = meanwhile(canrig.arg(&output).arg(&run), &partial, || {
-        let log = fs::File::options().write(true).open(&log).unwrap();
-        log.set_len(1000).unwrap();
-    });
+    let canrig = canrig.arg(&output).arg(&run);
+    let (code, error) = meanwhile(canrig, &partial, || cut(&log, 1000));
     assert!(matches!(code, Some(0 | 4)), "{error}");
     assert_eq!(output.exists(), code == Some(0), "{error}");
     assert!(!partial.exists());

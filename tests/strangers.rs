@@ -242,10 +242,14 @@ fn a_signal_leaves_nothing_half_written() {
         let mut export = Command::new(&program);
         let export = export.args(["fmu", "--export", "sma", "--output"]);
         let mut export = export.arg(&place).spawn().unwrap();
-        while !partial.exists() {
-            assert_eq!(export.try_wait().unwrap(), None);
+        // On a busy machine all may be over before anybody looks.
+        let mut ended = None;
+        while ended.is_none() && !partial.exists() {
+            ended = export.try_wait().unwrap();
         }
-        kill_process(Pid::from_child(&export), signal).unwrap();
+        if ended.is_none() {
+            kill_process(Pid::from_child(&export), signal).unwrap();
+        }
         let code = export.wait().unwrap().code();
         assert!(matches!(code, Some(0 | 130)), "{code:?}");
         assert_eq!(place.exists(), code == Some(0));
