@@ -8,9 +8,8 @@ use std::process::Command;
 
 use fmu::description::Version;
 use fmu::export::write_fmu;
+use rig::plan::Plan;
 use rig::rig_file::LoadedRig;
-use rig::setup::Setup;
-use scenario::loops::Loops;
 use scenario::rig::RigFile;
 use scenario::rig::nodes::Rig;
 use serde_json::Value;
@@ -245,12 +244,8 @@ fn load(folder: &Path, text: &str) -> Result<(), String> {
         Rig::parse(text, "snippet.toml")
             .map(drop)
             .map_err(miette_text)
-    } else if Loops::is_meant(text) {
-        rig::loops::load(&path, catalogue)
-            .map(drop)
-            .map_err(miette_text)
     } else {
-        Setup::load(&path, catalogue).map(drop).map_err(miette_text)
+        Plan::load(&path, catalogue).map(drop).map_err(miette_text)
     };
     loaded.map_err(|error| format!("{error}\n{text}"))
 }

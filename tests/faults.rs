@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::PathBuf;
 
-use campaigns::campaign::{Campaign, CampaignRun};
+use campaigns::campaign::{Campaign, CampaignRun, of_one_loop};
 use judge::verdict::Outcome;
 use scenario::Scenario;
 
@@ -67,7 +67,7 @@ fn a_reaction_that_does_not_come_fails() {
         is_safe_wanted(&scenario).then_some(scenario)
     }).collect();
     assert!(scenarios.len() >= 10);
-    let outcomes = campaign().play(scenarios.into_iter(), |played| {
+    let outcomes = campaign().play(scenarios.into_iter().map(of_one_loop), |played| {
         (played.scenario().name.clone(), played.verdict.outcome)
     });
     for (name, outcome) in outcomes.unwrap().into_iter().map(Result::unwrap) {
@@ -113,7 +113,12 @@ fn each_law_meets_each_fault_as_in_the_table() {
         .iter()
         .map(|(name, law, _)| (name.clone(), *law))
         .collect();
-    let played = campaign().play(scenarios.into_iter().map(|(.., scenario)| scenario), cells);
+    let played = campaign().play(
+        scenarios
+            .into_iter()
+            .map(|(.., scenario)| of_one_loop(scenario)),
+        cells,
+    );
     let mut rows: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for ((name, _), cells) in names.into_iter().zip(played.unwrap()) {
         rows.entry(name).or_default().push(cells.unwrap());

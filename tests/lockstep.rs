@@ -3,11 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
-use std::slice;
 use std::time::Duration;
 
 use platform::lockstep::{Local, Participant};
-use rig::setup::Setup;
+use rig::plan::Plan;
 use sha2::{Digest, Sha256};
 use worlds::lockstep::Role;
 
@@ -208,9 +207,9 @@ fn one_process_twice_and_three_processes_leave_the_same_bytes() {
     }
 }
 
-/// A scenario with what is known before it is played.
-fn setup(path: &Path) -> Setup {
-    Setup::load(path, worlds::catalogue::catalogue()).unwrap()
+/// The plan of a scenario.
+fn plan(path: &Path) -> Plan {
+    Plan::load(path, worlds::catalogue::catalogue()).unwrap()
 }
 
 #[test]
@@ -224,9 +223,9 @@ fn the_recording_alone_gives_the_same_verdict() {
     let run = only_run(folder.path());
     let log = fs::File::open(run.join("bus.log")).unwrap();
     let frames = read_log(std::io::BufReader::new(log)).unwrap();
-    let setup = setup(&run.join("scenario.toml"));
-    let timeline = decode(&frames, &setup).unwrap();
-    let verdict = judge(&timeline, &setup, &Circumstances::default());
+    let plan = plan(&run.join("scenario.toml"));
+    let timelines = decode(&frames, &plan).unwrap();
+    let verdict = judge(&plan, &timelines, &Circumstances::default());
     let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
     assert_eq!(
         without_members(&verdict.to_json(), &LEFT_OUT),
@@ -276,10 +275,10 @@ impl platform::lockstep::Participant for Asked<'_> {
 }
 
 /// Plant emulator, canrig's own node and controller in their places.
-fn roles<'a, P: Participant>(setup: &Setup, participants: &'a mut [P; 3]) -> Vec<Role<'a>> {
+fn roles<'a, P: Participant>(plan: &Plan, participants: &'a mut [P; 3]) -> Vec<Role<'a>> {
     let [plant_emulator, bench, controller] = participants;
     vec![
-        Role::plant(std::slice::from_ref(setup), plant_emulator),
+        Role::plant(plan, plant_emulator),
         Role::bench(bench),
         Role::controller(controller),
     ]
@@ -299,8 +298,9 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use worlds::Played;
     use worlds::disturbance_node::DisturbanceProducer;
     use worlds::lockstep::{play, simulate};
+    use worlds::nodes::{controller_of, controller_views, plant_emulator};
     for name in ["fan.toml", "step.toml"] {
-        let source = setup(&scenario(name));
+        let source = plan(&scenario(name));
         let folder = tempfile::tempdir().unwrap();
         let [ahead, asked] = ["ahead", "asked"].map(|name| folder.path().join(name));
         run(
@@ -317,18 +317,16 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
             &Watch::default(),
             Vec::new(),
             |_, capture| {
-                let scenario = &source.scenario;
-                let mut plant_emulator = worlds::nodes::plant_emulator(scenario).unwrap();
-                let mut bench = DisturbanceProducer::new(slice::from_ref(&source)).unwrap();
-                let mut controller =
-                    worlds::nodes::controller(&scenario.controller_view(), None).unwrap();
+                let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
+                let mut bench = DisturbanceProducer::new(&source).unwrap();
+                let mut controller = controller_of(&controller_views(&source)).unwrap();
                 let mut participants = [
                     Asked(Local::new("plant-emulator", &mut *plant_emulator)),
                     Asked(Local::new("bench", &mut bench)),
                     Asked(Local::new("controller", &mut controller)),
                 ];
                 let roles = roles(&source, &mut participants);
-                play(slice::from_ref(&source), roles, capture, None).map(Played::in_virtual_time)
+                play(&source, roles, capture, None).map(Played::in_virtual_time)
             },
         )
         .unwrap();
@@ -431,8 +429,9 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     use recording::capture::Watch;
     use runner::run::run;
     use worlds::Played;
+    use worlds::nodes::{controller_of, controller_views, plant_emulator};
     let folder = tempfile::tempdir().unwrap();
-    let source = setup(&crate::support::short_scenario(folder.path(), 1.0));
+    let source = plan(&crate::support::short_scenario(folder.path(), 1.0));
     let mut runs = Vec::new();
     for sleeps in [false, true] {
         let parent = folder.path().join(format!("sleeps-{sleeps}"));
@@ -442,12 +441,10 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
             &Watch::default(),
             Vec::new(),
             |_, capture| {
-                let mut plant_emulator = worlds::nodes::plant_emulator(&source.scenario).unwrap();
-                let mut controller =
-                    worlds::nodes::controller(&source.scenario.controller_view(), None).unwrap();
+                let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
+                let mut controller = controller_of(&controller_views(&source)).unwrap();
                 let mut bench =
-                    worlds::disturbance_node::DisturbanceProducer::new(slice::from_ref(&source))
-                        .unwrap();
+                    worlds::disturbance_node::DisturbanceProducer::new(&source).unwrap();
                 let mut sleeper = Sleeper { sleeps, calls: 0 };
                 let mut participants = [
                     Local::new("plant-emulator", &mut *plant_emulator),
@@ -455,7 +452,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
                     Local::new("controller", &mut controller),
                 ];
                 let roles = roles(&source, &mut participants);
-                worlds::lockstep::play(slice::from_ref(&source), roles, capture, Some(&mut sleeper))
+                worlds::lockstep::play(&source, roles, capture, Some(&mut sleeper))
                     .map(Played::in_virtual_time)
             },
         )

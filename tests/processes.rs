@@ -195,8 +195,8 @@ const FAULT_TO_COME: &str =
     "[[fault.sensor.noise]]\nfrom_seconds = 19.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.01\n";
 
 /// The current that flowed last, as the plant of a drive says.
-fn last_current(log: &str, setup: &rig::setup::Setup) -> f64 {
-    let current = (setup.database)
+fn last_current(log: &str, one: &rig::plan::ControlLoop) -> f64 {
+    let current = (one.database)
         .require("plant_truth.plant_current_amperes")
         .unwrap();
     let frames = log.lines().rev().filter_map(|line| {
@@ -221,12 +221,12 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
         let long = text.replace("duration_seconds = 20.0", "duration_seconds = 590.0");
         fs::write(&scenario, long).unwrap();
     }
-    let setups = rig::loops::load(&scenario, worlds::catalogue::catalogue()).unwrap();
+    let plan = rig::plan::Plan::load(&scenario, worlds::catalogue::catalogue()).unwrap();
     let run = Run::start(&scenario, clock);
     let emulators = drives.iter().map(|(drive, _)| run.node(&plant_of(drive)));
     let nodes = Vec::from_iter(emulators.chain([run.node("controller")]));
-    let flows = |setup| last_current(&run.log(), setup) > 0.0;
-    wait_for("the current to flow", || setups.iter().all(flows));
+    let flows = |one| last_current(&run.log(), one) > 0.0;
+    wait_for("the current to flow", || plan.loops.iter().all(flows));
     kill_process(run.node(victim), Signal::KILL).unwrap();
     let run_folder = run.run_folder().unwrap();
     let (code, text, folder) = run.end();
@@ -243,9 +243,9 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     let reason = verdict["reason"].as_str().unwrap();
     assert_eq!(reason.matches(&expected).count(), 1, "{reason}");
     let log = fs::read_to_string(run_folder.join("bus.log")).unwrap();
-    for (setup, (drive, _)) in setups.iter().zip(&drives) {
+    for (one, (drive, _)) in plan.loops.iter().zip(&drives) {
         if plant_of(drive) != victim {
-            assert_eq!(last_current(&log, setup), 0.0, "{drive} after {victim}");
+            assert_eq!(last_current(&log, one), 0.0, "{drive} after {victim}");
         }
     }
 }

@@ -388,11 +388,11 @@ fn libraries_of_nodes_do_not_know_the_platform() {
     }
 }
 
-/// A controller that knew the setup would know the plant.
+/// A controller that knew the plan would know the plant.
 #[test]
-fn nodes_do_not_know_the_setup() {
+fn nodes_do_not_know_the_plan() {
     for package in ["controller", "plant-emulator"] {
-        must_not_name(package, "Setup", |_| false);
+        must_not_name(package, "rig::plan", |_| false);
     }
 }
 

@@ -5,10 +5,10 @@ use std::path::Path;
 
 // What `canrig sweep` is made of.
 use campaigns::campaign::play_one;
-use campaigns::sweep::plan::SweepPlan;
 use campaigns::sweep::row::{Ended, SweepRow};
+use campaigns::sweep::sweep_cases::SweepCases;
 use recording::capture::Watch;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use worlds::catalogue::catalogue;
 
 use canrig_benches::limit;
@@ -24,16 +24,16 @@ const CYCLES: u64 = 24_000;
 const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 21_975;
 
 /// What is played: the sweep's cases follow from it.
-fn plan() -> SweepPlan {
+fn plan() -> SweepCases {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(SWEEP);
-    let setup = Setup::load(&file, catalogue()).expect("the shipped sweep is valid");
-    SweepPlan::new(&[setup]).expect("it is a sweep")
+    let plan = Plan::load(&file, catalogue()).expect("the shipped sweep is valid");
+    SweepCases::new(&plan).expect("it is a sweep")
 }
 
 /// A case as a thread of `canrig sweep` plays it: its row, and how many cycles it had.
-fn played(plan: &SweepPlan, number: usize) -> (SweepRow, usize) {
+fn played(plan: &SweepCases, number: usize) -> (SweepRow, usize) {
     let case = plan.case(number);
-    let loops = case.loops().expect("the case is valid");
+    let loops = case.plan().expect("the case is valid");
     let row = play_one(number, &loops, &Watch::default(), |played| {
         let row = SweepRow::from_verdict(number, &case.id, played.verdict);
         (row, played.timeline().cycle.len())
@@ -52,7 +52,7 @@ fn check(rows: [(SweepRow, usize); CASES.len()]) {
 
 #[library_benchmark(config = limit(CYCLES * INSTRUCTIONS_PER_CYCLE_MAX))]
 #[bench::cycles_24000(args = (plan()), teardown = check)]
-fn sweep_in_memory(plan: SweepPlan) -> [(SweepRow, usize); CASES.len()] {
+fn sweep_in_memory(plan: SweepCases) -> [(SweepRow, usize); CASES.len()] {
     CASES.map(|number| black_box(played(&plan, number)))
 }
 

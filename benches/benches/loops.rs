@@ -7,11 +7,10 @@ use std::path::Path;
 use dbc::scenario_clock::ScenarioClock;
 use judge::{Circumstances, judge};
 use recording::capture::{Capture, Watch};
-use recording::timeline::decode_loops;
-use rig::loops::load;
-use rig::setup::Setup;
+use recording::timeline::decode;
+use rig::plan::Plan;
 use worlds::catalogue::catalogue;
-use worlds::lockstep::simulate_loops;
+use worlds::lockstep::simulate;
 
 use canrig_benches::limit;
 use gungraun::prelude::*;
@@ -30,7 +29,7 @@ const SCENARIO: &str = "schema = 2\nname = \"bench\"\nrig = \"rig.toml\"\ndurati
     [controller.all.pid]\ncurrent_amperes_min = -1.0\n";
 
 /// A rig with so many DC motors, each of which follows a sine.
-fn loops(drives: u8) -> Vec<Setup> {
+fn loops(drives: u8) -> Plan {
     let (mut rig, mut scenario) = (RIG.to_owned(), SCENARIO.to_owned());
     for number in 0..drives {
         let node_id = 0x10 + number;
@@ -49,7 +48,7 @@ fn loops(drives: u8) -> Vec<Setup> {
     fs::write(folder.join("rig.toml"), rig).expect("and files");
     let path = folder.join("scenario.toml");
     fs::write(&path, scenario).expect("and files");
-    load(&path, catalogue()).expect("it is valid")
+    Plan::load(&path, catalogue()).expect("it is valid")
 }
 
 /// Instructions of the joint with two wires: three per cent more than were counted, which was 2.13 times what a campaign with one
@@ -57,7 +56,7 @@ fn loops(drives: u8) -> Vec<Setup> {
 const PAIR_INSTRUCTIONS_PER_CYCLE_MAX: u64 = 47_270;
 
 /// The joint with two wires, which ships, under its law along a sine: two drives on one plant in one loop.
-fn pair() -> Vec<Setup> {
+fn pair() -> Plan {
     let rig = include_str!("../../scenarios/rigs/sma_pair.toml");
     let rig = rig.replace(
         "sync_period_milliseconds = 2.0",
@@ -71,21 +70,19 @@ fn pair() -> Vec<Setup> {
     fs::write(folder.join("rig.toml"), rig).expect("and files");
     let path = folder.join("scenario.toml");
     fs::write(&path, scenario).expect("and files");
-    load(&path, catalogue()).expect("it is valid")
+    Plan::load(&path, catalogue()).expect("it is valid")
 }
 
 /// Plays and judges the loops; how many cycles each had.
-fn played(setups: &[Setup]) -> Vec<usize> {
+fn played(plan: &Plan) -> Vec<usize> {
     let watch = Watch::default();
-    let clock = ScenarioClock::new(&setups[0].database).expect("the bus has a SYNC");
+    let clock = ScenarioClock::new(plan.database()).expect("the bus has a SYNC");
     let mut capture = Capture::in_memory(clock, &watch);
-    simulate_loops(setups, &mut capture).expect("they are played");
+    simulate(plan, &mut capture).expect("they are played");
     let (frames, _) = capture.finish().expect("the memory suffices");
-    let timelines = decode_loops(&frames, setups).expect("they are decoded");
-    let cycles = timelines.iter().zip(setups).map(|(timeline, setup)| {
-        black_box(judge(timeline, setup, &Circumstances::default()));
-        timeline.cycle.len()
-    });
+    let timelines = decode(&frames, plan).expect("they are decoded");
+    black_box(judge(plan, &timelines, &Circumstances::default()));
+    let cycles = timelines.iter().map(|timeline| timeline.cycle.len());
     cycles.collect()
 }
 
@@ -107,8 +104,8 @@ fn limit_of(place: usize) -> gungraun::LibraryBenchmarkConfig {
 #[bench::four_cycles_4000(args = (loops(4)), teardown = check, config = limit_of(2))]
 #[bench::eight_cycles_4000(args = (loops(8)), teardown = check, config = limit_of(3))]
 #[bench::pair_cycles_4000(args = (pair()), teardown = check, config = limit(CYCLES * PAIR_INSTRUCTIONS_PER_CYCLE_MAX))]
-fn loops_in_memory(setups: Vec<Setup>) -> Vec<usize> {
-    black_box(played(&setups))
+fn loops_in_memory(plan: Plan) -> Vec<usize> {
+    black_box(played(&plan))
 }
 
 library_benchmark_group!(name = several, benchmarks = [loops_in_memory]);

@@ -8,7 +8,7 @@ use recording::run_folder::write_new;
 use rig::named_nodes::{NodeSheet, node_sheets};
 use runner::console::{print, print_error};
 use runner::exit::Exit;
-use runner::named::setups_of;
+use runner::named::plan_of;
 
 /// Arguments of `eds`.
 #[derive(Args, Debug)]
@@ -24,11 +24,11 @@ pub(crate) struct EdsArgs {
 /// Writes the EDS of each node, and prints which it wrote.
 #[must_use]
 pub(crate) fn eds(args: &EdsArgs) -> Exit {
-    let setups = match setups_of(&args.rig) {
-        Ok(setups) => setups,
+    let plan = match plan_of(&args.rig) {
+        Ok(plan) => plan,
         Err(exit) => return exit,
     };
-    for sheet in node_sheets(&setups) {
+    for sheet in node_sheets(&plan) {
         let path = args.to.join(sheet.file_name());
         if let Err(error) = write(&path, &sheet) {
             print_error(&format!("canrig: {}", explain(&path, &error)));

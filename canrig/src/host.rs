@@ -14,21 +14,17 @@ use platform::real_time::{RunError, RunReport};
 use platform::scheduling::Scheduling;
 use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
-use scenario::loops::Loops;
-use scenario::{ControllerView, Scenario, ScenarioError, read_text, without_colours};
+use scenario::{ScenarioError, without_colours};
 
 use recording::latency::{NodeReport, Quantiles};
-use rig::FILE_BYTES_MAX;
 use rig::external::External;
+use rig::plan::Plan;
 use rig::rig_file::LoadedRig;
-use rig::setup::Setup;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::catalogue::catalogue;
 use worlds::names::emulator_names;
-use worlds::nodes::{
-    controller, controller_of, faulty_controller, on_rigs, plant_emulator, plant_emulator_of,
-};
+use worlds::nodes::{controller_of, controller_views, faulty_controller, plant_emulator};
 
 /// Arguments of `node`.
 #[derive(Args, Debug)]
@@ -77,7 +73,7 @@ struct Failure {
 
 impl Failure {
     /// The node cannot be set up, so nothing begins.
-    fn of_setup(error: impl ToString) -> Self {
+    fn of_plan(error: impl ToString) -> Self {
         Self::new(Exit::CannotStart, error)
     }
 
@@ -111,46 +107,22 @@ impl From<RunError> for Failure {
     }
 }
 
+/// The plan that this node has a part in, on the rig that the arguments name.
+fn plan_of(args: &NodeArgs) -> Result<Plan, Failure> {
+    let plan = Plan::load(&args.scenario, catalogue()).map_err(Failure::of_file)?;
+    let rig = args.rig.as_deref().map(LoadedRig::load).transpose();
+    Ok(match rig.map_err(Failure::of_plan)? {
+        Some(rig) => plan.on(Some(&Arc::new(rig)), &External::default().with_drive()),
+        None => plan,
+    })
+}
+
 /// The controller's process.
 fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
-    if is_of_loops(args)? {
-        return hosted_controller_of_loops(args);
-    }
-    let view = ControllerView::load(&args.scenario).map_err(Failure::of_file)?;
-    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_file)?;
-    let rig = args
-        .rig
-        .as_deref()
-        .map(LoadedRig::load)
-        .transpose()
-        .map_err(Failure::of_setup)?
-        .map(Arc::new);
-    // Faults begin by the statusword of the drive, wherever that is.
-    let setup = Setup::new(scenario, catalogue());
-    let setup = match &rig {
-        Some(rig) => setup.on(Some(Arc::clone(rig)), External::default().with_drive()),
-        None => setup,
-    };
-    let make = move || controller(&view, rig.as_deref());
-    faulty_controller(make, &[setup], is_of_process(args)).map_err(Failure::of_setup)
-}
-
-/// Whether the scenario is one of several loops.
-fn is_of_loops(args: &NodeArgs) -> Result<bool, Failure> {
-    let text = read_text(&args.scenario, FILE_BYTES_MAX).map_err(Failure::of_setup)?;
-    Ok(Loops::is_meant(&text))
-}
-
-fn setups_of_loops(args: &NodeArgs) -> Result<Vec<Setup>, Failure> {
-    rig::loops::load(&args.scenario, catalogue()).map_err(Failure::of_file)
-}
-
-fn hosted_controller_of_loops(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
-    let views = Loops::load_view(&args.scenario).map_err(Failure::of_file)?;
-    let setups = setups_of_loops(args)?;
-    let views = on_rigs(views.loops, &setups);
+    let plan = plan_of(args)?;
+    let views = controller_views(&plan);
     let make = move || controller_of(&views);
-    faulty_controller(make, &setups, is_of_process(args)).map_err(Failure::of_setup)
+    faulty_controller(make, &plan, is_of_process(args)).map_err(Failure::of_plan)
 }
 
 /// What happens to a process in real time is done to it from outside.
@@ -160,19 +132,15 @@ fn is_of_process(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
 }
 
 fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
-    if is_of_loops(args)? {
-        let setups = setups_of_loops(args)?;
-        let names = emulator_names(&setups);
-        // The only plant of a rig has no name of its own.
-        let only = names.first().copied().unwrap_or_default();
-        let plant = args.plant.as_deref().unwrap_or(only);
-        if !names.contains(&plant) {
-            return Err(Failure::of_setup(format!("there is no plant `{plant}`")));
-        }
-        return plant_emulator_of(&setups, plant).map_err(Failure::of_setup);
+    let plan = plan_of(args)?;
+    let names = emulator_names(&plan.loops);
+    // The only plant of a rig has no name of its own.
+    let only = names.first().copied().unwrap_or_default();
+    let plant = args.plant.as_deref().unwrap_or(only);
+    if !names.contains(&plant) {
+        return Err(Failure::of_plan(format!("there is no plant `{plant}`")));
     }
-    let scenario = Scenario::load(&args.scenario).map_err(Failure::of_file)?;
-    plant_emulator(&scenario).map_err(Failure::of_setup)
+    plant_emulator(&plan, plant).map_err(Failure::of_plan)
 }
 
 /// Runs one node as this process: what the hidden subcommand `node` does.
@@ -253,6 +221,6 @@ fn run_on_bus(node: &mut dyn Node, args: &NodeArgs, fifo: Fifo) -> Result<(), Fa
             print(&serde_json::to_string(&report).map_err(Failure::of_bus)?);
             Ok(())
         }
-        (None, None) => Err(Failure::of_setup("a node needs --bus or --lockstep")),
+        (None, None) => Err(Failure::of_plan("a node needs --bus or --lockstep")),
     }
 }

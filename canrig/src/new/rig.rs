@@ -57,7 +57,7 @@ fn files(name: &str) -> [(String, String); 2] {
 mod tests {
     use std::fs;
 
-    use rig::loops::load;
+    use rig::plan::Plan;
     use scenario::rig::nodes::Rig;
     use worlds::catalogue::catalogue;
 
@@ -77,8 +77,8 @@ mod tests {
         let said = written(&args).unwrap();
         assert!(said.contains("deep/down/gantry_steps.toml"), "{said}");
         let folder = folder.path().join("deep/down");
-        let loops = load(&folder.join("gantry_steps.toml"), catalogue()).unwrap();
-        assert_eq!(loops.len(), 2);
+        let plan = Plan::load(&folder.join("gantry_steps.toml"), catalogue()).unwrap();
+        assert_eq!(plan.loops.len(), 2);
         let rig = fs::read_to_string(folder.join("gantry.toml")).unwrap();
         assert_eq!(Rig::parse(&rig, "gantry.toml").unwrap().name, "gantry");
         assert!(!rig.contains("my_"), "{rig}");

@@ -26,7 +26,7 @@ use platform::stop::StopSignal;
 use rig::data_sheet::DataSheetError;
 use rig::named_nodes::NamedNodes;
 use runner::exit::Exit;
-use runner::named::setups_of;
+use runner::named::plan_of;
 use scenario::TIME_SECONDS_MAX;
 
 /// The bus that a tool joins.
@@ -81,8 +81,8 @@ impl NamesArgs {
         let Some(path) = &self.rig else {
             return Ok(NamedNodes::shipped());
         };
-        let setups = setups_of(path).map_err(ToolError::Printed)?;
-        Ok(NamedNodes::of(&setups)?)
+        let plan = plan_of(path).map_err(ToolError::Printed)?;
+        Ok(NamedNodes::of(&plan)?)
     }
 }
 

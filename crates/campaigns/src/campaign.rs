@@ -14,7 +14,7 @@ use judge::verdict::Verdict;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::timeline::{self, Timeline};
-use rig::setup::Setup;
+use rig::plan::{Plan, Shared};
 use runner::console::RunsBar;
 use runner::observer::observed;
 use runner::run;
@@ -38,8 +38,8 @@ pub struct Campaign {
 pub struct CampaignRun<'a> {
     /// Its place in the campaign.
     pub index: usize,
-    /// The loops that were played.
-    pub setups: &'a [Setup],
+    /// What was played.
+    pub plan: &'a Plan,
     /// What was on the bus.
     pub frames: &'a Frames,
     /// The same, decoded for each loop.
@@ -55,7 +55,7 @@ impl CampaignRun<'_> {
     /// Never: every scenario has a loop.
     #[must_use]
     pub fn scenario(&self) -> &Scenario {
-        &self.setups[0].scenario
+        &self.plan.leading().scenario
     }
 
     /// The signals of the loop, or of the first of several.
@@ -133,35 +133,22 @@ impl Campaign {
         }
     }
 
-    /// Plays the scenarios and keeps of each run what `reduce` returns; in the order of the scenarios, however many
-    /// threads there are. Scenarios are drawn when a thread is free. A run that panics has failed, and the others go on.
+    /// Plays the plans and keeps of each run what `reduce` returns; in their order, however many threads there are. Plans are made
+    /// when a thread is free. A run that panics has failed, and the others go on.
     ///
     /// # Errors
     /// The user stopped it.
     pub fn play<T: Send>(
         &self,
-        scenarios: impl Iterator<Item = Scenario> + Send,
+        plans: impl Iterator<Item = Plan> + Send,
         reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
     ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
-        self.play_loops(scenarios.map(of_one_loop), reduce)
-    }
-
-    /// As [`Campaign::play`], for scenarios of one loop or of several.
-    ///
-    /// # Errors
-    /// As [`Campaign::play`].
-    pub fn play_loops<T: Send>(
-        &self,
-        scenarios: impl Iterator<Item = Vec<Setup>> + Send,
-        reduce: impl Fn(&CampaignRun<'_>) -> T + Sync,
-    ) -> Result<Vec<Result<T, FailedRun>>, Interrupted> {
-        let bar = RunsBar::new(scenarios.size_hint().1, self.is_shown);
+        let bar = RunsBar::new(plans.size_hint().1, self.is_shown);
         let mut results = Vec::new();
-        let work = |(index, setups): &(usize, Vec<Setup>), watch: &Watch| {
-            play_one(*index, setups, watch, &reduce)
-        };
-        let on_result = |(index, setups): (usize, Vec<Setup>), result: Result<T, NoResult>| {
-            let Scenario { name, seed, .. } = &setups[0].scenario;
+        let work =
+            |(index, plan): &(usize, Plan), watch: &Watch| play_one(*index, plan, watch, &reduce);
+        let on_result = |(index, plan): (usize, Plan), result: Result<T, NoResult>| {
+            let Shared { name, seed, .. } = &plan.shared;
             results.push(result.map_err(|reason| FailedRun {
                 index,
                 name: name.clone(),
@@ -170,7 +157,7 @@ impl Campaign {
             }));
             Ok::<(), std::convert::Infallible>(())
         };
-        match self.each(scenarios.enumerate(), &bar, work, on_result) {
+        match self.each(plans.enumerate(), &bar, work, on_result) {
             Ok(()) => Ok(results),
             Err(Stopped::Interrupted) => Err(Interrupted),
         }
@@ -221,41 +208,37 @@ impl Campaign {
     }
 }
 
-/// The loops of a scenario of one drive.
+/// The plan of a scenario of one drive.
 #[must_use]
-pub fn of_one_loop(scenario: Scenario) -> Vec<Setup> {
-    vec![Setup::new(scenario, catalogue())]
+pub fn of_one_loop(scenario: Scenario) -> Plan {
+    Plan::new(scenario, catalogue())
 }
 
-/// Plays the loops of a scenario in virtual time and keeps of it what `reduce` returns.
+/// Plays a plan in virtual time and keeps of it what `reduce` returns.
 ///
 /// # Errors
 /// The rig's DBC lacks a signal, or the machine failed: then nothing is known of the run.
-///
-/// # Panics
-/// There is no loop.
 pub fn play_one<T>(
     index: usize,
-    setups: &[Setup],
+    plan: &Plan,
     watch: &Watch,
     reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, NoResult> {
     let fault = |error: &(dyn Error + 'static)| NoResult::of(error);
-    let clock = ScenarioClock::new(&setups[0].database).map_err(|error| fault(&error))?;
+    let clock = ScenarioClock::new(plan.database()).map_err(|error| fault(&error))?;
     let mut capture = Capture::in_memory(clock, watch);
-    let ended = lockstep::simulate_loops(setups, &mut capture).map(Played::in_virtual_time);
+    let ended = lockstep::simulate(plan, &mut capture).map(Played::in_virtual_time);
     if let Err(error) = &ended
         && let machine @ NoResult::Machine(_) = fault(error)
     {
         return Err(machine);
     }
     let (frames, unrecorded) = capture.finish().map_err(|error| fault(&error))?;
-    let timelines = timeline::decode_loops(&frames, setups).map_err(|error| fault(&error))?;
-    let verdicts = run::verdicts(&ended, &timelines, setups, &unrecorded);
-    let verdict = judge::whole(setups, verdicts);
+    let timelines = timeline::decode(&frames, plan).map_err(|error| fault(&error))?;
+    let verdict = run::verdict(&ended, &timelines, plan, &unrecorded);
     Ok(reduce(&CampaignRun {
         index,
-        setups,
+        plan,
         frames: &frames,
         timelines: &timelines,
         verdict: &verdict,
@@ -284,7 +267,7 @@ mod tests {
     use super::*;
 
     /// Seven short runs, the first ones the longest, so that they do not end in order.
-    fn scenarios() -> impl Iterator<Item = Scenario> {
+    fn plans() -> impl Iterator<Item = Plan> {
         (0..7_u32).map(|number| {
             let (seconds, position) = (0.8 - 0.1 * f64::from(number), number + 1);
             let text = format!(
@@ -292,7 +275,8 @@ mod tests {
                  [plant.sensor]\nnoise_millimetres_rms = 0.05\n\
                  [[reference.step]]\nat_seconds = 0.0\nposition_millimetres = {position}\n"
             );
-            Scenario::parse(&text, "run.toml", |_| unreachable!("no table")).unwrap()
+            let scenario = Scenario::parse(&text, "run.toml", |_| unreachable!("no table"));
+            of_one_loop(scenario.unwrap())
         })
     }
 
@@ -306,7 +290,7 @@ mod tests {
     #[test]
     fn results_come_in_order_and_do_not_depend_on_the_number_of_threads() {
         let play = |threads| {
-            let verdicts = campaign(threads).play(scenarios(), |played| {
+            let verdicts = campaign(threads).play(plans(), |played| {
                 (played.index, played.frames.len(), played.verdict.to_json())
             });
             verdicts.unwrap()
@@ -326,7 +310,7 @@ mod tests {
     #[test]
     fn a_run_that_panics_is_named_and_the_others_go_on() {
         let results = campaign(2)
-            .play(scenarios(), |played| {
+            .play(plans(), |played| {
                 assert!(played.index != 2, "the third cannot be reduced");
                 played.index
             })

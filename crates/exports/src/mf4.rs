@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use recording::frames::Frames;
-use recording::timeline::{self, OfLoop, Series};
+use recording::timeline::{self, Series, Timeline};
 use recording::work::Way;
 
 /// Where the header block has its place.
@@ -34,11 +34,11 @@ const PATH_SEPARATOR: u16 = b'.' as u16;
 /// The output does not take it.
 pub fn write(
     output: impl Write,
-    loops: &[OfLoop<'_>],
+    timelines: &[Timeline],
     frames: &Frames,
     start: Duration,
 ) -> io::Result<()> {
-    write_file(output, &signals(loops), frames, start)
+    write_file(output, &signals(timelines), frames, start)
 }
 
 fn write_file(
@@ -71,17 +71,19 @@ struct Signal<'a> {
 }
 
 /// All of them, of which the first is the time.
-fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<Signal<'a>> {
-    let time = loops.first().map(|(_, timeline)| Signal {
+fn signals(timelines: &[Timeline]) -> Vec<Signal<'_>> {
+    let time = timelines.first().map(|timeline| Signal {
         name: "time".to_owned(),
         unit: "s",
         values: &timeline.time_seconds,
     });
-    let others = timeline::signals(loops).into_iter().map(|signal| Signal {
-        name: signal.name,
-        unit: signal.unit,
-        values: signal.values,
-    });
+    let others = timeline::signals(timelines)
+        .into_iter()
+        .map(|signal| Signal {
+            name: signal.name,
+            unit: signal.unit,
+            values: signal.values,
+        });
     time.into_iter().chain(others).collect()
 }
 

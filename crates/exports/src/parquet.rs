@@ -10,7 +10,7 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use recording::timeline::{self, OfLoop, blocks};
+use recording::timeline::{self, Timeline, blocks};
 use recording::work::Way;
 
 pub use parquet::errors::ParquetError;
@@ -105,11 +105,14 @@ const GROUP_ROWS: usize = 1 << 20;
 ///
 /// # Errors
 /// The library or the output refuses.
-pub fn write_signals(output: impl Write + Send, loops: &[OfLoop<'_>]) -> Result<(), ParquetError> {
-    let Some((_, timeline)) = loops.first() else {
+pub fn write_signals(
+    output: impl Write + Send,
+    timelines: &[Timeline],
+) -> Result<(), ParquetError> {
+    let Some(timeline) = timelines.first() else {
         return Ok(());
     };
-    let signals = timeline::signals(loops);
+    let signals = timeline::signals(timelines);
     let time = ("time_seconds", &*timeline.time_seconds);
     let signals = signals
         .iter()

@@ -1,7 +1,7 @@
 //! Gain, phase and offset of the position against the set-point over the frequency of each chirp.
 
 use recording::timeline::Timeline;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 use scenario::events::{JudgedChirp, Window};
 
 use crate::circumstances::Circumstances;
@@ -32,10 +32,10 @@ pub struct FrequencyPoint {
 
 /// The response to each chirp of the scenario; where the drive was silent, points are missing.
 #[must_use]
-pub fn frequency_responses(timeline: &Timeline, setup: &Setup) -> Vec<FrequencyResponse> {
+pub fn frequency_responses(timeline: &Timeline, own: &ControlLoop) -> Vec<FrequencyResponse> {
     let circumstances = Circumstances::default();
-    let evidence = Evidence::new(timeline, setup, &circumstances);
-    let chirps = setup.scenario.judged_chirps();
+    let evidence = Evidence::new(timeline, own, &circumstances);
+    let chirps = own.scenario.judged_chirps();
     chirps
         .iter()
         .map(|chirp| response(&evidence, chirp).flatten().collect())

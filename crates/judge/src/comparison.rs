@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::iter;
 
 use crate::verdict::{Metric, Verdict};
-use recording::timeline::{OfLoop, Series, Timeline};
+use recording::timeline::{Series, Timeline};
 use recording::work::Way;
 use shared::{Shared, SignalDeviation, outside};
 use tolerance::SET_POINT;
@@ -31,11 +31,11 @@ pub const SIGNAL_WAYS: u64 = 4;
 /// A run has no loop.
 pub fn compare_runs(
     tolerances: &Tolerances<'_>,
-    (a, a_verdict): (&[OfLoop<'_>], &Verdict),
-    (b, b_verdict): (&[OfLoop<'_>], &Verdict),
+    (a, a_verdict): (&[Timeline], &Verdict),
+    (b, b_verdict): (&[Timeline], &Verdict),
 ) -> Comparison {
     // Its loops share the cycles of a run.
-    let (one, other) = (a[0].1, b[0].1);
+    let (one, other) = (&a[0], &b[0]);
     let shared = Shared::of(one, other);
     let mut remarks = shared.remarks(one, other);
     if one.period_seconds != other.period_seconds {
@@ -47,13 +47,13 @@ pub fn compare_runs(
     remarks.extend(remark_on_loops(a, b));
     let is_whole = remarks.is_empty();
     let mut signals = Vec::new();
-    let of_loops = a.iter().map(|(_, timeline)| timeline.columns.len() as u64);
+    let of_loops = a.iter().map(|timeline| timeline.columns.len() as u64);
     let way = |_| Way::new(of_loops.clone().sum());
     let mut ways = Vec::from_iter((0..SIGNAL_WAYS).map(way));
-    for (name, one) in a {
-        if let Some((_, other)) = b.iter().find(|(other, _)| other == name) {
+    for one in a {
+        if let Some(other) = b.iter().find(|other| other.loop_name == one.loop_name) {
             let done = || ways.iter_mut().for_each(|way| way.go(1));
-            let of_loop = signals_of_loop(tolerances, &shared, name, [*one, *other], done);
+            let of_loop = signals_of_loop(tolerances, &shared, [one, other], done);
             signals.extend(of_loop);
         }
     }
@@ -71,9 +71,9 @@ pub fn compare_runs(
 }
 
 /// What is wrong if the runs have not the same loops.
-fn remark_on_loops(a: &[OfLoop<'_>], b: &[OfLoop<'_>]) -> Option<String> {
+fn remark_on_loops(a: &[Timeline], b: &[Timeline]) -> Option<String> {
     let [a, b] = [a, b].map(|loops| {
-        let names = loops.iter().map(|(prefix, _)| prefix.trim_end_matches('.'));
+        let names = loops.iter().map(|timeline| timeline.loop_name.as_str());
         Vec::from_iter(names).join(", ")
     });
     let words = |names: &str| match names {
@@ -90,15 +90,15 @@ fn remark_on_loops(a: &[OfLoop<'_>], b: &[OfLoop<'_>]) -> Option<String> {
 fn signals_of_loop(
     tolerances: &Tolerances<'_>,
     shared: &Shared,
-    prefix: &str,
     [a, b]: [&Timeline; 2],
     mut done: impl FnMut(),
 ) -> Vec<SignalDifference> {
+    let prefix = &a.prefix();
     let (a_set_point, b_set_point) = (&a.set_point_millimetres, &b.set_point_millimetres);
     let set_point_name = a.unit.rename(SET_POINT);
     let set_point = signal(
         tolerances,
-        (prefix, set_point_name.as_str(), a.unit.symbol()),
+        (prefix.as_str(), set_point_name.as_str(), a.unit.symbol()),
         shared,
         a_set_point,
         b_set_point,
@@ -106,7 +106,7 @@ fn signals_of_loop(
     let mut signals = vec![set_point];
     for column in &a.columns {
         if let Some(other) = b.column(&column.name) {
-            let what = (prefix, column.name.as_str(), column.unit.as_str());
+            let what = (prefix.as_str(), column.name.as_str(), column.unit.as_str());
             let none;
             let other = match column.is_used() == other.is_used() {
                 true => &other.values,
@@ -193,32 +193,35 @@ fn value(metrics: &[Metric], name: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use std::slice;
+
     use super::*;
     use crate::tests::{frames, scenario};
     use recording::timeline::decode;
     use rig::catalogue::Catalogue;
-    use rig::setup::Setup;
+    use rig::plan::Plan;
 
     #[test]
     fn runs_of_different_length_do_not_agree() {
-        let setup = Setup::new(scenario(""), &Catalogue::shipped());
-        let whole = decode(frames(500, |_| Some(10.0)), &setup).unwrap();
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let timelines = decode(frames(500, |_| Some(10.0)), &plan).unwrap();
+        let whole = &timelines[0];
         let verdict = Verdict::incomplete("compared", 1, "");
         let tolerances = Tolerances {
             given: &[],
             time_seconds: 0.0,
-            scales: vec![Scale::of(&setup)],
+            scales: vec![Scale::of(plan.leading())],
         };
-        let compared = |a, b| {
-            let [a, b] = [a, b].map(|timeline| [(String::new(), timeline)]);
-            compare_runs(&tolerances, (&a, &verdict), (&b, &verdict))
+        let compared = |a: &Timeline, b: &Timeline| {
+            let [a, b] = [a, b].map(slice::from_ref);
+            compare_runs(&tolerances, (a, &verdict), (b, &verdict))
         };
-        let same = compared(&whole, &whole);
+        let same = compared(whole, whole);
         assert_eq!((same.agrees, same.remarks.len()), (true, 0));
         // One cycle more or less is no difference, half of the run is.
         let (shorter, half) = (whole.before(0.498), whole.before(0.25));
-        assert!(compared(&whole, &shorter).agrees);
-        for (a, b) in [(&whole, &half), (&half, &whole)] {
+        assert!(compared(whole, &shorter).agrees);
+        for (a, b) in [(whole, &half), (&half, whole)] {
             let different = compared(a, b);
             assert!(!different.agrees);
             let remark = &different.remarks[0];

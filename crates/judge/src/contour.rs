@@ -16,9 +16,9 @@ const SEARCH_SECONDS: f64 = 0.5;
 /// The path is the line through the set-points of the cycles. The error of a sample is the distance of the measured point from
 /// the nearest point of the path: an axis that is late on a path makes none as long as it stays on it.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let own = evidence.setup.loop_name.as_ref().map(|names| &names.name);
-    let contours = evidence.setup.contours.iter();
-    let contours = contours.filter(|contour| own.is_some() && contour.loops.first() == own);
+    let own = evidence.own.name();
+    let is_first = |contour: &&Contour| contour.loops.first().is_some_and(|name| name == own);
+    let contours = evidence.contours.iter().filter(is_first);
     let rows = contours.flat_map(|contour| {
         let axes = contour
             .loops
@@ -38,8 +38,7 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     let window = window(contour, end_seconds);
     let unseen = axes.iter().find_map(|axis| {
         let absence = axis.seen(window).err()?;
-        let names = axis.setup.loop_name.as_ref()?;
-        Some((axis, absence.of(&names.name)))
+        Some((axis, absence.of(axis.own.name())))
     });
     let (axis, values) = match unseen {
         _ if window.from_seconds >= window.until_seconds => {

@@ -6,11 +6,12 @@ use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Way;
-use rig::setup::Setup;
+use rig::plan::Plan;
 
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
 use crate::excuse::{Excuse, MISSED_CYCLES};
+use crate::loops::whole;
 use crate::metric::{Metric, leave_open, not_judged};
 use crate::metrics::metrics;
 use crate::misses::excuse_of_end;
@@ -33,35 +34,23 @@ const TRAFFIC_METRICS: [&str; 3] = [BUS_LOAD, "sync_interval_milliseconds_max", 
 /// More than any bus carries: 100 %, and some room for the stamps of short recordings.
 const LOAD_PERCENT_MAX: f64 = 101.0;
 
-/// Judges a run of one loop.
+/// Judges a run by the timelines of its loops. It takes as long as a way through the frames.
 #[must_use]
-pub fn judge(timeline: &Timeline, setup: &Setup, circumstances: &Circumstances) -> Verdict {
-    judged(&Evidence::new(timeline, setup, circumstances))
-}
-
-/// Judges each of the loops that were played at once. The contours stand among the rows of their first loop. It takes as long as a
-/// way through the frames.
-#[must_use]
-pub fn judge_loops(
-    setups: &[Setup],
-    timelines: &[Timeline],
-    circumstances: &Circumstances,
-) -> Vec<Verdict> {
-    let loops = Vec::from_iter(setups.iter().zip(timelines));
-    let evidence = loops
-        .iter()
-        .map(|(setup, timeline)| Evidence::new(timeline, setup, circumstances).among(&loops));
+pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances) -> Verdict {
+    let loops = Vec::from_iter(plan.loops.iter().zip(timelines));
     let mut way = Way::new(loops.len() as u64);
-    let verdicts = evidence.map(|evidence| {
-        let verdict = judged(&evidence);
+    let verdicts = loops.iter().map(|(own, timeline)| {
+        let evidence = Evidence::new(timeline, own, circumstances);
+        let verdict = judge_loop(plan, &evidence.among(&plan.shared.contours, &loops));
         way.go(1);
         verdict
     });
-    verdicts.collect()
+    whole(plan, verdicts.collect())
 }
 
-fn judged(evidence: &Evidence<'_>) -> Verdict {
-    let (setup, circumstances) = (evidence.setup, evidence.circumstances);
+/// The verdict of one loop. The contours are among the rows of their first loop.
+fn judge_loop(plan: &Plan, evidence: &Evidence<'_>) -> Verdict {
+    let circumstances = evidence.circumstances;
     let mut metrics = metrics(evidence);
     let (outcome, reason) = match &circumstances.ended_early {
         None => decide(evidence, &mut metrics),
@@ -87,7 +76,7 @@ fn judged(evidence: &Evidence<'_>) -> Verdict {
             .into_iter()
             .chain(losses(evidence))
             .collect(),
-        ..Verdict::incomplete_of(setup, "")
+        ..Verdict::incomplete_of(plan, "")
     }
 }
 
@@ -142,7 +131,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
         None => None,
     };
     let is_failed = |metric: &Metric| metric.passed == Some(false);
-    if let Some(reason) = cut_short(evidence.timeline, evidence.setup) {
+    if let Some(reason) = cut_short(evidence.timeline, evidence.own) {
         (Outcome::Incomplete, Some(reason))
     } else if metrics.iter().any(is_failed) {
         (Outcome::Fail, None)

@@ -7,10 +7,11 @@ use dbc::signals::{POSITION, TRUE_POSITION, TRUTH_MESSAGES};
 use recording::ending::EndedBy;
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::Limit;
+use scenario::loops::Contour;
 
 use crate::circumstances::Circumstances;
 use crate::metric::Metric;
@@ -18,14 +19,16 @@ use crate::misses::Misses;
 use crate::quality::reaches;
 
 /// One of several loops.
-pub(crate) type RecordedLoop<'a> = (&'a Setup, &'a Timeline);
+pub(crate) type RecordedLoop<'a> = (&'a ControlLoop, &'a Timeline);
 
 /// What is judged, and by what.
 pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
-    pub(crate) setup: &'a Setup,
+    pub(crate) own: &'a ControlLoop,
     pub(crate) scenario: &'a Scenario,
     pub(crate) circumstances: &'a Circumstances,
+    /// The contours of the run.
+    pub(crate) contours: &'a [Contour],
     /// All loops that were played at once, where they are judged together.
     pub(crate) loops: &'a [RecordedLoop<'a>],
     misses: Rc<Misses<'a>>,
@@ -206,38 +209,40 @@ impl CycleSample {
 impl<'a> Evidence<'a> {
     pub(crate) fn new(
         timeline: &'a Timeline,
-        setup: &'a Setup,
+        own: &'a ControlLoop,
         circumstances: &'a Circumstances,
     ) -> Self {
-        let scenario = &setup.scenario;
+        let scenario = &own.scenario;
         let period = scenario.bus.sync_period();
         let message = POSITION.split('.').next().unwrap_or_default();
-        let silence = silence_seconds_max(message, period, &setup.database);
+        let silence = silence_seconds_max(message, period, &own.database);
         Self {
             timeline,
-            setup,
+            own,
             scenario,
             circumstances,
+            contours: &[],
             loops: &[],
-            misses: Rc::new(Misses::new(timeline, setup, circumstances)),
+            misses: Rc::new(Misses::new(timeline, own, circumstances)),
             position: timeline.position(),
             silence_seconds_max: silence,
         }
     }
 
-    /// The same beside other loops.
-    pub(crate) fn among(self, loops: &'a [RecordedLoop<'a>]) -> Self {
-        Self { loops, ..self }
+    /// The same among all loops of the run.
+    pub(crate) fn among(self, contours: &'a [Contour], loops: &'a [RecordedLoop<'a>]) -> Self {
+        Self {
+            contours,
+            loops,
+            ..self
+        }
     }
 
     /// That of one of the loops.
     pub(crate) fn of_loop(&self, name: &str) -> Option<Self> {
-        let is_named = |(setup, _): &&RecordedLoop<'_>| {
-            let names = setup.loop_name.as_ref();
-            names.is_some_and(|names| names.name == name)
-        };
-        let (setup, timeline) = self.loops.iter().find(is_named)?;
-        Some(Self::new(timeline, setup, self.circumstances).among(self.loops))
+        let mut loops = self.loops.iter();
+        let (own, timeline) = loops.find(|(own, _)| own.name() == name)?;
+        Some(Self::new(timeline, own, self.circumstances).among(self.contours, self.loops))
     }
 
     /// The cycles that were missed, and whose doing that was.
@@ -377,7 +382,7 @@ impl<'a> Evidence<'a> {
     /// The trace of a signal that was on the bus.
     pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Observation> {
         let path = self
-            .setup
+            .own
             .names()
             .find(name)
             .map_err(|error| Observation::none(error.to_string()))?;

@@ -1,6 +1,6 @@
 //! What a limit says in a run in which the machine stood still: nothing, where that explains the miss.
 
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 use scenario::port::Unit;
 
 use crate::evidence::{Evidence, RecordedLoop};
@@ -111,16 +111,17 @@ impl Excuse {
 
 /// What was measured until a time, as if the scenario ended there.
 fn metrics_before(evidence: &Evidence<'_>, seconds: f64) -> Vec<Metric> {
-    let before = |(setup, timeline): &RecordedLoop<'_>| {
-        let mut setup: Setup = (*setup).clone();
-        let until_seconds = seconds.min(setup.scenario.judged_end_seconds());
-        setup.scenario.expect.judged_until_seconds = Some(until_seconds);
-        (setup, timeline.before(seconds))
+    let before = |(own, timeline): &RecordedLoop<'_>| {
+        let mut own = ControlLoop::clone(own);
+        let until_seconds = seconds.min(own.scenario.judged_end_seconds());
+        own.scenario.expect.judged_until_seconds = Some(until_seconds);
+        (own, timeline.before(seconds))
     };
-    let (setup, timeline) = before(&(evidence.setup, evidence.timeline));
+    let (own, timeline) = before(&(evidence.own, evidence.timeline));
     let loops = Vec::from_iter(evidence.loops.iter().map(before));
-    let loops = Vec::from_iter(loops.iter().map(|(setup, timeline)| (setup, timeline)));
-    metrics(&Evidence::new(&timeline, &setup, evidence.circumstances).among(&loops))
+    let loops = Vec::from_iter(loops.iter().map(|(own, timeline)| (own, timeline)));
+    let evidence_before = Evidence::new(&timeline, &own, evidence.circumstances);
+    metrics(&evidence_before.among(evidence.contours, &loops))
 }
 
 /// Whether a limit was missed by what was on the bus before the first stall: by what is the same without all that came later,

@@ -1,6 +1,6 @@
 //! From a timeline to a verdict. Nothing but the recording counts.
 //!
-//! Comes in: a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Setup`](rig::setup::Setup) with the
+//! Comes in: a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Plan`](rig::plan::Plan) with the
 //! scenario's `[expect]`, and the [`Circumstances`]: frames that the recorder lost, who ended the run, where the machine was
 //! late; of a run in real time, what its host counted. Goes out: a [`Verdict`](verdict::Verdict): each metric beside its limit
 //! ([`metrics`]), the checks of signals and sequences, the losses, the [`Timing`](timing::Timing), and one
@@ -40,8 +40,8 @@ pub mod verdict;
 pub use chirp::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
 pub use circumstances::Circumstances;
 pub use contour::contour_errors;
-pub use decision::{judge, judge_loops};
-pub use loops::{expected_timing, limits, row_of_loop, whole};
+pub use decision::judge;
+pub use loops::{expected_timing, limits, row_of_loop};
 pub use quality::lost_frames;
 pub use steps::SETTLING_BAND;
 pub use timing_decision::judge_timing;

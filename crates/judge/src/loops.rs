@@ -1,7 +1,7 @@
 //! The verdict of several loops that were played at once.
 
 use recording::ending::EarlyEnd;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 use scenario::expect::{Expect, Limit};
 use scenario::loops::{BUS_METRICS, Contour};
 
@@ -12,50 +12,41 @@ use crate::verdict::{Outcome, Verdict};
 /// The name in the whole verdict of a row of one loop: rows of several loops begin with the loop's name, what all loops share
 /// stands once.
 #[must_use]
-pub fn row_of_loop(setup: &Setup, row: &str) -> String {
-    let is_timing = setup.scenario.expect.timing.rows().any(|name| name == row);
+pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
+    let is_timing = one.scenario.expect.timing.rows().any(|name| name == row);
     match is_timing || BUS_METRICS.contains(&row) {
         true => row.to_owned(),
-        false => format!("{}{row}", setup.prefix()),
+        false => format!("{}{row}", one.prefix()),
     }
 }
 
 /// The rows of a verdict that have limits, in their order, as far as they do not hang on the timing.
 #[must_use]
-pub fn limits(setups: &[Setup]) -> Vec<(String, Limit)> {
-    let of_loops = setups.iter().flat_map(|setup| {
-        let limits = metrics::limits(&setup.scenario).into_iter();
-        limits.map(|(row, limit)| (row_of_loop(setup, &row), limit))
+pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
+    let of_loops = plan.loops.iter().flat_map(|one| {
+        let limits = metrics::limits(&one.scenario).into_iter();
+        limits.map(|(row, limit)| (row_of_loop(one, &row), limit))
     });
-    let contours = setups.first().map(|setup| setup.contours.iter());
-    let contours = contours.into_iter().flatten().flat_map(Contour::rows);
+    let contours = plan.shared.contours.iter().flat_map(Contour::rows);
     let contours = contours.filter_map(|(row, limit)| Some((row, limit?)));
     of_loops.chain(contours).collect()
 }
 
 /// What is expected of the timing, which all loops share: that of the first loop of which anything is.
-///
-/// # Panics
-/// There is no loop.
 #[must_use]
-pub fn expected_timing(setups: &[Setup]) -> &Expect {
-    let mut expected = setups.iter().map(|setup| &setup.scenario.expect);
+pub fn expected_timing(plan: &Plan) -> &Expect {
+    let mut expected = plan.loops.iter().map(|one| &one.scenario.expect);
     let first = expected.find(|expect| !expect.timing.is_empty());
-    first.unwrap_or(&setups[0].scenario.expect)
+    first.unwrap_or(&plan.leading().scenario.expect)
 }
 
-/// The verdict of all loops, of that of each: that of the only one, or those of several joined.
-///
-/// # Panics
-/// There is no loop.
-#[must_use]
-pub fn whole(setups: &[Setup], verdicts: Vec<Verdict>) -> Verdict {
-    let names = setups.iter().filter_map(|setup| setup.loop_name.as_ref());
-    let names = Vec::from_iter(names.map(|names| names.name.clone()));
-    if names.is_empty() {
-        return verdicts.into_iter().next().expect("there is a loop");
+/// The verdict of a plan, of those of its loops: that of the only one, or those of several joined.
+pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
+    let names = Vec::from_iter(plan.loops.iter().map(|one| one.name().to_owned()));
+    if names == [""] {
+        return verdicts.into_iter().next().expect("one for each loop");
     }
-    let contours = setups[0].contours.iter().flat_map(Contour::rows);
+    let contours = plan.shared.contours.iter().flat_map(Contour::rows);
     let contours = Vec::from_iter(contours.map(|(row, _)| row));
     joined(names.into_iter().zip(verdicts).collect(), &contours)
 }

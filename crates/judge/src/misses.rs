@@ -8,7 +8,7 @@ use recording::ending::{EarlyEnd, EndedBy};
 use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use rig::external::{External, ExternalNode};
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 use scenario::events::Window;
 use scenario::fault::FaultWindow;
 
@@ -204,21 +204,21 @@ impl Totals {
 impl<'a> Misses<'a> {
     pub(crate) fn new(
         timeline: &'a Timeline,
-        setup: &Setup,
+        one: &ControlLoop,
         circumstances: &Circumstances,
     ) -> Self {
         let stretches = stretches(timeline, &circumstances.stalls);
         let mut misses = Self {
             timeline,
             prevailing: [None; 2],
-            due: due(timeline, setup, circumstances.ended_early.as_ref()),
+            due: due(timeline, one, circumstances.ended_early.as_ref()),
             stalls: Missing::BOTH
-                .map(|missing| Stalls::excusing(&stretches, missing, &setup.external)),
-            faults: setup.faults(),
+                .map(|missing| Stalls::excusing(&stretches, missing, &one.external)),
+            faults: one.faults(),
             totals: Totals::default(),
         };
         misses.totals = Totals::of(misses.all());
-        misses.prevailing = misses.prevailing(&setup.external);
+        misses.prevailing = misses.prevailing(&one.external);
         if misses.prevailing.iter().any(Option::is_some) {
             misses.totals = Totals::of(misses.all());
         }
@@ -362,13 +362,13 @@ fn missed(timeline: &Timeline, due: u64) -> impl Iterator<Item = (u64, Missing)>
 }
 
 /// The cycles that should have been played: all of them where the run was to go on, even if nobody sent a SYNC any more.
-fn due(timeline: &Timeline, setup: &Setup, ended_early: Option<&EarlyEnd>) -> u64 {
-    let scenario = &setup.scenario;
+fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -> u64 {
+    let scenario = &one.scenario;
     if timeline.zero_seconds.is_none() {
         return 0;
     }
     let was_to_go_on = match ended_early {
-        None => is_recorded_to_its_end(timeline, setup),
+        None => is_recorded_to_its_end(timeline, one),
         Some(end) => end.by == EndedBy::Node,
     };
     let cycles = scenario.judged_end_seconds() / timeline.period_seconds;
@@ -391,14 +391,14 @@ fn due(timeline: &Timeline, setup: &Setup, ended_early: Option<&EarlyEnd>) -> u6
 }
 
 /// Whether frames came until the scenario's end.
-pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, setup: &Setup) -> bool {
-    let is_sound = setup.scenario.fault.is_empty() && setup.faults_elsewhere.is_empty();
+pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> bool {
+    let is_sound = one.scenario.fault.is_empty() && one.faults_elsewhere.is_empty();
     let tolerance = match is_sound {
         true => END_PERIODS * timeline.period_seconds,
         false => FAULTY_END_SECONDS,
     };
     timeline.zero_seconds.is_some()
-        && timeline.last_frame_seconds + tolerance >= setup.scenario.duration_seconds
+        && timeline.last_frame_seconds + tolerance >= one.scenario.duration_seconds
 }
 
 /// The stalls in the time of the timeline.

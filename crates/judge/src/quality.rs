@@ -2,20 +2,20 @@
 
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 use crate::misses::{FAULTY_END_SECONDS, is_recorded_to_its_end};
 
 /// Why a recording that ends before its scenario decides nothing.
-pub(crate) fn cut_short(timeline: &Timeline, setup: &Setup) -> Option<String> {
+pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String> {
     let never_began = timeline.zero_seconds.is_none();
-    let is_whole = is_recorded_to_its_end(timeline, setup) || never_began && has_boot_fault(setup);
+    let is_whole = is_recorded_to_its_end(timeline, one) || never_began && has_boot_fault(one);
     (!is_whole).then(|| {
         let reached = match never_began {
             true => 0.0,
             false => timeline.last_frame_seconds,
         };
-        let planned = setup.scenario.duration_seconds;
+        let planned = one.scenario.duration_seconds;
         format!("the recording ends after {reached:.3} s of {planned} s")
     })
 }
@@ -27,8 +27,8 @@ pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
 }
 
 /// A fault with which the scenario need not begin.
-fn has_boot_fault(setup: &Setup) -> bool {
-    let windows = setup.faults();
+fn has_boot_fault(one: &ControlLoop) -> bool {
+    let windows = one.faults();
     windows.iter().any(|fault| fault.from_seconds.is_none())
 }
 

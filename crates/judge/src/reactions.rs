@@ -63,7 +63,7 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
     let period = evidence.scenario.bus.sync_period();
-    silence_seconds_max(TRUTH, period, &evidence.setup.database)
+    silence_seconds_max(TRUTH, period, &evidence.own.database)
 }
 
 fn silence_of(silence: Window) -> Absence {

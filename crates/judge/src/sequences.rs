@@ -207,7 +207,7 @@ mod tests {
     use recording::log::Stamped;
     use recording::timeline::decode;
     use rig::catalogue::Catalogue;
-    use rig::setup::Setup;
+    use rig::plan::Plan;
     use scenario::Scenario;
 
     use super::*;
@@ -255,10 +255,14 @@ mod tests {
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, &Catalogue::shipped());
-        let timeline = decode(frames, &setup).unwrap();
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let timelines = decode(frames, &plan).unwrap();
         let circumstances = crate::Circumstances::default();
-        let rows = metrics(&Evidence::new(&timeline, &setup, &circumstances));
+        let rows = metrics(&Evidence::new(
+            &timelines[0],
+            plan.leading(),
+            &circumstances,
+        ));
         let found: Vec<_> = rows
             .iter()
             .map(|row| {

@@ -8,7 +8,7 @@ use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
 use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::Scenario;
 
 use crate::metrics::limits;
@@ -60,8 +60,8 @@ pub(crate) fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<
 }
 
 fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
-    let setup = Setup::new(scenario.clone(), &Catalogue::shipped());
-    let timeline = decode(frames, &setup).unwrap();
+    let plan = Plan::new(scenario.clone(), &Catalogue::shipped());
+    let timelines = decode(frames, &plan).unwrap();
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
             frames_lost: lost,
@@ -69,7 +69,7 @@ fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
         },
         ..Circumstances::default()
     };
-    judge(&timeline, &setup, &circumstances)
+    judge(&plan, &timelines, &circumstances)
 }
 
 fn row<'a>(verdict: &'a Verdict, name: &str) -> &'a Metric {
@@ -179,9 +179,9 @@ fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
 #[test]
 fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
     let frames = follows_the_chirp(|_| 0.9);
-    let setup = Setup::new(chirp(""), &Catalogue::shipped());
-    let timeline = decode(&frames, &setup).unwrap();
-    let [points] = &crate::frequency_responses(&timeline, &setup)[..] else {
+    let plan = Plan::new(chirp(""), &Catalogue::shipped());
+    let timelines = decode(&frames, &plan).unwrap();
+    let [points] = &crate::frequency_responses(&timelines[0], plan.leading())[..] else {
         panic!("one chirp")
     };
     // 20 turns, of which the first is not judged.
@@ -380,11 +380,11 @@ fn what_is_judged_may_end_before_the_scenario_does() {
 
 #[test]
 fn what_the_bench_kept_from_being_seen_is_not_judged() {
-    let setup = Setup::new(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
+    let plan = Plan::new(scenario(&format!("{CRASH}{LIMITS}")), &Catalogue::shipped());
     let cut = dying_frames(990);
     let cut = &cut[..cut.len() / 2];
-    let timeline = decode(cut, &setup).unwrap();
-    let verdict = judge(&timeline, &setup, &Circumstances::default());
+    let timelines = decode(cut, &plan).unwrap();
+    let verdict = judge(&plan, &timelines, &Circumstances::default());
     assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
     assert_eq!(names(&verdict, None).len(), 7);
     assert_eq!(verdict.outcome, Outcome::Incomplete);
@@ -392,21 +392,21 @@ fn what_the_bench_kept_from_being_seen_is_not_judged() {
         ended_early: Some(EarlyEnd::without_node(EndedBy::Bench, "the bus went down")),
         ..Circumstances::default()
     };
-    let broken = judge(&timeline, &setup, &circumstances);
+    let broken = judge(&plan, &timelines, &circumstances);
     assert_eq!(names(&broken, Some(true)), [] as [&str; 0]);
     assert!(value(&broken, "missed_cycles_percent").is_some());
 }
 
 #[test]
 fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
-    let mut setup = Setup::new(scenario(""), &Catalogue::shipped());
+    let mut plan = Plan::new(scenario(""), &Catalogue::shipped());
     let frames = frames(4000, |_| Some(35.0));
     let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
                   recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
     let with_fault = scenario(&format!("{CRASH}[expect]\n{limits}"));
-    setup.scenario.expect = with_fault.expect;
-    let timeline = decode(&frames, &setup).unwrap();
-    let verdict = judge(&timeline, &setup, &Circumstances::default());
+    plan.loops[0].scenario.expect = with_fault.expect;
+    let timelines = decode(&frames, &plan).unwrap();
+    let verdict = judge(&plan, &timelines, &Circumstances::default());
     assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
     let unseen = ["current_zero_within_milliseconds", "safe_state"];
     assert_eq!(names(&verdict, None), unseen);
@@ -675,8 +675,8 @@ fn beside_a_stall(
 ) -> Verdict {
     let is_missed = |cycle| missed.contains(&cycle);
     let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
-    let setup = Setup::new(scenario(added), &Catalogue::shipped());
-    let timeline = decode(frames(4000, position), &setup).unwrap();
+    let plan = Plan::new(scenario(added), &Catalogue::shipped());
+    let timelines = decode(frames(4000, position), &plan).unwrap();
     // The scenario begins at 1 ms.
     let (from, until) = (
         Duration::from_millis(1 + stall.0),
@@ -686,7 +686,7 @@ fn beside_a_stall(
         stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
         ..Circumstances::default()
     };
-    judge(&timeline, &setup, &circumstances)
+    judge(&plan, &timelines, &circumstances)
 }
 
 const STEP_LIMIT: &str = "[expect]\novershoot_percent = { max = 1.0 }\n";
@@ -738,16 +738,16 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
 fn missed_cycles_have_their_limit_without_those_of_the_bench() {
     let judged = |max: f64| {
         let limit = format!("[expect]\nmissed_cycles_percent = {{ max = {max:.1} }}\n");
-        let setup = Setup::new(scenario(&limit), &Catalogue::shipped());
+        let plan = Plan::new(scenario(&limit), &Catalogue::shipped());
         let is_missed = |cycle| (2000..2100).contains(&cycle) || (3000..3100).contains(&cycle);
         let frames = frames(4000, |cycle| (!is_missed(cycle)).then_some(35.0));
-        let timeline = decode(&frames, &setup).unwrap();
+        let timelines = decode(&frames, &plan).unwrap();
         let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2101));
         let circumstances = Circumstances {
             stalls: vec![Stall::new(from, until, Who::PlantEmulator, What::Waited)],
             ..Circumstances::default()
         };
-        let verdict = judge(&timeline, &setup, &circumstances);
+        let verdict = judge(&plan, &timelines, &circumstances);
         assert_eq!(value(&verdict, "missed_cycles_percent"), Some(5.0));
         verdict.outcome
     };
@@ -757,8 +757,8 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
 
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
-    let setup = Setup::new(scenario(""), &Catalogue::shipped());
-    let timeline = decode(frames(2000, |_| Some(10.0)), &setup).unwrap();
+    let plan = Plan::new(scenario(""), &Catalogue::shipped());
+    let timelines = decode(frames(2000, |_| Some(10.0)), &plan).unwrap();
     let judged = |by| {
         let circumstances = Circumstances {
             ended_early: Some(EarlyEnd {
@@ -767,7 +767,7 @@ fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
             }),
             ..Circumstances::default()
         };
-        let verdict = judge(&timeline, &setup, &circumstances);
+        let verdict = judge(&plan, &timelines, &circumstances);
         assert_eq!(verdict.ended_early, circumstances.ended_early);
         (verdict.outcome, verdict.reason.unwrap())
     };
@@ -846,9 +846,9 @@ fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
             Outcome::Inconclusive,
         ),
     ] {
-        let setup = Setup::new(scenario(limits), &Catalogue::shipped());
-        let timeline = decode(&frames, &setup).unwrap();
-        let verdict = judge(&timeline, &setup, &circumstances);
+        let plan = Plan::new(scenario(limits), &Catalogue::shipped());
+        let timelines = decode(&frames, &plan).unwrap();
+        let verdict = judge(&plan, &timelines, &circumstances);
         assert_eq!((verdict.outcome, verdict.fd_frames), (outcome, 7));
         assert!(verdict.losses[0].starts_with("7 CAN FD frames on the bus"));
     }

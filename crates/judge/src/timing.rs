@@ -7,7 +7,7 @@ use dbc::SignalMissing;
 use recording::frames::Frames;
 use recording::latency::{Host, Latencies, NodeReport, Quantiles};
 use recording::stalls::Stall;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};
@@ -44,12 +44,9 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    ///
-    /// # Panics
-    /// There is no loop.
-    pub fn new(frames: &Frames, setups: &[Setup], host: Host) -> Result<Self, SignalMissing> {
-        let of_loops = setups.iter().map(|setup| {
-            let latencies = Latencies::new(frames, setup)?;
+    pub fn new(frames: &Frames, plan: &Plan, host: Host) -> Result<Self, SignalMissing> {
+        let of_loops = plan.loops.iter().map(|one| {
+            let latencies = Latencies::new(frames, one)?;
             let quantiles = |histogram| Quantiles::new(histogram, 1);
             Ok([
                 quantiles(&latencies.sync_to_position),
@@ -62,9 +59,8 @@ impl Timing {
             let of_each = of_loops.iter().map(|latencies| latencies[latency]);
             of_each.reduce(Quantiles::worst).unwrap_or_default()
         };
-        let duration = Duration::from_secs_f64(setups[0].scenario.duration_seconds);
         Ok(Self {
-            distrust: distrust(&host, duration),
+            distrust: distrust(&host, plan.duration()),
             sync_to_position_microseconds: worst(0),
             position_to_command_microseconds: worst(1),
             round_trip_microseconds: worst(2),
@@ -77,8 +73,8 @@ impl Timing {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub fn again(self, frames: &Frames, setups: &[Setup]) -> Result<Self, SignalMissing> {
-        let measured = Self::new(frames, setups, Host::default())?;
+    pub fn again(self, frames: &Frames, plan: &Plan) -> Result<Self, SignalMissing> {
+        let measured = Self::new(frames, plan, Host::default())?;
         Ok(Self {
             controller: self.controller,
             plant_emulator: self.plant_emulator,

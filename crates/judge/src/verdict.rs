@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use recording::ending::EarlyEnd;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::expect::Requirements;
 use serde::{Deserialize, Serialize};
 
@@ -112,14 +112,14 @@ impl Verdict {
         }
     }
 
-    /// As [`Verdict::incomplete`], of a scenario with its requirements and the nodes that are somebody else's.
+    /// As [`Verdict::incomplete`], of a plan with its requirements and the nodes that are somebody else's.
     #[must_use]
-    pub fn incomplete_of(setup: &Setup, reason: &str) -> Self {
-        let scenario = &setup.scenario;
+    pub fn incomplete_of(plan: &Plan, reason: &str) -> Self {
+        let shared = &plan.shared;
         Self {
-            requirements: scenario.requirements.clone(),
-            external: setup.external_names(),
-            ..Self::incomplete(&scenario.name, scenario.seed, reason)
+            requirements: shared.requirements.clone(),
+            external: plan.external_names(),
+            ..Self::incomplete(&shared.name, shared.seed, reason)
         }
     }
 
@@ -192,13 +192,13 @@ mod tests {
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
         let external = External::new(&[ExternalNode::Drive]).unwrap();
-        let setup = Setup::new(scenario, &Catalogue::shipped()).on(None, external);
+        let plan = Plan::new(scenario, &Catalogue::shipped()).on(None, &external);
         let expected = Verdict {
             requirements: vec!["REQ-1".to_owned()],
             external: vec!["drive".to_owned()],
             ..Verdict::incomplete("step", 7, "killed")
         };
-        assert_eq!(Verdict::incomplete_of(&setup, "killed"), expected);
+        assert_eq!(Verdict::incomplete_of(&plan, "killed"), expected);
     }
 
     /// What a version wrote before there were requirements, losses and external nodes.

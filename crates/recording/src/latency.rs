@@ -8,7 +8,7 @@ use std::time::Duration;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{Database, SignalMissing, signals};
 use hdrhistogram::Histogram;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 use serde::{Deserialize, Serialize};
 
 use crate::log::Stamped;
@@ -129,10 +129,10 @@ impl Latencies {
     /// The database lacks a signal.
     pub fn new(
         frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
-        setup: &Setup,
+        one: &ControlLoop,
     ) -> Result<Self, SignalMissing> {
-        let mut latencies = Self::empty(&setup.database)?;
-        let end = Duration::from_secs_f64(setup.scenario.duration_seconds);
+        let mut latencies = Self::empty(&one.database)?;
+        let end = Duration::from_secs_f64(one.scenario.duration_seconds);
         for stamped in frames {
             latencies.on_frame(stamped.borrow(), end);
         }

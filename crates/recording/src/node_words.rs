@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use dbc::Database;
-use rig::setup::{NodeNames, Setup};
+use rig::plan::{ControlLoop, NodeNames, Shared};
 use scenario::events::LoopWords;
 
 const HEARTBEAT: &str = "heartbeat";
@@ -26,9 +26,9 @@ pub(crate) struct NodeWords {
 }
 
 impl NodeWords {
-    pub(crate) fn new(setup: &Setup) -> Self {
-        let (controller, drive, module) = setup.node_names();
-        let Some(names) = &setup.loop_name else {
+    pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
+        let (controller, drive, module) = one.node_names();
+        let Some(names) = &one.loop_name else {
             return Self::default();
         };
         let mut words = Self {
@@ -38,10 +38,10 @@ impl NodeWords {
                 drive: drive.to_owned(),
             }),
             module: module.map(str::to_owned),
-            of_loops: BTreeMap::clone(&setup.nodes_of_loops),
+            of_loops: shared.nodes_of_loops.clone(),
             by_id: BTreeMap::new(),
         };
-        words.by_id = words.ids(&setup.database);
+        words.by_id = words.ids(&one.database);
         words
     }
 

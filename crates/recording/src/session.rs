@@ -1,18 +1,15 @@
-//! What a run folder holds of its setup, so that the folder can be run and judged by itself: written, and read back.
+//! The plan of a run in its run folder, so that the folder can be run and judged by itself: written, and read back.
 
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dbc::{Database, DbcError};
-use rig::FILE_BYTES_MAX;
 use rig::catalogue::{Catalogue, name_of_two_columns};
 use rig::external::External;
 use rig::named_nodes::node_sheets;
+use rig::plan::Plan;
 use rig::rig_file::{LoadedRig, RigError};
-use rig::setup::Setup;
-use scenario::expect::Expect;
-use scenario::loops::Loops;
 use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file};
@@ -21,26 +18,26 @@ use crate::run_folder::{RunFolder, WriteError, file};
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn write_setup(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
-    folder.write(file::FRAMES, setup.database.to_dbc().as_bytes())?;
-    write_scenario(folder, setup)
+pub fn write_plan(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
+    folder.write(file::FRAMES, plan.database().to_dbc().as_bytes())?;
+    write_scenario(folder, plan)
 }
 
 /// Writes what is played, where it is not there already. The scenario comes last: a folder that has it has the others.
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn write_scenario(folder: &RunFolder, setup: &Setup) -> Result<(), WriteError> {
-    link_fmus(folder, setup, "")?;
-    files_of(setup).try_for_each(|(name, text)| folder.ensure(name, text.as_bytes()))
+pub fn write_scenario(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
+    link_fmus(folder, plan, "")?;
+    files_of(plan).try_for_each(|(name, text)| folder.ensure(name, text.as_bytes()))
 }
 
-/// Writes the EDS of each node of the rig that these loops share.
+/// Writes the EDS of each node of the rig.
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn write_sheets(folder: &RunFolder, setups: &[Setup]) -> Result<(), WriteError> {
-    node_sheets(setups).into_iter().try_for_each(|sheet| {
+pub fn write_sheets(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
+    node_sheets(plan).into_iter().try_for_each(|sheet| {
         let name = format!("{}/{}", file::SHEETS, sheet.file_name());
         folder.write(&name, sheet.text.as_bytes())
     })
@@ -50,16 +47,16 @@ pub fn write_sheets(folder: &RunFolder, setups: &[Setup]) -> Result<(), WriteErr
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn write_tables(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(), WriteError> {
-    link_fmus(folder, setup, place)?;
-    let mut tables = setup.tables.iter();
+pub fn write_tables(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
+    link_fmus(folder, plan, place)?;
+    let mut tables = plan.shared.tables.iter();
     tables.try_for_each(|(name, text)| folder.write(&format!("{place}/{name}"), text.as_bytes()))
 }
 
 /// FMUs are not copied: beside the hash of each, a link leads to where it is, so that the nodes find it.
-fn link_fmus(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(), WriteError> {
-    let beside = setup.path.parent().unwrap_or(Path::new(""));
-    let hashes = setup.tables.keys();
+fn link_fmus(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
+    let beside = plan.shared.path.parent().unwrap_or(Path::new(""));
+    let hashes = plan.shared.tables.keys();
     let mut files = hashes.filter_map(|name| name.strip_suffix(HASH_SUFFIX));
     files.try_for_each(|file| match beside.join(file).canonicalize() {
         Ok(target) => folder.link(&Path::new(place).join(file), &target),
@@ -70,18 +67,18 @@ fn link_fmus(folder: &RunFolder, setup: &Setup, place: &str) -> Result<(), Write
 
 /// The files that are played, by the names of their copies in a folder: the tables that the scenario names, the rig file with
 /// its EDS, and the scenario.
-pub fn files_of(setup: &Setup) -> impl Iterator<Item = (&str, &str)> {
-    let tables = setup.tables.iter();
+pub fn files_of(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
+    let tables = plan.shared.tables.iter();
     let tables = tables.map(|(name, text)| (name.as_str(), text.as_str()));
     // The scenario of several loops names its rig file.
-    let rig = setup.rig.as_deref().filter(|_| setup.nodes.is_none());
+    let rig = (plan.leading().rig.as_deref()).filter(|_| !plan.names_rig());
     let eds = rig.and_then(|rig| Some((rig.file.drive.eds.as_deref()?, rig.eds.as_str())));
     let rig = rig.map(|rig| (file::RIG, rig.text.as_str()));
-    let scenario = (file::SCENARIO, setup.text.as_str());
+    let scenario = (file::SCENARIO, plan.shared.text.as_str());
     tables.chain(rig).chain(eds).chain([scenario])
 }
 
-/// The setup of a recording cannot be read back.
+/// The plan of a recording cannot be read back.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     #[error(transparent)]
@@ -110,79 +107,69 @@ enum FramesFault {
     TwoColumns(String),
 }
 
-/// Reads back what was played, and with which nodes of somebody else, if that is known. What the frames mean is said by the
-/// folder's own `frames.dbc`; then no plant and no law of this bench is asked for anything. A folder of an older canrig has
-/// none: there it follows from the scenario's plant and law, which must be in the catalogue, and from the rig file.
+/// Reads back the plan of a run, with its nodes of somebody else, if those are known. The folder's own `frames.dbc` says what the
+/// frames mean; then no plant and no law of this bench is asked for anything. A folder of an older canrig has none: there it
+/// follows from the scenario's plant and law, which must be in the catalogue, and from the rig file.
 ///
 /// # Errors
 /// A file cannot be read or is not valid.
-pub fn read_setup(
+pub fn read_plan(
     folder: &Path,
-    external: Option<External>,
+    external: Option<&[String]>,
     catalogue: &Catalogue,
-) -> Result<Setup, ReadError> {
+) -> Result<Plan, ReadError> {
     let frames = read_frames(folder)?;
-    let setup = load(&folder.join(file::SCENARIO), frames.as_ref(), catalogue)?;
+    let path = folder.join(file::SCENARIO);
+    let plan = load(
+        &path,
+        frames.as_ref(),
+        external.unwrap_or_default(),
+        catalogue,
+    )?;
+    if plan.names_rig() {
+        return Ok(plan);
+    }
     let rig = || -> Result<_, ReadError> {
         let rig = LoadedRig::in_folder(folder).map_err(|error| ReadError::Rig(Box::new(error)))?;
         Ok(rig.map(Arc::new))
     };
+    // A later version may know nodes that this one does not.
+    let external = external.map(|names| External::of_names(names).unwrap_or_default());
     Ok(match (frames, external) {
-        (Some(_), external) => setup.recorded_on(rig()?, external.unwrap_or_default()),
-        (None, Some(external)) => setup.on(rig()?, external),
+        (Some(_), external) => plan.recorded_on(rig()?.as_ref(), &external.unwrap_or_default()),
+        (None, Some(external)) => plan.on(rig()?.as_ref(), &external),
         // A log beside a scenario: nobody says that it was played on the rig beside it.
-        (None, None) => setup,
+        (None, None) => plan,
     })
 }
 
-/// As [`read_setup`], for each loop of a scenario of one loop or of several.
-///
-/// # Errors
-/// As [`read_setup`].
-pub fn read_setups(
-    folder: &Path,
-    external: Option<&[String]>,
-    catalogue: &Catalogue,
-) -> Result<Vec<Setup>, ReadError> {
-    let path = folder.join(file::SCENARIO);
-    let text = read_text(&path, FILE_BYTES_MAX).unwrap_or_default();
-    if !Loops::is_meant(&text) {
-        // A later version may know nodes that this one does not.
-        let external = external.map(|names| External::of_names(names).unwrap_or_default());
-        return read_setup(folder, external, catalogue).map(|setup| vec![setup]);
-    }
-    let external = external.unwrap_or_default();
-    let setups = match read_frames(folder)? {
-        Some(database) => rig::loops::load_recorded(&path, &database, external),
-        None => rig::loops::load(&path, catalogue),
-    };
-    setups.map_err(|error| ReadError::Scenario(Box::new(error)))
-}
-
-/// Reads the limits of another scenario, to hold the recording in a folder against them.
+/// The plan of a recording in a folder with the limits of another scenario; none where that has other loops.
 ///
 /// # Errors
 /// A file cannot be read or is not valid.
-pub fn read_limits(
+pub fn with_limits(
+    plan: Plan,
     folder: &Path,
     scenario: &Path,
     catalogue: &Catalogue,
-) -> Result<Expect, ReadError> {
+) -> Result<Option<Plan>, ReadError> {
     let frames = read_frames(folder)?;
-    Ok(load(scenario, frames.as_ref(), catalogue)?.scenario.expect)
+    let limits = load(scenario, frames.as_ref(), &[], catalogue)?;
+    Ok(plan.with_limits_of(&limits))
 }
 
 /// Reads a scenario about frames that mean what the database of a recording says, else what the catalogue says.
 fn load(
     scenario: &Path,
     frames: Option<&Arc<Database>>,
+    external: &[String],
     catalogue: &Catalogue,
-) -> Result<Setup, ReadError> {
-    let setup = match frames {
-        Some(database) => Setup::load_recorded(scenario, Arc::clone(database)),
-        None => Setup::load(scenario, catalogue),
+) -> Result<Plan, ReadError> {
+    let plan = match frames {
+        Some(database) => Plan::load_recorded(scenario, database, external),
+        None => Plan::load(scenario, catalogue),
     };
-    setup.map_err(|error| ReadError::Scenario(Box::new(error)))
+    plan.map_err(|error| ReadError::Scenario(Box::new(error)))
 }
 
 /// What the frames of a recording mean, where its folder says so.
@@ -227,10 +214,10 @@ mod tests {
         )
         .unwrap();
         let database = Arc::new(Database::shipped().clone());
-        let setup = Setup::load_recorded(&scenario, database).unwrap();
+        let plan = Plan::load_recorded(&scenario, &database, &[]).unwrap();
         let folder = RunFolder::create(&place.path().join("runs"), "t", 1, text).unwrap();
         fs::create_dir(folder.path().join("course.csv")).unwrap();
-        write_setup(&folder, &setup).unwrap_err();
+        write_plan(&folder, &plan).unwrap_err();
         assert!(folder.path().join(file::FRAMES).exists());
         assert!(!folder.scenario().exists());
     }
@@ -249,10 +236,10 @@ mod tests {
         let rig = LoadedRig::load(&rig).unwrap();
         let played = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(played, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, &Catalogue::shipped())
-            .on(Some(Arc::new(rig)), External::default());
+        let plan = Plan::new(scenario, &Catalogue::shipped())
+            .on(Some(&Arc::new(rig)), &External::default());
         let folder = RunFolder::create(&place.path().join("runs"), "t", 1, played).unwrap();
-        write_setup(&folder, &setup).unwrap();
+        write_plan(&folder, &plan).unwrap();
         let read = LoadedRig::in_folder(folder.path()).unwrap().unwrap();
         assert_eq!((read.text, read.eds.as_str()), (text, eds));
     }

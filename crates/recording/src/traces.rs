@@ -7,7 +7,7 @@ use canopen::CanFrame;
 use dbc::signals::COLUMN_MESSAGES;
 use dbc::{Database, SignalHandle};
 use platform::series::{Series, SeriesWriter};
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 /// So many times without a cyclic message are a silence, as in `losses`.
 const PERIODS_MAX: u32 = 20;
@@ -61,15 +61,15 @@ pub(crate) struct TraceReader {
 
 impl TraceReader {
     /// Reads all signals that the scenario names; names that stand for no signal are left to the judge.
-    pub(crate) fn new(setup: &Setup) -> Self {
-        let scenario = &setup.scenario;
+    pub(crate) fn new(one: &ControlLoop) -> Self {
+        let scenario = &one.scenario;
         let period = scenario.bus.sync_period();
         let mut collected = BTreeMap::new();
         for (_, name) in scenario.expect.named_signals() {
-            let Ok(path) = setup.names().find(name) else {
+            let Ok(path) = one.names().find(name) else {
                 continue;
             };
-            if let Some(found) = collect(path, period, &setup.database) {
+            if let Some(found) = collect(path, period, &one.database) {
                 collected.insert(path, found);
             }
         }

@@ -4,19 +4,16 @@ use std::ops::Range;
 
 use scenario::loops::Contour;
 
-use crate::run::Run;
+use crate::run::{Run, RunLoop};
 
 /// A loop by its name.
-pub(crate) type Axis<'a> = (&'a str, &'a Run<'a>);
+pub(crate) type Axis<'a> = (&'a str, RunLoop<'a>);
 
 /// The loops of a contour, as far as the run has them.
-pub(crate) fn axes<'a>(contour: &'a Contour, runs: &'a [Run<'a>]) -> Vec<Axis<'a>> {
+pub(crate) fn axes<'a>(contour: &'a Contour, run: &Run<'a>) -> Vec<Axis<'a>> {
     let axis = |name: &'a String| {
-        let is_named = |run: &&Run<'_>| {
-            let names = run.setup.loop_name.as_ref();
-            names.is_some_and(|names| names.name == *name)
-        };
-        Some((name.as_str(), runs.iter().find(is_named)?))
+        let is_named = |one: &RunLoop<'_>| one.own.name() == name;
+        Some((name.as_str(), run.loops().find(is_named)?))
     };
     contour.loops.iter().filter_map(axis).collect()
 }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::{self, Write};
 
 use recording::cell::heading;
-use recording::timeline::{self, OfLoop};
+use recording::timeline::{self, Timeline};
 use recording::work::Way;
 
 /// Ten to the power of the decimals of a number: one more than the finest signal has.
@@ -16,11 +16,11 @@ const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
 ///
 /// # Errors
 /// The output does not take it.
-pub fn write(mut output: impl Write, loops: &[OfLoop<'_>]) -> io::Result<()> {
-    let Some((_, first)) = loops.first() else {
+pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
+    let Some(first) = timelines.first() else {
         return Ok(());
     };
-    let signals = timeline::signals(loops);
+    let signals = timeline::signals(timelines);
     let own = ["cycle", "time_seconds"].into_iter();
     let names = own.chain(signals.iter().map(|signal| signal.name.as_str()));
     writeln!(output, "{}", heading(names))?;

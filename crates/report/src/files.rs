@@ -40,27 +40,23 @@ impl ReportError {
     }
 }
 
-/// Writes the files of a judged run of one loop or more, but for the signals of a long one. The recording takes as long as all
+/// Writes the files of a judged run, but for the signals of a long one. The recording takes as long as all
 /// others, so they are made beside it. What says the verdict comes when all else is there, and `verdict.json` last, since it says
 /// that the folder is complete.
 ///
 /// # Errors
 /// A file cannot be made or written.
-pub fn write_all(
-    runs: &[Run<'_>],
-    verdict: &Verdict,
-    folder: &RunFolder,
-) -> Result<(), ReportError> {
+pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     let page = thread::scope(|scope| {
-        let beside = scope.spawn(|| write_table_and_make_page(runs, verdict, folder));
-        let recorded = write_recording(runs, verdict, folder);
+        let beside = scope.spawn(|| write_table_and_make_page(run, folder));
+        let recorded = write_recording(run, folder);
         let page = beside.join();
         let page = page.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
         recorded.map(|()| page)
     })?;
-    let junit = junit::to_xml(std::slice::from_ref(verdict))
+    let junit = junit::to_xml(std::slice::from_ref(run.verdict))
         .map_err(|error| ReportError::made(folder, file::JUNIT, &error))?;
-    let said = write_what_says_the_verdict(folder, &page, &junit, verdict);
+    let said = write_what_says_the_verdict(folder, &page, &junit, run.verdict);
     if said.is_err() {
         // Beside a verdict "incomplete" neither may say another. Where one was not written, there is nothing to remove.
         for name in [file::REPORT, file::JUNIT] {
@@ -81,36 +77,21 @@ fn write_what_says_the_verdict(
     folder.write(file::VERDICT, verdict.to_json().as_bytes())
 }
 
-fn write_table_and_make_page(
-    runs: &[Run<'_>],
-    verdict: &Verdict,
-    folder: &RunFolder,
-) -> Result<String, ReportError> {
-    if runs.iter().all(|run| !run.is_long) {
-        let loops = runs.iter().map(|run| (run.setup.prefix(), run.timeline));
-        let loops = Vec::from_iter(loops);
-        folder.write_with(file::SIGNALS, |output| csv::write(output, &loops))?;
+fn write_table_and_make_page(run: &Run<'_>, folder: &RunFolder) -> Result<String, ReportError> {
+    if !run.is_long {
+        folder.write_with(file::SIGNALS, |output| csv::write(output, run.timelines))?;
     }
     // Whoever played the run has all of its frames.
-    Ok(html::to_html(runs, verdict, &[])?)
+    Ok(html::to_html(run, &[])?)
 }
 
 #[cfg(feature = "rerun")]
-fn write_recording(
-    runs: &[Run<'_>],
-    verdict: &Verdict,
-    folder: &RunFolder,
-) -> Result<(), ReportError> {
+fn write_recording(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
     let path = folder.path().join(file::RERUN);
-    crate::rerun::write(&path, runs, verdict)
-        .map_err(|error| ReportError::made(folder, file::RERUN, &error))
+    crate::rerun::write(&path, run).map_err(|error| ReportError::made(folder, file::RERUN, &error))
 }
 
 #[cfg(not(feature = "rerun"))]
-fn write_recording(
-    _runs: &[Run<'_>],
-    _verdict: &Verdict,
-    _folder: &RunFolder,
-) -> Result<(), ReportError> {
+fn write_recording(_run: &Run<'_>, _folder: &RunFolder) -> Result<(), ReportError> {
     Ok(())
 }

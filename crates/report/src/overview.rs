@@ -23,8 +23,8 @@ pub struct ListedRun<'a> {
     pub folder: String,
     /// The way to its own page.
     pub page: Option<String>,
-    /// What was on the bus, loop by loop; the only one has no name.
-    pub loops: Vec<(String, &'a Timeline)>,
+    /// The decoded recording of each loop.
+    pub timelines: &'a [Timeline],
     /// What it came to.
     pub verdict: &'a Verdict,
 }
@@ -41,9 +41,9 @@ impl ListedRun<'_> {
 
     /// What each loop did.
     fn courses(&self) -> impl Iterator<Item = Course<'_>> {
-        self.loops.iter().map(|(name, timeline)| Course {
+        self.timelines.iter().map(|timeline| Course {
             run: self,
-            name,
+            name: &timeline.loop_name,
             timeline,
         })
     }

@@ -28,9 +28,10 @@ use re_sdk::log::ChunkError;
 use re_sdk::{EntityPath, RecordingInfo, SerializationError, StoreId, StoreKind};
 
 use super::Run;
-use judge::verdict::Verdict;
+use crate::run::RunLoop;
+
 use recording::run_folder::replace;
-use rig::setup::Setup;
+use rig::plan::Plan;
 
 use blueprint::{Page, Play};
 pub(crate) use bus::BusReader;
@@ -71,56 +72,54 @@ pub enum RerunError {
 ///
 /// # Errors
 /// The file cannot be written.
-///
-/// # Panics
-/// There is no loop.
-pub fn write(path: &Path, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
-    replace(path, |file| write_to(file, runs, verdict))
+pub fn write(path: &Path, run: &Run<'_>) -> Result<(), RerunError> {
+    replace(path, |file| write_to(file, run))
 }
 
-fn write_to(file: File, runs: &[Run<'_>], verdict: &Verdict) -> Result<(), RerunError> {
-    let scenario = &runs[0].setup.scenario;
-    let id = recording_id(runs, verdict);
+fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
+    let id = recording_id(run);
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
     let mut file = RecordingFile::begin(file, store)?;
     let properties = RecordingInfo::new()
-        .with_name(scenario.name.as_str())
+        .with_name(run.plan.shared.name.as_str())
         .with_start_time(0_i64);
     send_static(&mut file, EntityPath::properties(), &properties)?;
     let mut pages = Vec::new();
     let mut end_seconds = 0.0_f64;
-    for run in runs {
-        let mut folder = Folder::of_loop(&mut file, run.setup);
-        let (page, end) = log_loop(&mut folder, run)?;
+    for one in run.loops() {
+        let mut folder = Folder::of_loop(&mut file, one.own);
+        let (page, end) = log_loop(&mut folder, run, &one)?;
         pages.push(page);
         end_seconds = end_seconds.max(end);
     }
-    log_verdict(&mut file, scenario, verdict, end_seconds)?;
-    let planes = contour::log(&mut file, runs)?;
+    log_verdict(&mut file, run.plan, run.verdict, end_seconds)?;
+    let planes = contour::log(&mut file, run)?;
     blueprint::send(&mut file, &pages, &planes, Play::Paused)?;
     file.finish()
 }
 
 /// Sends the layout of a run that has just begun, with all that may come.
-pub(crate) fn expect_all(output: &mut dyn Output, setups: &[Setup]) -> Result<(), RerunError> {
-    let pages = setups.iter().map(|setup| Page {
-        setup,
-        groups: groups::expected(setup),
+pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), RerunError> {
+    let pages = plan.loops.iter().map(|own| Page {
+        own,
+        groups: groups::expected(own),
     });
     blueprint::send(output, &Vec::from_iter(pages), &[], Play::Following)
 }
 
 /// Logs a loop; what there is to see of it, and when it ended.
-fn log_loop<'a>(output: &mut dyn Output, run: &Run<'a>) -> Result<(Page<'a>, f64), RerunError> {
-    let Run {
-        setup, timeline, ..
-    } = *run;
-    let mut bus = BusReader::new(setup, run.is_long)?;
+fn log_loop<'a>(
+    output: &mut dyn Output,
+    run: &Run<'_>,
+    one: &RunLoop<'a>,
+) -> Result<(Page<'a>, f64), RerunError> {
+    let RunLoop { own, timeline, .. } = *one;
+    let mut bus = BusReader::new(own, run.is_long)?;
     let known = match run.is_long {
         false => Known::Whole,
         true => Known::Thinned,
     };
-    let mut recording = Recording::begin(output, setup, known)?;
+    let mut recording = Recording::begin(output, own, known)?;
     let mut frames = run.frames.iter();
     if run.is_long {
         let rows = timeline.cycle.len();
@@ -147,10 +146,10 @@ fn log_loop<'a>(output: &mut dyn Output, run: &Run<'a>) -> Result<(Page<'a>, f64
 
 /// Names what was recorded: two recordings of one id would be mixed by a viewer that is open. Runs that differ in
 /// anything differ in the verdict, the events, the position or the current. Against chance 64 bits are enough.
-fn recording_id(runs: &[Run<'_>], verdict: &Verdict) -> String {
+fn recording_id(run: &Run<'_>) -> String {
     let mut hasher = DefaultHasher::new();
-    verdict.to_json().hash(&mut hasher);
-    for Run { timeline, .. } in runs {
+    run.verdict.to_json().hash(&mut hasher);
+    for timeline in run.timelines {
         for event in timeline.events.iter() {
             event.text.hash(&mut hasher);
         }

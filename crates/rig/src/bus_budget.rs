@@ -8,7 +8,7 @@ use dbc::Message;
 use dbc::loops::TERMS_EVERY_CYCLES;
 use scenario::rig::nodes::Rig;
 
-use crate::setup::Setup;
+use crate::plan::{ControlLoop, Plan};
 
 const SYNC: &str = "sync";
 /// The sample of a drive.
@@ -107,22 +107,22 @@ impl BusShare {
 }
 
 impl BusBudget {
-    /// The budget of a rig, whose loops these are in their order.
+    /// The budget of a rig with the plan of its loops.
     #[must_use]
-    pub fn new(rig: &Rig, setups: &[Setup]) -> Self {
+    pub fn new(rig: &Rig, plan: &Plan) -> Self {
         let controller = rig.controller().map_or("", |(name, _)| name);
-        let sync = setups.first().map(|setup| BusShare {
+        let sync = BusShare {
             node: controller.to_owned(),
             what: "SYNC".to_owned(),
-            bits: frames(setup, &[SYNC]).bits,
+            bits: frames(plan.leading(), &[SYNC]).bits,
             pace: EACH,
+        };
+        let loops = rig.loops.values().zip(&plan.loops);
+        let of_loops = loops.flat_map(|(of_rig, one)| {
+            let drive = of_rig.drives.first().map_or("", String::as_str);
+            of_loop(controller, drive, one)
         });
-        let loops = rig.loops.values().zip(setups);
-        let of_loops = loops.flat_map(|(one, setup)| {
-            let drive = one.drives.first().map_or("", String::as_str);
-            of_loop(controller, drive, setup)
-        });
-        let mut shares = Vec::from_iter(sync.into_iter().chain(of_loops));
+        let mut shares = Vec::from_iter([sync].into_iter().chain(of_loops));
         shares.sort_by_key(|share| rig.node.get(&share.node).map(|node| node.node_id));
         Self {
             shares,
@@ -238,9 +238,9 @@ impl fmt::Display for BusBudget {
 }
 
 /// What is sent for one loop.
-fn of_loop(controller: &str, drive: &str, setup: &Setup) -> Vec<BusShare> {
-    let place = &setup.place;
-    let (truth, terms) = (frames(setup, &TRUTH), frames(setup, &TERMS));
+fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
+    let place = &one.place;
+    let (truth, terms) = (frames(one, &TRUTH), frames(one, &TERMS));
     let share = |node: &str, what, sent: &Sent, pace| BusShare {
         node: node.to_owned(),
         what,
@@ -249,21 +249,21 @@ fn of_loop(controller: &str, drive: &str, setup: &Setup) -> Vec<BusShare> {
     };
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // Of a drive without faults nothing is published besides.
-    let beside_faults = (!setup.scenario.fault.is_empty()).then_some(PLANT_TRUTH);
-    let by_clock = setup.database.message(PLANT_TRUTH);
+    let beside_faults = (!one.scenario.fault.is_empty()).then_some(PLANT_TRUTH);
+    let by_clock = one.database.message(PLANT_TRUTH);
     let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
     let milliseconds = Duration::from_millis(milliseconds).as_secs_f64() * 1e3;
     let shares = [
         share(
             drive,
             "sample (TPDO1)".to_owned(),
-            &frames(setup, &[SAMPLE]),
+            &frames(one, &[SAMPLE]),
             EACH,
         ),
         share(
             controller,
             format!("command to {drive} (RPDO1)"),
-            &frames(setup, &[COMMAND]),
+            &frames(one, &[COMMAND]),
             EACH,
         ),
         share(
@@ -275,7 +275,7 @@ fn of_loop(controller: &str, drive: &str, setup: &Setup) -> Vec<BusShare> {
         share(
             drive,
             "current and peak temperature, beside its faults (1 frame)".to_owned(),
-            &frames(setup, beside_faults.as_slice()),
+            &frames(one, beside_faults.as_slice()),
             Pace::Milliseconds(milliseconds),
         ),
         share(
@@ -312,8 +312,8 @@ impl Sent {
     }
 }
 
-fn frames(setup: &Setup, names: &[&str]) -> Sent {
-    let messages = names.iter().filter_map(|name| setup.database.message(name));
+fn frames(one: &ControlLoop, names: &[&str]) -> Sent {
+    let messages = names.iter().filter_map(|name| one.database.message(name));
     let sent = messages.filter(|message| !message.is_silent());
     let bits = sent.map(|Message { length_bytes, .. }| f64::from(occupied_bits_max(*length_bytes)));
     let bits = Vec::from_iter(bits);

@@ -7,7 +7,7 @@ use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::port::Unit;
 
 use crate::data_sheet::{CONTROLLER_NODE_ID, DataSheet, DataSheetError, rig_data_sheets};
-use crate::setup::Setup;
+use crate::plan::{ControlLoop, Plan};
 
 /// The EDS of one node.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -28,32 +28,27 @@ impl NodeSheet {
     }
 }
 
-/// The EDS of each node of these loops, which share a bus, in the order of the node-IDs.
+/// The EDS of each node of a plan, in the order of the node-IDs.
 #[must_use]
-pub fn node_sheets(setups: &[Setup]) -> Vec<NodeSheet> {
-    let loops = setups.iter().map(of_loop);
-    let mut sheets = Vec::from_iter(loops.flatten());
-    let (drives, modules): (Vec<_>, Vec<_>) = setups.iter().map(node_ids).unzip();
+pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
+    let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(of_loop));
+    let (drives, modules): (Vec<_>, Vec<_>) = plan.loops.iter().map(ControlLoop::node_ids).unzip();
     let mut servers = Vec::new();
     for id in drives.into_iter().chain(modules.into_iter().flatten()) {
         if !servers.contains(&id) {
             servers.push(id);
         }
     }
-    sheets.extend(setups.first().map(|setup| controller(setup, &servers)));
+    let eds = data_sheets::of_controller(&servers);
+    sheets.push(sheet(
+        plan.controller_name(),
+        CONTROLLER_NODE_ID,
+        &eds,
+        None,
+    ));
     sheets.sort_by_key(|sheet| sheet.node_id);
     sheets.dedup_by_key(|sheet| sheet.node_id);
     sheets
-}
-
-/// The node-IDs of a loop's drive and of the module that acts on its plant, where there is one.
-fn node_ids(setup: &Setup) -> (u8, Option<u8>) {
-    let (_, _, disturbance) = setup.node_names();
-    let (drive, module) = match &setup.rig {
-        Some(rig) => (rig.drive.node_id().get(), Some(rig.file.fan.node_id)),
-        None => (setup.place.drive_node_id, setup.place.disturbance_node_id),
-    };
-    (drive, disturbance.and(module))
 }
 
 fn sheet(name: &str, node_id: u8, eds: &str, of_drive: Option<&OfDrive>) -> NodeSheet {
@@ -64,18 +59,11 @@ fn sheet(name: &str, node_id: u8, eds: &str, of_drive: Option<&OfDrive>) -> Node
     }
 }
 
-/// The EDS of the controller, which talks to these nodes.
-fn controller(setup: &Setup, servers: &[u8]) -> NodeSheet {
-    let (name, ..) = setup.node_names();
-    let eds = data_sheets::of_controller(servers);
-    sheet(name, CONTROLLER_NODE_ID, &eds, None)
-}
-
-fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
-    let (_, drive, disturbance) = setup.node_names();
-    let place = &setup.place;
-    let (drive_id, module_id) = node_ids(setup);
-    let drive = match &setup.rig {
+fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
+    let (_, drive, disturbance) = one.node_names();
+    let place = &one.place;
+    let (drive_id, module_id) = one.node_ids();
+    let drive = match &one.rig {
         // The maker's, who says nothing of this rig.
         Some(rig) => NodeSheet {
             name: drive.to_owned(),
@@ -83,7 +71,7 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
             text: rig.eds.clone(),
         },
         None => {
-            let unit = &setup.scenario.wiring.unit;
+            let unit = &one.scenario.wiring.unit;
             let si_position =
                 (*unit != Unit::Millimetres).then(|| (unit.si_position(), unit.word().to_owned()));
             let of_drive = OfDrive {
@@ -94,7 +82,7 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
         }
     };
     let module = disturbance.zip(module_id);
-    let outputs = setup.io_outputs().iter().map(|output| AnalogueOutput {
+    let outputs = one.io_outputs().iter().map(|output| AnalogueOutput {
         place: output.place,
         name: output.name.clone(),
         at_rest: output.raw(output.at_rest),
@@ -105,10 +93,10 @@ fn of_loop(setup: &Setup) -> impl Iterator<Item = NodeSheet> + use<> {
 }
 
 /// All nodes of these loops by node-ID, as the rig calls them.
-pub(crate) fn names_by_id(setups: &[Setup]) -> impl Iterator<Item = (u8, &str)> {
-    setups.iter().flat_map(|setup| {
-        let (controller, drive, disturbance) = setup.node_names();
-        let (drive_id, module_id) = node_ids(setup);
+pub(crate) fn names_by_id(loops: &[ControlLoop]) -> impl Iterator<Item = (u8, &str)> {
+    loops.iter().flat_map(|one| {
+        let (controller, drive, disturbance) = one.node_names();
+        let (drive_id, module_id) = one.node_ids();
         let nodes = [(CONTROLLER_NODE_ID, controller), (drive_id, drive)];
         nodes.into_iter().chain(module_id.zip(disturbance))
     })
@@ -133,15 +121,12 @@ impl NamedNodes {
         }
     }
 
-    /// Those of these loops, which share a bus.
+    /// Those of a plan.
     ///
     /// # Errors
     /// An EDS is wrong.
-    ///
-    /// # Panics
-    /// There is no loop.
-    pub fn of(setups: &[Setup]) -> Result<Self, DataSheetError> {
-        let sheets = node_sheets(setups).into_iter().map(|sheet| {
+    pub fn of(plan: &Plan) -> Result<Self, DataSheetError> {
+        let sheets = node_sheets(plan).into_iter().map(|sheet| {
             let file = sheet.file_name();
             let NodeSheet {
                 name,
@@ -159,20 +144,19 @@ impl NamedNodes {
                 dictionary: parsed?.dictionary,
             })
         });
-        let names = setups.iter().map(|setup| {
-            let (_, drive, disturbance) = setup.node_names();
-            let of_loop = setup.loop_name.as_ref();
+        let names = plan.loops.iter().map(|one| {
+            let (_, drive, disturbance) = one.node_names();
             NodesByName {
-                of_loop: of_loop.map_or("", |names| &names.name),
+                of_loop: one.name(),
                 drive,
                 disturbance,
             }
         });
-        let first = &setups[0];
-        let (controller, ..) = first.node_names();
         Ok(Self {
             sheets: sheets.collect::<Result<_, DataSheetError>>()?,
-            database: first.database.by_node(controller, &Vec::from_iter(names)),
+            database: plan
+                .database()
+                .by_node(plan.controller_name(), &Vec::from_iter(names)),
         })
     }
 }

@@ -10,7 +10,7 @@ use object::elf::{ELF_NOTE_GNU, FileHeader64, NT_GNU_BUILD_ID};
 use object::read::ReadCache;
 use object::read::elf::{FileHeader, ProgramHeader};
 use recording::session::files_of;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
 use sha2::{Digest, Sha256};
 
@@ -26,7 +26,7 @@ pub struct NoIdentity(#[from] io::Error);
 ///
 /// # Errors
 /// The program's file cannot be read.
-pub fn identity(setup: &Setup) -> Result<Identity, NoIdentity> {
+pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
     let hash = |(name, text): (&str, &str)| match name.strip_suffix(HASH_SUFFIX) {
         // An FMU is not among the texts, but its hash is.
         Some(file) => (file.to_owned(), hash_in(text).to_owned()),
@@ -34,9 +34,9 @@ pub fn identity(setup: &Setup) -> Result<Identity, NoIdentity> {
     };
     Ok(Identity {
         program: program()?.to_owned(),
-        plant: setup.scenario.plant.name().to_owned(),
-        law: setup.scenario.controller.law_name().to_owned(),
-        files: files_of(setup).map(hash).collect(),
+        plant: plan.leading().scenario.plant.name().to_owned(),
+        law: plan.leading().scenario.controller.law_name().to_owned(),
+        files: files_of(plan).map(hash).collect(),
     })
 }
 
@@ -86,7 +86,7 @@ mod tests {
         let path = folder.path().join("s.toml");
         fs::write(&path, text).unwrap();
         fs::write(folder.path().join("course.csv"), course).unwrap();
-        identity(&Setup::load(&path, catalogue()).unwrap()).unwrap()
+        identity(&Plan::load(&path, catalogue()).unwrap()).unwrap()
     }
 
     #[test]

@@ -10,14 +10,14 @@ use crate::console::print_diagnostic;
 use crate::exit::Exit;
 use crate::recorded::{read_played, refuse};
 use crate::scenarios::{load, read_rig, rig_text};
-use rig::setup::Setup;
+use rig::plan::Plan;
 use worlds::catalogue::catalogue;
 
-/// The loops on that bus; prints what is wrong.
+/// The plan of that bus; prints what is wrong.
 ///
 /// # Errors
 /// The exit code for it.
-pub fn setups_of(path: &Path) -> Result<Vec<Setup>, Exit> {
+pub fn plan_of(path: &Path) -> Result<Plan, Exit> {
     if path.is_dir() {
         let played = read_played(path, catalogue()).map_err(refuse)?;
         return Ok(played.0);
@@ -33,11 +33,11 @@ pub fn setups_of(path: &Path) -> Result<Vec<Setup>, Exit> {
     let is_of_one_drive = RigFile::is_meant(&text);
     // Who asks for nodes names a rig, unless it is a scenario.
     if Rig::is_meant(&text) || !is_of_one_drive && !Scenario::may_be(&text) {
-        return rig::loops::of_rig(path, &text, catalogue()).map_err(invalid);
+        return Plan::of_rig(path, &text, catalogue()).map_err(invalid);
     }
     if is_of_one_drive {
-        let setup = read_rig(path).map(Setup::of_rig);
-        return setup.map(|setup| vec![setup]).map_err(|error| {
+        let plan = read_rig(path).map(Plan::of_loaded_rig);
+        return plan.map_err(|error| {
             print_diagnostic(error);
             Exit::CannotStart
         });

@@ -1,6 +1,5 @@
 //! Scenarios played one after the other: what `canrig run` and `canrig simulate` share.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -12,14 +11,14 @@ use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
 use crate::observer::observed;
-use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run_loops, ways_to_files};
+use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run, ways_to_files};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
 use report::viewer::{ViewerAddress, Viewers};
-use rig::setup::Setup;
+use rig::plan::Plan;
 use worlds::{Played, WorldError};
 
 /// Scenarios and what to do with their results.
@@ -89,11 +88,11 @@ impl ViewerArgs {
 
 /// Where scenarios are played, and which of them.
 pub(crate) trait Testbed {
-    /// Puts the loops of a scenario on the rig of the testbed.
+    /// Puts a plan on the rig of the testbed.
     ///
     /// # Errors
-    /// Why they cannot be played here.
-    fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String>;
+    /// Why it cannot be played here.
+    fn prepare(&self, plan: Plan) -> Result<Plan, String>;
 
     /// Whether nothing more may be played on it.
     fn is_over(&self) -> bool {
@@ -103,13 +102,13 @@ pub(crate) trait Testbed {
     /// What becomes of frames that a viewer is too slow for.
     fn when_full(&self) -> WhenFull;
 
-    /// Plays the loops of a scenario.
+    /// Plays a plan.
     ///
     /// # Errors
     /// The world failed.
     fn play(
         &self,
-        setups: &[Setup],
+        plan: &Plan,
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError>;
@@ -133,7 +132,7 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
         || {
             for path in &paths {
                 let (exit, judged) = match prepared(path, &args.values, testbed, listener) {
-                    Ok(setups) => play_one(args, &setups, testbed, &stage, &mut viewers),
+                    Ok(plan) => play_one(args, &plan, testbed, &stage, &mut viewers),
                     Err(exit) => (exit, None),
                 };
                 verdicts.extend(judged.map(|judged| judged.verdict));
@@ -151,15 +150,15 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
     worst
 }
 
-/// The loops of a scenario that can be played on the testbed.
+/// The plan of a scenario that can be played on the testbed.
 pub(crate) fn prepared(
     path: &Path,
     values: &ValueArgs,
     testbed: &dyn Testbed,
     listener: &dyn Listener,
-) -> Result<Vec<Setup>, Exit> {
-    let setups = load(path, &values.overrides)?;
-    testbed.prepare(setups).map_err(|reason| {
+) -> Result<Plan, Exit> {
+    let plan = load(path, &values.overrides)?;
+    testbed.prepare(plan).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("{}: {reason}", path.display())));
         Exit::CannotStart
     })
@@ -169,8 +168,8 @@ pub(crate) fn prepared(
 ///
 /// # Errors
 /// Which they are.
-pub(crate) fn refuse_external(setups: &[Setup]) -> Result<(), String> {
-    let external = external_names(setups);
+pub(crate) fn refuse_external(plan: &Plan) -> Result<(), String> {
+    let external = plan.external_names();
     match external.is_empty() {
         true => Ok(()),
         false => Err(format!(
@@ -178,12 +177,6 @@ pub(crate) fn refuse_external(setups: &[Setup]) -> Result<(), String> {
             external.join(", ")
         )),
     }
-}
-
-/// The nodes that are somebody else's, by their names.
-pub(crate) fn external_names(setups: &[Setup]) -> Vec<String> {
-    let names = BTreeSet::from_iter(setups.iter().flat_map(Setup::external_names));
-    names.into_iter().collect()
 }
 
 /// What is played now, and who looks on.
@@ -229,7 +222,7 @@ impl<'a> Stage<'a> {
 
 fn play_one(
     args: &PlayArgs,
-    setups: &[Setup],
+    plan: &Plan,
     testbed: &dyn Testbed,
     stage: &Stage<'_>,
     viewers: &mut Viewers,
@@ -237,26 +230,25 @@ fn play_one(
     let Stage {
         watch, listener, ..
     } = stage;
-    let setup = &setups[0];
-    let (scenario, path) = (&setup.scenario, &setup.path);
-    if let Some(sweep) = &scenario.sweep {
+    let (shared, path) = (&plan.shared, &plan.shared.path);
+    if let Some(sweep) = &shared.sweep {
         let (runs, path) = (sweep.runs(), path.display());
         listener.on_event(&RunEvent::Note(format!(
             "note: this is the scenario as it stands; `canrig sweep {path}` plays its {runs} runs"
         )));
     }
     listener.on_event(&RunEvent::Began {
-        duration_seconds: scenario.duration_seconds,
+        duration_seconds: shared.duration_seconds,
     });
-    let (queues, shows) = viewers.show(setups, testbed.when_full());
+    let (queues, shows) = viewers.show(plan, testbed.when_full());
     let place = RunPlace {
         parent: &args.output,
-        is_long: scenario.duration_seconds > args.compress_above,
+        is_long: shared.duration_seconds > args.compress_above,
     };
-    let judged = run_loops(setups, place, watch, queues, |folder, capture| {
-        let played = stage.play(|| testbed.play(setups, folder, capture));
+    let judged = run(plan, place, watch, queues, |folder, capture| {
+        let played = stage.play(|| testbed.play(plan, folder, capture));
         played.inspect(|played| {
-            let ways = ways_to_files(played, setups.len());
+            let ways = ways_to_files(played, plan.loops.len());
             listener.on_event(&RunEvent::Played { ways });
         })
     });

@@ -11,19 +11,19 @@ use scenario::ScenarioError;
 use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
-use judge::{Circumstances, expected_timing, judge_loops, judge_timing};
+use judge::{Circumstances, expected_timing, judge_timing};
 use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
 use recording::log::Unread;
 use recording::run_folder::{file, log_in};
-use recording::session::{FramesError, ReadError, read_setups};
+use recording::session::{FramesError, ReadError, read_plan};
 use recording::stalls::{Stall, read_stalls};
-use recording::timeline::{self, OfLoop, Timeline, events_of};
+use recording::timeline::{self, Timeline, events_of};
 use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
+use rig::plan::Plan;
 use rig::rig_file::RigError;
-use rig::setup::Setup;
 
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
 const VERDICT_BYTES_MAX: u64 = 16 << 20;
@@ -82,6 +82,12 @@ pub enum RecordedError {
     /// The folder's DBC is not valid.
     #[error(transparent)]
     Frames(#[from] FramesError),
+    /// Limits of other loops.
+    #[error("{} has other loops than the recording, so its limits cannot be applied", path.display())]
+    OtherLoops {
+        /// The scenario with the limits.
+        path: PathBuf,
+    },
     /// The DBC lacks a signal.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
@@ -120,8 +126,8 @@ impl From<ReadError> for RecordedError {
 pub struct Recorded {
     /// What the user named.
     pub path: PathBuf,
-    /// The loops of the scenario that was played.
-    pub setups: Vec<Setup>,
+    /// What was played.
+    pub plan: Plan,
     /// The frames.
     pub log: Log,
     /// The verdict of the run; none for a log that canrig has not written.
@@ -164,11 +170,11 @@ impl Recorded {
                 path: path.to_owned(),
             });
         }
-        let (setups, stored) = match played {
+        let (plan, stored) = match played {
             Some(played) => {
-                let loops = rig::loops::load_any(played, catalogue);
+                let plan = Plan::load(played, catalogue);
                 let invalid = |error| RecordedError::Scenario(Box::new(error));
-                (loops.map_err(invalid)?, None)
+                (plan.map_err(invalid)?, None)
             }
             None => read_played(folder, catalogue)?,
         };
@@ -188,7 +194,7 @@ impl Recorded {
         };
         Ok(Self {
             path: path.to_owned(),
-            setups,
+            plan,
             log,
             stored,
             stalls,
@@ -197,34 +203,12 @@ impl Recorded {
         })
     }
 
-    /// The loop, or the first of several.
-    ///
-    /// # Panics
-    /// Never: every scenario has a loop.
-    #[must_use]
-    pub fn setup(&self) -> &Setup {
-        &self.setups[0]
-    }
-
     /// The recording, decoded for each loop.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn timelines(&self) -> Result<Vec<Timeline>, SignalMissing> {
-        timeline::decode_loops(&self.log.frames, &self.setups)
-    }
-
-    /// The names of its loops; the only one has none.
-    pub fn names(&self) -> impl Iterator<Item = String> {
-        let names = self.setups.iter().map(|setup| setup.loop_name.as_ref());
-        names.map(|names| names.map_or_else(String::new, |names| names.name.clone()))
-    }
-
-    /// The timelines with what stands before the names of their signals.
-    #[must_use]
-    pub fn named<'a>(&self, timelines: &'a [Timeline]) -> Vec<OfLoop<'a>> {
-        let prefixes = self.setups.iter().map(Setup::prefix);
-        prefixes.zip(timelines).collect()
+        timeline::decode(&self.log.frames, &self.plan)
     }
 
     /// What happened, in the order of time; what several loops saw stands once.
@@ -233,7 +217,7 @@ impl Recorded {
     /// As [`Recorded::timelines`].
     pub fn events(&self) -> Result<Events, SignalMissing> {
         let timelines = self.timelines()?;
-        Ok(events_of(&Vec::from_iter(&timelines)))
+        Ok(events_of(&timelines))
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
@@ -245,7 +229,7 @@ impl Recorded {
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
         let mut verdict = Verdict {
             identity: stored.and_then(|stored| stored.identity.clone()),
-            ..judge::whole(&self.setups, self.verdicts_of_loops(timelines))
+            ..self.verdict_of_frames(timelines)
         };
         if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
             verdict.outcome = Outcome::Incomplete;
@@ -258,8 +242,8 @@ impl Recorded {
             verdict.reason = Some(reason);
         }
         if let Some(timing) = stored.and_then(|stored| stored.timing.clone()) {
-            let timing = timing.again(&self.log.frames, &self.setups)?;
-            let expect = expected_timing(&self.setups);
+            let timing = timing.again(&self.log.frames, &self.plan)?;
+            let expect = expected_timing(&self.plan);
             judge_timing(&mut verdict, timing, expect, &self.stalls);
         }
         Ok(verdict)
@@ -270,14 +254,13 @@ impl Recorded {
     pub fn ways_for_timing(&self) -> u64 {
         let stored = self.stored.as_ref();
         match stored.is_some_and(|stored| stored.timing.is_some()) {
-            true => self.setups.len() as u64,
+            true => self.plan.loops.len() as u64,
             false => 0,
         }
     }
 
-    /// What each loop came to by itself.
-    #[must_use]
-    pub fn verdicts_of_loops(&self, timelines: &[Timeline]) -> Vec<Verdict> {
+    /// The verdict by the frames alone.
+    fn verdict_of_frames(&self, timelines: &[Timeline]) -> Verdict {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
         let by_node = ended_early.filter(|end| end.by == EndedBy::Node);
@@ -286,12 +269,12 @@ impl Recorded {
             ended_early: by_node,
             stalls: self.stalls.clone(),
         };
-        judge_loops(&self.setups, timelines, &circumstances)
+        judge::judge(&self.plan, timelines, &circumstances)
     }
 
     /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
     fn unrecorded(&self, timelines: &[Timeline]) -> Unrecorded {
-        let duration_seconds = self.setup().scenario.duration_seconds;
+        let duration_seconds = self.plan.shared.duration_seconds;
         let zero = timelines.first().and_then(|timeline| timeline.zero_seconds);
         let end = zero.and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
         let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
@@ -318,11 +301,11 @@ impl Recorded {
 pub(super) fn read_played(
     folder: &Path,
     catalogue: &Catalogue,
-) -> Result<(Vec<Setup>, Option<Verdict>), RecordedError> {
+) -> Result<(Plan, Option<Verdict>), RecordedError> {
     let verdict = read_verdict(&folder.join(file::VERDICT))?;
     let external = verdict.as_ref().map(|verdict| verdict.external.as_slice());
-    let setups = read_setups(folder, external, catalogue)?;
-    Ok((setups, verdict))
+    let plan = read_plan(folder, external, catalogue)?;
+    Ok((plan, verdict))
 }
 
 /// Whether a path that exists is a folder.

@@ -2,29 +2,27 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::slice;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
-use scenario::Scenario;
 
 use crate::exit::Exit;
 use crate::identity::{NoIdentity, identity};
 use exports::parquet;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
-use judge::{Circumstances, expected_timing, judge_loops};
+use judge::{Circumstances, expected_timing};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::frame_queue::FrameQueue;
 use recording::progress::ProgressReader;
 use recording::run_folder::{RunFolder, WriteError, file};
-use recording::session::{write_setup, write_sheets};
+use recording::session::{write_plan, write_sheets};
 use recording::stalls;
-use recording::timeline::{self, OfLoop, Timeline};
+use recording::timeline::{self, Timeline};
 use recording::unrecorded::Unrecorded;
 use report::{ReportError, Run};
-use rig::setup::Setup;
+use rig::plan::{Plan, Shared};
 use worlds::{End, Played, WorldError};
 
 /// The folder for run folders where `--output` names no other.
@@ -75,74 +73,53 @@ pub struct Judged {
     pub exit: Exit,
 }
 
-/// Plays the scenario in a world, records and judges it, and hands the frames on to the queues meanwhile. A node that ended the
-/// run has failed; what was recorded before a failure of the bench is kept, with a verdict that says "incomplete" and why.
+/// Plays a plan in a world, records and judges it, and hands the frames on to the queues meanwhile. A node that ended the run has
+/// failed; what was recorded before a failure of the bench is kept, with a verdict that says "incomplete" and why.
 ///
 /// # Errors
 /// The files of the run cannot be written.
 pub fn run(
-    setup: &Setup,
+    plan: &Plan,
     place: RunPlace<'_>,
     watch: &Watch,
     queues: Vec<FrameQueue>,
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
 ) -> Result<Judged, RunError> {
-    run_loops(slice::from_ref(setup), place, watch, queues, world)
-}
-
-/// As [`run`], for loops that are played at once.
-///
-/// # Errors
-/// As [`run`].
-///
-/// # Panics
-/// There is no loop.
-pub fn run_loops(
-    setups: &[Setup],
-    place: RunPlace<'_>,
-    watch: &Watch,
-    queues: Vec<FrameQueue>,
-    world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
-) -> Result<Judged, RunError> {
-    let setup = &setups[0];
-    let identity = identity(setup)?;
+    let identity = identity(plan)?;
     let RunPlace { parent, is_long } = place;
-    let folder = create_folder(parent, setup, &identity)?;
-    if setup.nodes.is_some() {
-        write_sheets(&folder, setups)?;
+    let folder = create_folder(parent, plan, &identity)?;
+    if plan.names_rig() {
+        write_sheets(&folder, plan)?;
     }
-    let progress = ProgressReader::new(&setup.scenario, &setup.database)?;
-    let clock = ScenarioClock::new(&setup.database)?;
+    let progress = ProgressReader::new(&plan.leading().scenario, plan.database())?;
+    let clock = ScenarioClock::new(plan.database())?;
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;
-    let timelines = timeline::decode_loops(&frames, setups)?;
-    let verdicts = verdicts(&ended, &timelines, setups, &unrecorded);
+    let timelines = timeline::decode(&frames, plan)?;
     let mut verdict = Verdict {
         identity: Some(identity),
-        ..judge::whole(setups, verdicts.clone())
+        ..verdict(&ended, &timelines, plan, &unrecorded)
     };
     if let Ok(Played {
         host: Some(host), ..
     }) = &ended
     {
         folder.write(file::STALLS, stalls::to_csv(&host.stalls).as_bytes())?;
-        let timing = Timing::new(&frames, setups, host.clone())?;
-        judge::judge_timing(&mut verdict, timing, expected_timing(setups), &host.stalls);
+        let timing = Timing::new(&frames, plan, host.clone())?;
+        judge::judge_timing(&mut verdict, timing, expected_timing(plan), &host.stalls);
     }
-    let runs = setups.iter().zip(&timelines).zip(&verdicts);
-    let runs = runs.map(|((setup, timeline), verdict)| Run {
-        setup,
-        frames: &frames,
-        timeline,
-        verdict,
-        is_long,
-    });
     if is_long {
-        let loops = setups.iter().map(Setup::prefix).zip(&timelines);
-        write_signals(&folder, &Vec::from_iter(loops))?;
+        write_signals(&folder, &timelines)?;
     }
-    report::write_all(&Vec::from_iter(runs), &verdict, &folder)?;
+    let run = Run {
+        plan,
+        frames: &frames,
+        timelines: &timelines,
+        verdict: &verdict,
+        is_long,
+    };
+    report::write_all(&run, &folder)?;
     let exit = match &ended {
         // Perhaps while it was judged.
         _ if watch.is_interrupted() => Exit::Interrupted,
@@ -164,39 +141,37 @@ pub(crate) fn ways_to_files(played: &Played, loops: usize) -> u64 {
 }
 
 /// Writes the signals of a long run.
-fn write_signals(folder: &RunFolder, loops: &[OfLoop<'_>]) -> Result<(), WriteError> {
+fn write_signals(folder: &RunFolder, timelines: &[Timeline]) -> Result<(), WriteError> {
     folder.write_with(file::LONG_SIGNALS, |output| {
-        parquet::write_signals(output, loops).map_err(io::Error::other)
+        parquet::write_signals(output, timelines).map_err(io::Error::other)
     })
 }
 
 /// Makes the folder of a run with what is played and a verdict "incomplete" in it: that is what a reader finds should the
 /// run break off.
-fn create_folder(
-    parent: &Path,
-    setup: &Setup,
-    identity: &Identity,
-) -> Result<RunFolder, WriteError> {
-    let Scenario { name, seed, .. } = &setup.scenario;
-    let folder = RunFolder::create(parent, name, *seed, &setup.text)?;
+fn create_folder(parent: &Path, plan: &Plan, identity: &Identity) -> Result<RunFolder, WriteError> {
+    let Shared {
+        name, seed, text, ..
+    } = &plan.shared;
+    let folder = RunFolder::create(parent, name, *seed, text)?;
     let unfinished = "the run has not ended; if no process works on it any more, it broke off";
     let verdict = Verdict {
         identity: Some(identity.clone()),
-        ..Verdict::incomplete_of(setup, unfinished)
+        ..Verdict::incomplete_of(plan, unfinished)
     };
     folder.write(file::VERDICT, verdict.to_json().as_bytes())?;
-    write_setup(&folder, setup)?;
+    write_plan(&folder, plan)?;
     Ok(folder)
 }
 
-/// What each loop of a run came to, however its world ended.
+/// The verdict of a run, however its world ended.
 #[must_use]
-pub fn verdicts(
+pub fn verdict(
     ended: &Result<Played, WorldError>,
     timelines: &[Timeline],
-    setups: &[Setup],
+    plan: &Plan,
     unrecorded: &Unrecorded,
-) -> Vec<Verdict> {
+) -> Verdict {
     let ended_early = match ended {
         Err(error) => Some(EarlyEnd::without_node(
             EndedBy::Bench,
@@ -204,7 +179,7 @@ pub fn verdicts(
         )),
         Ok(played) => match &played.end {
             End::Completed => None,
-            End::Interrupted => return setups.iter().map(interrupted).collect(),
+            End::Interrupted => return interrupted(plan),
             End::ByNode(end) => Some(end.clone()),
         },
     };
@@ -214,14 +189,14 @@ pub fn verdicts(
         ended_early,
         stalls: host.map(|host| host.stalls.clone()).unwrap_or_default(),
     };
-    judge_loops(setups, timelines, &circumstances)
+    judge::judge(plan, timelines, &circumstances)
 }
 
-fn interrupted(setup: &Setup) -> Verdict {
+fn interrupted(plan: &Plan) -> Verdict {
     let reason = "interrupted by the user";
     Verdict {
         ended_early: Some(EarlyEnd::without_node(EndedBy::User, reason)),
-        ..Verdict::incomplete_of(setup, reason)
+        ..Verdict::incomplete_of(plan, reason)
     }
 }
 

@@ -5,7 +5,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
-use scenario::loops::Loops;
 use scenario::overrides::{OverrideError, overridden};
 use scenario::rig::nodes::Rig;
 use scenario::{Override, ScenarioError, read_text};
@@ -14,8 +13,8 @@ use crate::console::print_diagnostic;
 use crate::exit::Exit;
 use crate::shipped::{self, ShippedFile};
 use rig::FILE_BYTES_MAX;
+use rig::plan::Plan;
 use rig::rig_file::{LoadedRig, RIG_FILE, RigError};
-use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
 /// Levels of folders that are searched for scenarios.
@@ -52,7 +51,7 @@ pub enum NoScenario {
 ///
 /// # Errors
 /// There is none, or it is not valid.
-pub fn read(path: &Path, overrides: &[Override]) -> Result<Vec<Setup>, NoScenario> {
+pub fn read(path: &Path, overrides: &[Override]) -> Result<Plan, NoScenario> {
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
         let meant = shipped::meant(&path.to_string_lossy());
@@ -70,19 +69,18 @@ pub fn read(path: &Path, overrides: &[Override]) -> Result<Vec<Setup>, NoScenari
         None => match read_text(path, FILE_BYTES_MAX) {
             Ok(text) => text,
             // It says why.
-            Err(_) => return Ok(vec![Setup::load(path, catalogue())?]),
+            Err(_) => return Ok(Plan::load(path, catalogue())?),
         },
     };
     let text = overridden(text, overrides).map_err(|source| NoScenario::Override {
         path: path.to_owned(),
         source,
     })?;
-    Ok(match (Loops::is_meant(&text), shipped) {
-        (false, _) => vec![Setup::parse(path, text, catalogue())?],
-        (true, None) => rig::loops::parse_beside(path, text, catalogue())?,
-        (true, Some(shipped)) => {
+    Ok(match shipped {
+        None => Plan::parse_beside(path, text, catalogue())?,
+        Some(shipped) => {
             let beside = |name: &str| shipped.beside(name);
-            rig::loops::parse(path, text, beside, catalogue())?
+            Plan::parse(path, text, beside, catalogue())?
         }
     })
 }
@@ -119,7 +117,7 @@ fn is_bare_name(path: &Path) -> bool {
 ///
 /// # Errors
 /// The exit code for it.
-pub fn load(path: &Path, overrides: &[Override]) -> Result<Vec<Setup>, Exit> {
+pub fn load(path: &Path, overrides: &[Override]) -> Result<Plan, Exit> {
     read(path, overrides).map_err(|error| {
         print_diagnostic(error);
         Exit::CannotStart

@@ -119,6 +119,21 @@ impl Scenario {
         })
     }
 
+    /// As [`Scenario::parse_beside`], for tables that `read_table` gives by their names.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse_beside`].
+    pub fn parse_with(
+        path: &Path,
+        text: String,
+        read_table: impl FnMut(&str) -> io::Result<String>,
+        objections: impl Fn(&Self) -> Vec<Objection>,
+    ) -> Result<(Self, Texts), ScenarioError> {
+        reading(path, text, read_table, |text, name, read_table| {
+            Self::parse_for(text, name, read_table, Reading::ToPlay, &objections)
+        })
+    }
+
     /// As [`Scenario::load_with_text`], for a scenario that was played already: tables of plants and laws from outside are
     /// kept as they are, whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what
     /// a sweep would vary.

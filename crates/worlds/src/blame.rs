@@ -11,7 +11,7 @@ use recording::capture::Capture;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
 use rig::error_frames;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
@@ -40,11 +40,11 @@ const CAUSES_OF_DRIVE: [u8; 5] = [1, 5, 6, 7, 9];
 /// It was not; the error as it came.
 pub(crate) fn end_by_node(
     error: WorldError,
-    setups: &[Setup],
+    plan: &Plan,
     capture: &Capture<'_>,
 ) -> Result<EarlyEnd, WorldError> {
     let seen = Seen {
-        setups,
+        plan,
         frames: capture.frames(),
         zero: capture.zero(),
     };
@@ -98,7 +98,7 @@ pub(crate) fn end_by_node(
 /// What the recording shows of the end.
 #[derive(Clone, Copy)]
 struct Seen<'a> {
-    setups: &'a [Setup],
+    plan: &'a Plan,
     frames: &'a [Stamped],
     zero: Option<Duration>,
 }
@@ -109,12 +109,12 @@ impl<'a> Seen<'a> {
     where
         'a: 'b,
     {
-        let plays = |setup: &&Setup| {
-            let names = setup.loop_name.as_ref();
+        let plays = |one: &&ControlLoop| {
+            let names = one.loop_name.as_ref();
             names.is_some_and(|names| names.plant == participant)
         };
-        let mut setups = self.setups.iter();
-        setups.find(plays).map_or(participant, drive_name)
+        let mut loops = self.plan.loops.iter();
+        loops.find(plays).map_or(participant, drive_name)
     }
 
     /// A participant in a message: of a plant's emulator, with the drive that it plays.
@@ -127,10 +127,10 @@ impl<'a> Seen<'a> {
     }
 
     /// The loop of a drive; the first one where no drive has that name.
-    fn setup(&self, drive: &str) -> &'a Setup {
-        let mut setups = self.setups.iter();
-        let of_drive = setups.find(|setup| drive_name(setup) == drive);
-        of_drive.unwrap_or(&self.setups[0])
+    fn one(&self, drive: &str) -> &'a ControlLoop {
+        let mut loops = self.plan.loops.iter();
+        let of_drive = loops.find(|one| drive_name(one) == drive);
+        of_drive.unwrap_or(self.plan.leading())
     }
 
     /// Scenario time, to the microsecond of the recording; none before the scenario began.
@@ -184,7 +184,7 @@ impl<'a> Seen<'a> {
     }
 
     fn last_position(&self, drive: &str) -> Option<Duration> {
-        let position = self.setup(drive).database.position().ok()?;
+        let position = self.one(drive).database.position().ok()?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 
@@ -241,11 +241,11 @@ impl<'a> Seen<'a> {
             let node = self.node(name);
             return self.end(node, self.last_position(node), what);
         };
-        let setup = self.setup(drive);
+        let one = self.one(drive);
         // A drive that was only late may have been heard again since.
         let position = self.before(given_up).last_position(drive);
         let when = self.when_at(Some(given_up));
-        let patience = SILENT_PERIODS * setup.scenario.bus.sync_period();
+        let patience = SILENT_PERIODS * one.scenario.bus.sync_period();
         let silent = position
             .filter(|position| given_up > *position + patience)
             .and_then(|position| self.seconds(position));
@@ -272,11 +272,11 @@ impl<'a> Seen<'a> {
             None => self.errors().next().map(|(first, _)| first.time),
             Some(_) => Some(given_up.time),
         };
-        let drive = match self.setups {
+        let drive = match &self.plan.loops[..] {
             [only] => Some(only),
             several => {
                 let mut several = several.iter();
-                several.find(|setup| setup.place.drive_node_id == node_id)
+                several.find(|one| one.place.drive_node_id == node_id)
             }
         };
         let drive = drive.filter(|_| is_of_drive)?;
@@ -324,7 +324,7 @@ mod tests {
     fn a_drive_that_is_given_up_is_amiss_since_its_last_position_before() {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, &Catalogue::shipped());
+        let plan = Plan::new(scenario, &Catalogue::shipped());
         let frame = |milliseconds, id, data: &[u8]| {
             Stamped::new(Duration::from_millis(milliseconds), CanFrame::new(id, data))
         };
@@ -338,7 +338,7 @@ mod tests {
             frame(36, POSITION, &[0; 8]),
         ];
         let seen = Seen {
-            setups: &[setup],
+            plan: &plan,
             frames: &frames,
             zero: Some(Duration::from_millis(10)),
         };

@@ -7,7 +7,7 @@ use std::time::Duration;
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
 use dbc::{SignalMissing, signals};
 use rig::external::ExternalNode;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 use scenario::fault::node::Node as FaultyNode;
 
 use crate::names;
@@ -38,18 +38,18 @@ impl DisturbanceProducer {
     ///
     /// # Panics
     /// There is no loop.
-    pub fn new(setups: &[Setup]) -> Result<Self, SignalMissing> {
+    pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let mut frames = Vec::new();
-        for (number, setup) in setups.iter().enumerate() {
+        for (number, one) in plan.loops.iter().enumerate() {
             // On a bus without the module its identifier may be somebody else's.
-            if setup.external.has_fan() {
-                frames.extend(disturbances(setup)?);
+            if one.external.has_fan() {
+                frames.extend(disturbances(one)?);
             }
-            frames.extend(stop_orders(setup, number == 0));
+            frames.extend(stop_orders(one, number == 0));
         }
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         Ok(Self {
-            clock: ScenarioClock::new(&setups[0].database)?,
+            clock: ScenarioClock::new(plan.database())?,
             frames: frames.into(),
             due: VecDeque::with_capacity(FRAMES_AT_ONCE),
             real_drives: Vec::new(),
@@ -60,9 +60,9 @@ impl DisturbanceProducer {
 
     /// The same with a watch over the limits of each real drive. At the first violation all real drives are stopped.
     #[must_use]
-    pub(crate) fn watching_real_drives(mut self, setups: &[Setup]) -> Self {
-        let is_real = |setup: &&Setup| setup.external.has(ExternalNode::Drive);
-        let drives = setups.iter().filter(is_real).map(RealDrive::new);
+    pub(crate) fn watching_real_drives(mut self, plan: &Plan) -> Self {
+        let is_real = |one: &&ControlLoop| one.external.has(ExternalNode::Drive);
+        let drives = plan.loops.iter().filter(is_real).map(RealDrive::new);
         self.real_drives = drives.collect();
         self
     }
@@ -108,12 +108,12 @@ struct RealDrive {
 }
 
 impl RealDrive {
-    fn new(setup: &Setup) -> Self {
-        let rig = setup.rig.as_ref();
-        let unit = &setup.scenario.wiring.unit;
+    fn new(one: &ControlLoop) -> Self {
+        let rig = one.rig.as_ref();
+        let unit = &one.scenario.wiring.unit;
         Self {
-            name: names::drive_name(setup).to_owned(),
-            node_id: NodeId::new(setup.place.drive_node_id),
+            name: names::drive_name(one).to_owned(),
+            node_id: NodeId::new(one.place.drive_node_id),
             supervisor: rig.map(|rig| Supervisor::new(&rig.file, &rig.drive, unit)),
         }
     }
@@ -129,11 +129,11 @@ impl RealDrive {
 
 /// NMT stops that are faults of the scenario, each with its scenario time: those of the drive, and of the controller where
 /// nobody else gives them.
-fn stop_orders(setup: &Setup, of_controller: bool) -> Vec<(f64, CanFrame)> {
-    let orders = setup.scenario.fault.node.nmt_stop.iter();
+fn stop_orders(one: &ControlLoop, of_controller: bool) -> Vec<(f64, CanFrame)> {
+    let orders = one.scenario.fault.node.nmt_stop.iter();
     let frames = orders.filter_map(|order| {
         let node = match order.node {
-            FaultyNode::Drive => setup.place.drive_node_id,
+            FaultyNode::Drive => one.place.drive_node_id,
             FaultyNode::Controller if of_controller => order.node.number(),
             FaultyNode::Controller => return None,
         };
@@ -143,18 +143,18 @@ fn stop_orders(setup: &Setup, of_controller: bool) -> Vec<(f64, CanFrame)> {
 }
 
 /// The RPDOs of the disturbance module.
-fn disturbances(setup: &Setup) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
-    let (disturbance, database) = (&setup.scenario.disturbance, &setup.database);
+fn disturbances(one: &ControlLoop) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
+    let (disturbance, database) = (&one.scenario.disturbance, &one.database);
     let commands = disturbance.commands();
     if commands.is_empty() {
         return Ok(Vec::new());
     }
-    let wiring = &setup.scenario.wiring;
+    let wiring = &one.scenario.wiring;
     let require = |is_wired: bool, path| is_wired.then(|| database.require(path)).transpose();
     let has_both = wiring.first_output() > 0;
     let convection_factor = require(has_both, signals::CONVECTION_FACTOR)?;
     let added_load = require(has_both, signals::ADDED_LOAD)?;
-    let others = setup.io_outputs().iter().map(|output| {
+    let others = one.io_outputs().iter().map(|output| {
         let path = format!("{}.{}", signals::DISTURBANCE_MESSAGE, output.name);
         Ok((output, database.require(&path)?))
     });
@@ -246,7 +246,7 @@ mod tests {
     use super::*;
 
     /// A real drive with this node-ID, whose limits a rig file has.
-    fn real(node_id: u8) -> Setup {
+    fn real(node_id: u8) -> Plan {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let rig = format!(
@@ -255,7 +255,7 @@ mod tests {
         );
         let rig = Arc::new(LoadedRig::from_text(&rig).unwrap());
         let external = External::new(&[ExternalNode::Drive]).unwrap();
-        Setup::new(scenario, &Catalogue::shipped()).on(Some(rig), external)
+        Plan::new(scenario, &Catalogue::shipped()).on(Some(&rig), &external)
     }
 
     fn position(node_id: u16, micrometres: i32) -> CanFrame {
@@ -270,9 +270,10 @@ mod tests {
 
     #[test]
     fn a_violated_limit_stops_all_real_drives_at_once_and_only_once() {
-        let setups = [real(0x10), real(0x12)];
-        let bench = DisturbanceProducer::new(&setups).unwrap();
-        let mut bench = bench.watching_real_drives(&setups);
+        let mut plan = real(0x10);
+        plan.loops.extend(real(0x12).loops);
+        let bench = DisturbanceProducer::new(&plan).unwrap();
+        let mut bench = bench.watching_real_drives(&plan);
         let stop = [
             CanFrame::new(0x210, &[2, 0, 0, 0]),
             CanFrame::new(0x000, &[2, 0x10]),

@@ -16,7 +16,7 @@ use fmu::{Archive, FmuError, Unpacked};
 use plant_emulator::InvalidEmulator;
 use plant_emulator::catalogue::Kind;
 use plant_emulator::ports::{Port, PortedPlant, Ports};
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::plant::{FMU, Fmu};
 use scenario::port::{symbol_of, unit_in};
 use scenario::{Objection, Scenario};
@@ -32,8 +32,8 @@ pub(crate) fn kind() -> Kind {
 }
 
 /// How much longer than others the drives of these loops may take until they are there.
-pub(crate) fn more_patience(setups: &[Setup]) -> Duration {
-    let mut plants = setups.iter().map(|setup| &setup.scenario.plant);
+pub(crate) fn more_patience(plan: &Plan) -> Duration {
+    let mut plants = plan.loops.iter().map(|one| &one.scenario.plant);
     match plants.any(|plant| plant.fmu.is_some()) {
         true => LOAD_PATIENCE,
         false => Duration::ZERO,

@@ -1,14 +1,12 @@
 //! Virtual time: the coordinator moves the nodes, in this process or in others.
 
 use std::collections::BTreeSet;
-use std::slice;
 use std::time::Duration;
 
 use canopen::CanFrame;
 use platform::bus::Bus;
 use platform::clock::Clock;
 use platform::lockstep::{Local, LockstepError, Participant};
-use scenario::Scenario;
 
 use crate::blame::end_by_node;
 use crate::bus_model::faults::{BusFaults, Seat};
@@ -20,7 +18,7 @@ use crate::nodes;
 use crate::played::End;
 use recording::capture::Capture;
 use recording::log::Stamped;
-use rig::setup::Setup;
+use rig::plan::Plan;
 
 /// Frames of one loop in one cycle, those included that come more seldom.
 const FRAMES_PER_CYCLE: f64 = 5.0;
@@ -44,12 +42,13 @@ pub struct Role<'a> {
 
 impl<'a> Role<'a> {
     /// The drives of a plant, with the plant that they move. They share a CAN controller, which is the first one's.
-    pub fn plant(setups: &[Setup], participant: &'a mut dyn Participant) -> Self {
+    pub fn plant(plan: &Plan, participant: &'a mut dyn Participant) -> Self {
         let name = participant.name();
-        let of_plant = setups
+        let of_plant = plan
+            .loops
             .iter()
-            .filter(|setup| names::emulator_name(setup) == name);
-        let drives = of_plant.map(|setup| setup.place.drive_node_id);
+            .filter(|one| names::emulator_name(one) == name);
+        let drives = of_plant.map(|one| one.place.drive_node_id);
         Self {
             seat: Seat::Drive(drives.min().unwrap_or_default()),
             participant,
@@ -77,37 +76,29 @@ impl<'a> Role<'a> {
 ///
 /// # Errors
 /// The bench failed, or the recording cannot be written.
-pub fn simulate(setup: &Setup, capture: &mut Capture<'_>) -> Result<End, WorldError> {
-    simulate_loops(slice::from_ref(setup), capture)
+pub fn simulate(plan: &Plan, capture: &mut Capture<'_>) -> Result<End, WorldError> {
+    let played = play_here(plan, capture);
+    played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))
 }
 
-/// As [`simulate`], for several loops at once.
-///
-/// # Errors
-/// As [`simulate`].
-pub fn simulate_loops(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldError> {
-    let played = play_here(setups, capture);
-    played.or_else(|error| end_by_node(error, setups, capture).map(End::ByNode))
-}
-
-fn play_here(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldError> {
+fn play_here(plan: &Plan, capture: &mut Capture<'_>) -> Result<End, WorldError> {
     let mut emulators = Vec::new();
-    for name in names::emulator_names(setups) {
-        emulators.push((name, nodes::plant_emulator_of(setups, name)?));
+    for name in names::emulator_names(&plan.loops) {
+        emulators.push((name, nodes::plant_emulator(plan, name)?));
     }
-    let mut bench = DisturbanceProducer::new(setups)?;
-    let views = nodes::controller_views(setups);
+    let mut bench = DisturbanceProducer::new(plan)?;
+    let views = nodes::controller_views(plan);
     let make = move || nodes::controller_of(&views);
-    let mut controller = nodes::faulty_controller(make, setups, |_| false)?;
+    let mut controller = nodes::faulty_controller(make, plan, |_| false)?;
     let emulators = emulators.iter_mut();
     let mut emulators =
         Vec::from_iter(emulators.map(|(name, node)| Local::new(*name, &mut **node)));
     let mut bench = Local::new(BENCH, &mut bench);
     let mut controller = Local::new(CONTROLLER, &mut *controller);
     let drives = emulators.iter_mut();
-    let drives = drives.map(|one| Role::plant(setups, one));
+    let drives = drives.map(|one| Role::plant(plan, one));
     let others = [Role::bench(&mut bench), Role::controller(&mut controller)];
-    play(setups, drives.chain(others).collect(), capture, None)
+    play(plan, drives.chain(others).collect(), capture, None)
 }
 
 /// Plays the loops with these participants, the manager last: it is the first to stop, since it takes the current away and
@@ -116,7 +107,7 @@ fn play_here(setups: &[Setup], capture: &mut Capture<'_>) -> Result<End, WorldEr
 /// # Errors
 /// A participant or the wire failed, or the recording cannot be written.
 pub fn play(
-    setups: &[Setup],
+    plan: &Plan,
     roles: Vec<Role<'_>>,
     capture: &mut Capture<'_>,
     wire: Option<&mut dyn Bus>,
@@ -127,14 +118,13 @@ pub fn play(
         .map(|role| role.participant.name().to_owned())
         .collect();
     let participants = roles.into_iter().map(|role| role.participant);
-    let scenario = &setups[0].scenario;
-    let faults = BusFaults::new(setups, seats)?;
-    let mut coordinator = Coordinator::new(scenario.bus.bitrate_kilobits_per_second, participants)
-        .with_faults(faults);
-    capture.expect(frames_expected(scenario, setups.len()));
+    let faults = BusFaults::new(plan, seats)?;
+    let mut coordinator =
+        Coordinator::new(plan.shared.bus.bitrate_kilobits_per_second, participants)
+            .with_faults(faults);
+    capture.expect(frames_expected(plan));
     let mut taps = Taps { capture, wire };
-    let end = Duration::from_secs_f64(scenario.duration_seconds);
-    let is_faulty = setups.iter().any(|setup| !setup.scenario.fault.is_empty());
+    let (end, is_faulty) = (plan.duration(), plan.has_faults());
     let ended = run_until(&mut coordinator, &mut taps, end, is_faulty);
     let mut left = BTreeSet::from_iter(0..names.len());
     if let Err(error) = &ended
@@ -200,9 +190,9 @@ fn stop(
     clippy::cast_precision_loss,
     reason = "positive numbers below a million"
 )]
-fn frames_expected(scenario: &Scenario, loops: usize) -> usize {
-    let cycles = 1e3 * scenario.duration_seconds / scenario.bus.sync_period_milliseconds;
-    (cycles * FRAMES_PER_CYCLE * loops as f64).min(FRAMES_EXPECTED_MAX) as usize
+fn frames_expected(plan: &Plan) -> usize {
+    let cycles = 1e3 * plan.shared.duration_seconds / plan.shared.bus.sync_period_milliseconds;
+    (cycles * FRAMES_PER_CYCLE * plan.loops.len() as f64).min(FRAMES_EXPECTED_MAX) as usize
 }
 
 fn run_until(

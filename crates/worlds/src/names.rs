@@ -1,6 +1,6 @@
 //! What the participants of a run are called, in messages and on the command line of their processes.
 
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 pub(crate) const CONTROLLER: &str = "controller";
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
@@ -10,9 +10,9 @@ pub(crate) const DRIVE: &str = "drive";
 
 /// The names of the participants that emulate the plants of these loops, each once.
 #[must_use]
-pub fn emulator_names(setups: &[Setup]) -> Vec<&str> {
+pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> Vec<&'a str> {
     let mut names = Vec::new();
-    for name in setups.iter().map(emulator_name) {
+    for name in loops.into_iter().map(emulator_name) {
         if !names.contains(&name) {
             names.push(name);
         }
@@ -22,15 +22,15 @@ pub fn emulator_names(setups: &[Setup]) -> Vec<&str> {
 
 /// The name of the participant that emulates a plant: the plant's where there are several.
 #[must_use]
-pub fn emulator_name(setup: &Setup) -> &str {
-    let plant = setup.loop_name.as_ref().map(|names| names.plant.as_str());
+pub fn emulator_name(one: &ControlLoop) -> &str {
+    let plant = one.loop_name.as_ref().map(|names| names.plant.as_str());
     plant.unwrap_or(PLANT_EMULATOR)
 }
 
 /// The name of the drive of a loop, as the rig file has it where there are several.
-pub(crate) fn drive_name(setup: &Setup) -> &str {
-    match setup.loop_name {
-        Some(_) => setup.node_names().1,
+pub(crate) fn drive_name(one: &ControlLoop) -> &str {
+    match one.loop_name {
+        Some(_) => one.node_names().1,
         None => DRIVE,
     }
 }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use faults::{FaultKind, FaultPlan};
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::fault::node::Node;
 
 use crate::nodes::first_with_faults;
@@ -26,9 +26,9 @@ pub(super) enum ProcessAction {
 pub(super) struct ProcessFaults(VecDeque<(Duration, ProcessAction)>);
 
 impl ProcessFaults {
-    pub(super) fn new(setups: &[Setup]) -> Self {
-        let plan = first_with_faults(setups)
-            .map(|setup| FaultPlan::new(&setup.scenario.fault, Node::Controller))
+    pub(super) fn new(plan: &Plan) -> Self {
+        let plan = first_with_faults(plan)
+            .map(|one| FaultPlan::new(&one.scenario.fault, Node::Controller))
             .unwrap_or_default();
         let mut actions: Vec<_> = plan
             .faults
@@ -67,8 +67,8 @@ mod tests {
             [[fault.node.hang]]\nfrom_seconds = 1.0\nnode = \"controller\"\n\
             [[fault.node.crash]]\nfrom_seconds = 2.0\nnode = \"drive\"\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, &Catalogue::shipped());
-        let mut actions = ProcessFaults::new(&[setup]);
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let mut actions = ProcessFaults::new(&plan);
         assert_eq!(actions.due(Duration::ZERO), None);
         let all: Vec<_> = std::iter::from_fn(|| actions.due(Duration::from_secs(5))).collect();
         assert_eq!(

@@ -21,7 +21,7 @@ use crate::names::{self, BENCH, CONTROLLER};
 use crate::played::{End, Played};
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
-use rig::setup::Setup;
+use rig::plan::Plan;
 
 /// The nodes that are processes of their own, the manager last; without those that are somebody else's.
 pub(super) struct Processes(Vec<NodeProcess>);
@@ -91,18 +91,18 @@ pub(super) fn runtime() -> Result<Runtime, WorldError> {
 /// # Errors
 /// A process or the bus failed, or the recording cannot be written.
 pub fn in_lockstep(
-    setups: &[Setup],
+    plan: &Plan,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<Played, WorldError> {
-    let played = play(setups, folder, capture, bus);
-    let end = played.or_else(|error| end_by_node(error, setups, capture).map(End::ByNode))?;
+    let played = play(plan, folder, capture, bus);
+    let end = played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))?;
     Ok(Played::in_virtual_time(end))
 }
 
 fn play(
-    setups: &[Setup],
+    plan: &Plan,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     bus: &RunBus,
@@ -125,7 +125,7 @@ fn play(
     let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
-    let emulators = names::emulator_names(setups);
+    let emulators = names::emulator_names(&plan.loops);
     let count = emulators.len();
     for name in emulators.into_iter().chain([CONTROLLER]) {
         let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {
@@ -139,19 +139,19 @@ fn play(
     let mut processes = Processes::new(processes);
     let played = (|| -> Result<End, WorldError> {
         let mut remotes = Vec::new();
-        let patience = ANSWER_PATIENCE + more_patience(setups);
+        let patience = ANSWER_PATIENCE + more_patience(plan);
         for (name, channel) in channels {
             let remote = Remote::accept_within(name, channel, patience);
             remotes.push(remote.map_err(CoordinatorError::from)?);
         }
-        let mut bench = DisturbanceProducer::new(setups)?;
+        let mut bench = DisturbanceProducer::new(plan)?;
         let mut bench = Local::new(BENCH, &mut bench);
         let (emulators, manager) = remotes.split_at_mut(count);
         let drives = emulators.iter_mut();
-        let drives = drives.map(|one| Role::plant(setups, one));
+        let drives = drives.map(|one| Role::plant(plan, one));
         let manager = manager.iter_mut().map(|one| Role::controller(one));
         lockstep::play(
-            setups,
+            plan,
             drives
                 .chain([Role::bench(&mut bench)])
                 .chain(manager)

@@ -25,7 +25,7 @@ use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
 use recording::run_folder::RunFolder;
 use rig::external::ExternalNode;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
@@ -36,7 +36,7 @@ const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
 /// # Errors
 /// The bench or the bus failed, or the recording cannot be written.
 pub fn play(
-    setups: &[Setup],
+    plan: &Plan,
     folder: &RunFolder,
     capture: &mut Capture<'_>,
     connection: &mut BusConnection,
@@ -44,14 +44,14 @@ pub fn play(
 ) -> Result<Played, WorldError> {
     let runtime = runtime()?;
     let _entered = runtime.enter();
-    let mut processes = start_nodes(setups, folder, connection)?;
-    let stalls = StallRecorder::start(setups, &processes)?;
-    let mut bench = DisturbanceProducer::new(setups)?.watching_real_drives(setups);
+    let mut processes = start_nodes(plan, folder, connection)?;
+    let stalls = StallRecorder::start(plan, &processes)?;
+    let mut bench = DisturbanceProducer::new(plan)?.watching_real_drives(plan);
     let mut bus = connection.join(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
     let mut stopper = Some(stopper);
     let mut run = Run {
-        setups,
+        plan,
         folder,
         connection,
         capture,
@@ -92,7 +92,7 @@ pub fn play(
         ended => end.and_then(|end| ended.map(|_| end).map_err(WorldError::Bench)),
     };
     let (end, mut reports) = with_reports(end, stopped);
-    let mut faults = setups.iter().map(|setup| &setup.scenario.fault.node);
+    let mut faults = plan.loops.iter().map(|one| &one.scenario.fault.node);
     if let Some(controller) = reports.get_mut(CONTROLLER)
         && faults.any(|faults| !faults.hang.is_empty())
     {
@@ -100,7 +100,7 @@ pub fn play(
         controller.late.clear();
     }
     let stalls = stalls.finish(connection, &mut reports);
-    let end = end.or_else(|error| end_by_node(error, setups, capture).map(End::ByNode))?;
+    let end = end.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))?;
     let controller = reports.remove(CONTROLLER);
     Ok(Played {
         end,
@@ -115,16 +115,15 @@ pub fn play(
 
 /// Starts the nodes that are not external, the manager last.
 fn start_nodes(
-    setups: &[Setup],
+    plan: &Plan,
     folder: &RunFolder,
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
-    let is_ours = |setup: &&Setup| !setup.external.has(ExternalNode::Drive);
-    let ours = Vec::from_iter(setups.iter().filter(is_ours).cloned());
-    let emulators = emulator_names(&ours).into_iter();
+    let is_ours = |one: &&ControlLoop| !one.external.has(ExternalNode::Drive);
+    let emulators = emulator_names(plan.loops.iter().filter(is_ours)).into_iter();
     // One controller leads all loops.
-    let controller = (setups.iter())
-        .all(|setup| !setup.external.has(ExternalNode::Controller))
+    let controller = (plan.loops.iter())
+        .all(|one| !one.external.has(ExternalNode::Controller))
         .then_some(CONTROLLER);
     let spawn = |name| NodeProcess::spawn(name, folder, Some(connection.address()), None);
     let processes = emulators.chain(controller).map(spawn);
@@ -169,7 +168,7 @@ fn report(name: &str, text: &str) -> NodeReport {
 
 /// A run while it goes on.
 struct Run<'a, 'b> {
-    setups: &'a [Setup],
+    plan: &'a Plan,
     folder: &'a RunFolder,
     connection: &'a mut BusConnection,
     capture: &'a mut Capture<'b>,
@@ -182,9 +181,9 @@ impl Run<'_, '_> {
     /// Collects frames until the scenario is over, the user stops it, or something fails.
     async fn follow(&mut self) -> Result<End, WorldError> {
         let clock = Clock::start();
-        let mut silence = SilenceWatch::new(self.setups)?;
-        let mut second_master = SecondMasterWatch::new(self.setups)?;
-        let mut faults = ProcessFaults::new(self.setups);
+        let mut silence = SilenceWatch::new(self.plan)?;
+        let mut second_master = SecondMasterWatch::new(self.plan)?;
+        let mut faults = ProcessFaults::new(self.plan);
         let mut ticks = tokio::time::interval(COLLECT_PERIOD);
         loop {
             tokio::select! {
@@ -201,7 +200,7 @@ impl Run<'_, '_> {
                 return Ok(End::Completed);
             }
             self.play_faults(&mut faults).await?;
-            if is_over(self.setups, self.capture.scenario_time(), now)? {
+            if is_over(self.plan, self.capture.scenario_time(), now)? {
                 return Ok(End::Completed);
             }
             silence.check(now, self.capture)?;
@@ -236,24 +235,23 @@ impl Run<'_, '_> {
 /// # Errors
 /// It never will, since it did not begin.
 fn is_over(
-    setups: &[Setup],
+    plan: &Plan,
     scenario_time: Option<Duration>,
     now: Duration,
 ) -> Result<bool, WorldError> {
-    let scenario = &setups[0].scenario;
-    let patience = start_patience(setups);
+    let patience = start_patience(plan);
     match scenario_time {
-        Some(time) => Ok(time >= Duration::from_secs_f64(scenario.duration_seconds)),
+        Some(time) => Ok(time >= plan.duration()),
         // A fault that keeps the scenario from beginning is seen to its end.
-        None if now > patience && first_with_faults(setups).is_some() => Ok(true),
+        None if now > patience && first_with_faults(plan).is_some() => Ok(true),
         None if now > patience => Err(WorldError::NoStart { patience }),
         None => Ok(false),
     }
 }
 
 /// The drive of a rig may take its time, as its controller knows.
-fn start_patience(setups: &[Setup]) -> Duration {
-    let rigs = setups.iter().filter_map(|setup| setup.rig.as_ref());
+fn start_patience(plan: &Plan) -> Duration {
+    let rigs = plan.loops.iter().filter_map(|one| one.rig.as_ref());
     let bring_ups = rigs.map(|rig| rig.file.timeouts.bring_up() + ENABLE_PATIENCE);
-    bring_ups.fold(START_PATIENCE, Duration::max) + more_patience(setups)
+    bring_ups.fold(START_PATIENCE, Duration::max) + more_patience(plan)
 }

@@ -4,7 +4,7 @@ use dbc::SignalMissing;
 use recording::capture::Capture;
 use recording::masters::MasterWatch;
 use rig::external::ExternalNode;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 
 use crate::error::WorldError;
 
@@ -16,11 +16,11 @@ pub(super) struct SecondMasterWatch {
 
 impl SecondMasterWatch {
     /// A watch beside each real drive.
-    pub(super) fn new(setups: &[Setup]) -> Result<Self, SignalMissing> {
-        let is_real = |setup: &&Setup| setup.external.has(ExternalNode::Drive);
+    pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
+        let is_real = |one: &&ControlLoop| one.external.has(ExternalNode::Drive);
         let watch =
-            |setup: &Setup| MasterWatch::new(&setup.scenario, &setup.database, &setup.external);
-        let drives = setups.iter().filter(is_real).map(watch);
+            |one: &ControlLoop| MasterWatch::new(&one.scenario, &one.database, &one.external);
+        let drives = plan.loops.iter().filter(is_real).map(watch);
         Ok(Self {
             drives: drives.collect::<Result<_, _>>()?,
             taken: 0,

@@ -6,7 +6,7 @@ use dbc::SignalMissing;
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::capture::Capture;
 use recording::log::Stamped;
-use rig::setup::Setup;
+use rig::plan::Plan;
 
 use crate::error::WorldError;
 use crate::names::{CONTROLLER, drive_name};
@@ -36,19 +36,19 @@ struct Drive {
 }
 
 impl SilenceWatch {
-    pub(super) fn new(setups: &[Setup]) -> Result<Self, SignalMissing> {
-        let period = setups[0].scenario.bus.sync_period();
-        let drives = setups.iter().map(|setup| {
+    pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
+        let period = plan.sync_period();
+        let drives = plan.loops.iter().map(|one| {
             Ok(Drive {
-                name: drive_name(setup).to_owned(),
-                position_id: setup.database.position()?.raw_id(),
+                name: drive_name(one).to_owned(),
+                position_id: one.database.position()?.raw_id(),
                 heard: Duration::ZERO,
             })
         });
         Ok(Self {
             drives: drives.collect::<Result<_, _>>()?,
             limit: SILENCE_MAX.max(PERIODS_MAX * period),
-            is_sound: first_with_faults(setups).is_none(),
+            is_sound: first_with_faults(plan).is_none(),
             taken: 0,
             sync: Duration::ZERO,
             any: Duration::ZERO,

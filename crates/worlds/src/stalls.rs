@@ -6,7 +6,7 @@ use std::time::Duration;
 use platform::stall_watch::{SeenStall, StallWatch};
 use recording::latency::NodeReport;
 use recording::stalls::{Stall, What, Who};
-use rig::setup::Setup;
+use rig::plan::Plan;
 
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;
@@ -27,8 +27,8 @@ pub(super) struct StallRecorder {
 impl StallRecorder {
     /// # Errors
     /// No thread can be started.
-    pub(super) fn start(setups: &[Setup], processes: &Processes) -> Result<Self, WorldError> {
-        let longer_than = setups[0].scenario.bus.sync_period() / 2;
+    pub(super) fn start(plan: &Plan, processes: &Processes) -> Result<Self, WorldError> {
+        let longer_than = plan.sync_period() / 2;
         let watch = StallWatch::start(longer_than).map_err(|source| WorldError::Spawn {
             name: BENCH.to_owned(),
             source,

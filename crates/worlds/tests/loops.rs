@@ -9,31 +9,26 @@ use dbc::scenario_clock::ScenarioClock;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::timeline::{Timeline, decode};
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan, check_rig};
 use worlds::End;
 use worlds::catalogue::catalogue;
-use worlds::lockstep::simulate_loops;
+use worlds::lockstep::simulate;
 
-fn two_axes() -> Vec<Setup> {
+fn two_axes() -> Plan {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/two_axes.toml");
-    rig::loops::load(&path, catalogue()).unwrap()
+    Plan::load(&path, catalogue()).unwrap()
 }
 
-fn simulated(loops: &[Setup]) -> Frames {
+fn simulated(plan: &Plan) -> Frames {
     let watch = Watch::default();
-    let clock = ScenarioClock::new(&loops[0].database).unwrap();
+    let clock = ScenarioClock::new(plan.database()).unwrap();
     let mut capture = Capture::in_memory(clock, &watch);
-    assert_eq!(simulate_loops(loops, &mut capture).unwrap(), End::Completed);
+    assert_eq!(simulate(plan, &mut capture).unwrap(), End::Completed);
     capture.finish().unwrap().0
 }
 
-fn timelines(loops: &[Setup], frames: &Frames) -> Vec<Timeline> {
-    let setups = loops.iter();
-    setups.map(|setup| decode(frames, setup).unwrap()).collect()
-}
-
 /// The two axes with more in their scenario.
-fn two_axes_with(added: &str) -> Vec<Setup> {
+fn two_axes_with(added: &str) -> Plan {
     let folder = tempfile::tempdir().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let copy = |name: &str, added: &str| {
@@ -42,7 +37,7 @@ fn two_axes_with(added: &str) -> Vec<Setup> {
     };
     copy("two_axes_rig.toml", "");
     copy("two_axes.toml", added);
-    rig::loops::load(&folder.path().join("two_axes.toml"), catalogue()).unwrap()
+    Plan::load(&folder.path().join("two_axes.toml"), catalogue()).unwrap()
 }
 
 /// The currents after a time.
@@ -56,15 +51,15 @@ fn currents_after(timeline: &Timeline, seconds: f64) -> Vec<f64> {
 fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
     for node in ["x", "y"] {
         let fault = format!("[[fault.node.crash]]\nfrom_seconds = 6.0\nnode = \"{node}\"\n");
-        let setups = two_axes_with(&fault);
+        let plan = two_axes_with(&fault);
         let watch = Watch::default();
-        let clock = ScenarioClock::new(&setups[0].database).unwrap();
+        let clock = ScenarioClock::new(plan.database()).unwrap();
         let mut capture = Capture::in_memory(clock, &watch);
         // A fault of the scenario is seen to its end.
-        let end = simulate_loops(&setups, &mut capture).unwrap();
+        let end = simulate(&plan, &mut capture).unwrap();
         assert_eq!(end, End::Completed);
         let (frames, _) = capture.finish().unwrap();
-        let timelines = timelines(&setups, &frames);
+        let timelines = decode(&frames, &plan).unwrap();
         for (timeline, name) in timelines.iter().zip(["x", "y"]) {
             let before = timeline.current()[2500];
             assert!(
@@ -79,8 +74,8 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
 }
 
 /// The frames of an identifier from a scenario time on, each with that time.
-fn frames_after(setups: &[Setup], frames: &Frames, seconds: f64, id: u16) -> Vec<(f64, CanFrame)> {
-    let zero = timelines(setups, frames)[0].zero_seconds.unwrap();
+fn frames_after(plan: &Plan, frames: &Frames, seconds: f64, id: u16) -> Vec<(f64, CanFrame)> {
+    let zero = decode(frames, plan).unwrap()[0].zero_seconds.unwrap();
     let of_id = frames
         .iter()
         .filter(|one| one.frame.standard_id() == Some(id));
@@ -90,14 +85,14 @@ fn frames_after(setups: &[Setup], frames: &Frames, seconds: f64, id: u16) -> Vec
 
 #[test]
 fn a_fault_of_the_bus_hits_the_node_that_it_names_once() {
-    let setups = two_axes_with(
+    let plan = two_axes_with(
         "[[fault.bus.delay]]\nfrom_seconds = 1.0\nuntil_seconds = 1.1\nsender = \"y\"\nidentifier = 0x192\ndelay_milliseconds = 0.7\n\
          [[fault.bus.duplicate]]\nfrom_seconds = 1.2\nuntil_seconds = 1.3\nsender = \"controller\"\nidentifier = 0x212\n\
          [[fault.bus.lose]]\nfrom_seconds = 1.5\nreceiver = \"y\"\nidentifier = 0x212\n",
     );
-    let frames = simulated(&setups);
+    let frames = simulated(&plan);
     let between = |id, from, until| {
-        let mut frames = frames_after(&setups, &frames, from, id);
+        let mut frames = frames_after(&plan, &frames, from, id);
         frames.retain(|(time, _)| *time < until);
         frames
     };
@@ -120,10 +115,10 @@ fn a_fault_of_the_bus_hits_the_node_that_it_names_once() {
     let count = |id| between(id, 1.2, 1.3).len();
     assert_eq!((count(0x210), count(0x212)), (50, 100));
     // Without commands the second drive stands still where it was, and the controller takes the current from both.
-    let emergencies = frames_after(&setups, &frames, 1.5, 0x081);
+    let emergencies = frames_after(&plan, &frames, 1.5, 0x081);
     let (_, first) = emergencies[0];
     assert_eq!(first.data()[3], 0x12, "{emergencies:?}");
-    let is_first = frames_after(&setups, &frames, 1.5, 0x090).is_empty();
+    let is_first = frames_after(&plan, &frames, 1.5, 0x090).is_empty();
     assert!(is_first, "the first drive gets its commands");
 }
 
@@ -132,9 +127,9 @@ fn a_fault_of_the_bus_hits_the_node_that_it_names_once() {
 fn the_bench_orders_the_node_that_the_rig_file_names() {
     for (node, number) in [("x", 0x10), ("y", 0x12), ("controller", 1)] {
         let fault = format!("[[fault.node.nmt_stop]]\nat_seconds = 3.0\nnode = \"{node}\"\n");
-        let setups = two_axes_with(&fault);
-        let frames = simulated(&setups);
-        let mut orders = frames_after(&setups, &frames, 2.9, 0);
+        let plan = two_axes_with(&fault);
+        let frames = simulated(&plan);
+        let mut orders = frames_after(&plan, &frames, 2.9, 0);
         orders.retain(|(time, _)| *time < 3.001);
         let [(_, order)] = orders[..] else {
             panic!("{orders:?}")
@@ -148,13 +143,13 @@ fn the_controller_says_which_drive_it_gave_up() {
     for (node, number) in [("x", 0x10), ("y", 0x12)] {
         let fault =
             format!("[[fault.node.lost_heartbeat]]\nfrom_seconds = 3.0\nnode = \"{node}\"\n");
-        let setups = two_axes_with(&fault);
-        let frames = simulated(&setups);
+        let plan = two_axes_with(&fault);
+        let frames = simulated(&plan);
         for (drive, id) in [("x", 0x710), ("y", 0x712)] {
-            let beats = frames_after(&setups, &frames, 3.0, id).len();
+            let beats = frames_after(&plan, &frames, 3.0, id).len();
             assert_eq!(beats == 0, drive == node, "{beats} heartbeats of {drive}");
         }
-        let mut emergencies = frames_after(&setups, &frames, 3.0, 0x081);
+        let mut emergencies = frames_after(&plan, &frames, 3.0, 0x081);
         emergencies.retain(|(_, frame)| frame.data()[..2] != [0, 0]);
         let is_named = |(_, frame): &(f64, CanFrame)| frame.data()[3] == number;
         assert!(!emergencies.is_empty());
@@ -167,8 +162,8 @@ fn the_controller_says_which_drive_it_gave_up() {
 fn each_drive_has_noise_of_its_own() {
     let noise = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.05\n";
     let both = ["x", "y"].map(|node| noise.replace("NODE", node)).concat();
-    let setups = two_axes_with(&both);
-    let timelines = timelines(&setups, &simulated(&setups));
+    let plan = two_axes_with(&both);
+    let timelines = decode(&simulated(&plan), &plan).unwrap();
     let hold = |timeline: &Timeline| {
         let samples = timeline.time_seconds.iter().zip(timeline.position());
         let hold = samples.filter(|(time, _)| (1.0..1.9).contains(*time));
@@ -189,7 +184,7 @@ fn each_drive_has_noise_of_its_own() {
 fn two_axes_draw_a_circle() {
     let loops = two_axes();
     let frames = simulated(&loops);
-    let [x, y] = &timelines(&loops, &frames)[..] else {
+    let [x, y] = &decode(&frames, &loops).unwrap()[..] else {
         panic!("two loops")
     };
     // One bus, one time.
@@ -223,7 +218,7 @@ fn a_cycle_that_is_too_short_is_refused_with_the_one_that_fits() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let read = |name: &str| fs::read_to_string(data.join(name)).unwrap();
     let rig = read("two_axes_rig.toml");
-    let (_, budget) = rig::loops::check_rig(&rig, "two_axes_rig.toml", catalogue()).unwrap();
+    let (_, budget) = check_rig(&rig, "two_axes_rig.toml", catalogue()).unwrap();
     assert!(budget.fits(), "{budget}");
     assert_eq!(budget.shares[0].what, "SYNC");
     let load_at = |period: &str| {
@@ -231,7 +226,7 @@ fn a_cycle_that_is_too_short_is_refused_with_the_one_that_fits() {
         fs::write(folder.path().join("two_axes_rig.toml"), rig).unwrap();
         let path = folder.path().join("two_axes.toml");
         fs::write(&path, read("two_axes.toml")).unwrap();
-        rig::loops::load(&path, catalogue())
+        Plan::load(&path, catalogue())
     };
     let period = budget.period_milliseconds_min().unwrap();
     assert!(load_at(&format!("{period:.1}")).is_ok());
@@ -241,17 +236,17 @@ fn a_cycle_that_is_too_short_is_refused_with_the_one_that_fits() {
     assert!(text.contains(&proposed), "{text}");
 }
 
-fn shipped(name: &str) -> Vec<Setup> {
+fn shipped(name: &str) -> Plan {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios");
-    rig::loops::load(&folder.join(name), catalogue()).unwrap()
+    Plan::load(&folder.join(name), catalogue()).unwrap()
 }
 
 #[test]
 fn two_drives_turn_one_joint_under_one_law() {
-    let setups = shipped("sma_pair_step.toml");
-    let names = setups.iter().map(Setup::prefix);
+    let plan = shipped("sma_pair_step.toml");
+    let names = plan.loops.iter().map(ControlLoop::prefix);
     assert_eq!(Vec::from_iter(names), ["angle.", "extensor."]);
-    let timelines = timelines(&setups, &simulated(&setups));
+    let timelines = decode(&simulated(&plan), &plan).unwrap();
     let [angle, extensor] = &timelines[..] else {
         panic!("{} timelines", timelines.len())
     };
@@ -276,8 +271,8 @@ fn two_drives_turn_one_joint_under_one_law() {
 
 #[test]
 fn a_law_takes_the_current_from_all_its_drives_when_one_is_lost() {
-    let setups = shipped("sma_pair_drive_lost.toml");
-    let timelines = timelines(&setups, &simulated(&setups));
+    let plan = shipped("sma_pair_drive_lost.toml");
+    let timelines = decode(&simulated(&plan), &plan).unwrap();
     for timeline in &timelines {
         let currents = currents_after(timeline, 3.5);
         assert!(currents.iter().all(|current| *current == 0.0));

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use judge::verdict::Identity;
 use recording::run_folder::{RunFolder, WriteError, file};
-use rig::setup::Setup;
+use rig::plan::Plan;
 use serde::{Deserialize, Serialize};
 
 use super::{EngineKind, Job, Limits};
@@ -62,7 +62,7 @@ pub(super) struct Submitted {
 /// A campaign on the shared disk.
 pub(super) struct SharedCampaign<'a> {
     pub(super) cases: &'a dyn Cases,
-    pub(super) setup: &'a Setup,
+    pub(super) plan: &'a Plan,
     pub(super) identity: Identity,
     /// Folder in which the campaign's folder is; as every machine of the engine names it.
     pub(super) output: PathBuf,
@@ -74,12 +74,12 @@ impl SharedCampaign<'_> {
     /// Where the campaign's folder is or will be.
     pub(super) fn path(&self) -> PathBuf {
         let id = format!("{}-{}", self.cases.kind(), self.cases.id());
-        RunFolder::path_of(&self.output, &self.setup.scenario.name, &id)
+        RunFolder::path_of(&self.output, &self.plan.shared.name, &id)
     }
 
     /// Makes the folder with all that the tasks need. The program is copied before anything was submitted.
     pub(super) fn prepare(&self) -> Result<(), WriteError> {
-        let folder = open_folder(&self.output, self.setup, self.cases, Shard::WHOLE)?;
+        let folder = open_folder(&self.output, self.plan, self.cases, Shard::WHOLE)?;
         for name in [ENGINE, LOGS, PARTS] {
             let path = folder.path().join(name);
             fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
@@ -118,7 +118,7 @@ impl SharedCampaign<'_> {
     }
 
     fn folder(&self) -> Result<RunFolder, WriteError> {
-        open_folder(&self.output, self.setup, self.cases, Shard::WHOLE)
+        open_folder(&self.output, self.plan, self.cases, Shard::WHOLE)
     }
 
     /// The job of some parts.
@@ -162,7 +162,7 @@ impl SharedCampaign<'_> {
             Shard::WHOLE => id,
             _ => format!("{id}-{number}-of-{of}"),
         };
-        RunFolder::path_of(&self.path().join(PARTS), &self.setup.scenario.name, &id)
+        RunFolder::path_of(&self.path().join(PARTS), &self.plan.shared.name, &id)
     }
 
     /// The parts that do not have all their rows. One that cannot be read is an error for all.

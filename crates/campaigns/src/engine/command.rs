@@ -15,12 +15,12 @@ use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::merge::{CampaignCases, MergeError, merge_parts};
 use crate::sweep::part::PartError;
-use crate::sweep::plan::SweepPlan;
 use crate::sweep::shard::SHARDS_MAX;
 use crate::sweep::store::StoreError;
+use crate::sweep::sweep_cases::SweepCases;
 use crate::torture::cases::{Draws, TortureCases};
 use recording::run_folder::WriteError;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use runner::console::{PartsBar, print, print_error};
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
@@ -157,18 +157,18 @@ impl SubmitError {
 /// Does what the command line says.
 #[must_use]
 pub fn submit(args: &SubmitArgs) -> Exit {
-    let setups = match scenarios::load(&args.scenario, &args.values.overrides) {
-        Ok(setups) => setups,
+    let plan = match scenarios::load(&args.scenario, &args.values.overrides) {
+        Ok(plan) => plan,
         Err(exit) => return exit,
     };
-    submitted(args, &setups).unwrap_or_else(|error| {
+    submitted(args, &plan).unwrap_or_else(|error| {
         print_error(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
-fn submitted(args: &SubmitArgs, setups: &[Setup]) -> Result<Exit, SubmitError> {
-    let cases = cases(args, setups)?;
+fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, SubmitError> {
+    let cases = cases(args, plan)?;
     let arguments = match args.torture {
         Some(runs) => [
             "--runs",
@@ -182,8 +182,8 @@ fn submitted(args: &SubmitArgs, setups: &[Setup]) -> Result<Exit, SubmitError> {
     };
     let campaign = SharedCampaign {
         cases: cases.cases(),
-        setup: &setups[0],
-        identity: identity(&setups[0])?,
+        plan,
+        identity: identity(plan)?,
         output: std::path::absolute(&args.output).map_err(WriteError::at(&args.output))?,
         arguments,
     };
@@ -208,24 +208,18 @@ fn submitted(args: &SubmitArgs, setups: &[Setup]) -> Result<Exit, SubmitError> {
         false => Shown::All,
     };
     let parts: Vec<PathBuf> = parts.collect();
-    Ok(merge_parts(
-        &parts,
-        &cases,
-        setups,
-        &campaign.output,
-        shown,
-    )?)
+    Ok(merge_parts(&parts, &cases, plan, &campaign.output, shown)?)
 }
 
-fn cases(args: &SubmitArgs, setups: &[Setup]) -> Result<CampaignCases, MergeError> {
+fn cases(args: &SubmitArgs, plan: &Plan) -> Result<CampaignCases, MergeError> {
     let Some(runs) = args.torture else {
-        return Ok(CampaignCases::Sweep(Box::new(SweepPlan::new(setups)?)));
+        return Ok(CampaignCases::Sweep(Box::new(SweepCases::new(plan)?)));
     };
     let draws = Draws {
         runs: runs as usize,
         seed: args.seed,
     };
-    let torture = TortureCases::drawn(setups, draws)?;
+    let torture = TortureCases::drawn(plan, draws)?;
     Ok(CampaignCases::Torture(Box::new(torture)))
 }
 

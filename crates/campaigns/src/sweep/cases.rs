@@ -1,7 +1,7 @@
 //! What a campaign plays: cases, each known by its number alone.
 
 use recording::capture::Watch;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::expect::Limit;
 
 use super::row::SweepRow;
@@ -43,8 +43,8 @@ pub trait Cases: Sync {
     fn faulty(&self, number: usize, reason: String) -> SweepRow;
 
     /// The limits that the runs are judged by.
-    fn limits(&self, setups: &[Setup]) -> Vec<(String, Limit)> {
-        judge::limits(setups)
+    fn limits(&self, plan: &Plan) -> Vec<(String, Limit)> {
+        judge::limits(plan)
     }
 
     /// Files, by name and text, that a folder of the campaign has besides the scenario.

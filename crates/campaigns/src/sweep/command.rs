@@ -9,9 +9,9 @@ use super::cases::Cases;
 use super::estimate::Estimate;
 use super::finish::{FinishError, Shown, finish};
 use super::part::{PartArgs, PartError, PartPlay};
-use super::plan::{PlanError, SweepPlan};
+use super::sweep_cases::{NoSweep, SweepCases};
 use crate::campaign::Campaign;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::lines::EventLines;
@@ -23,7 +23,7 @@ use runner::scenarios;
 #[derive(Debug, thiserror::Error)]
 enum SweepError {
     #[error(transparent)]
-    SweepPlan(#[from] PlanError),
+    NoSweep(#[from] NoSweep),
     #[error(transparent)]
     Part(#[from] PartError),
     #[error(transparent)]
@@ -33,7 +33,7 @@ enum SweepError {
 impl SweepError {
     fn exit(&self) -> Exit {
         match self {
-            Self::SweepPlan(_) => Exit::CannotStart,
+            Self::NoSweep(_) => Exit::CannotStart,
             Self::Part(error) => error.exit(),
             Self::Finish(_) => Exit::BenchFailed,
         }
@@ -69,21 +69,21 @@ pub struct SweepArgs {
 /// Does what the command line says.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let setups = match scenarios::load(&args.scenario, &args.values.overrides) {
-        Ok(setups) => setups,
+    let plan = match scenarios::load(&args.scenario, &args.values.overrides) {
+        Ok(plan) => plan,
         Err(exit) => return exit,
     };
-    play(args, &setups).unwrap_or_else(|error| {
+    play(args, &plan).unwrap_or_else(|error| {
         print_error(&format!("canrig: {error}"));
         error.exit()
     })
 }
 
-fn play(args: &SweepArgs, setups: &[Setup]) -> Result<Exit, SweepError> {
-    let plan = SweepPlan::new(setups)?;
+fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, SweepError> {
+    let cases = SweepCases::new(plan)?;
     if args.plan {
         let cores = args.threads.unwrap_or(1);
-        let estimate = Estimate::probe(&plan, cores)?;
+        let estimate = Estimate::probe(&cases, cores)?;
         let (file, options) = (args.scenario.display(), estimate.options());
         print(&format!(
             "{estimate}\ncanrig submit {file} --engine slurm {options}"
@@ -108,15 +108,15 @@ fn play(args: &SweepArgs, setups: &[Setup]) -> Result<Exit, SweepError> {
         lines: lines.as_ref(),
     };
     // Until tables and page are made: another call would make them at the same time.
-    let (folder, _lock) = part.play(&plan, &setups[0])?;
+    let (folder, _lock) = part.play(&cases, plan)?;
     let exit = match args.part.is_for_engine() {
         true => Exit::Pass,
-        false => finish(&folder, setups, &plan, shown)?,
+        false => finish(&folder, plan, &cases, shown)?,
     };
     part.report(
         "ended",
-        &plan,
-        shard.cases(Cases::runs(&plan)).len(),
+        &cases,
+        shard.cases(Cases::runs(&cases)).len(),
         &folder,
     );
     Ok(exit)

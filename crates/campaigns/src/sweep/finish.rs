@@ -10,7 +10,7 @@ use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
 use recording::run_folder::{RunFolder, WriteError, file};
 use recording::session::write_tables;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use runner::console::print;
 use runner::exit::Exit;
 
@@ -38,11 +38,11 @@ pub(crate) enum FinishError {
 /// Makes tables, page and scenarios of a folder's rows, and prints where they are. Whatever was made before is made again.
 pub(crate) fn finish(
     folder: &RunFolder,
-    setups: &[Setup],
+    plan: &Plan,
     cases: &dyn Cases,
     shown: Shown,
 ) -> Result<Exit, FinishError> {
-    let summary = Summary::read(cases, setups, folder.path())?;
+    let summary = Summary::read(cases, plan, folder.path())?;
     let metrics = summary.metrics();
     let tables = Tables {
         cases,
@@ -53,7 +53,7 @@ pub(crate) fn finish(
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;
     remove_others(folder, &summary.failing)?;
     if !summary.failing.is_empty() {
-        write_tables(folder, &setups[0], FAILING)?;
+        write_tables(folder, plan, FAILING)?;
     }
     for failing in &summary.failing {
         let text = format!("{}{}", preamble(cases, failing), cases.text(failing.case));

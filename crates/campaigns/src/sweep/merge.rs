@@ -8,13 +8,13 @@ use super::Shard;
 use super::cases::Cases;
 use super::finish::{FinishError, Shown, finish};
 use super::part::{open_folder, print_found};
-use super::plan::{PlanError, SweepPlan};
 use super::store::{self, Header, Store, StoreError};
+use super::sweep_cases::{NoSweep, SweepCases};
 use crate::torture::cases::{NoTorture, TortureCases};
 use crate::torture::command::shrink_first;
 use judge::verdict::Identity;
 use recording::run_folder::{RunFolder, WriteError, file};
-use rig::setup::Setup;
+use rig::plan::Plan;
 use runner::console::print_error;
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
@@ -28,7 +28,7 @@ const MISSING_SHOWN_MAX: usize = 10;
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum MergeError {
     #[error(transparent)]
-    SweepPlan(#[from] PlanError),
+    NoSweep(#[from] NoSweep),
     #[error(transparent)]
     NoTorture(#[from] NoTorture),
     #[error(transparent)]
@@ -104,16 +104,16 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::CannotStart;
     }
-    let setups = match scenarios::load(&first.join(file::SCENARIO), &[]) {
-        Ok(setups) => setups,
+    let plan = match scenarios::load(&first.join(file::SCENARIO), &[]) {
+        Ok(plan) => plan,
         Err(exit) => return exit,
     };
     let shown = match args.quiet {
         true => Shown::Failures,
         false => Shown::All,
     };
-    let merged = CampaignCases::of_folder(first, &setups)
-        .and_then(|cases| merge_parts(&args.shards, &cases, &setups, &args.output, shown));
+    let merged = CampaignCases::of_folder(first, &plan)
+        .and_then(|cases| merge_parts(&args.shards, &cases, &plan, &args.output, shown));
     merged.unwrap_or_else(|error| {
         print_error(&format!("canrig: {error}"));
         error.exit()
@@ -123,24 +123,24 @@ pub fn merge(args: &MergeArgs) -> Exit {
 /// What a campaign is.
 pub(crate) enum CampaignCases {
     /// One run for each combination of values.
-    Sweep(Box<SweepPlan>),
+    Sweep(Box<SweepCases>),
     /// One run for each mix of faults.
     Torture(Box<TortureCases>),
 }
 
 impl CampaignCases {
     /// Torture where the folder says so, else a sweep.
-    pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Self, MergeError> {
-        Ok(match TortureCases::of_folder(folder, setups)? {
+    pub(crate) fn of_folder(folder: &Path, plan: &Plan) -> Result<Self, MergeError> {
+        Ok(match TortureCases::of_folder(folder, plan)? {
             Some(torture) => Self::Torture(Box::new(torture)),
-            None => Self::Sweep(Box::new(SweepPlan::new(setups)?)),
+            None => Self::Sweep(Box::new(SweepCases::new(plan)?)),
         })
     }
 
     /// The cases, whatever they are.
     pub(crate) fn cases(&self) -> &dyn Cases {
         match self {
-            Self::Sweep(plan) => &**plan,
+            Self::Sweep(cases) => &**cases,
             Self::Torture(torture) => &**torture,
         }
     }
@@ -150,15 +150,14 @@ impl CampaignCases {
 pub(crate) fn merge_parts(
     parts: &[PathBuf],
     campaign: &CampaignCases,
-    setups: &[Setup],
+    plan: &Plan,
     output: &Path,
     shown: Shown,
 ) -> Result<Exit, MergeError> {
     let cases = campaign.cases();
-    let setup = &setups[0];
-    let identity = identity(setup)?;
+    let identity = identity(plan)?;
     check(parts, cases, &identity)?;
-    let folder = open_folder(output, setup, cases, Shard::WHOLE)?;
+    let folder = open_folder(output, plan, cases, Shard::WHOLE)?;
     let header = Header::new(cases, &identity, Shard::WHOLE);
     let (store, found) = Store::open(folder.path(), &header)?;
     print_found(&found, shown != Shown::All);
@@ -176,7 +175,7 @@ pub(crate) fn merge_parts(
     }
     drop(missing);
     let _lock = store.into_lock();
-    let exit = finish(&folder, setups, cases, shown)?;
+    let exit = finish(&folder, plan, cases, shown)?;
     if let CampaignCases::Torture(torture) = campaign {
         shrink_first(folder.path(), torture, output).map_err(MergeError::Shrink)?;
     }
@@ -270,22 +269,22 @@ mod tests {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n\
         [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
 
-    fn header(plan: &SweepPlan, shard: Shard) -> Header {
+    fn header(cases: &SweepCases, shard: Shard) -> Header {
         let identity = Identity {
             program: "p".to_owned(),
             plant: "sma_actuator".to_owned(),
             law: "pid".to_owned(),
             files: BTreeMap::new(),
         };
-        Header::new(plan, &identity, shard)
+        Header::new(cases, &identity, shard)
     }
 
     /// A folder with the rows of a part, which ended for these reasons.
-    fn part(plan: &SweepPlan, shard: Shard, reasons: [&str; 2]) -> tempfile::TempDir {
+    fn part(cases: &SweepCases, shard: Shard, reasons: [&str; 2]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        let (mut store, _) = Store::open(folder.path(), &header(plan, shard)).unwrap();
-        for (case, reason) in shard.cases(plan.runs()).zip(reasons) {
-            let id = &plan.case(case).id;
+        let (mut store, _) = Store::open(folder.path(), &header(cases, shard)).unwrap();
+        for (case, reason) in shard.cases(cases.runs()).zip(reasons) {
+            let id = &cases.case(case).id;
             let row = SweepRow::without_verdict(case, id, Ended::Invalid, reason.to_owned());
             store.append(&row).unwrap();
         }
@@ -295,20 +294,20 @@ mod tests {
     #[test]
     fn parts_that_contradict_each_other_are_refused() {
         let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
-        let plan = SweepPlan::new(&[setup]).unwrap();
+        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let cases = SweepCases::new(&plan).unwrap();
         let half = |number| Shard { number, of: 2 };
         let folders = [
-            part(&plan, half(1), ["a", "c"]),
-            part(&plan, half(2), ["b", "d"]),
-            part(&plan, half(1), ["a", "x"]),
+            part(&cases, half(1), ["a", "c"]),
+            part(&cases, half(2), ["b", "d"]),
+            part(&cases, half(1), ["a", "x"]),
         ];
         let paths = folders.each_ref().map(|folder| folder.path().to_owned());
         let whole = RunFolder::lasting(&paths[0], "whole", "1").unwrap();
         let add = |parts: &[PathBuf]| {
-            let header = header(&plan, Shard::WHOLE);
+            let header = header(&cases, Shard::WHOLE);
             let (mut store, _) = Store::open(whole.path(), &header).unwrap();
-            add_all(parts, &plan, &whole, &mut store).map(|()| {
+            add_all(parts, &cases, &whole, &mut store).map(|()| {
                 let reason = |case| store.row(case).unwrap().unwrap().reason.unwrap();
                 (1..=4).map(reason).collect::<String>()
             })
@@ -327,13 +326,13 @@ mod tests {
     /// A part whose rows nobody has played.
     fn made_up(
         folder: &Path,
-        setup: &Setup,
+        plan: &Plan,
         cases: &dyn Cases,
         shard: Shard,
         row: &dyn Fn(usize) -> SweepRow,
     ) -> PathBuf {
-        let part = open_folder(folder, setup, cases, shard).unwrap();
-        let header = Header::new(cases, &identity(setup).unwrap(), shard);
+        let part = open_folder(folder, plan, cases, shard).unwrap();
+        let header = Header::new(cases, &identity(plan).unwrap(), shard);
         let (store, _) = Store::open(part.path(), &header).unwrap();
         let mut store = store.of_copies();
         for case in shard.cases(cases.runs()) {
@@ -344,8 +343,8 @@ mod tests {
     }
 
     /// A metric that follows both keys, and eleven more.
-    fn row_of_a_sweep(plan: &SweepPlan, case: usize) -> SweepRow {
-        let [hold, load] = plan.values(case)[..] else {
+    fn row_of_a_sweep(cases: &SweepCases, case: usize) -> SweepRow {
+        let [hold, load] = cases.values(case)[..] else {
             unreachable!("two keys")
         };
         let value = hold - 300.0 * (load - 0.04);
@@ -390,11 +389,7 @@ mod tests {
     const RUNS: usize = 1_000_000;
 
     /// Merges a campaign of a million runs whose rows are made up, prints what it costs, and returns its page.
-    fn merged(
-        setups: &[Setup],
-        campaign: &CampaignCases,
-        row: &dyn Fn(usize) -> SweepRow,
-    ) -> String {
+    fn merged(plan: &Plan, campaign: &CampaignCases, row: &dyn Fn(usize) -> SweepRow) -> String {
         const PARTS: usize = 40;
         let cases = campaign.cases();
         assert_eq!(cases.runs(), RUNS);
@@ -402,7 +397,7 @@ mod tests {
         let watch = Stopwatch::start();
         let part = |number| {
             let shard = Shard { number, of: PARTS };
-            made_up(folder.path(), &setups[0], cases, shard, row)
+            made_up(folder.path(), plan, cases, shard, row)
         };
         let parts: Vec<PathBuf> = (1..=PARTS).map(part).collect();
         let mebibytes = || memory_bytes_max().unwrap_or_default() >> 20;
@@ -413,7 +408,7 @@ mod tests {
         ));
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
-        merge_parts(&parts, campaign, setups, &output, Shown::All).unwrap();
+        merge_parts(&parts, campaign, plan, &output, Shown::All).unwrap();
         let entries = std::fs::read_dir(&output).unwrap();
         let entries = entries.map(|entry| entry.unwrap().path());
         let mut pages = entries.filter(|path| path.join(store::FILE).exists());
@@ -436,17 +431,17 @@ mod tests {
     fn a_million_mixes_are_merged_and_reported_in_bounded_memory() {
         let text = TEXT.split("[sweep]").next().unwrap().to_owned();
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setups = [Setup::new(scenario, catalogue()).from_file("s.toml", text)];
+        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
         let draws = Draws {
             runs: RUNS,
             seed: 1,
         };
-        let cases = TortureCases::new(&setups, draws).unwrap();
+        let cases = TortureCases::new(&plan, draws).unwrap();
         let campaign = CampaignCases::Torture(Box::new(cases));
         let CampaignCases::Torture(cases) = &campaign else {
             unreachable!("as it was made")
         };
-        let page = merged(&setups, &campaign, &|case| row_of_torture(cases, case));
+        let page = merged(&plan, &campaign, &|case| row_of_torture(cases, case));
         assert!(page.contains("What drives it") && page.contains("sensor.stuck"));
     }
 
@@ -459,13 +454,13 @@ mod tests {
             "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
         ) + "[[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setups = [Setup::new(scenario, catalogue()).from_file("s.toml", text)];
-        let plan = SweepPlan::new(&setups).unwrap();
-        let campaign = CampaignCases::Sweep(Box::new(plan));
-        let CampaignCases::Sweep(plan) = &campaign else {
+        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
+        let cases = SweepCases::new(&plan).unwrap();
+        let campaign = CampaignCases::Sweep(Box::new(cases));
+        let CampaignCases::Sweep(cases) = &campaign else {
             unreachable!("as it was made")
         };
-        let page = merged(&setups, &campaign, &|case| row_of_a_sweep(plan, case));
+        let page = merged(&plan, &campaign, &|case| row_of_a_sweep(cases, case));
         assert!(page.contains("What drives it") && page.contains("+0.9"));
     }
 }

@@ -17,7 +17,7 @@ use super::uncopied::{Changed, Uncopied};
 use crate::campaign::{Campaign, NoResult, Stopped};
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use runner::console::{RunsBar, print, print_error};
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
@@ -225,11 +225,11 @@ impl PartPlay<'_> {
     pub(crate) fn play(
         &self,
         cases: &dyn Cases,
-        setup: &Setup,
+        plan: &Plan,
     ) -> Result<(RunFolder, Lock), PartError> {
-        let files = Uncopied::new(setup)?;
-        let folder = open_folder(self.output, setup, cases, self.shard)?;
-        let header = Header::new(cases, &identity(setup)?, self.shard);
+        let files = Uncopied::new(plan)?;
+        let folder = open_folder(self.output, plan, cases, self.shard)?;
+        let header = Header::new(cases, &identity(plan)?, self.shard);
         let (mut store, found) = match self.is_shared {
             true => attempt::open(folder.path(), &header)?,
             false => Store::open(folder.path(), &header)?,
@@ -323,7 +323,7 @@ impl PartPlay<'_> {
 /// The folder of a campaign, or of a part of it: the same one each time.
 pub(crate) fn open_folder(
     parent: &Path,
-    setup: &Setup,
+    plan: &Plan,
     cases: &dyn Cases,
     shard: Shard,
 ) -> Result<RunFolder, WriteError> {
@@ -332,11 +332,11 @@ pub(crate) fn open_folder(
         Shard { number, of } => format!("-{number}-of-{of}"),
     };
     let id = format!("{}-{}{part}", cases.kind(), cases.id());
-    RunFolder::shared(parent, &setup.scenario.name, &id, |folder| {
+    RunFolder::shared(parent, &plan.shared.name, &id, |folder| {
         for (name, text) in cases.files() {
             folder.ensure(name, text.as_bytes())?;
         }
-        write_scenario(folder, setup)
+        write_scenario(folder, plan)
     })
 }
 

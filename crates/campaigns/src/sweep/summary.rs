@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::expect::Limit;
 
 use super::cases::Cases;
@@ -138,12 +138,8 @@ impl Survey {
 
 impl Summary {
     /// Of the rows in a folder.
-    pub(super) fn read(
-        cases: &dyn Cases,
-        setups: &[Setup],
-        folder: &Path,
-    ) -> Result<Self, StoreError> {
-        let limits = cases.limits(setups);
+    pub(super) fn read(cases: &dyn Cases, plan: &Plan, folder: &Path) -> Result<Self, StoreError> {
+        let limits = cases.limits(plan);
         let survey = Survey::read(cases, &limits, folder)?;
         let limits: BTreeMap<String, Limit> = limits.into_iter().collect();
         Ok(Self {

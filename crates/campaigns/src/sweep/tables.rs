@@ -139,11 +139,11 @@ fn is_no_seed(key: &&str) -> bool {
 mod tests {
     use super::*;
     use crate::sweep::Shard;
-    use crate::sweep::plan::SweepPlan;
     use crate::sweep::row::Ended;
     use crate::sweep::store::{Header, Store};
+    use crate::sweep::sweep_cases::SweepCases;
     use proptest::prelude::*;
-    use rig::setup::Setup;
+    use rig::plan::Plan;
     use runner::identity::identity;
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
@@ -161,11 +161,11 @@ mod tests {
             value in -1e9..1e9_f64,
         ) {
             let text = format!("{first}{rest}");
-            let setup = Setup::new(Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap(), catalogue())
+            let plan = Plan::new(Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap(), catalogue())
                 .from_file("s.toml", TEXT.to_owned());
-            let plan = SweepPlan::new(&[setup]).unwrap();
+            let cases = SweepCases::new(&plan).unwrap();
             let metrics = [text.clone()];
-            let tables = Tables { cases: &plan, metrics: &metrics, folder: Path::new("") };
+            let tables = Tables { cases: &cases, metrics: &metrics, folder: Path::new("") };
             let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
             (row.missed, row.metrics) = (vec![text.clone()], vec![(text.clone(), value)]);
             let mut written = csv::Writer::from_writer(Vec::new());
@@ -186,8 +186,8 @@ mod tests {
     }
 
     /// What the scenario of a case has where the keys point.
-    fn keys(plan: &SweepPlan, case: usize) -> [f64; 2] {
-        let scenario = &plan.case(case).loops().unwrap()[0].scenario;
+    fn keys(cases: &SweepCases, case: usize) -> [f64; 2] {
+        let scenario = cases.case(case).plan().unwrap().leading().scenario.clone();
         let hold = &scenario.reference.hold[0];
         let load = scenario.plant.mechanics.load_kilograms;
         [hold.position_millimetres, load]
@@ -196,20 +196,20 @@ mod tests {
     #[test]
     fn a_row_of_either_table_has_the_keys_of_its_own_case() {
         let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
-        let identity = identity(&setup).unwrap();
-        let plan = SweepPlan::new(&[setup]).unwrap();
+        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let identity = identity(&plan).unwrap();
+        let cases = SweepCases::new(&plan).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let header = Header::new(&plan, &identity, Shard::WHOLE);
+        let header = Header::new(&cases, &identity, Shard::WHOLE);
         let (mut store, _) = Store::open(folder.path(), &header).unwrap();
         let row = |case| {
-            let id = &plan.case(case).id;
+            let id = &cases.case(case).id;
             SweepRow::without_verdict(case, id, Ended::Invalid, "no".to_owned())
         };
         let rows: Vec<SweepRow> = (1..=4).map(row).collect();
         rows.iter().for_each(|row| store.append(row).unwrap());
         let tables = Tables {
-            cases: &plan,
+            cases: &cases,
             metrics: &[],
             folder: folder.path(),
         };
@@ -223,8 +223,8 @@ mod tests {
         assert_eq!(records.len(), 4);
         for (case, record) in (1..).zip(&records) {
             let cells: [f64; 2] = [&record[2], &record[3]].map(|cell| cell.parse().unwrap());
-            assert_eq!(cells, keys(&plan, case), "case {case}");
-            assert_eq!(record[1], plan.case(case).id);
+            assert_eq!(cells, keys(&cases, case), "case {case}");
+            assert_eq!(record[1], cases.case(case).id);
         }
 
         let columns = tables.group(&rows);
@@ -232,7 +232,7 @@ mod tests {
             panic!("the third and the fourth column are keys")
         };
         for (case, cells) in (1..).zip(holds.iter().zip(&**loads)) {
-            assert_eq!([*cells.0, *cells.1], keys(&plan, case), "case {case}");
+            assert_eq!([*cells.0, *cells.1], keys(&cases, case), "case {case}");
         }
     }
 }

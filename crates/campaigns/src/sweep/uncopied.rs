@@ -3,7 +3,7 @@
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::{HASH_SUFFIX, hash_in, hash_of, open_file};
 
 /// One of them is another file meanwhile.
@@ -21,10 +21,10 @@ struct Stamp(u64, u64, i64, i64);
 pub(super) struct Uncopied(Vec<(PathBuf, Option<Stamp>)>);
 
 impl Uncopied {
-    /// Those of a setup, which must be what they were when it was loaded.
-    pub(super) fn new(setup: &Setup) -> Result<Self, Changed> {
-        let beside = setup.path.parent().unwrap_or(Path::new(""));
-        let files = setup.tables.iter().filter_map(|(name, line)| {
+    /// Those of a plan, which must be what they were when it was loaded.
+    pub(super) fn new(plan: &Plan) -> Result<Self, Changed> {
+        let beside = plan.shared.path.parent().unwrap_or(Path::new(""));
+        let files = plan.shared.tables.iter().filter_map(|(name, line)| {
             let file = name.strip_suffix(HASH_SUFFIX)?;
             Some((beside.join(file), hash_in(line)))
         });
@@ -74,13 +74,13 @@ mod tests {
         let text = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let mut setup = Setup::new(scenario, catalogue()).from_file("s.toml", text.to_owned());
-        setup.path = folder.path().join("s.toml");
+        let mut plan = Plan::new(scenario, catalogue()).from_file("s.toml", text.to_owned());
+        plan.shared.path = folder.path().join("s.toml");
         fs::write(&path, "one").unwrap();
         let hash = hash_of(File::open(&path).unwrap()).unwrap();
         let line = format!("{hash}  a.fmu\n");
-        setup.tables.insert("a.fmu.sha256".to_owned(), line);
-        let files = Uncopied::new(&setup).unwrap();
+        plan.shared.tables.insert("a.fmu.sha256".to_owned(), line);
+        let files = Uncopied::new(&plan).unwrap();
         files.check().unwrap();
         let other = folder.path().join("other");
         fs::write(&other, "two").unwrap();
@@ -88,7 +88,7 @@ mod tests {
         let error = files.check().unwrap_err();
         assert!(error.to_string().contains("a.fmu is gone or another file"));
         // As it was between loading and start.
-        assert!(Uncopied::new(&setup).is_err());
+        assert!(Uncopied::new(&plan).is_err());
         fs::remove_file(&path).unwrap();
         assert!(files.check().is_err());
     }

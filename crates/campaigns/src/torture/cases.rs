@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 
 use faults::Stream;
 use recording::capture::Watch;
-use rig::setup::Setup;
+use rig::plan::{Plan, Shared};
 use scenario::ScenarioError;
 use scenario::expect::Limit;
-use scenario::loops::Loops;
 use scenario::rig::nodes::Rig;
 use serde::{Deserialize, Serialize};
 
@@ -17,8 +16,8 @@ use super::invariants::{BrokenInvariant, violation};
 use super::shrink::{PANIC, TortureCase};
 use crate::campaign::{NoResult, play_one};
 use crate::sweep::cases::Cases;
-use crate::sweep::plan::id;
 use crate::sweep::row::{Ended, SweepRow};
+use crate::sweep::sweep_cases::id;
 
 /// Name of the file that says what is drawn; a folder that has it is one of torture.
 const FILE: &str = "torture.json";
@@ -36,7 +35,7 @@ pub(crate) struct Draws {
 
 /// Random mixes of faults in a scenario.
 pub(crate) struct TortureCases {
-    setup: Setup,
+    plan: Plan,
     nodes: Nodes,
     draws: Draws,
     id: String,
@@ -53,28 +52,27 @@ pub(crate) enum NoTorture {
 }
 
 impl TortureCases {
-    /// Mixes in a scenario of one loop or of several.
-    pub(crate) fn new(setups: &[Setup], draws: Draws) -> Result<Self, ScenarioError> {
-        let setup = &setups[0];
-        let nodes = nodes(setups)?;
+    /// Mixes in the scenario of a plan.
+    pub(crate) fn new(plan: &Plan, draws: Draws) -> Result<Self, ScenarioError> {
+        let nodes = nodes(plan)?;
         let text = format!(
             "{} {} {} {}",
             env!("CARGO_PKG_VERSION"),
             draws.seed,
             draws.runs,
-            setup.text
+            plan.shared.text
         );
         Ok(Self {
-            id: id(&text, &setup.tables),
+            id: id(&text, &plan.shared.tables),
             keys: draw::kinds(&nodes),
             nodes,
-            setup: setup.clone(),
+            plan: plan.clone(),
             draws,
         })
     }
 
     /// What the folder of a part says; none where it is not one of torture.
-    pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Option<Self>, NoTorture> {
+    pub(crate) fn of_folder(folder: &Path, plan: &Plan) -> Result<Option<Self>, NoTorture> {
         let path = folder.join(FILE);
         let text = match scenario::read_text(&path, BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -82,21 +80,21 @@ impl TortureCases {
         };
         let draws = text.and_then(|text| Ok(serde_json::from_str(&text)?));
         let draws = draws.map_err(|source| NoTorture::Read { path, source })?;
-        Self::drawn(setups, draws).map(Some)
+        Self::drawn(plan, draws).map(Some)
     }
 
     /// As [`TortureCases::new`], for a scenario that was read from such a folder or is to be written into one.
-    pub(crate) fn drawn(setups: &[Setup], draws: Draws) -> Result<Self, NoTorture> {
-        Self::new(setups, draws).map_err(|error| NoTorture::Scenario(Box::new(error)))
+    pub(crate) fn drawn(plan: &Plan, draws: Draws) -> Result<Self, NoTorture> {
+        Self::new(plan, draws).map_err(|error| NoTorture::Scenario(Box::new(error)))
     }
 
     /// The scenario with the mix of a case, numbered from 1.
     pub(crate) fn case(&self, number: usize) -> Result<TortureCase, String> {
         let mut stream = self.stream(number);
         let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
-        let (text, tables) = (&self.setup.text, &self.setup.tables);
+        let (text, tables) = (&self.plan.shared.text, &self.plan.shared.tables);
         let case = TortureCase::new(text, tables, faults, stream.bits())?;
-        Ok(case.beside(&self.setup.path))
+        Ok(case.beside(&self.plan.shared.path))
     }
 
     /// It follows from the seed and the number alone.
@@ -105,12 +103,12 @@ impl TortureCases {
     }
 
     fn duration_seconds(&self) -> f64 {
-        self.setup.scenario.duration_seconds
+        self.plan.shared.duration_seconds
     }
 
     fn row(&self, number: usize, seed: Option<u64>, broken: Option<BrokenInvariant>) -> SweepRow {
         let text = self.case(number).map(|case| case.text());
-        let id = id(&text.unwrap_or_default(), &self.setup.tables);
+        let id = id(&text.unwrap_or_default(), &self.plan.shared.tables);
         let ended = match &broken {
             Some(_) => Ended::Fail,
             None => Ended::Pass,
@@ -134,7 +132,7 @@ impl Cases for TortureCases {
     }
 
     fn name(&self) -> &str {
-        &self.setup.scenario.name
+        &self.plan.shared.name
     }
 
     fn id(&self) -> &str {
@@ -188,9 +186,9 @@ impl Cases for TortureCases {
 
     fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
         let case = self.case(number).map_err(NoResult::Fault)?;
-        let loops = case.loops().map_err(NoResult::Fault)?;
-        let broken = play_one(number, &loops, watch, violation)?;
-        Ok(self.row(number, Some(loops[0].scenario.seed), broken))
+        let plan = case.plan().map_err(NoResult::Fault)?;
+        let broken = play_one(number, &plan, watch, violation)?;
+        Ok(self.row(number, Some(plan.shared.seed), broken))
     }
 
     fn faulty(&self, number: usize, reason: String) -> SweepRow {
@@ -202,7 +200,7 @@ impl Cases for TortureCases {
     }
 
     /// The scenario's own are left out.
-    fn limits(&self, _: &[Setup]) -> Vec<(String, Limit)> {
+    fn limits(&self, _: &Plan) -> Vec<(String, Limit)> {
         Vec::new()
     }
 
@@ -213,13 +211,13 @@ impl Cases for TortureCases {
 }
 
 /// Who can fail.
-fn nodes(setups: &[Setup]) -> Result<Nodes, ScenarioError> {
-    let setup = &setups[0];
-    if !Loops::is_meant(&setup.text) {
-        return Ok(Nodes::of_one_drive(&setup.scenario.plant));
+fn nodes(plan: &Plan) -> Result<Nodes, ScenarioError> {
+    let Shared { text, tables, .. } = &plan.shared;
+    if !plan.names_rig() {
+        return Ok(Nodes::of_one_drive(&plan.leading().scenario.plant));
     }
-    let rig = Rig::of_scenario(&setup.text, &setup.tables)?;
-    Ok(Nodes::of_rig(&rig, setups))
+    let rig = Rig::of_scenario(text, tables)?;
+    Ok(Nodes::of_rig(&rig, plan))
 }
 
 #[cfg(test)]
@@ -233,15 +231,15 @@ mod tests {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
-        TortureCases::new(&[setup], Draws { runs: 2, seed }).unwrap()
+        let plan = Plan::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
+        TortureCases::new(&plan, Draws { runs: 2, seed }).unwrap()
     }
 
     #[test]
     fn seed_and_number_decide_what_is_drawn() {
         let drawn = |seed, number| {
             let case = cases(seed).case(number).unwrap();
-            let case = &case.loops().unwrap()[0].scenario;
+            let case = &case.plan().unwrap().leading().scenario.clone();
             (case.seed, format!("{:?}", case.fault))
         };
         let first = drawn(1, 1);
@@ -257,7 +255,7 @@ mod tests {
         for number in 1..=20 {
             let values = cases.values(number);
             let case = cases.case(number).unwrap();
-            let windows = &case.loops().unwrap()[0].scenario.fault.windows();
+            let windows = &case.plan().unwrap().leading().scenario.fault.windows();
             let counted: f64 = values.iter().sum();
             // A fault of the boot has no window.
             let of_boot = windows.len() as f64 - counted;

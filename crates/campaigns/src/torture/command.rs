@@ -17,11 +17,11 @@ use crate::sweep::part::{PartArgs, PartPlay};
 use crate::sweep::row::SweepRow;
 use crate::sweep::store::{self, StoreError};
 use recording::capture::Watch;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use runner::console::{RunsBar, print, print_diagnostic, print_error};
 use runner::exit::Exit;
 use runner::run::RUNS;
-use runner::run::{RunPlace, run_loops};
+use runner::run::{RunPlace, run};
 use runner::scenarios;
 use worlds::{Played, lockstep};
 
@@ -66,15 +66,15 @@ pub struct TortureArgs {
 /// Draws and plays the mixes, and prints what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let setups = match scenarios::load(&args.scenario, &[]) {
-        Ok(setups) => setups,
+    let plan = match scenarios::load(&args.scenario, &[]) {
+        Ok(plan) => plan,
         Err(exit) => return exit,
     };
     let draws = Draws {
         runs: args.runs,
         seed: args.seed,
     };
-    let cases = match TortureCases::new(&setups, draws) {
+    let cases = match TortureCases::new(&plan, draws) {
         Ok(cases) => cases,
         Err(error) => {
             print_diagnostic(error);
@@ -82,12 +82,12 @@ pub fn torture(args: &TortureArgs) -> Exit {
         }
     };
     // The first one shows whether the scenario is fit for this at all.
-    if let Err(reason) = cases.case(1).and_then(|case| case.loops()) {
+    if let Err(reason) = cases.case(1).and_then(|case| case.plan()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::CannotStart;
     }
     if args.plan {
-        return plan(args, &cases);
+        return print_estimate(args, &cases);
     }
     let mut campaign = Campaign::on_all_cores(!args.quiet);
     campaign.threads = args.threads.map_or(campaign.threads, usize::from);
@@ -97,12 +97,12 @@ pub fn torture(args: &TortureArgs) -> Exit {
             Exit::CannotStart
         }
         Ok(Shard::WHOLE) if !args.part.is_for_engine() => whole(args, campaign, &cases),
-        Ok(shard) => part(args, campaign, &cases, &setups[0], shard),
+        Ok(shard) => part(args, campaign, &cases, &plan, shard),
     }
 }
 
 /// Prints what all runs would take.
-fn plan(args: &TortureArgs, cases: &TortureCases) -> Exit {
+fn print_estimate(args: &TortureArgs, cases: &TortureCases) -> Exit {
     match Estimate::probe(cases, args.threads.unwrap_or(1)) {
         Ok(estimate) => {
             let (file, options) = (args.scenario.display(), estimate.options());
@@ -124,7 +124,7 @@ fn part(
     args: &TortureArgs,
     campaign: Campaign,
     cases: &TortureCases,
-    setup: &Setup,
+    plan: &Plan,
     shard: Shard,
 ) -> Exit {
     let shown = match args.quiet {
@@ -139,7 +139,7 @@ fn part(
         shown,
         lines: None,
     };
-    let counted = part.play(cases, setup).map_err(|error| {
+    let counted = part.play(cases, plan).map_err(|error| {
         let text = error.to_string();
         (text, error.exit())
     });
@@ -281,7 +281,7 @@ fn shrink_all(
 
 /// Plays the case once more into a run folder, whose scenario reproduces its log. A case that panics leaves the scenario there.
 fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
-    let setups = case.loops()?;
+    let plan = case.plan()?;
     let (watch, taps) = (Watch::default(), Vec::new());
     let place = RunPlace {
         parent: output,
@@ -289,9 +289,9 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     };
     let folder = RefCell::new(output.to_owned());
     let judged = caught(|| {
-        let judged = run_loops(&setups, place, &watch, taps, |own, capture| {
+        let judged = run(&plan, place, &watch, taps, |own, capture| {
             own.path().clone_into(&mut folder.borrow_mut());
-            lockstep::simulate_loops(&setups, capture).map(Played::in_virtual_time)
+            lockstep::simulate(&plan, capture).map(Played::in_virtual_time)
         });
         Ok(judged.map(|_| ()))
     });

@@ -2,7 +2,7 @@
 
 use dbc::loops::LoopPlace;
 use faults::Stream;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::plant::Plant;
 use scenario::rig::nodes::{EMULATED_NODE_ID_MAX, Rig};
 use scenario::wiring::Wiring;
@@ -82,14 +82,14 @@ impl Nodes {
     }
 
     /// Those of a rig, with the loops of a scenario on it.
-    pub(super) fn of_rig(rig: &Rig, setups: &[Setup]) -> Self {
-        let loops = rig.loops.values().zip(setups);
-        let drives = loops.filter_map(|(one, setup)| {
+    pub(super) fn of_rig(rig: &Rig, plan: &Plan) -> Self {
+        let loops = rig.loops.values().zip(&plan.loops);
+        let drives = loops.filter_map(|(of_rig, one)| {
             Some(Drive {
-                name: one.drives.first()?.clone(),
-                node_id: setup.place.drive_node_id,
-                plant_faults: setup.scenario.plant.faults(),
-                wiring: setup.scenario.wiring.clone(),
+                name: of_rig.drives.first()?.clone(),
+                node_id: one.place.drive_node_id,
+                plant_faults: one.scenario.plant.faults(),
+                wiring: one.scenario.wiring.clone(),
             })
         });
         Self {
@@ -387,8 +387,8 @@ mod tests {
                 2.0,
             );
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
-            let loops = case.loops().unwrap_or_else(|problems| panic!("{problems}"));
-            let scenario = &loops[0].scenario;
+            let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
+            let scenario = &plan.leading().scenario;
             let windows = scenario.fault.windows();
             assert!((1..=5).contains(&windows.len()));
             drawn.extend(
@@ -424,8 +424,8 @@ mod tests {
                 2.0,
             );
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
-            let loops = case.loops().unwrap_or_else(|problems| panic!("{problems}"));
-            let scenario = &loops[0].scenario;
+            let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
+            let scenario = &plan.leading().scenario;
             drawn.extend(scenario.fault.windows().iter().map(|one| one.place.kind));
         }
         assert!(drawn.contains("dropped_load") && !drawn.contains("ageing"));

@@ -10,8 +10,11 @@ use scenario::fault::node::{Node, Output};
 
 use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;
+use recording::frames::Frames;
 use recording::log::Stamped;
+use recording::timeline::Timeline;
 use recording::truth::PlantTruth;
+use rig::plan::ControlLoop;
 
 /// 1 A, the amplifier's most, settles the paper's wire at 138.44 °C; the message counts hundredths.
 const TEMPERATURE_CELSIUS_MAX: f64 = 138.5;
@@ -43,15 +46,15 @@ fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
 /// The first invariant that a run broke.
 #[must_use]
 pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    let loops = played.setups.iter().zip(played.timelines);
-    let mut broken = loops.filter_map(|(setup, timeline)| {
-        let of_loop = CampaignRun {
-            setups: std::slice::from_ref(setup),
-            timelines: std::slice::from_ref(timeline),
-            ..*played
+    let loops = played.plan.loops.iter().zip(played.timelines);
+    let mut broken = loops.filter_map(|(one, timeline)| {
+        let of_loop = LoopRun {
+            own: one,
+            timeline,
+            frames: played.frames,
         };
         let BrokenInvariant { invariant, text } = violation_of_loop(&of_loop)?;
-        let text = match &setup.loop_name {
+        let text = match &one.loop_name {
             Some(names) => format!("{}: {text}", names.name),
             None => text,
         };
@@ -60,7 +63,14 @@ pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     verdict_reached(played).or_else(|| broken.next())
 }
 
-fn violation_of_loop(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
+/// One loop of a run.
+struct LoopRun<'a> {
+    own: &'a ControlLoop,
+    timeline: &'a Timeline,
+    frames: &'a Frames,
+}
+
+fn violation_of_loop(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     truth_is_complete(played)
         .or_else(|| not_too_hot(played))
         .or_else(|| no_current_before_the_start(played))
@@ -70,7 +80,7 @@ fn violation_of_loop(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
         })
         .or_else(|| {
             let what = ("manager", "heartbeat of the manager");
-            let drive = played.setups[0].place.drive_node_id;
+            let drive = played.own.place.drive_node_id;
             let is_it = |frame: &CanFrame| is_of_manager(frame, drive);
             no_current_without(what, is_it, HEARTBEAT_SECONDS_MAX, played)
         })
@@ -89,8 +99,8 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 }
 
 /// The recording is complete: the plant publishes from its first message to its last. A fault may keep it from the bus from then on.
-fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    let truth = &played.timeline().truth;
+fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
+    let truth = &played.timeline.truth;
     let gap = truth
         .windows(2)
         .find(|pair| pair[1].time_seconds - pair[0].time_seconds > TRUTH_SECONDS_MAX)?;
@@ -102,12 +112,12 @@ fn truth_is_complete(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 }
 
 /// Of another plant nobody knows how hot it may be.
-fn not_too_hot(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    if played.scenario().plant.name() != SMA_ACTUATOR {
+fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
+    if played.own.scenario.plant.name() != SMA_ACTUATOR {
         return None;
     }
     let is_hot = |truth: &&PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
-    let hot = played.timeline().truth.iter().find(is_hot)?;
+    let hot = played.timeline.truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
     violated(
         "temperature",
@@ -116,8 +126,8 @@ fn not_too_hot(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 }
 
 /// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
-fn no_current_before_the_start(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
-    let timeline = played.timeline();
+fn no_current_before_the_start(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
+    let timeline = played.timeline;
     let is_before =
         |truth: &&PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
     let heated = |truth: &&PlantTruth| truth.current_amperes != 0.0;
@@ -135,9 +145,9 @@ fn no_current_without(
     (invariant, what): (&'static str, &str),
     is_it: impl Fn(&CanFrame) -> bool,
     seconds_max: f64,
-    played: &CampaignRun<'_>,
+    played: &LoopRun<'_>,
 ) -> Option<BrokenInvariant> {
-    let timeline = played.timeline();
+    let timeline = played.timeline;
     let zero = Duration::from_secs_f64(timeline.zero_seconds?);
     let is_it = |stamped: &Stamped| is_it(&stamped.frame);
     let since_zero = |stamped: Stamped| stamped.time.as_secs_f64() - zero.as_secs_f64();
@@ -157,13 +167,13 @@ fn no_current_without(
         while let Some(next) = times.next_if(|next| *next <= time) {
             last = f64::max(last, next);
         }
-        let is_over = time > played.scenario().duration_seconds;
+        let is_over = time > played.own.scenario.duration_seconds;
         let silent = time - last;
         let heats = truth.current_amperes != 0.0;
         if heats
             && !is_over
             && silent > seconds_max
-            && !is_excused(played.scenario(), time, seconds_max)
+            && !is_excused(&played.own.scenario, time, seconds_max)
         {
             let (milliseconds, amperes) = (silent * 1e3, truth.current_amperes);
             return violated(
@@ -209,7 +219,6 @@ mod tests {
     use super::*;
     use crate::campaign::{of_one_loop, play_one};
     use recording::capture::Watch;
-    use recording::timeline::Timeline;
 
     const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";

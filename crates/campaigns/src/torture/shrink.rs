@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-use rig::setup::Setup;
-use scenario::loops::Loops;
-use scenario::{HASH_SUFFIX, Scenario};
+use rig::plan::Plan;
+use scenario::HASH_SUFFIX;
 use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
@@ -74,35 +73,31 @@ impl TortureCase {
         self.document.to_string()
     }
 
-    /// The loops of the scenario.
+    /// The plan of the scenario.
     ///
     /// # Errors
     /// What the loader finds wrong; tables in other files are not read.
-    pub fn loops(&self) -> Result<Vec<Setup>, String> {
+    pub fn plan(&self) -> Result<Plan, String> {
         let read_file = |name: &str| {
             let text = "torture cannot play a scenario with tables in files; write its set-points and currents as holds, steps and ramps";
             let rig = self.files.get(name).cloned();
             rig.ok_or_else(|| std::io::Error::other(text))
         };
         let (path, text) = (self.path.as_path(), self.text());
-        let loops = match Loops::is_meant(&text) {
-            true => rig::loops::parse(path, text, read_file, catalogue()),
-            false => Scenario::parse(&text, "torture", read_file)
-                .map(|scenario| vec![Setup::new(scenario, catalogue()).from_file(path, text)]),
-        };
-        loops.map_err(|error| format!("{:?}", miette::Report::new(error)))
+        let plan = Plan::parse(path, text, read_file, catalogue());
+        plan.map_err(|error| format!("{:?}", miette::Report::new(error)))
     }
 
     /// The invariant that it breaks, a panic among them.
     #[must_use]
     pub fn violation(&self) -> Option<BrokenInvariant> {
-        let loops = self.loops().ok()?;
+        let plan = self.plan().ok()?;
         let campaign = Campaign {
             threads: 1,
             is_shown: false,
         };
         let played = catch_unwind(AssertUnwindSafe(|| {
-            campaign.play_loops(std::iter::once(loops), violation)
+            campaign.play(std::iter::once(plan), violation)
         }));
         match played.ok()?.ok()?.pop()? {
             Ok(violation) => violation,
@@ -285,7 +280,7 @@ mod tests {
         assert_eq!(case.violation().unwrap().invariant, "temperature");
         let shrunk = case.shrunk("temperature");
         assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
-        let scenario = &shrunk.loops().unwrap()[0].scenario;
+        let scenario = &shrunk.plan().unwrap().leading().scenario.clone();
         let windows = scenario.fault.windows();
         let kinds: Vec<_> = windows.iter().map(|window| window.place.kind).collect();
         assert_eq!(kinds, ["stuck_on", "ageing"], "{}", shrunk.text());
@@ -302,7 +297,7 @@ mod tests {
             "[[reference.table]]\nfrom_seconds = 0.0\nfile = \"x.csv\"",
         );
         let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
-        let reason = case.loops().unwrap_err();
+        let reason = case.plan().unwrap_err();
         assert!(
             reason.contains("cannot play a scenario with tables in files"),
             "{reason}"

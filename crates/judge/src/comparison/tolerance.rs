@@ -3,8 +3,8 @@
 use std::str::FromStr;
 
 use crate::verdict::Verdict;
-use recording::timeline::OfLoop;
-use rig::setup::Setup;
+use recording::timeline::Timeline;
+use rig::plan::ControlLoop;
 use scenario::port::{Unit, symbol_of};
 
 /// The name under which the set-point is compared, in its loop's unit; it shows whether both runs wanted the same.
@@ -82,13 +82,13 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Of the loop of a setup.
+    /// The scale of a loop.
     #[must_use]
-    pub fn of(setup: &Setup) -> Self {
-        let wiring = &setup.scenario.wiring;
+    pub fn of(one: &ControlLoop) -> Self {
+        let wiring = &one.scenario.wiring;
         let [min, max] = wiring.range();
         Self {
-            prefix: setup.prefix(),
+            prefix: one.prefix(),
             unit: wiring.unit.clone(),
             range: max - min,
         }
@@ -110,9 +110,13 @@ impl Tolerances<'_> {
     ///
     /// # Errors
     /// The first such name.
-    pub fn check(&self, loops: &[OfLoop<'_>], verdicts: [&Verdict; 2]) -> Result<(), UnknownName> {
-        let has_signal = |(prefix, timeline): &OfLoop<'_>, name: &str| {
-            let own = name.strip_prefix(prefix).unwrap_or(name);
+    pub fn check(
+        &self,
+        timelines: &[Timeline],
+        verdicts: [&Verdict; 2],
+    ) -> Result<(), UnknownName> {
+        let has_signal = |timeline: &Timeline, name: &str| {
+            let own = name.strip_prefix(&timeline.prefix()).unwrap_or(name);
             let unit = symbol_of(name);
             let mut columns = timeline.columns.iter();
             own == timeline.unit.rename(SET_POINT)
@@ -120,7 +124,7 @@ impl Tolerances<'_> {
         };
         let is_known = |name: &str| {
             let mut metrics = verdicts.iter().flat_map(|verdict| &verdict.metrics);
-            loops.iter().any(|one| has_signal(one, name))
+            timelines.iter().any(|one| has_signal(one, name))
                 || metrics.any(|metric| metric.name == name)
         };
         match self.given.iter().find(|given| !is_known(&given.name)) {

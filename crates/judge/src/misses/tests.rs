@@ -7,6 +7,7 @@ use recording::log::Stamped;
 use recording::stalls::What;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
+use rig::plan::Plan;
 use scenario::Scenario;
 
 use super::*;
@@ -44,7 +45,7 @@ impl Held {
     }
 }
 
-fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Setup {
+fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Plan {
     let seconds = 0.01 * f64::from(u32::try_from(cycles).unwrap());
     let mut text = format!(
         "schema = 1\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
@@ -56,9 +57,9 @@ fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Setup {
         );
     }
     let scenario = Scenario::parse(&text, "m.toml", |_| unreachable!("no table")).unwrap();
-    let mut setup = Setup::new(scenario, &Catalogue::shipped());
-    setup.external = external.clone();
-    setup
+    let mut plan = Plan::new(scenario, &Catalogue::shipped());
+    plan.loops[0].external = external.clone();
+    plan
 }
 
 /// The recording of these cycles, of which the first has its SYNC, and of a frame at the end.
@@ -183,13 +184,13 @@ proptest! {
         // A fault may not begin after the scenario's end.
         let last = u32::try_from(cycles.len()).unwrap();
         prop_assume!(faults.iter().all(|(_, until)| *until < last));
-        let setup = setup(cycles.len(), &faults, &external);
-        let timeline = decode(frames(&cycles), &setup).unwrap();
+        let plan = setup(cycles.len(), &faults, &external);
+        let timelines = decode(frames(&cycles), &plan).unwrap();
         let circumstances = Circumstances {
             stalls: held.iter().map(|held| held.stall()).collect(),
             ..Circumstances::default()
         };
-        let misses = Misses::new(&timeline, &setup, &circumstances);
+        let misses = Misses::new(&timelines[0], plan.leading(), &circumstances);
         prop_assert_eq!(misses.due, cycles.len() as u64);
         let found: Vec<_> = misses.all().map(|miss| {
             (miss.at_seconds, word(miss.doing))
@@ -206,9 +207,9 @@ fn who_left_out_what_is_named_with_its_share_and_its_first_time() {
         Cycle::WithoutPosition,
         Cycle::WithoutSync,
     );
-    let setup = setup(100, &[], &External::default());
-    let timeline = decode(frames(&cycles), &setup).unwrap();
-    let misses = Misses::new(&timeline, &setup, &Circumstances::default());
+    let plan = setup(100, &[], &External::default());
+    let timelines = decode(frames(&cycles), &plan).unwrap();
+    let misses = Misses::new(&timelines[0], plan.leading(), &Circumstances::default());
     let reason = "controller: no SYNC in 1.00 % of the cycles, first at 0.500 s; \
         drive: no position in 2.00 % of the cycles, first at 0.070 s (limit 1 %)";
     assert_eq!(misses.too_many_by_nodes(1.0, 0).as_deref(), Some(reason));
@@ -225,8 +226,8 @@ fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
         let mut cycles = vec![Cycle::Served; 100];
         cycles[10..30].fill(Cycle::WithoutSync);
         cycles[60..60 + left_out].fill(Cycle::WithoutSync);
-        let setup = setup(100, &[], &External::new(nodes).unwrap());
-        let timeline = decode(frames(&cycles), &setup).unwrap();
+        let plan = setup(100, &[], &External::new(nodes).unwrap());
+        let timelines = decode(frames(&cycles), &plan).unwrap();
         let held = Held {
             from: 100,
             length: 200,
@@ -236,7 +237,7 @@ fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
             stalls: vec![held.stall()],
             ..Circumstances::default()
         };
-        let misses = Misses::new(&timeline, &setup, &circumstances);
+        let misses = Misses::new(&timelines[0], plan.leading(), &circumstances);
         misses.too_many_by_nodes(1.0, 0)
     };
     assert_eq!(by_nodes(5, &[]), None);
@@ -247,8 +248,10 @@ fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
 
 #[test]
 fn the_end_of_a_run_is_the_machines_only_if_it_stood_still_for_half_of_the_silence() {
-    let setup = setup(100, &[], &External::default());
-    let mut timeline = decode(frames(&[Cycle::Served; 40]), &setup).unwrap();
+    let plan = setup(100, &[], &External::default());
+    let mut timeline = decode(frames(&[Cycle::Served; 40]), &plan)
+        .unwrap()
+        .remove(0);
     let excused = |timeline: &Timeline, silence_seconds: f64, held: &[(i64, u32)]| {
         let end = EarlyEnd {
             by: EndedBy::Node,
@@ -289,16 +292,16 @@ fn the_end_of_a_run_is_the_machines_only_if_it_stood_still_for_half_of_the_silen
 /// A SYNC that is not sent any more is missed to the scenario's end, unless nobody knows how the run went on.
 #[test]
 fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
-    let setup = setup(100, &[], &External::default());
+    let plan = setup(100, &[], &External::default());
     let mut silent = vec![Cycle::Served; 40];
     silent.resize(100, Cycle::WithoutSync);
     let percent = |frames: &[Stamped], ended_early| {
-        let timeline = decode(frames, &setup).unwrap();
+        let timelines = decode(frames, &plan).unwrap();
         let circumstances = Circumstances {
             ended_early,
             ..Circumstances::default()
         };
-        Misses::new(&timeline, &setup, &circumstances).percent()
+        Misses::new(&timelines[0], plan.leading(), &circumstances).percent()
     };
     assert_eq!(percent(&frames(&silent), None), 60.0);
     let cut = frames(&silent[..40]);

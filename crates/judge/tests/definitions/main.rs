@@ -10,7 +10,7 @@ use judge::{Circumstances, judge};
 use proptest::prelude::*;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::Scenario;
 
 use crate::drawn::{Drawn, drawn};
@@ -28,9 +28,9 @@ fn verdict(drawn: &Drawn) -> Verdict {
     let scenario = Scenario::parse(&drawn.text(), "drawn.toml", |_| unreachable!("no table"));
     let scenario =
         scenario.unwrap_or_else(|error| panic!("{:?}\n{}", error.problems(), drawn.text()));
-    let setup = Setup::new(scenario, &Catalogue::shipped());
-    let timeline = decode(drawn.stamped(), &setup).unwrap();
-    judge(&timeline, &setup, &Circumstances::default())
+    let plan = Plan::new(scenario, &Catalogue::shipped());
+    let timelines = decode(drawn.stamped(), &plan).unwrap();
+    judge(&plan, &timelines, &Circumstances::default())
 }
 
 fn judged(verdict: &Verdict) -> Rows {

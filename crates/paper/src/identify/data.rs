@@ -7,7 +7,6 @@ use std::sync::Arc;
 
 use dbc::{Database, SignalMissing, signals};
 use plant_emulator::sma::Inputs;
-use scenario::loops::Loops;
 use scenario::plant::Sensor;
 use scenario::rig::RigFile;
 use scenario::{Scenario, ScenarioError, Texts};
@@ -15,11 +14,11 @@ use scenario::{Scenario, ScenarioError, Texts};
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
 use recording::run_folder::log_in;
-use recording::session::{FramesError, ReadError, read_setups};
+use recording::session::{FramesError, ReadError, read_plan};
 use recording::timeline::{self, Timeline};
 use rig::FILE_BYTES_MAX;
+use rig::plan::{Plan, Shared, may_name_rig};
 use rig::rig_file::RigError;
-use rig::setup::Setup;
 use worlds::catalogue::catalogue;
 
 /// Distance of the positions that are compared. The wire's time constant is 0.65 s; closer ones would add little.
@@ -231,22 +230,23 @@ impl IdentificationData {
             let name = "it".to_owned();
             at(RecordingFault::Read { name, source })
         })?;
-        let (log, mut setup) = if metadata.is_dir() {
-            let setups =
-                read_setups(path, Some(&[]), catalogue()).map_err(|error| at(error.into()))?;
-            (log_in(path), only_loop(setups).map_err(at)?)
+        let (log, mut plan) = if metadata.is_dir() {
+            let plan = read_plan(path, Some(&[]), catalogue()).map_err(|error| at(error.into()))?;
+            (log_in(path), plan)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
-            (path.to_owned(), setup_of(scenario).map_err(at)?)
+            (path.to_owned(), plan_of(scenario).map_err(at)?)
         };
-        if let Some(loaded) = &setup.rig {
-            setup.scenario.plant.sensor = sensor_of(&loaded.file);
+        for one in &mut plan.loops {
+            if let Some(loaded) = &one.rig {
+                one.scenario.plant.sensor = sensor_of(&loaded.file);
+            }
         }
         if let Some(database) = database {
-            setup = setup.with_database(Arc::new(database.clone()));
+            plan = plan.with_database(&Arc::new(database.clone()));
         }
         let frames = read(&log).map_err(at)?;
-        Self::from_setup(path, &frames, setup).map_err(at)
+        Self::from_plan(path, &frames, &plan).map_err(at)
     }
 
     /// Reads the frames of a recording on the emulated rig.
@@ -258,27 +258,31 @@ impl IdentificationData {
         frames: &[Stamped],
         scenario: Scenario,
     ) -> Result<Self, RecordingFault> {
-        let setup = Setup::new(scenario, catalogue()).with_database(shipped());
-        Self::from_setup(path, frames, setup)
+        let plan = Plan::new(scenario, catalogue()).with_database(&shipped());
+        Self::from_plan(path, frames, &plan)
     }
 
-    fn from_setup(path: &Path, frames: &[Stamped], setup: Setup) -> Result<Self, RecordingFault> {
-        let plant = setup.scenario.plant.name();
+    fn from_plan(path: &Path, frames: &[Stamped], plan: &Plan) -> Result<Self, RecordingFault> {
+        let [only] = &plan.loops[..] else {
+            return Err(RecordingFault::SeveralLoops(plan.loops.len()));
+        };
+        let plant = only.scenario.plant.name();
         if plant != scenario::plant::SMA_ACTUATOR {
             return Err(RecordingFault::OtherPlant(plant.to_owned()));
         }
-        let timeline = timeline::decode(frames, &setup)?;
-        check_frames(frames, &setup.database, &timeline)?;
-        check_values(&timeline, &setup.scenario)?;
-        Ok(Self::build(path, &timeline, setup))
+        let timelines = timeline::decode(frames, plan)?;
+        let timeline = &timelines[0];
+        check_frames(frames, &only.database, timeline)?;
+        check_values(timeline, &only.scenario)?;
+        Ok(Self::build(path, timeline, &only.scenario, &plan.shared))
     }
 
-    fn build(path: &Path, timeline: &Timeline, setup: Setup) -> Self {
+    fn build(path: &Path, timeline: &Timeline, scenario: &Scenario, shared: &Shared) -> Self {
         let mut measurement = Self {
             path: path.to_owned(),
-            sensor: setup.scenario.plant.sensor.clone(),
-            scenario: setup.scenario,
-            tables: setup.tables,
+            sensor: scenario.plant.sensor.clone(),
+            scenario: scenario.clone(),
+            tables: shared.tables.clone(),
             stretches: Vec::new(),
             times_seconds: Vec::new(),
             positions_metres: Vec::new(),
@@ -328,25 +332,18 @@ impl IdentificationData {
     }
 }
 
-/// What was played on the emulated rig, by the scenario's file.
-fn setup_of(path: &Path) -> Result<Setup, RecordingFault> {
+/// The plan of a scenario's file on the emulated rig.
+fn plan_of(path: &Path) -> Result<Plan, RecordingFault> {
     let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
     let invalid = |error| RecordingFault::Scenario(Box::new(error));
-    if Loops::is_meant(&text) {
-        return only_loop(rig::loops::load(path, catalogue()).map_err(invalid)?);
+    if may_name_rig(&text) {
+        return Plan::load(path, catalogue()).map_err(invalid);
     }
     let loaded = Scenario::load_with_text(path, |_| Vec::new());
     let (scenario, Texts { tables, .. }) = loaded.map_err(invalid)?;
-    let mut setup = Setup::new(scenario, catalogue()).with_database(shipped());
-    setup.tables = tables;
-    Ok(setup)
-}
-
-fn only_loop(setups: Vec<Setup>) -> Result<Setup, RecordingFault> {
-    let count = setups.len();
-    let mut setups = setups.into_iter();
-    let only = setups.next().filter(|_| count == 1);
-    only.ok_or(RecordingFault::SeveralLoops(count))
+    let mut plan = Plan::new(scenario, catalogue()).with_database(&shipped());
+    plan.shared.tables = tables;
+    Ok(plan)
 }
 
 /// What the frames of the SMA actuator under a shipped law mean.

@@ -3,8 +3,8 @@
 use scenario::Scenario;
 use scenario::plant::Plant;
 
-use campaigns::sweep::plan::SweepPlan;
-use rig::setup::Setup;
+use campaigns::sweep::sweep_cases::SweepCases;
+use rig::plan::Plan;
 use worlds::catalogue::catalogue;
 
 macro_rules! bases {
@@ -44,17 +44,18 @@ bases!(
 );
 
 /// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
-pub(super) fn plants() -> SweepPlan {
+pub(super) fn plants() -> SweepCases {
     let text = include_str!("../../../../scenarios/sweeps/plants.toml");
-    let setup = Setup::new(parse("plants.toml", text), catalogue())
+    let plan = Plan::new(parse("plants.toml", text), catalogue())
         .from_file("plants.toml", text.to_owned());
-    SweepPlan::new(&[setup]).expect("a test plays every plant")
+    SweepCases::new(&plan).expect("a test plays every plant")
 }
 
 /// A plant that no law has as its model: the first of [`plants`].
 pub(super) fn twin() -> Plant {
-    let case = plants().case(1).scenario();
-    case.expect("a test plays every plant").plant
+    let plan = plants().case(1).plan();
+    let plan = plan.expect("a test plays every plant");
+    plan.leading().scenario.plant.clone()
 }
 
 fn parse(name: &str, text: &str) -> Scenario {

@@ -10,7 +10,7 @@ use super::experiment::{Effort, Experiment, Kept};
 use super::quantity::Quantity;
 use super::result::ExperimentResult;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
-use campaigns::campaign::{Campaign, FailedRun, Interrupted};
+use campaigns::campaign::{Campaign, FailedRun, Interrupted, of_one_loop};
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::console::{Spinner, print, print_error};
 use runner::exit::Exit;
@@ -94,8 +94,8 @@ fn play(
         .iter()
         .flat_map(|experiment| &experiment.runs)
         .collect();
-    let scenarios = runs.iter().map(|run| run.scenario.clone());
-    Campaign::on_all_cores(is_shown).play(scenarios, |played| runs[played.index].keep(played))
+    let plans = runs.iter().map(|run| of_one_loop(run.scenario.clone()));
+    Campaign::on_all_cores(is_shown).play(plans, |played| runs[played.index].keep(played))
 }
 
 /// Gives each experiment its runs back and has it make something of them; the identification takes some seconds.

@@ -61,10 +61,11 @@ fn plants(effort: Effort) -> Experiment {
 
 /// The first cases of `scenarios/sweeps/plants.toml`: as many plants as are drawn there, without noise.
 fn unknown_plants(count: usize) -> impl Iterator<Item = Scenario> {
-    let plan = bases::plants();
+    let cases = bases::plants();
     (1..=count).map(move |number| {
-        let scenario = plan.case(number).scenario();
-        scenario.expect("a test makes every plant")
+        let plan = cases.case(number).plan();
+        let plan = plan.expect("a test makes every plant");
+        plan.leading().scenario.clone()
     })
 }
 

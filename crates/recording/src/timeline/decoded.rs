@@ -51,6 +51,8 @@ impl Column {
 /// A recording, decoded.
 #[derive(Clone, Debug)]
 pub struct Timeline {
+    /// The name of its loop; empty for the only one.
+    pub loop_name: String,
     /// The SYNC period.
     pub period_seconds: f64,
     /// Number of the cycle since scenario time 0, per row. Rows of cycles that never began are absent.
@@ -90,6 +92,15 @@ pub struct Timeline {
 }
 
 impl Timeline {
+    /// The beginning of the names of its signals: empty where it is the only loop.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        match self.loop_name.as_str() {
+            "" => String::new(),
+            name => format!("{name}."),
+        }
+    }
+
     /// A column by its signal's name; that of a position may be its name in millimetres too.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<&Column> {
@@ -162,6 +173,7 @@ impl Timeline {
             values: part(&column.values),
         });
         Self {
+            loop_name: self.loop_name.clone(),
             cycle: self.cycle.part(rows.clone()),
             time_seconds: part(&self.time_seconds),
             set_point_millimetres: part(&self.set_point_millimetres),
@@ -206,9 +218,6 @@ impl Timeline {
     }
 }
 
-/// The timeline of a loop, with what stands before the names of its signals: nothing where it is the only one.
-pub type OfLoop<'a> = (String, &'a Timeline);
-
 /// A signal over all cycles, by the name that it has among those of all loops.
 #[derive(Clone, Debug)]
 pub struct SignalRows<'a> {
@@ -222,8 +231,10 @@ pub struct SignalRows<'a> {
 
 /// The signals of loops that were played at once: of each its set-point, then what was on the bus.
 #[must_use]
-pub fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<SignalRows<'a>> {
-    let of_loop = |(prefix, timeline): &OfLoop<'a>| {
+pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
+    let mut all = Vec::new();
+    for timeline in timelines {
+        let prefix = timeline.prefix();
         let set_point = (
             timeline.unit.rename("set_point_millimetres"),
             timeline.unit.symbol(),
@@ -237,17 +248,17 @@ pub fn signals<'a>(loops: &[OfLoop<'a>]) -> Vec<SignalRows<'a>> {
             unit,
             values,
         });
-        Vec::from_iter(signals)
-    };
-    loops.iter().flat_map(of_loop).collect()
+        all.extend(signals);
+    }
+    all
 }
 
 /// The events of loops that were played at once, in the order of time; what several of them saw stands once.
 #[must_use]
-pub fn events_of(loops: &[&Timeline]) -> Events {
-    let of_each = loops.iter().map(|timeline| timeline.events.clone());
+pub fn events_of(timelines: &[Timeline]) -> Events {
+    let of_each = timelines.iter().map(|timeline| timeline.events.clone());
     let all = of_each.reduce(Events::merged).unwrap_or_default();
-    if loops.len() < 2 {
+    if timelines.len() < 2 {
         return all;
     }
     let mut earlier: Option<Occurrence<'_, Event>> = None;

@@ -6,8 +6,6 @@ mod passing;
 mod reader;
 mod traffic;
 
-pub use decoded::{
-    Column, OfLoop, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, events_of, signals,
-};
+pub use decoded::{Column, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, events_of, signals};
 pub use platform::series::{Series, SeriesWriter, blocks};
-pub use reader::{TimelineReader, decode, decode_loops};
+pub use reader::{TimelineReader, decode};

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 use super::traffic::Traffic;
 use crate::log::Stamped;
@@ -35,10 +35,10 @@ pub(super) struct Passed {
 }
 
 impl Passing {
-    pub(super) fn new(setup: &Setup) -> Result<Self, SignalMissing> {
-        let scenario = &setup.scenario;
+    pub(super) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let scenario = &one.scenario;
         Ok(Self {
-            clock: ScenarioClock::new(&setup.database)?,
+            clock: ScenarioClock::new(&one.database)?,
             order: Order::default(),
             traffic: Traffic::new(scenario),
             last_frame: Duration::ZERO,

@@ -1,13 +1,13 @@
 //! Decodes frames, cycle by cycle.
 
 use std::borrow::Borrow;
+use std::iter;
 use std::time::Duration;
-use std::{iter, slice};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, signals};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan, Shared};
 use scenario::Scenario;
 
 use super::columns::Columns;
@@ -24,30 +24,19 @@ use crate::occurrences::Occurrences;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
 
-/// Decodes frames until the scenario's end.
+/// Decodes frames until the scenario's end: a timeline for each loop of the plan. Most frames are of one loop only.
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
 pub fn decode(
     frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
-    setup: &Setup,
-) -> Result<Timeline, SignalMissing> {
-    let timelines = decode_loops(frames, slice::from_ref(setup))?;
-    Ok(timelines.into_iter().next().expect("one for each loop"))
-}
-
-/// As [`decode`], for loops that were played at once on one bus: a timeline for each. Most frames are of one loop only.
-///
-/// # Errors
-/// As [`decode`].
-pub fn decode_loops(
-    frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
-    setups: &[Setup],
+    plan: &Plan,
 ) -> Result<Vec<Timeline>, SignalMissing> {
-    let readers = setups.iter().map(TimelineReader::new);
+    let loops = plan.loops.iter();
+    let readers = loops.map(|one| TimelineReader::new(&plan.shared, one));
     let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
     // Together they have as much in memory as one.
-    let kept_max = KEPT_MAX / setups.len().max(1);
+    let kept_max = KEPT_MAX / plan.loops.len();
     readers.iter_mut().for_each(|reader| reader.keep(kept_max));
     let frames = frames.into_iter();
     let expected = frames.size_hint().0;
@@ -58,9 +47,9 @@ pub fn decode_loops(
         [only] => frames.for_each(|stamped| only.on_frame(stamped.borrow())),
         several => read_with(several, frames),
     }
-    let timelines = readers.iter_mut().zip(setups);
+    let timelines = readers.iter_mut().zip(&plan.loops);
     timelines
-        .map(|(reader, setup)| reader.take_rest(&setup.scenario))
+        .map(|(reader, one)| reader.take_rest(&one.scenario))
         .collect()
 }
 
@@ -101,6 +90,7 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
 
 /// Decodes the frames of a run as they come.
 pub struct TimelineReader {
+    loop_name: String,
     passing: Passing,
     period: Duration,
     end: Duration,
@@ -127,19 +117,19 @@ pub struct TimelineReader {
 impl TimelineReader {
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn new(setup: &Setup) -> Result<Self, SignalMissing> {
-        let (scenario, database) = (&setup.scenario, &*setup.database);
+    pub fn new(shared: &Shared, one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let (scenario, database) = (&one.scenario, &*one.database);
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
         let end = Duration::from_secs_f64(scenario.duration_seconds);
-        let words = NodeWords::new(setup);
+        let words = NodeWords::new(shared, one);
         let losses = LossReader::new(scenario, database, &words);
         let events = EventReader::new(database, words);
         let truth = TruthReader::new(database)?;
         let fan = FanReader::new(database)?;
         let rare = losses.raw_ids().chain([truth.raw_id()]);
         let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
-        let traces = TraceReader::new(setup);
-        let masters = MasterWatch::new(scenario, database, &setup.external)?;
+        let traces = TraceReader::new(one);
+        let masters = MasterWatch::new(scenario, database, &one.external)?;
         let columns = Columns::new(database)?;
         let own = [u32::from(SYNC_COB_ID)]
             .into_iter()
@@ -149,7 +139,8 @@ impl TimelineReader {
             .chain(rare.iter().copied());
         let own = Vec::from_iter(own);
         Ok(Self {
-            passing: Passing::new(setup)?,
+            loop_name: one.name().to_owned(),
+            passing: Passing::new(one)?,
             period,
             end,
             latest_sync: Duration::ZERO,
@@ -293,6 +284,7 @@ impl TimelineReader {
             .last_frame
             .saturating_sub(zero.unwrap_or_default());
         Ok(Timeline {
+            loop_name: self.loop_name.clone(),
             period_seconds,
             set_point_millimetres: set_points(scenario, &time_seconds),
             unit: scenario.wiring.unit.clone(),
@@ -378,12 +370,12 @@ mod tests {
     }
 
     /// Two cycles, after which the drive goes on sending.
-    fn two_cycles() -> (Setup, Vec<Stamped>) {
+    fn two_cycles() -> (Plan, Vec<Stamped>) {
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
                     [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, &Catalogue::shipped());
-        let database = &*setup.database;
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let database = plan.database();
         let position = |millimetres: f64| {
             let mut message = database.builder("drive_tpdo1").unwrap();
             message.set(&database.require(STATUSWORD).unwrap(), 39.0);
@@ -401,13 +393,13 @@ mod tests {
         ];
         let frames =
             frames.map(|(micros, frame)| Stamped::new(Duration::from_micros(micros), frame));
-        (setup, frames.into())
+        (plan, frames.into())
     }
 
     #[test]
     fn a_position_after_the_last_cycle_is_in_no_row() {
-        let (setup, frames) = two_cycles();
-        let timeline = decode(&frames, &setup).unwrap();
+        let (plan, frames) = two_cycles();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
         assert_eq!(**timeline.position(), [1.0, 2.0]);
         let samples: Vec<_> = timeline.traces[0]
             .samples
@@ -419,8 +411,8 @@ mod tests {
 
     #[test]
     fn pieces_have_all_rows_and_events_once() {
-        let (setup, frames) = two_cycles();
-        let timeline = decode(&frames, &setup).unwrap();
+        let (plan, frames) = two_cycles();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
         let [first, second] = [0..1, 1..2].map(|rows| timeline.piece(rows));
         assert_eq!(
             (&**first.position(), &**second.position()),
@@ -439,10 +431,10 @@ mod tests {
     /// Two are served, two never begin, and the last has no position.
     #[test]
     fn three_cycles_of_five_are_missed() {
-        let (setup, mut frames) = two_cycles();
+        let (plan, mut frames) = two_cycles();
         let sync = CanFrame::new(SYNC_COB_ID, &[]);
         frames.push(Stamped::new(Duration::from_micros(5000), sync));
-        let timeline = decode(&frames, &setup).unwrap();
+        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
         assert_eq!(timeline.missed_cycles_percent(), 60.0);
     }
 
@@ -451,8 +443,9 @@ mod tests {
         fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
             let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
             let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-            let setup = Setup::new(scenario, &Catalogue::shipped());
-            let (scenario, database) = (&setup.scenario, &*setup.database);
+            let plan = Plan::new(scenario, &Catalogue::shipped());
+            let one = plan.leading();
+            let (scenario, database) = (&one.scenario, &*one.database);
             let paths = [signals::POSITION, signals::CURRENT, STATUSWORD, signals::TARGET_CURRENT];
             let mut expected = paths.map(|path| Simple {
                 handle: database.require(path).unwrap(),
@@ -464,7 +457,7 @@ mod tests {
             let mut enabled = database.builder("drive_tpdo1").unwrap();
             enabled.set(&expected[2].handle, 55.0);
             let sync = CanFrame::new(SYNC_COB_ID, &[]);
-            let mut reader = TimelineReader::new(&setup).unwrap();
+            let mut reader = TimelineReader::new(&plan.shared, one).unwrap();
             let mut pieces = Vec::new();
             let mut micros = 0;
             for (kind, byte, length) in [(8, 0, 0), (0, 0, 0)].into_iter().chain(steps) {

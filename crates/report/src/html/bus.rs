@@ -7,18 +7,16 @@ use crate::bus_timing::{BusTiming, DurationSpread, histogram};
 use crate::plot::{Colour, Extent, Plot, Shape};
 use crate::run::Run;
 use judge::timing::Timing;
-use judge::verdict::Verdict;
 
 /// All loops share the bus; each has answers and commands of its own.
-pub(super) fn section(runs: &[Run<'_>], verdict: &Verdict) -> Result<Markup, SignalMissing> {
-    let first = &runs[0];
-    let scenario = &first.setup.scenario;
-    let timings = runs.iter().map(|run| {
+pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
+    let shared = &run.plan.shared;
+    let timings = run.plan.loops.iter().map(|one| {
         let (end, bitrate) = (
-            scenario.duration_seconds,
-            scenario.bus.bitrate_kilobits_per_second,
+            shared.duration_seconds,
+            shared.bus.bitrate_kilobits_per_second,
         );
-        BusTiming::new(run.frames, end, bitrate, &run.setup.database)
+        BusTiming::new(run.frames, end, bitrate, &one.database)
     });
     let timings = timings.collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];
@@ -32,8 +30,8 @@ pub(super) fn section(runs: &[Run<'_>], verdict: &Verdict) -> Result<Markup, Sig
         &timing.load_percent,
     );
     let mut sets = vec![("SYNC to SYNC".to_owned(), &timing.cycles)];
-    for (run, timing) in runs.iter().zip(&timings) {
-        let [answer, command] = match &run.setup.loop_name {
+    for (one, timing) in run.plan.loops.iter().zip(&timings) {
+        let [answer, command] = match &one.loop_name {
             None => ["the drive's answer", "the controller's command"].map(str::to_owned),
             Some(names) => {
                 ["the answer of", "the command to"].map(|what| format!("{what} {}", names.name))
@@ -55,7 +53,7 @@ pub(super) fn section(runs: &[Run<'_>], verdict: &Verdict) -> Result<Markup, Sig
     };
     Ok(html! {
         h2 { "Bus and timing" }
-        p.soft { "Scenario time 0 to " (scenario.duration_seconds) " s, by the stamps of the recorder." }
+        p.soft { "Scenario time 0 to " (shared.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::new(durations) { tr {
@@ -63,7 +61,7 @@ pub(super) fn section(runs: &[Run<'_>], verdict: &Verdict) -> Result<Markup, Sig
                 @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
             } } } }
         } }
-        @if let Some(timing) = &verdict.timing { (host(timing)) }
+        @if let Some(timing) = &run.verdict.timing { (host(timing)) }
         div.plots.even {
             (load.render())
             @for ((name, _), bars) in sets.iter().zip(&bars) { (bars_plot(name, bars)) }

@@ -4,11 +4,11 @@ use maud::{Markup, html};
 use scenario::expect::{Demand, SignalCheck};
 
 use crate::plot::{Colour, Patch, Plot, Shape};
-use crate::run::Run;
+use crate::run::RunLoop;
 use crate::unit::shown_unit;
 use platform::series::Series;
 use recording::traces::SignalTrace;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 /// Signals that get a plot; the verdict lists the others too.
 const PLOTS_MAX: usize = 12;
@@ -24,31 +24,31 @@ struct Drawn<'a> {
 }
 
 /// A section with the plots; nothing where no check names a signal.
-pub(super) fn section(run: &Run<'_>) -> Markup {
-    let setup = run.setup;
-    let checks = &setup.scenario.expect.signal;
+pub(super) fn section(run: &RunLoop<'_>) -> Markup {
+    let own = run.own;
+    let checks = &own.scenario.expect.signal;
     let drawn: Vec<Drawn<'_>> = (run.timeline)
         .traces
         .iter()
-        .filter(|trace| checks.iter().any(|check| is_about(setup, check, trace)))
+        .filter(|trace| checks.iter().any(|check| is_about(own, check, trace)))
         .take(PLOTS_MAX)
-        .map(|trace| drawn(trace, setup))
+        .map(|trace| drawn(trace, own))
         .collect();
     html! {
         @if !drawn.is_empty() {
             (super::heading(run, "Checked signals"))
-            div.plots.even { @for one in &drawn { (plot(one, &shown(setup, one.trace)).render()) } }
+            div.plots.even { @for one in &drawn { (plot(one, &shown(own, one.trace)).render()) } }
             p.soft { "Green: where the signal must stay or get, and when." }
         }
     }
 }
 
-fn is_about(setup: &Setup, check: &SignalCheck, trace: &SignalTrace) -> bool {
-    setup.names().find(&check.name) == Ok(&trace.path)
+fn is_about(own: &ControlLoop, check: &SignalCheck, trace: &SignalTrace) -> bool {
+    own.names().find(&check.name) == Ok(&trace.path)
 }
 
-fn drawn<'a>(trace: &'a SignalTrace, setup: &Setup) -> Drawn<'a> {
-    let scenario = &setup.scenario;
+fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop) -> Drawn<'a> {
+    let scenario = &own.scenario;
     let mut drawn = Drawn {
         trace,
         time_seconds: trace.samples.iter().map(|one| one.time_seconds).collect(),
@@ -57,7 +57,7 @@ fn drawn<'a>(trace: &'a SignalTrace, setup: &Setup) -> Drawn<'a> {
         patches: Vec::new(),
     };
     let checks = scenario.expect.signal.iter();
-    for check in checks.filter(|check| is_about(setup, check, trace)) {
+    for check in checks.filter(|check| is_about(own, check, trace)) {
         for demand in check.demands() {
             let window = check.window(&demand, scenario.duration_seconds);
             match demand {
@@ -78,10 +78,10 @@ fn drawn<'a>(trace: &'a SignalTrace, setup: &Setup) -> Drawn<'a> {
 }
 
 /// Where a signal is on the bus: among several loops with the name of the drive whose frame it is in.
-fn shown(setup: &Setup, trace: &SignalTrace) -> String {
-    let (_, drive, _) = setup.node_names();
-    let own = trace.path.strip_prefix("drive_");
-    match (&setup.loop_name, own) {
+fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
+    let (_, drive, _) = own.node_names();
+    let of_drive = trace.path.strip_prefix("drive_");
+    match (&own.loop_name, of_drive) {
         (Some(_), Some(rest)) => format!("{drive}_{rest}"),
         _ => trace.path.clone(),
     }

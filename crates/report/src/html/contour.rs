@@ -10,10 +10,10 @@ use crate::unit::shown_unit;
 use judge::contour_errors;
 use platform::series::SeriesWriter;
 
-pub(super) fn section(contour: &Contour, runs: &[Run<'_>]) -> Markup {
-    let axes = axes(contour, runs);
+pub(super) fn section(contour: &Contour, run: &Run<'_>) -> Markup {
+    let axes = axes(contour, run);
     let timelines = Vec::from_iter(axes.iter().map(|(_, run)| run.timeline));
-    let end_seconds = runs[0].setup.scenario.duration_seconds;
+    let end_seconds = run.plan.shared.duration_seconds;
     let (mut time, mut errors) = (SeriesWriter::default(), SeriesWriter::default());
     for (seconds, error) in contour_errors(contour, &timelines, end_seconds) {
         time.push(seconds);

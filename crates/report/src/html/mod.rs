@@ -12,58 +12,48 @@ use dbc::SignalMissing;
 use maud::{Markup, html};
 
 use crate::page;
-use crate::run::Run;
+use crate::run::{Run, RunLoop};
 use judge::verdict::Verdict;
 use recording::events::{Events, Level};
 use recording::run_folder::file;
-use recording::timeline::events_of;
+use recording::timeline::{Timeline, events_of};
 use rig::external::ExternalNode;
 
 /// Events that are listed; a run with more of them has one cause, which the first ones show.
 const EVENTS_MAX: usize = 300;
 
-/// The page of a run of one loop or more, with the verdict of all of them. It depends on nothing but the recording and the
-/// verdict; `remarks` say what of the log cannot be read.
+/// The page of a run. It depends on nothing but the recording and the verdict; `remarks` say what of the log cannot be read.
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
-///
-/// # Panics
-/// There is no loop.
-pub fn to_html(
-    runs: &[Run<'_>],
-    verdict: &Verdict,
-    remarks: &[String],
-) -> Result<String, SignalMissing> {
-    let first = &runs[0];
-    let scenario = &first.setup.scenario;
-    let timelines = Vec::from_iter(runs.iter().map(|run| run.timeline));
+pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissing> {
+    let (shared, verdict) = (&run.plan.shared, run.verdict);
     let body = html! {
-        (head(runs, verdict, remarks))
+        (head(run, remarks))
         h2 { "Verdict" }
         @if verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
         @else { (page::metrics(&verdict.metrics, verdict.outcome)) }
-        @for contour in first.setup.contours.iter() { (contour::section(contour, runs)) }
-        @for run in runs { (of_loop(run)) }
-        (bus::section(runs, verdict)?)
-        (events(&events_of(&timelines)))
+        @for contour in &shared.contours { (contour::section(contour, run)) }
+        @for one in run.loops() { (of_loop(&one)) }
+        (bus::section(run)?)
+        (events(&events_of(run.timelines)))
         h2 { "Scenario" }
-        details open { summary { (file::SCENARIO) } pre { (first.setup.text) } }
-        @for (name, text) in first.setup.tables.iter().filter(|(name, _)| name.ends_with(".toml")) {
+        details open { summary { (file::SCENARIO) } pre { (shared.text) } }
+        @for (name, text) in shared.tables.iter().filter(|(name, _)| name.ends_with(".toml")) {
             details { summary { (name) } pre { (text) } }
         }
-        (again(first.is_long))
+        (again(run.is_long))
     };
     Ok(page::page(
-        &format!("{}: {}", scenario.name, verdict.outcome.word()),
+        &format!("{}: {}", shared.name, verdict.outcome.word()),
         &body,
     ))
 }
 
 /// What a loop did.
-fn of_loop(run: &Run<'_>) -> Markup {
+fn of_loop(run: &RunLoop<'_>) -> Markup {
     html! {
-        @if let Some(names) = &run.setup.loop_name { h2 { "Loop " (names.name) } }
+        @if let Some(names) = &run.own.loop_name { h2 { "Loop " (names.name) } }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
         @else { (signals::section(run)) }
         (response::section(run))
@@ -72,45 +62,46 @@ fn of_loop(run: &Run<'_>) -> Markup {
 }
 
 /// The heading of a part of that.
-fn heading(run: &Run<'_>, text: &str) -> Markup {
-    match run.setup.loop_name {
+fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
+    match run.own.loop_name {
         None => html! { h2 { (text) } },
         Some(_) => html! { h3 { (text) } },
     }
 }
 
-fn head(runs: &[Run<'_>], verdict: &Verdict, remarks: &[String]) -> Markup {
-    let run = &runs[0];
-    let scenario = &run.setup.scenario;
+fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
+    let (shared, verdict) = (&run.plan.shared, run.verdict);
+    let description = &run.plan.leading().scenario.description;
+    let is_external = |one: RunLoop<'_>| one.own.external.has(ExternalNode::Drive);
     html! {
-        h1 { (scenario.name) }
+        h1 { (shared.name) }
         p { (page::badge(verdict.outcome)) }
         @if let Some(reason) = &verdict.reason { p { (reason) } }
         @if let Some(end) = end_besides(verdict) { p { (end) } }
         @for remark in remarks { p.unsure { "Of the recording as it is now, " (remark) ". This page shows the other frames." } }
-        @if let Some(description) = &scenario.description { p.soft { (description) } }
+        @if let Some(description) = description { p.soft { (description) } }
         dl.facts {
-            div { dt { "control law" } dd { (laws(runs)) } }
+            div { dt { "control law" } dd { (laws(run)) } }
             div { dt { "recorded" } dd { (recorded(run)) } }
-            div { dt { "cycle" } dd { (scenario.bus.sync_period_milliseconds) " ms" } }
-            div { dt { "bus" } dd { (scenario.bus.bitrate_kilobits_per_second) " kbit/s" } }
+            div { dt { "cycle" } dd { (shared.bus.sync_period_milliseconds) " ms" } }
+            div { dt { "bus" } dd { (shared.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
             div { dt { "seed" } dd { (verdict.seed) } }
             div { dt { "canrig" } dd { (verdict.version) } }
             @if !verdict.requirements.is_empty() { div { dt { "requirements" } dd { (verdict.requirements.join(", ")) } } }
             @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external.join(", ")) } } }
         }
-        @if run.setup.external.has(ExternalNode::Drive) {
+        @if run.loops().any(is_external) {
             p.soft { "Wire temperature, martensite fraction and true position are not available: the drive is external, and only the emulator knows them." }
         }
     }
 }
 
 /// The law of all loops, or that of each.
-fn laws(runs: &[Run<'_>]) -> String {
-    let laws = runs.iter().filter_map(|run| Some((run, law_of(run)?)));
+fn laws(run: &Run<'_>) -> String {
+    let laws = run.loops().filter_map(|one| Some((one, law_of(&one)?)));
     let laws = Vec::from_iter(laws);
-    let of_loop = |(run, law): &(&Run<'_>, &str)| match &run.setup.loop_name {
+    let of_loop = |(one, law): &(RunLoop<'_>, &str)| match &one.own.loop_name {
         Some(names) => format!("{law} ({})", names.name),
         None => (*law).to_owned(),
     };
@@ -123,18 +114,17 @@ fn laws(runs: &[Run<'_>]) -> String {
 }
 
 /// The law of a loop; none where that of another loop leads its drive.
-fn law_of<'a>(run: &Run<'a>) -> Option<&'a str> {
-    let scenario = &run.setup.scenario;
+fn law_of<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
+    let scenario = &run.own.scenario;
     let is_led = scenario.wiring.led_by.is_some();
     (!is_led).then(|| scenario.controller.law_name())
 }
 
 /// How much was recorded.
 fn recorded(run: &Run<'_>) -> String {
-    let (reached, planned) = (
-        run.timeline.end_seconds(),
-        run.setup.scenario.duration_seconds,
-    );
+    let ends = run.timelines.iter().map(Timeline::end_seconds);
+    let reached = ends.fold(0.0, f64::max);
+    let planned = run.plan.shared.duration_seconds;
     format!("{reached:.3} s of {planned} s")
 }
 

@@ -4,7 +4,7 @@ use judge::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses
 use maud::{Markup, html};
 
 use crate::plot::{Colour, Plot, Shape};
-use crate::run::Run;
+use crate::run::RunLoop;
 use crate::unit::shown_unit;
 
 /// A curve over frequency: its title, its unit, and what it shows.
@@ -21,9 +21,9 @@ const CURVES: [Curve; 3] = [
     }),
 ];
 
-pub(super) fn section(run: &Run<'_>) -> Markup {
+pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let symbol = shown_unit(run.timeline.unit.symbol());
-    let responses = frequency_responses(run.timeline, run.setup);
+    let responses = frequency_responses(run.timeline, run.own);
     let points = || responses.iter().flatten();
     html! {
         @if points().next().is_some() {

@@ -3,12 +3,12 @@
 use dbc::signals::WIRE_TEMPERATURE;
 use dbc::{Database, signals};
 use maud::{Markup, html};
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 use scenario::Scenario;
 use scenario::events::{JudgedStep, Window};
 
 use crate::plot::{Colour, Extent, Patch, Plot, Shape};
-use crate::run::Run;
+use crate::run::RunLoop;
 use crate::unit::{shown_unit, title};
 use judge::SETTLING_BAND;
 use platform::series::Series;
@@ -23,8 +23,8 @@ const BEFORE_SECONDS: f64 = 0.1;
 const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
-pub(super) fn section(run: &Run<'_>) -> Markup {
-    let (timeline, database) = (run.timeline, &*run.setup.database);
+pub(super) fn section(run: &RunLoop<'_>) -> Markup {
+    let (timeline, database) = (run.timeline, &*run.own.database);
     let error: Series<f64> = timeline
         .set_point_millimetres
         .iter()
@@ -58,14 +58,14 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
     } else {
         in_time.extend(of_another_plant(timeline, database));
     }
-    if run.setup.scenario.controller.own.is_some() {
+    if run.own.scenario.controller.own.is_some() {
         in_time.extend(of_own_terms(timeline, database));
     } else {
         in_time.extend(of_the_sliding_mode(timeline));
     }
     for plot in &mut in_time {
-        plot.patches.extend(disturbances(&run.setup.scenario));
-        plot.patches.extend(faults(run.setup));
+        plot.patches.extend(disturbances(&run.own.scenario));
+        plot.patches.extend(faults(run.own));
     }
     html! {
         (super::heading(run, "Position"))
@@ -75,21 +75,21 @@ pub(super) fn section(run: &Run<'_>) -> Markup {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
-        @if let Some(words) = patches_in_words(run.setup) { p.soft { (words) } }
+        @if let Some(words) = patches_in_words(run.own) { p.soft { (words) } }
         @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
 }
 
 /// What the coloured patches behind the curves are; nothing where there are none.
-fn patches_in_words(setup: &Setup) -> Option<String> {
-    let scenario = &setup.scenario;
+fn patches_in_words(own: &ControlLoop) -> Option<String> {
+    let scenario = &own.scenario;
     let has_steps = !scenario.judged_steps().is_empty();
     let has_disturbances = !scenario.disturbance_windows().is_empty();
     let words = [
         (has_steps, "Green: settling band of a step."),
         (has_disturbances, "Yellow: a disturbance acts."),
         (
-            !faults(setup).is_empty(),
+            !faults(own).is_empty(),
             "Violet: a fault acts, here or elsewhere on the bus.",
         ),
     ];
@@ -193,12 +193,12 @@ fn of_another_plant<'a>(
     })
 }
 
-fn position<'a>(run: &Run<'a>) -> Plot<'a> {
+fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     let timeline = run.timeline;
     let time = &timeline.time_seconds;
     let mut plot = Plot::over_time("Position", shown_unit(timeline.unit.symbol()));
     plot.patches = run
-        .setup
+        .own
         .scenario
         .judged_steps()
         .iter()
@@ -238,13 +238,13 @@ type Stretch = (String, f64, f64);
 
 /// The position round each step and each disturbance, and in the judged periods of sines in a long run; and how many more of
 /// them there are.
-fn close_ups<'a>(run: &Run<'a>) -> (Vec<Plot<'a>>, usize) {
+fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
     let end = run.timeline.end_seconds();
     let reached = |stretches: Vec<Stretch>| {
         let reached = stretches.into_iter().filter(|(_, from, _)| *from < end);
         reached.collect::<Vec<_>>()
     };
-    let [sudden, sines] = [sudden(&run.setup.scenario), sines(&run.setup.scenario)].map(reached);
+    let [sudden, sines] = [sudden(&run.own.scenario), sines(&run.own.scenario)].map(reached);
     let left_out = [&sudden, &sines].map(|stretches| stretches.len().saturating_sub(CLOSE_UPS_MAX));
     let shown = [sudden, sines]
         .into_iter()
@@ -317,9 +317,9 @@ fn disturbances(scenario: &Scenario) -> Vec<Patch> {
 }
 
 /// Faults from their beginning on; those of the boot are over when the scenario begins.
-fn faults(setup: &Setup) -> Vec<Patch> {
-    let scenario = &setup.scenario;
-    let patches = setup.faults().into_iter().filter_map(|fault| {
+fn faults(own: &ControlLoop) -> Vec<Patch> {
+    let scenario = &own.scenario;
+    let patches = own.faults().into_iter().filter_map(|fault| {
         let until_seconds = fault.until_seconds.unwrap_or(scenario.duration_seconds);
         Some(stretch(
             "fault",

@@ -23,7 +23,7 @@ use super::output::{Output, begin};
 use super::times::RUN_TIME;
 use super::{APPLICATION, RerunError, drawing, groups, hysteresis};
 use crate::shown_unit;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 type Result<T> = std::result::Result<T, RerunError>;
 
@@ -38,7 +38,7 @@ pub(crate) enum Play {
 
 /// What there is to see of a loop.
 pub(crate) struct Page<'a> {
-    pub(super) setup: &'a Setup,
+    pub(super) own: &'a ControlLoop,
     pub(super) groups: BTreeSet<&'a str>,
 }
 
@@ -90,7 +90,7 @@ impl<'a> Layout<'a> {
             tabs.push(self.drawing(&plane.title, &plane.group, plane.bounds, 1.0)?);
         }
         for page in pages {
-            let name = page.setup.loop_name.as_ref();
+            let name = page.own.loop_name.as_ref();
             self.folder = name.map_or("", |names| names.name.as_str());
             tabs.push(self.page(page)?);
         }
@@ -110,7 +110,7 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let unit = shown_unit(page.setup.scenario.wiring.unit.symbol());
+        let unit = shown_unit(page.own.scenario.wiring.unit.symbol());
         let mut left = vec![self.plot(&format!("Position ({unit})"), "position", 2.2)?];
         if has("error") {
             left.push(self.plot(&format!("Error ({unit})"), "error", 1.2)?);
@@ -142,14 +142,14 @@ impl<'a> Layout<'a> {
         if has(groups::HYSTERESIS) {
             middle.push(self.hysteresis(1.7)?);
         }
-        for view in groups::own_views(page.setup) {
+        for view in groups::own_views(page.own) {
             if has(view.style.group) {
                 middle.push(self.plot(&view.title, view.style.group, 1.0)?);
             }
         }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
-        let rig = match drawing::bounds(&page.setup.scenario) {
+        let rig = match drawing::bounds(&page.own.scenario) {
             Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
             None => None,
         };

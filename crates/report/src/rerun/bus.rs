@@ -10,7 +10,7 @@ use super::times::{self, Moment};
 use super::{RerunError, groups};
 use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 use scenario::Scenario;
 
 /// Stretch of time over which a load is a mean, and of which a long run logs the extremes. It is longer where there would be more
@@ -72,8 +72,8 @@ impl BusReader {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub(crate) fn new(setup: &Setup, is_thinned: bool) -> Result<Self, SignalMissing> {
-        let (scenario, database) = (&setup.scenario, &*setup.database);
+    pub(crate) fn new(own: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
+        let (scenario, database) = (&own.scenario, &*own.database);
         let stretch_seconds = match is_thinned {
             false => STRETCH_SECONDS,
             true => stretch_seconds(scenario),

@@ -33,11 +33,12 @@ pub(super) struct Plane {
 }
 
 /// Logs the contours of a scenario.
-pub(super) fn log(output: &mut dyn Output, runs: &[Run<'_>]) -> Result<Vec<Plane>, RerunError> {
+pub(super) fn log(output: &mut dyn Output, run: &Run<'_>) -> Result<Vec<Plane>, RerunError> {
     let mut planes = Vec::new();
-    for contour in runs[0].setup.contours.iter() {
-        for pair in axes(contour, runs).windows(2) {
-            planes.extend(log_plane(output, contour, [pair[0], pair[1]])?);
+    for contour in &run.plan.shared.contours {
+        for pair in axes(contour, run).windows(2) {
+            let axes = [pair[0], pair[1]];
+            planes.extend(log_plane(output, contour, axes, run.is_long)?);
         }
     }
     Ok(planes)
@@ -47,13 +48,14 @@ fn log_plane(
     output: &mut dyn Output,
     contour: &Contour,
     axes: [Axis<'_>; 2],
+    is_long: bool,
 ) -> Result<Option<Plane>, RerunError> {
-    let [x, y] = axes.map(|(_, run)| run.timeline);
+    let [x, y] = axes.map(|(_, one)| one.timeline);
     let [across, up] = axes.map(|(name, _)| name);
-    let pause_rows = match axes.iter().find(|(_, run)| run.is_long) {
-        None => 0,
-        Some((_, run)) => {
-            let cycles = x.cycles_in(stretch_seconds(&run.setup.scenario));
+    let pause_rows = match (is_long, axes) {
+        (false, _) => 0,
+        (true, [(_, one), _]) => {
+            let cycles = x.cycles_in(stretch_seconds(&one.own.scenario));
             usize::try_from(cycles).unwrap_or(usize::MAX)
         }
     };

@@ -10,7 +10,7 @@ use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
 
 use crate::{shown_unit, title};
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 /// How a signal is drawn.
 #[derive(Clone, Copy)]
@@ -125,16 +125,16 @@ pub(super) struct OwnView<'a> {
 }
 
 /// The signals of a scenario's plant and law that need views of their own.
-pub(super) fn own_views(setup: &Setup) -> Vec<OwnView<'_>> {
+pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
     let Scenario {
         plant, controller, ..
-    } = &setup.scenario;
+    } = &own.scenario;
     let has_view = |name: &str| known(name).is_some_and(|style| style.group != POSITION);
-    let signals = signals::plant_signals(&setup.database)
+    let signals = signals::plant_signals(&own.database)
         // A position that the loop does not follow is no second line beside its own.
         .filter(|it| plant.own.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
-    let terms = signals::own_law_signals(&setup.database)
+    let terms = signals::own_law_signals(&own.database)
         .filter(|_| controller.own.is_some())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
@@ -179,16 +179,16 @@ pub(super) fn is_used(values: &[f64]) -> bool {
 }
 
 /// The groups that a run will have, before anything was heard of it.
-pub(super) fn expected(setup: &Setup) -> BTreeSet<&str> {
-    let scenario = &setup.scenario;
+pub(super) fn expected(own: &ControlLoop) -> BTreeSet<&str> {
+    let scenario = &own.scenario;
     let mut groups = BTreeSet::new();
     if !scenario.reference.is_empty() {
         groups.insert("error");
     }
-    let own = own_views(setup);
-    let signals = signals::plant_signals(&setup.database);
-    groups.extend(signals.map(|signal| style(&signal.name, || true, &own).group));
-    groups.extend(own.iter().map(|view| view.style.group));
+    let views = own_views(own);
+    let signals = signals::plant_signals(&own.database);
+    groups.extend(signals.map(|signal| style(&signal.name, || true, &views).group));
+    groups.extend(views.iter().map(|view| view.style.group));
     if scenario.plant.name() == SMA_ACTUATOR {
         groups.insert(HYSTERESIS);
     }
@@ -214,6 +214,8 @@ pub(super) fn held() -> SeriesLines {
 
 #[cfg(test)]
 mod tests {
+    use rig::plan::Plan;
+
     use super::*;
     use dbc::{PlantSignal, Range};
     use rig::catalogue::Catalogue;
@@ -239,8 +241,8 @@ mod tests {
         let catalogue = Catalogue::new(plants.into_iter(), [].into_iter(), |_| None, |_| None);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, &catalogue);
-        let views = own_views(&setup);
+        let plan = Plan::new(scenario, &catalogue);
+        let views = own_views(plan.leading());
         let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));
         assert_eq!(
             titles,
@@ -250,6 +252,9 @@ mod tests {
         assert_eq!(group("position_metres"), "position_metres");
         assert_eq!(group("position_millimetres"), POSITION);
         assert_eq!(group("winding_temperature_celsius"), "temperature");
-        assert!(!expected(&setup).contains("error"), "it has no set-point");
+        assert!(
+            !expected(plan.leading()).contains("error"),
+            "it has no set-point"
+        );
     }
 }

@@ -6,7 +6,7 @@ use re_sdk::{
     AsComponents, EntityPath, RecordingStream, SerializedComponentColumn, StoreId, TimePoint,
 };
 use re_sdk_types::archetypes::Scalars;
-use rig::setup::Setup;
+use rig::plan::ControlLoop;
 
 use super::{APPLICATION, RerunError};
 
@@ -39,8 +39,8 @@ pub(crate) struct Folder<'a> {
 
 impl<'a> Folder<'a> {
     /// For the only loop it is the output itself.
-    pub(crate) fn of_loop(output: &'a mut dyn Output, setup: &'a Setup) -> Self {
-        let name = setup.loop_name.as_ref().map(|names| names.name.as_str());
+    pub(crate) fn of_loop(output: &'a mut dyn Output, own: &'a ControlLoop) -> Self {
+        let name = Some(own.name()).filter(|name| !name.is_empty());
         Self { output, name }
     }
 }

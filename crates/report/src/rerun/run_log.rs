@@ -26,7 +26,7 @@ use platform::series::{Series, give_back, parts, picked};
 use recording::events::{Event, Events, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
@@ -45,7 +45,7 @@ pub(crate) enum Known {
 /// A run on its way to a file or a viewer.
 pub(crate) struct Recording<'o, 'a> {
     output: &'o mut dyn Output,
-    setup: &'a Setup,
+    own: &'a ControlLoop,
     scenario: &'a Scenario,
     known: Known,
     hysteresis: Hysteresis,
@@ -57,7 +57,7 @@ pub(crate) struct Recording<'o, 'a> {
     styled: BTreeSet<String>,
     groups: BTreeSet<&'a str>,
     /// The views of what only this plant and this law have.
-    own: Vec<OwnView<'a>>,
+    own_views: Vec<OwnView<'a>>,
     /// Time of the last row or event.
     end_seconds: f64,
 }
@@ -66,12 +66,12 @@ impl<'o, 'a> Recording<'o, 'a> {
     /// A recording with nothing in it but what never changes.
     pub(crate) fn begin(
         output: &'o mut dyn Output,
-        setup: &'a Setup,
+        own: &'a ControlLoop,
         known: Known,
     ) -> Result<Self, RerunError> {
         bus::log_styles(output)?;
         hysteresis::log_style(output)?;
-        let scenario = &setup.scenario;
+        let scenario = &own.scenario;
         let pause_seconds = match known {
             Known::Whole | Known::SoFar => 0.0,
             Known::Thinned => stretch_seconds(scenario),
@@ -79,7 +79,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let drawing = Drawing::draw(output, scenario, pause_seconds)?;
         Ok(Self {
             output,
-            setup,
+            own,
             scenario,
             known,
             drawing,
@@ -87,7 +87,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             used: BTreeSet::new(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
-            own: groups::own_views(setup),
+            own_views: groups::own_views(own),
             end_seconds: 0.0,
         })
     }
@@ -121,7 +121,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             self.groups.insert(groups::HYSTERESIS);
         }
         let page = Page {
-            setup: self.setup,
+            own: self.own,
             groups: self.groups,
         };
         Ok((page, self.end_seconds))
@@ -179,7 +179,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let used = &mut self.used;
         let is_used =
             || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
-        groups::style(name, is_used, &self.own)
+        groups::style(name, is_used, &self.own_views)
     }
 
     /// One signal as an entity of its group.
@@ -240,7 +240,7 @@ impl<'o, 'a> Recording<'o, 'a> {
 /// The end of a run, at a time: the verdict as a page, as the last event, and as the recording's properties.
 pub(crate) fn log_verdict(
     output: &mut dyn Output,
-    scenario: &Scenario,
+    plan: &Plan,
     verdict: &Verdict,
     end_seconds: f64,
 ) -> Result<(), RerunError> {
@@ -252,7 +252,7 @@ pub(crate) fn log_verdict(
         _ => Level::Warning,
     };
     let event = Event::new(level, &format!("verdict: {}", verdict.outcome.word()));
-    let period_seconds = scenario.bus.sync_period_milliseconds / 1e3;
+    let period_seconds = plan.shared.bus.sync_period_milliseconds / 1e3;
     let events = Events::from_iter([(end_seconds, event)]);
     log_events(output, period_seconds, &events)?;
     let text = |text: &str| Text(text.into());

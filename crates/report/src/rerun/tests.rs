@@ -1,5 +1,6 @@
 //! The file is read back with the SDK's own reader and held to the timeline.
 
+use judge::verdict::Verdict;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::BufReader;
@@ -23,7 +24,7 @@ use recording::frames::Frames;
 use recording::log::Stamped;
 use recording::timeline;
 use rig::catalogue::Catalogue;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::Scenario;
 
 /// The cycle in which the drive of the made-up run is silent.
@@ -32,16 +33,16 @@ const SILENT: u64 = 70;
 /// Run time in nanoseconds, cycle, value.
 type Row = (i64, i64, f64);
 
-fn setup() -> Setup {
+fn plan() -> Plan {
     let text = "schema = 1\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
         [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
     let scenario = Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
-    Setup::new(scenario, &Catalogue::shipped())
+    Plan::new(scenario, &Catalogue::shipped())
 }
 
 /// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
-fn made_up_run() -> (Frames, Timeline, Verdict) {
+fn made_up_run() -> (Frames, Vec<Timeline>, Verdict) {
     let database = Database::shipped();
     let message = |name: &str, signals: &[(&str, f64)]| {
         let mut builder = database.builder(name).unwrap();
@@ -77,9 +78,9 @@ fn made_up_run() -> (Frames, Timeline, Verdict) {
     }
     let stamped = |(micros, frame)| Stamped::new(Duration::from_micros(micros), frame);
     let frames: Vec<Stamped> = frames.into_iter().map(stamped).collect();
-    let timeline = timeline::decode(&frames, &setup()).unwrap();
-    let verdict = judge(&timeline, &setup(), &Circumstances::default());
-    (frames.into(), timeline, verdict)
+    let timelines = timeline::decode(&frames, &plan()).unwrap();
+    let verdict = judge(&plan(), &timelines, &Circumstances::default());
+    (frames.into(), timelines, verdict)
 }
 
 /// All chunks of the recording itself, without the layout.
@@ -139,15 +140,15 @@ fn held(rows: &[Row], cycle: u64) -> Option<f64> {
 }
 
 fn run<'a>(
-    setup: &'a Setup,
+    plan: &'a Plan,
     frames: &'a Frames,
-    timeline: &'a Timeline,
+    timelines: &'a [Timeline],
     verdict: &'a Verdict,
 ) -> Run<'a> {
     Run {
-        setup,
+        plan,
         frames,
-        timeline,
+        timelines,
         verdict,
         is_long: false,
     }
@@ -156,14 +157,9 @@ fn run<'a>(
 fn written() -> (tempfile::TempDir, std::path::PathBuf, Timeline) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
-    let (frames, timeline, verdict) = made_up_run();
-    write(
-        &path,
-        &[run(&setup(), &frames, &timeline, &verdict)],
-        &verdict,
-    )
-    .unwrap();
-    (folder, path, timeline)
+    let (frames, timelines, verdict) = made_up_run();
+    write(&path, &run(&plan(), &frames, &timelines, &verdict)).unwrap();
+    (folder, path, timelines.into_iter().next().unwrap())
 }
 
 #[test]
@@ -280,22 +276,14 @@ fn the_file_is_complete_or_not_there() {
     let bytes = fs::read(&path).unwrap();
     assert!(bytes.starts_with(b"RRF"));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-    let (frames, timeline, verdict) = made_up_run();
+    let (frames, timelines, verdict) = made_up_run();
     let nowhere = folder.path().join("missing").join("run.rrd");
-    let written = write(
-        &nowhere,
-        &[run(&setup(), &frames, &timeline, &verdict)],
-        &verdict,
-    );
+    let written = write(&nowhere, &run(&plan(), &frames, &timelines, &verdict));
     assert!(written.is_err());
     // Where the new one cannot grow beside it, since its name would be too long, the old one stays.
     let path = folder.path().join("r".repeat(250));
     fs::write(&path, &bytes).unwrap();
-    let written = write(
-        &path,
-        &[run(&setup(), &frames, &timeline, &verdict)],
-        &verdict,
-    );
+    let written = write(&path, &run(&plan(), &frames, &timelines, &verdict));
     assert!(written.is_err() && fs::read(&path).unwrap() == bytes);
 }
 
@@ -317,13 +305,13 @@ fn of_a_long_run_the_extremes_of_each_stretch_are_kept() {
 fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
-    let (frames, timeline, verdict) = made_up_run();
-    let setup = setup();
+    let (frames, timelines, verdict) = made_up_run();
+    let (plan, timeline) = (plan(), &timelines[0]);
     let run = Run {
         is_long: true,
-        ..run(&setup, &frames, &timeline, &verdict)
+        ..run(&plan, &frames, &timelines, &verdict)
     };
-    write(&path, std::slice::from_ref(&run), &verdict).unwrap();
+    write(&path, &run).unwrap();
     let series = scalars(&path);
     let position = &series["/position/position_millimetres"];
     assert!(position.len() < timeline.cycle.len() / 10, "{position:?}");
@@ -344,7 +332,7 @@ fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
 #[test]
 fn a_week_has_no_more_rows_than_ten_hours() {
     let stretch = |duration_seconds| {
-        let mut scenario = setup().scenario;
+        let mut scenario = plan().leading().scenario.clone();
         scenario.duration_seconds = duration_seconds;
         super::bus::stretch_seconds(&scenario)
     };

@@ -17,7 +17,7 @@ use judge::verdict::Verdict;
 use recording::frame_queue::{FrameQueue, WhenFull};
 use recording::log::Stamped;
 use recording::timeline::TimelineReader;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan, Shared};
 use scenario::Scenario;
 
 /// How often what was heard is sent.
@@ -44,17 +44,17 @@ impl Show {
     /// Begins to show a run; its frames go into the queue.
     pub(super) fn start(
         address: &ViewerAddress,
-        setups: &[Setup],
+        plan: &Plan,
         when_full: WhenFull,
     ) -> (FrameQueue, Self) {
         let (queue, frames, dropped) = FrameQueue::new(when_full);
         let (verdict, judged) = mpsc::channel();
         let (end, ended) = mpsc::channel();
-        let (url, setups) = (address.url(), setups.to_vec());
+        let (url, plan) = (address.url(), plan.clone());
         std::thread::spawn(move || {
             scheduling::step_back();
-            let shown = connect(&url, &setups[0].scenario.name).and_then(|stream| {
-                let shown = follow(stream.clone(), &setups, frames, &judged);
+            let shown = connect(&url, &plan.shared.name).and_then(|stream| {
+                let shown = follow(stream.clone(), &plan, frames, &judged);
                 // What it is dropped for would have to be sent first, to somebody who takes nothing.
                 if shown.is_err() {
                     std::mem::forget(stream);
@@ -98,12 +98,16 @@ struct Shown<'o, 'a> {
 }
 
 impl<'o, 'a> Shown<'o, 'a> {
-    fn new(output: &'o mut Folder<'_>, setup: &'a Setup) -> Result<Self, LiveError> {
+    fn new(
+        output: &'o mut Folder<'_>,
+        shared: &Shared,
+        own: &'a ControlLoop,
+    ) -> Result<Self, LiveError> {
         Ok(Self {
-            scenario: &setup.scenario,
-            reader: TimelineReader::new(setup)?,
-            bus: BusReader::new(setup, false)?,
-            recording: Recording::begin(output, setup, Known::SoFar)?,
+            scenario: &own.scenario,
+            reader: TimelineReader::new(shared, own)?,
+            bus: BusReader::new(own, false)?,
+            recording: Recording::begin(output, own, Known::SoFar)?,
         })
     }
 
@@ -125,18 +129,18 @@ impl<'o, 'a> Shown<'o, 'a> {
 /// Logs pieces until the run's end of the ring is dropped, then the verdict. Of several loops each has a folder.
 fn follow(
     stream: RecordingStream,
-    setups: &[Setup],
+    plan: &Plan,
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
 ) -> Result<(), LiveError> {
     // Other handles of the same stream.
-    let mut outputs = vec![stream.clone(); setups.len()];
-    let folders = outputs.iter_mut().zip(setups);
-    let mut folders = Vec::from_iter(folders.map(|(output, setup)| Folder::of_loop(output, setup)));
-    let shown = folders.iter_mut().zip(setups);
-    let shown = shown.map(|(folder, setup)| Shown::new(folder, setup));
+    let mut outputs = vec![stream.clone(); plan.loops.len()];
+    let folders = outputs.iter_mut().zip(&plan.loops);
+    let mut folders = Vec::from_iter(folders.map(|(output, own)| Folder::of_loop(output, own)));
+    let shown = folders.iter_mut().zip(&plan.loops);
+    let shown = shown.map(|(folder, own)| Shown::new(folder, &plan.shared, own));
     let mut shown = shown.collect::<Result<Vec<_>, _>>()?;
-    rerun::expect_all(&mut stream.clone(), setups)?;
+    rerun::expect_all(&mut stream.clone(), plan)?;
     loop {
         let is_last = frames.is_abandoned() && frames.slots() <= PIECE_FRAMES_MAX;
         let is_behind = frames.slots() > PIECE_FRAMES_MAX;
@@ -159,8 +163,7 @@ fn follow(
         end_seconds = end_seconds.max(end);
     }
     if let Ok(verdict) = judged.recv() {
-        let scenario = &setups[0].scenario;
-        rerun::log_verdict(&mut stream.clone(), scenario, &verdict, end_seconds)?;
+        rerun::log_verdict(&mut stream.clone(), plan, &verdict, end_seconds)?;
     }
     flush(&stream)
 }

@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use judge::verdict::Verdict;
 use recording::frame_queue::{DroppedFrames, FrameQueue, WhenFull};
-use rig::setup::Setup;
+use rig::plan::Plan;
 
 /// How long a run waits at its end for a viewer that takes nothing.
 pub const END_PATIENCE: Duration = Duration::from_secs(2);
@@ -61,11 +61,11 @@ impl Viewers {
     /// Begins to show a run with all its loops in each viewer: where its frames go, and how to end.
     #[must_use]
     #[cfg(feature = "rerun")]
-    pub fn show(&self, setups: &[Setup], when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
+    pub fn show(&self, plan: &Plan, when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         let started = self
             .addresses
             .iter()
-            .map(|address| Show::start(address, setups, when_full));
+            .map(|address| Show::start(address, plan, when_full));
         let (queues, shows) = started.unzip();
         (queues, Shows(shows))
     }
@@ -73,7 +73,7 @@ impl Viewers {
     /// Without the SDK there are no viewers.
     #[must_use]
     #[cfg(not(feature = "rerun"))]
-    pub fn show(&self, _setups: &[Setup], _when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
+    pub fn show(&self, _plan: &Plan, _when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
         (Vec::new(), Shows::default())
     }
 }

@@ -15,8 +15,7 @@ use crate::play::ValueArgs;
 use crate::scenarios::{read, read_rig, rig_text, scenario_files};
 use report::terminal::empty_table;
 use rig::bus_budget::{BusBudget, Pace};
-use rig::loops::check_rig;
-use rig::setup::Setup;
+use rig::plan::{Shared, check_rig};
 use worlds::catalogue::catalogue;
 
 /// Arguments of `check`.
@@ -74,18 +73,19 @@ fn checked(path: &Path, overrides: &[Override]) -> miette::Result<Valid> {
         let name = format!("rig: {}", loaded.file.name);
         return Ok(Valid { name, bus: None });
     }
-    let setups = read(path, overrides)?;
-    let Setup {
-        scenario,
+    let plan = read(path, overrides)?;
+    let Shared {
+        name,
         text,
         tables,
+        sweep,
         ..
-    } = &setups[0];
+    } = &plan.shared;
     let bus = Loops::is_meant(text).then(|| Rig::of_scenario(text, tables));
-    let bus = bus.transpose()?.map(|rig| BusBudget::new(&rig, &setups));
-    let name = match &scenario.sweep {
-        Some(sweep) => format!("{}, {} runs in a sweep", scenario.name, sweep.runs()),
-        None => scenario.name.clone(),
+    let bus = bus.transpose()?.map(|rig| BusBudget::new(&rig, &plan));
+    let name = match sweep {
+        Some(sweep) => format!("{name}, {} runs in a sweep", sweep.runs()),
+        None => name.clone(),
     };
     Ok(Valid { name, bus })
 }

@@ -114,7 +114,7 @@ fn conversion<'a>(
     Ok(match args.format {
         Format::Csv => {
             let timelines = recorded.timelines()?;
-            Box::new(move |output| csv::write(output, &recorded.named(&timelines)))
+            Box::new(move |output| csv::write(output, &timelines))
         }
         Format::Frames => frame_table(recorded, args.message.as_deref())?,
         Format::Events => {
@@ -125,18 +125,17 @@ fn conversion<'a>(
         Format::Blf => Box::new(move |output| blf::write(output, frames)),
         Format::Mf4 => {
             let (timelines, zero) = (recorded.timelines()?, zero(recorded)?);
-            Box::new(move |output| mf4::write(output, &recorded.named(&timelines), frames, zero))
+            Box::new(move |output| mf4::write(output, &timelines, frames, zero))
         }
         Format::Mcap => {
             let (events, zero) = (recorded.events()?, zero(recorded)?);
-            let database = &*recorded.setup().database;
+            let database = &**recorded.plan.database();
             Box::new(move |output| mcap::write(output, frames, database, &events, zero))
         }
         Format::Parquet => {
             let timelines = recorded.timelines()?;
             Box::new(move |output| {
-                let loops = recorded.named(&timelines);
-                parquet::write_signals(output, &loops).map_err(io::Error::other)
+                parquet::write_signals(output, &timelines).map_err(io::Error::other)
             })
         }
     })
@@ -146,7 +145,7 @@ fn frame_table<'a>(
     recorded: &'a Recorded,
     message: Option<&str>,
 ) -> Result<Conversion<'a>, RecordedError> {
-    let (frames, database) = (&recorded.log.frames, &*recorded.setup().database);
+    let (frames, database) = (&recorded.log.frames, &**recorded.plan.database());
     let zero = zero(recorded)?;
     Ok(match message {
         None => Box::new(move |output| frames::write_all(output, frames, database, zero)),
@@ -160,7 +159,7 @@ fn frame_table<'a>(
 
 /// When scenario time began, on the clock of the frames; their own time 0 if it never did.
 fn zero(recorded: &Recorded) -> Result<Duration, SignalMissing> {
-    let mut clock = ScenarioClock::new(&recorded.setup().database)?;
+    let mut clock = ScenarioClock::new(recorded.plan.database())?;
     let mut frames = recorded.log.frames.iter();
     frames.any(|stamped| clock.on_frame(stamped.time, &stamped.frame));
     Ok(clock.zero().unwrap_or_default())

@@ -12,7 +12,7 @@ use crate::play::ViewerArgs;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::verdict::Verdict;
 use recording::frame_queue::WhenFull;
-use recording::session::read_limits;
+use recording::session::with_limits;
 use report::terminal;
 use worlds::catalogue::catalogue;
 
@@ -74,7 +74,10 @@ fn judged(args: &ReplayArgs, bar: &WorkBar) -> Result<(Recorded, Verdict), Recor
     let mut recorded = Recorded::load(path, played, catalogue())?;
     bar.expect(WAYS + recorded.ways_for_timing());
     if let Some(limits) = limits {
-        recorded.setups[0].scenario.expect = read_limits(path, limits, catalogue())?;
+        let plan = with_limits(recorded.plan, path, limits, catalogue())?;
+        recorded.plan = plan.ok_or_else(|| RecordedError::OtherLoops {
+            path: limits.to_owned(),
+        })?;
     }
     let timelines = recorded.timelines()?;
     let verdict = recorded.judge(&timelines)?;
@@ -88,7 +91,7 @@ fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     if viewers.is_empty() {
         return;
     }
-    let (mut queues, shows) = viewers.show(&recorded.setups, WhenFull::Wait);
+    let (mut queues, shows) = viewers.show(&recorded.plan, WhenFull::Wait);
     let frames = &recorded.log.frames;
     let begin = frames
         .iter()

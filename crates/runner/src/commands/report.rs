@@ -41,27 +41,24 @@ pub fn report(args: &ReportArgs) -> Exit {
             Err(error) => return refuse(error),
         }
     }
-    let further_loops = |(recorded, ..): &(Recorded, _, _)| recorded.setups.len() as u64 - 1;
+    let further_loops = |(recorded, ..): &(Recorded, _, _)| recorded.plan.loops.len() as u64 - 1;
     let further = runs.iter().map(further_loops);
     bar.expect(WAYS * runs.len() as u64 + further.sum::<u64>());
     let is_of_one = args.runs.len() == 1;
     let pages = runs.iter().map(|(recorded, timelines, verdict)| {
-        let verdicts = recorded.verdicts_of_loops(timelines);
-        let loops = recorded.setups.iter().zip(timelines).zip(&verdicts);
-        let loops = loops.map(|((setup, timeline), verdict)| Run {
-            setup,
+        let run = Run {
+            plan: &recorded.plan,
             frames: &recorded.log.frames,
-            timeline,
+            timelines,
             verdict,
             is_long: recorded.is_long,
-        });
-        let loops = Vec::from_iter(loops);
+        };
         let place = match &args.output {
             Some(output) if is_of_one => output.clone(),
             _ => recorded.path.join(file::REPORT),
         };
         let remarks = recorded.log.unread.remarks();
-        html::to_html(&loops, verdict, &remarks).map(|text| (place, text))
+        html::to_html(&run, &remarks).map(|text| (place, text))
     });
     let pages: Vec<_> = pages.collect();
     drop(bar);
@@ -105,7 +102,7 @@ fn together(runs: &[(Recorded, Vec<Timeline>, Verdict)], output: &Path) -> Strin
         .map(|(recorded, timelines, verdict)| overview::ListedRun {
             folder: folder_name(&recorded.path),
             page: link(output, &recorded.path.join(file::REPORT)),
-            loops: recorded.names().zip(timelines).collect(),
+            timelines,
             verdict,
         })
         .collect();

@@ -14,15 +14,15 @@ use crate::console::{print_diagnostic, print_error, usage_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
-use crate::play::{PlayArgs, Testbed, external_names, play_all, prepared, refuse_external};
+use crate::play::{PlayArgs, Testbed, play_all, prepared, refuse_external};
 use crate::scenarios::{is_scenario, read_rig, scenario_files};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
 use rig::FILE_BYTES_MAX;
 use rig::external::{External, ExternalNode};
+use rig::plan::{ControlLoop, Plan};
 use rig::rig_file::{LoadedRig, RigError};
-use rig::setup::Setup;
 use worlds::bus_connection::BusConnection;
 use worlds::preflight::{Preflight, PreflightEvent};
 use worlds::{
@@ -78,19 +78,19 @@ pub enum ClockChoice {
 #[must_use]
 pub fn run(args: &RunArgs) -> Exit {
     let listener = args.play.listener();
-    let plan = match RunPlan::resolve(args, &*listener) {
-        Ok(plan) => plan,
+    let testbed = match RunTestbed::resolve(args, &*listener) {
+        Ok(testbed) => testbed,
         Err(exit) => return exit,
     };
-    plan.announce();
+    testbed.announce();
     if args.dry_run {
-        return plan.dry_run(args);
+        return testbed.dry_run(args);
     }
-    play_all(&args.play, &plan, &*listener)
+    play_all(&args.play, &testbed, &*listener)
 }
 
-/// What the arguments come to: on which bus, by which clock, with whose nodes.
-struct RunPlan<'a> {
+/// The testbed of a command: on which bus, by which clock, with whose nodes.
+struct RunTestbed<'a> {
     bus: RunBus,
     /// Held until the command ends.
     _place: BusPlace,
@@ -106,7 +106,7 @@ struct RunPlan<'a> {
     listener: &'a dyn Listener,
 }
 
-impl<'a> RunPlan<'a> {
+impl<'a> RunTestbed<'a> {
     /// Finds rig and bus, and refuses what does not go together.
     fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
         let external = External::of_names(&args.external);
@@ -190,18 +190,18 @@ impl<'a> RunPlan<'a> {
     /// Opens the bus, makes the pre-flight of a drive that is external, and plays the scenario.
     fn in_real_time(
         &self,
-        setups: &[Setup],
+        plan: &Plan,
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
         self.vigil.take().map_or(Ok(()), Vigil::end)?;
         let mut line = BusConnection::open(&self.bus)?;
         self.announce_address(line.address());
-        let preflight = self.run_preflight(setups, folder.path(), &mut line, capture.watch());
+        let preflight = self.run_preflight(plan, folder.path(), &mut line, capture.watch());
         let ended = match preflight {
             Ok(End::Completed) => {
                 line.discard();
-                real_time::play(setups, folder, capture, &mut line, &mut |_| false)
+                real_time::play(plan, folder, capture, &mut line, &mut |_| false)
             }
             Ok(end) => Ok(Played { end, host: None }),
             Err(error) => Err(error),
@@ -209,17 +209,18 @@ impl<'a> RunPlan<'a> {
         let address = line.address().clone();
         line.close(capture)?;
         // Where a controller may have been lost, its silence is what takes the current away.
-        let is_orderly = matches!(&ended, Ok(played) if played.end == End::Completed)
-            && (setups.iter()).all(|setup| setup.scenario.fault.is_empty());
+        let is_orderly =
+            matches!(&ended, Ok(played) if played.end == End::Completed) && !plan.has_faults();
         if is_orderly {
-            self.keep_place(&setups[0], &address);
+            self.keep_place(plan, &address);
         }
         ended
     }
 
     /// Until the next scenario, on a bus that outlives this one. What is wrong with that bus is for the next scenario to say.
-    fn keep_place(&self, setup: &Setup, address: &BusAddress) {
-        let is_manager = !setup.external.has(ExternalNode::Controller);
+    fn keep_place(&self, plan: &Plan, address: &BusAddress) {
+        let is_ours = |one: &ControlLoop| !one.external.has(ExternalNode::Controller);
+        let is_manager = plan.loops.iter().all(is_ours);
         let is_lasting = matches!(self.bus, RunBus::Interface(_));
         if is_manager && is_lasting {
             self.vigil.set(Vigil::begin(address).ok());
@@ -228,13 +229,13 @@ impl<'a> RunPlan<'a> {
 
     fn run_preflight(
         &self,
-        setups: &[Setup],
+        plan: &Plan,
         parent: &Path,
         line: &mut BusConnection,
         watch: &Watch,
     ) -> Result<End, WorldError> {
         let report = |step: &PreflightEvent| self.on_step(step);
-        (self.preflight).make(setups, parent, &self.bus, line, watch, &report)
+        (self.preflight).make(plan, parent, &self.bus, line, watch, &report)
     }
 
     /// The pre-flight of the first scenario, which stands for all: they share rig and bus.
@@ -246,19 +247,19 @@ impl<'a> RunPlan<'a> {
         let Some(path) = paths.first() else {
             return usage_error("no scenario is named");
         };
-        let setups = match prepared(path, &args.play.values, self, self.listener) {
-            Ok(setups) => setups,
+        let plan = match prepared(path, &args.play.values, self, self.listener) {
+            Ok(plan) => plan,
             Err(exit) => return exit,
         };
-        let has_drive = |setup: &Setup| setup.external.has(ExternalNode::Drive);
-        if !setups.iter().any(has_drive) {
+        let has_drive = |one: &ControlLoop| one.external.has(ExternalNode::Drive);
+        if !plan.loops.iter().any(has_drive) {
             return usage_error(NOTHING_TO_CHECK);
         }
         let watch = Watch::default();
         let made = || {
             let mut line = BusConnection::open(&self.bus)?;
             self.announce_address(line.address());
-            self.run_preflight(&setups, &args.play.output, &mut line, &watch)
+            self.run_preflight(&plan, &args.play.output, &mut line, &watch)
         };
         match observed(|| watch.interrupt(), || (), made) {
             Ok(End::Completed) => Exit::Pass,
@@ -278,48 +279,44 @@ impl<'a> RunPlan<'a> {
     }
 }
 
-impl RunPlan<'_> {
-    /// The loops of a scenario that names its rig itself.
-    fn prepare_loops(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String> {
+impl RunTestbed<'_> {
+    /// The plan of a scenario that names its rig itself.
+    fn prepare_on_its_rig(&self, plan: Plan) -> Result<Plan, String> {
         if self.rig.is_some() {
             return Err("the scenario names its rig: leave --rig out".to_owned());
         }
-        let setups = rig::loops::with_external(setups, &self.names)?;
+        let plan = plan.with_external(&self.names)?;
         if self.clock == ClockChoice::Lockstep {
-            refuse_external(&setups)?;
+            refuse_external(&plan)?;
         }
-        let external = external_names(&setups);
+        let external = plan.external_names();
         if !external.is_empty() {
             self.announce_external(&external.join(", "));
         }
-        Ok(setups)
+        Ok(plan)
     }
 }
 
-impl Testbed for RunPlan<'_> {
+impl Testbed for RunTestbed<'_> {
     /// A drive that failed its pre-flight is led by nobody.
     fn is_over(&self) -> bool {
         self.preflight.has_failed()
     }
 
-    fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String> {
-        let has_rig = setups.iter().any(|setup| setup.nodes.is_some());
-        let setups = match has_rig {
-            true => self.prepare_loops(setups)?,
-            false => {
-                let on = |setup: Setup| setup.on(self.rig.clone(), self.external.clone());
-                setups.into_iter().map(on).collect()
-            }
+    fn prepare(&self, plan: Plan) -> Result<Plan, String> {
+        let plan = match plan.names_rig() {
+            true => self.prepare_on_its_rig(plan)?,
+            false => plan.on(self.rig.as_ref(), &self.external),
         };
-        for setup in &setups {
-            let scenario = &setup.scenario;
+        for one in &plan.loops {
+            let scenario = &one.scenario;
             admits(scenario, &self.bus, self.clock)?;
-            setup.external.admits(scenario)?;
-            if let Some(rig) = &setup.rig {
+            one.external.admits(scenario)?;
+            if let Some(rig) = &one.rig {
                 rig.admits(scenario)?;
             }
         }
-        Ok(setups)
+        Ok(plan)
     }
 
     fn when_full(&self) -> WhenFull {
@@ -331,13 +328,13 @@ impl Testbed for RunPlan<'_> {
 
     fn play(
         &self,
-        setups: &[Setup],
+        plan: &Plan,
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
         match self.clock {
-            ClockChoice::RealTime => self.in_real_time(setups, folder, capture),
-            ClockChoice::Lockstep => processes::in_lockstep(setups, folder, capture, &self.bus),
+            ClockChoice::RealTime => self.in_real_time(plan, folder, capture),
+            ClockChoice::Lockstep => processes::in_lockstep(plan, folder, capture, &self.bus),
         }
     }
 }

@@ -5,16 +5,13 @@ use std::sync::Arc;
 
 use clap::Args;
 use dbc::{Database, Message, Signal};
-use scenario::loops::Loops;
-use scenario::{Scenario, ScenarioError, read_text};
 use serde::Serialize;
 
 use crate::console::print;
 use crate::exit::Exit;
 use crate::recorded::{RecordedError, read_played, refuse, require_run};
 use report::terminal;
-use rig::FILE_BYTES_MAX;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 use worlds::catalogue::catalogue;
 
 /// Limits from here on are shown with a power of ten.
@@ -111,10 +108,10 @@ struct Frames {
 }
 
 impl Frames {
-    fn of(setup: Setup) -> Self {
+    fn of(one: ControlLoop) -> Self {
         Self {
-            of_loop: setup.loop_name.map(|names| names.name),
-            database: setup.database,
+            of_loop: one.loop_name.map(|names| names.name),
+            database: one.database,
         }
     }
 }
@@ -128,7 +125,7 @@ pub fn signals(args: &SignalsArgs) -> Exit {
             database: Arc::new(Database::shipped().clone()),
         }]),
         Some(source) => {
-            setups_of(source).map(|setups| Vec::from_iter(setups.into_iter().map(Frames::of)))
+            plan_of(source).map(|plan| Vec::from_iter(plan.loops.into_iter().map(Frames::of)))
         }
     };
     match frames {
@@ -144,21 +141,15 @@ pub fn signals(args: &SignalsArgs) -> Exit {
     }
 }
 
-/// The loops of a run folder or of a scenario. The signals that a scenario names need not be there: whoever looks for the right
+/// The plan of a run folder or of a scenario. The signals that a scenario names need not be there: whoever looks for the right
 /// name has a wrong one in the file.
-fn setups_of(source: &Path) -> Result<Vec<Setup>, RecordedError> {
+fn plan_of(source: &Path) -> Result<Plan, RecordedError> {
     if source.is_dir() {
         require_run(source)?;
         return Ok(read_played(source, catalogue())?.0);
     }
-    let of_scenario = || -> Result<_, ScenarioError> {
-        let text = read_text(source, FILE_BYTES_MAX).unwrap_or_default();
-        match Loops::is_meant(&text) {
-            true => rig::loops::load_with_any_signals(source, catalogue()),
-            false => Ok(vec![Setup::new(Scenario::load(source)?, catalogue())]),
-        }
-    };
-    of_scenario().map_err(|error| RecordedError::Scenario(Box::new(error)))
+    let plan = Plan::load_with_any_signals(source, catalogue());
+    plan.map_err(|error| RecordedError::Scenario(Box::new(error)))
 }
 
 /// Every signal that a frame carries, in the order of the identifiers, loop by loop: first those that all loops have.

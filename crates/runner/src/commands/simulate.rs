@@ -8,7 +8,7 @@ use crate::play::{PlayArgs, Testbed, play_all, refuse_external};
 use recording::capture::Capture;
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use worlds::{Played, WorldError, lockstep};
 
 /// Arguments of `simulate`.
@@ -31,9 +31,9 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
 struct OneProcess;
 
 impl Testbed for OneProcess {
-    fn prepare(&self, setups: Vec<Setup>) -> Result<Vec<Setup>, String> {
-        refuse_external(&setups)?;
-        Ok(setups)
+    fn prepare(&self, plan: Plan) -> Result<Plan, String> {
+        refuse_external(&plan)?;
+        Ok(plan)
     }
 
     fn when_full(&self) -> WhenFull {
@@ -42,11 +42,11 @@ impl Testbed for OneProcess {
 
     fn play(
         &self,
-        setups: &[Setup],
+        plan: &Plan,
         _folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
-        lockstep::simulate_loops(setups, capture).map(Played::in_virtual_time)
+        lockstep::simulate(plan, capture).map(Played::in_virtual_time)
     }
 }
 

@@ -9,7 +9,7 @@ use dbc::SignalMissing;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
-use rig::setup::Setup;
+use rig::plan::{ControlLoop, Plan};
 use scenario::fault::bus::{
     self, BitError, Corrupt, Delay, Duplicate, Lose, OfFrames, Reorder, Station,
 };
@@ -45,33 +45,33 @@ pub(crate) enum Seat {
 
 impl Seat {
     /// What a loop that is there calls so. The drives of a plant share a CAN controller, which is the first one's.
-    fn new(station: Station, place: &LoopPlace, setups: &[Setup]) -> Self {
+    fn new(station: Station, place: &LoopPlace, plan: &Plan) -> Self {
         match station {
             Station::Controller => Self::Controller,
-            Station::Drive => Self::Drive(first_on_plant(place, setups)),
+            Station::Drive => Self::Drive(first_on_plant(place, plan)),
             Station::Bench => Self::Bench,
         }
     }
 }
 
 /// The lowest node-ID of the drives that move the plant of a loop.
-fn first_on_plant(place: &LoopPlace, setups: &[Setup]) -> u8 {
-    let own = setups.iter().find(|setup| setup.place == *place);
-    let ids = own.map(|own| beside(own, setups).map(|setup| setup.place.drive_node_id));
+fn first_on_plant(place: &LoopPlace, plan: &Plan) -> u8 {
+    let own = plan.loops.iter().find(|one| one.place == *place);
+    let ids = own.map(|own| beside(own, plan).map(|one| one.place.drive_node_id));
     let first = ids.and_then(Iterator::min);
     first.unwrap_or(place.drive_node_id)
 }
 
 /// The loops whose drives move the same plant, this one too.
-fn beside<'a>(own: &'a Setup, setups: &'a [Setup]) -> impl Iterator<Item = &'a Setup> {
+fn beside<'a>(own: &'a ControlLoop, plan: &'a Plan) -> impl Iterator<Item = &'a ControlLoop> {
     let name = emulator_name(own);
-    setups
+    plan.loops
         .iter()
-        .filter(move |setup| emulator_name(setup) == name)
+        .filter(move |one| emulator_name(one) == name)
 }
 
-fn shares_a_plant(own: &Setup, setups: &[Setup]) -> bool {
-    beside(own, setups).count() > 1
+fn shares_a_plant(own: &ControlLoop, plan: &Plan) -> bool {
+    beside(own, plan).count() > 1
 }
 
 /// A fault that hits frames, with its random numbers.
@@ -89,16 +89,12 @@ struct Hitting<F> {
 
 impl<F: OfFrames + Clone> Hitting<F> {
     /// The faults of all loops, each once: those of a drive are its loop's, all others are in every loop.
-    fn all(
-        setups: &[Setup],
-        kind: &'static str,
-        of: impl Fn(&bus::BusFaults) -> &Vec<F>,
-    ) -> Vec<Self> {
+    fn all(plan: &Plan, kind: &'static str, of: impl Fn(&bus::BusFaults) -> &Vec<F>) -> Vec<Self> {
         let mut hitting = Vec::new();
-        for (number, setup) in setups.iter().enumerate() {
-            let Setup {
+        for (number, one) in plan.loops.iter().enumerate() {
+            let ControlLoop {
                 scenario, place, ..
-            } = setup;
+            } = one;
             for (index, fault) in of(&scenario.fault.bus).iter().enumerate() {
                 let is_of_loop = fault.station() == Some(Station::Drive);
                 if number > 0 && !is_of_loop {
@@ -113,10 +109,10 @@ impl<F: OfFrames + Clone> Hitting<F> {
                     fault: fault.clone(),
                     seat: fault
                         .station()
-                        .map(|station| Seat::new(station, place, setups)),
+                        .map(|station| Seat::new(station, place, plan)),
                     sender: is_of_loop
                         .then_some(place.drive_node_id)
-                        .filter(|_| kind != LOSE && shares_a_plant(setup, setups)),
+                        .filter(|_| kind != LOSE && shares_a_plant(one, plan)),
                     stream: Stream::for_fault(seed, &Place { group, kind, index }),
                     burst_left: 0,
                 });
@@ -210,16 +206,13 @@ impl BusFaults {
     ///
     /// # Errors
     /// The database has no statusword, from which scenario time follows.
-    pub(crate) fn new(setups: &[Setup], seats: Vec<Seat>) -> Result<Option<Self>, SignalMissing> {
-        let mut loops = setups.iter().map(|setup| &setup.scenario.fault.bus);
+    pub(crate) fn new(plan: &Plan, seats: Vec<Seat>) -> Result<Option<Self>, SignalMissing> {
+        let mut loops = plan.loops.iter().map(|one| &one.scenario.fault.bus);
         if loops.all(bus::BusFaults::is_empty) {
             return Ok(None);
         }
-        let Setup {
-            scenario, database, ..
-        } = &setups[0];
         // Of no drive, so every loop has them.
-        let foreign = &scenario.fault.bus;
+        let foreign = &plan.leading().scenario.fault.bus;
         let babble = foreign
             .babble
             .iter()
@@ -228,16 +221,16 @@ impl BusFaults {
         let load =
             load.map(|fault| Foreign::new(fault, fault.identifier, fault.period_milliseconds));
         Ok(Some(Self {
-            lose: Hitting::all(setups, LOSE, |faults| &faults.lose),
-            delay: Hitting::all(setups, "delay", |faults| &faults.delay),
-            duplicate: Hitting::all(setups, "duplicate", |faults| &faults.duplicate),
-            reorder: Hitting::all(setups, "reorder", |faults| &faults.reorder),
-            corrupt: Hitting::all(setups, "corrupt", |faults| &faults.corrupt),
-            bit_error: Hitting::all(setups, "bit_error", |faults| &faults.bit_error),
+            lose: Hitting::all(plan, LOSE, |faults| &faults.lose),
+            delay: Hitting::all(plan, "delay", |faults| &faults.delay),
+            duplicate: Hitting::all(plan, "duplicate", |faults| &faults.duplicate),
+            reorder: Hitting::all(plan, "reorder", |faults| &faults.reorder),
+            corrupt: Hitting::all(plan, "corrupt", |faults| &faults.corrupt),
+            bit_error: Hitting::all(plan, "bit_error", |faults| &faults.bit_error),
             foreign: babble.chain(load).collect(),
             held: vec![Vec::new(); seats.len()],
             states: vec![ErrorState::default(); seats.len()],
-            clock: ScenarioClock::new(database)?,
+            clock: ScenarioClock::new(plan.database())?,
             seats,
         }))
     }

@@ -13,7 +13,6 @@ mod phase;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::slice;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -38,10 +37,10 @@ use interview::Interview;
 use recording::capture::{Capture, Watch};
 use recording::progress::ProgressReader;
 use recording::run_folder::RunFolder;
-use recording::session::write_setup;
+use recording::session::write_plan;
 use rig::external::{External, ExternalNode};
+use rig::plan::{ControlLoop, Plan, Shared};
 use rig::rig_file::LoadedRig;
-use rig::setup::Setup;
 
 /// Name of the session under which the drive is heated, and of its folder.
 const NAME: &str = "pre-flight";
@@ -98,7 +97,7 @@ impl Preflight {
     /// The check that failed, or why it could not be made.
     pub fn make(
         &self,
-        setups: &[Setup],
+        plan: &Plan,
         parent: &Path,
         bus: &RunBus,
         connection: &mut BusConnection,
@@ -110,29 +109,30 @@ impl Preflight {
             connection,
             watch,
         };
-        let made = self.check_drives(setups, bus, session, report);
+        let made = self.check_drives(plan, bus, session, report);
         self.has_failed.set(made.is_err());
         made
     }
 
     fn check_drives(
         &self,
-        setups: &[Setup],
+        plan: &Plan,
         bus: &RunBus,
         session: Session<'_>,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
-        let is_external = |setup: &&Setup| setup.external.has(ExternalNode::Drive);
-        let has_passed = |setup: &&Setup| self.passed.borrow().contains(&who(setup));
-        let setups = setups.iter().filter(is_external);
-        let setups = Vec::from_iter(setups.filter(|setup| !has_passed(setup)));
-        let Some(first) = setups.first() else {
+        let is_external = |one: &&ControlLoop| one.external.has(ExternalNode::Drive);
+        let has_passed = |one: &&ControlLoop| self.passed.borrow().contains(&who(one));
+        let unchecked = plan.loops.iter().filter(is_external);
+        let unchecked = Vec::from_iter(unchecked.filter(|one| !has_passed(one)));
+        if unchecked.is_empty() {
             return Ok(End::Completed);
-        };
+        }
         report(&PreflightEvent::Begun);
-        let bit_rate = first.scenario.bus.bitrate_kilobits_per_second;
+        let bit_rate = plan.shared.bus.bitrate_kilobits_per_second;
         pass(interface::checks(bus, bit_rate), report)?;
-        if first.external.has(ExternalNode::Controller) {
+        let is_led_elsewhere = |one: &&ControlLoop| one.external.has(ExternalNode::Controller);
+        if unchecked.iter().any(is_led_elsewhere) {
             let text = "left to the external controller, which leads it";
             pass(vec![Check::open("drive", text)], report)?;
             return Ok(End::Completed);
@@ -142,14 +142,14 @@ impl Preflight {
             connection,
             watch,
         } = session;
-        for setup in setups {
+        for one in unchecked {
             let session = Session {
                 parent,
                 connection: &mut *connection,
                 watch,
             };
-            match self.check_drive(setup, session, report)? {
-                End::Completed => self.passed.borrow_mut().insert(who(setup)),
+            match self.check_drive(one, session, report)? {
+                End::Completed => self.passed.borrow_mut().insert(who(one)),
                 end => return Ok(end),
             };
         }
@@ -159,15 +159,15 @@ impl Preflight {
     /// The checks of one drive.
     fn check_drive(
         &self,
-        setup: &Setup,
+        one: &ControlLoop,
         session: Session<'_>,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
-        if setup.loop_name.is_some() {
-            report(&PreflightEvent::Drive(drive_name(setup).to_owned()));
+        if one.loop_name.is_some() {
+            report(&PreflightEvent::Drive(drive_name(one).to_owned()));
         }
-        let rig = self.rig(setup)?;
-        let mut interview = interview(&rig, &setup.external)?;
+        let rig = self.rig(one)?;
+        let mut interview = interview(&rig, &one.external)?;
         let Session {
             parent,
             connection,
@@ -190,7 +190,7 @@ impl Preflight {
             connection: &mut *connection,
             watch,
         };
-        let end = heat(&rig, setup, session, report)?;
+        let end = heat(&rig, one, session, report)?;
         if end == End::Interrupted || !rig.file.preflight.heating {
             return Ok(end);
         }
@@ -200,10 +200,10 @@ impl Preflight {
     }
 
     /// The rig, or that of the emulated drive where there is no rig file, with the user's wish.
-    fn rig(&self, setup: &Setup) -> Result<Arc<LoadedRig>, WorldError> {
-        let mut rig = match &setup.rig {
+    fn rig(&self, one: &ControlLoop) -> Result<Arc<LoadedRig>, WorldError> {
+        let mut rig = match &one.rig {
             Some(rig) => LoadedRig::clone(rig),
-            None => emulated(setup)?,
+            None => emulated(one)?,
         };
         rig.file.preflight.heating &= self.may_heat;
         Ok(Arc::new(rig))
@@ -211,9 +211,9 @@ impl Preflight {
 }
 
 /// Which drive it is: scenarios of one command may name several rigs.
-fn who(setup: &Setup) -> String {
-    let rig = setup.rig.as_deref().map_or("", |rig| rig.text.as_str());
-    format!("{} {rig}", setup.place.drive_node_id)
+fn who(one: &ControlLoop) -> String {
+    let rig = one.rig.as_deref().map_or("", |rig| rig.text.as_str());
+    format!("{} {rig}", one.place.drive_node_id)
 }
 
 /// Reports the checks, up to the first that failed.
@@ -241,7 +241,7 @@ struct Session<'a> {
 /// Leads the drive through the ramp and judges what was on the bus.
 fn heat(
     rig: &Arc<LoadedRig>,
-    setup: &Setup,
+    one: &ControlLoop,
     session: Session<'_>,
     report: &dyn Fn(&PreflightEvent),
 ) -> Result<End, WorldError> {
@@ -250,25 +250,21 @@ fn heat(
         connection,
         watch,
     } = session;
-    let ramp = ramp(rig, setup)?;
-    let Scenario { name, seed, .. } = &ramp.scenario;
-    let folder = RunFolder::create(parent, name, *seed, &ramp.text)?;
-    write_setup(&folder, &ramp)?;
-    let progress = ProgressReader::new(&ramp.scenario, &rig.database)?;
+    let ramp = ramp(rig, one)?;
+    let Shared {
+        name, seed, text, ..
+    } = &ramp.shared;
+    let folder = RunFolder::create(parent, name, *seed, text)?;
+    write_plan(&folder, &ramp)?;
+    let progress = ProgressReader::new(&ramp.leading().scenario, &rig.database)?;
     let clock = ScenarioClock::new(&rig.database)?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
-    let mut heating = Heating::new(rig, &setup.scenario.wiring.unit)?;
+    let mut heating = Heating::new(rig, &one.scenario.wiring.unit)?;
     let mut is_enough = |capture: &Capture<'_>| {
         heating.follow(capture);
         heating.is_over()
     };
-    let ended = real_time::play(
-        slice::from_ref(&ramp),
-        &folder,
-        &mut capture,
-        connection,
-        &mut is_enough,
-    );
+    let ended = real_time::play(&ramp, &folder, &mut capture, connection, &mut is_enough);
     await_stopped(connection, &mut capture, &mut heating)?;
     capture.finish()?;
     let ended = match ended.map(|played| played.end) {
@@ -293,9 +289,9 @@ fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldErr
 
 /// What is known of the emulated drive, with limits that are what its positions can be. They are in the drive's unit, whatever
 /// the keys say.
-fn emulated(setup: &Setup) -> Result<LoadedRig, WorldError> {
-    let Scenario { bus, wiring, .. } = &setup.scenario;
-    let node_id = setup.place.drive_node_id;
+fn emulated(one: &ControlLoop) -> Result<LoadedRig, WorldError> {
+    let Scenario { bus, wiring, .. } = &one.scenario;
+    let node_id = one.place.drive_node_id;
     let [lowest, highest] = wiring.range();
     let travel = highest - lowest;
     // A motor's differ in nothing that is asked here.
@@ -317,7 +313,7 @@ fn emulated(setup: &Setup) -> Result<LoadedRig, WorldError> {
 }
 
 /// The session in which the drive is led: at rest, then under a ramp from 0 A to the limit of the rig.
-fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
+fn ramp(rig: &Arc<LoadedRig>, one: &ControlLoop) -> Result<Plan, WorldError> {
     let preflight = &rig.file.preflight;
     let rest = heating::REST.as_secs_f64();
     let limit = rig.file.limits.current_amperes;
@@ -338,10 +334,12 @@ fn ramp(rig: &Arc<LoadedRig>, setup: &Setup) -> Result<Setup, WorldError> {
     }
     let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()))
         .map_err(|error| cannot_be_made(&error))?;
-    let ramp = Setup::new(scenario, catalogue()).from_file(NAME, text);
-    let mut ramp = ramp.on(Some(Arc::clone(rig)), setup.external.clone());
+    let ramp = Plan::new(scenario, catalogue()).from_file(NAME, text);
+    let mut ramp = ramp.on(Some(rig), &one.external);
     // Who watches the limits names them in the unit of the drive.
-    ramp.scenario.wiring.unit = setup.scenario.wiring.unit.clone();
+    for ramped in &mut ramp.loops {
+        ramped.scenario.wiring.unit = one.scenario.wiring.unit.clone();
+    }
     Ok(ramp)
 }
 

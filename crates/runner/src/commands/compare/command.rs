@@ -126,14 +126,17 @@ fn compared<'a>(
         Ok((timelines, verdict))
     };
     let ((a_timelines, a_verdict), (b_timelines, b_verdict)) = (judged(&a)?, judged(&b)?);
-    let (a_loops, b_loops) = (a.named(&a_timelines), b.named(&b_timelines));
     let tolerances = Tolerances {
         given: &args.tolerance,
         time_seconds: args.time_tolerance / 1e3,
-        scales: a.setups.iter().map(Scale::of).collect(),
+        scales: a.plan.loops.iter().map(Scale::of).collect(),
     };
-    (tolerances.check(&a_loops, [&a_verdict, &b_verdict])).map_err(CompareError::NoSuchName)?;
-    let mut comparison = compare_runs(&tolerances, (&a_loops, &a_verdict), (&b_loops, &b_verdict));
+    (tolerances.check(&a_timelines, [&a_verdict, &b_verdict])).map_err(CompareError::NoSuchName)?;
+    let mut comparison = compare_runs(
+        &tolerances,
+        (&a_timelines, &a_verdict),
+        (&b_timelines, &b_verdict),
+    );
     for recorded in [&a, &b] {
         let path = recorded.path.display();
         let remarks = recorded
@@ -148,7 +151,7 @@ fn compared<'a>(
         let names = [&a, &b].map(|recorded| recorded.path.display().to_string());
         (
             place,
-            page::to_html(&comparison, &names, [&a_loops, &b_loops]),
+            page::to_html(&comparison, &names, [&a_timelines, &b_timelines]),
         )
     });
     Ok((comparison, page))

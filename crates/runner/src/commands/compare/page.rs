@@ -5,7 +5,7 @@ use maud::{Markup, html};
 
 use judge::comparison::{Comparison, MetricDifference, SignalDifference};
 use platform::series::Series;
-use recording::timeline::{self, OfLoop};
+use recording::timeline::{self, Timeline};
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
 use report::terminal;
@@ -144,7 +144,7 @@ fn result(agrees: bool) -> Cell {
 pub(super) fn to_html(
     comparison: &Comparison,
     names: &[String; 2],
-    runs: [&[OfLoop<'_>]; 2],
+    runs: [&[Timeline]; 2],
 ) -> String {
     let class = if comparison.agrees { "pass" } else { "fail" };
     let body = html! {
@@ -165,10 +165,10 @@ pub(super) fn to_html(
 }
 
 /// The position first, then what diverges most; under each signal the difference.
-fn plots(comparison: &Comparison, [a, b]: [&[OfLoop<'_>]; 2]) -> Vec<Markup> {
-    let names = a.iter().map(|(prefix, timeline)| {
+fn plots(comparison: &Comparison, [a, b]: [&[Timeline]; 2]) -> Vec<Markup> {
+    let names = a.iter().map(|timeline| {
         let position = timeline.unit.rename("position_millimetres");
-        format!("{prefix}{position}")
+        format!("{}{position}", timeline.prefix())
     });
     let names = Vec::from_iter(names);
     let is_position = |signal: &&SignalDifference| names.contains(&signal.name);
@@ -180,26 +180,26 @@ fn plots(comparison: &Comparison, [a, b]: [&[OfLoop<'_>]; 2]) -> Vec<Markup> {
     plots.collect()
 }
 
-fn values<'a>(run: &[OfLoop<'a>], signal: &SignalDifference) -> &'a [f64] {
+fn values<'a>(run: &'a [Timeline], signal: &SignalDifference) -> &'a [f64] {
     let mut signals = timeline::signals(run).into_iter();
     let found = signals.find(|rows| rows.name == signal.name);
     found.map_or(&[], |rows| rows.values)
 }
 
-fn both(signal: &SignalDifference, [a, b]: [&[OfLoop<'_>]; 2]) -> Markup {
+fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2]) -> Markup {
     let mut plot = Plot::over_time(signal.name.as_str(), &signal.unit);
     for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(3), b)] {
         let values = values(run, signal);
-        plot.draw(label, colour, Shape::Line, &run[0].1.time_seconds, values);
+        plot.draw(label, colour, Shape::Line, &run[0].time_seconds, values);
     }
     plot.patches.extend(apart(signal));
     plot.render()
 }
 
 /// B less A at the cycles of A, within the tolerance or not.
-fn difference(signal: &SignalDifference, [a, b]: [&[OfLoop<'_>]; 2]) -> Markup {
+fn difference(signal: &SignalDifference, [a, b]: [&[Timeline]; 2]) -> Markup {
     let [a_values, b_values] = [a, b].map(|run| values(run, signal));
-    let (a, b) = (a[0].1, b[0].1);
+    let (a, b) = (&a[0], &b[0]);
     let mut others = b.cycle.iter().zip(b_values).peekable();
     let mut at = |cycle: &u64| {
         while others.next_if(|(other, _)| *other < cycle).is_some() {}

@@ -13,7 +13,7 @@ use crate::output::{link, write_page};
 use crate::recorded::{RecordedError, read_played, refuse, require_run, runs_among};
 use judge::verdict::{Outcome, Verdict};
 use recording::run_folder::file;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use worlds::catalogue::catalogue;
 
 /// Columns of the list: the requirement's name, and what it says.
@@ -84,9 +84,9 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
     for folder in runs_among(&args.runs) {
-        let (setups, verdict) = read(folder)?;
-        for (id, rows) in demanded(&setups) {
-            let untimed = untimed(&setups, verdict.as_ref());
+        let (plan, verdict) = read(folder)?;
+        for (id, rows) in demanded(&plan) {
+            let untimed = untimed(&plan, verdict.as_ref());
             let outcome = |row: &Option<String>| match row {
                 Some(row) if untimed.contains(row) => Outcome::Inconclusive,
                 row => outcome_of(row.as_deref(), verdict.as_ref()),
@@ -98,7 +98,7 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
             let requirement = all
                 .entry(id.clone())
                 .or_insert_with(|| Requirement::new(id, is_listed));
-            requirement.add(&setups[0].scenario.name, &rows, folder);
+            requirement.add(&plan.shared.name, &rows, folder);
         }
     }
     for (id, text) in args.requirements.as_deref().map_or(Ok(vec![]), read_list)? {
@@ -110,24 +110,23 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     Ok(all.into_values().collect())
 }
 
-/// The loops of a run folder's scenario and its verdict; none for a run that was killed.
-fn read(folder: &Path) -> Result<(Vec<Setup>, Option<Verdict>), RecordedError> {
+/// The plan of a run folder and its verdict; none for a run that was killed.
+fn read(folder: &Path) -> Result<(Plan, Option<Verdict>), RecordedError> {
     require_run(folder)?;
     read_played(folder, catalogue())
 }
 
 /// Each requirement of a scenario with the rows that test it; none stands for the scenario as a whole.
-fn demanded(setups: &[Setup]) -> BTreeMap<String, Vec<Option<String>>> {
+fn demanded(plan: &Plan) -> BTreeMap<String, Vec<Option<String>>> {
     let mut demanded: BTreeMap<String, Vec<Option<String>>> = BTreeMap::new();
-    let setup = &setups[0];
-    for id in &setup.scenario.requirements {
+    for id in &plan.shared.requirements {
         demanded.entry(id.clone()).or_default().push(None);
     }
-    let of_loops = setups.iter().flat_map(|setup| {
-        let rows = setup.scenario.expect.requirements_of_rows().into_iter();
-        rows.map(|(row, ids)| (judge::row_of_loop(setup, &row), ids))
+    let of_loops = plan.loops.iter().flat_map(|one| {
+        let rows = one.scenario.expect.requirements_of_rows().into_iter();
+        rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
     });
-    let of_contours = setup.contours.iter().flat_map(|contour| {
+    let of_contours = plan.shared.contours.iter().flat_map(|contour| {
         let tested = contour.rows().into_iter();
         let tested = tested.filter(|(_, limit)| limit.is_some());
         tested.map(|(row, _)| (row, contour.requirements.clone()))
@@ -141,14 +140,15 @@ fn demanded(setups: &[Setup]) -> BTreeMap<String, Vec<Option<String>>> {
 }
 
 /// The rows on timing that a verdict does not have, since the run was in virtual time.
-fn untimed(setups: &[Setup], verdict: Option<&Verdict>) -> Vec<String> {
+fn untimed(plan: &Plan, verdict: Option<&Verdict>) -> Vec<String> {
     let is_untimed = verdict.is_some_and(|verdict| {
         let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
         is_decided && verdict.timing.is_none()
     });
-    let rows = setups
+    let rows = plan
+        .loops
         .iter()
-        .flat_map(|setup| setup.scenario.expect.timing.rows());
+        .flat_map(|one| one.scenario.expect.timing.rows());
     rows.filter(|_| is_untimed).collect()
 }
 

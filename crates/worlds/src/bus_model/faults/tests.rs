@@ -11,8 +11,8 @@ fn faults(tables: &str) -> BusFaults {
         "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
     );
     let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-    let setup = Setup::new(scenario, &Catalogue::shipped());
-    let mut faults = BusFaults::new(&[setup], vec![Seat::Drive(0x10)])
+    let plan = Plan::new(scenario, &Catalogue::shipped());
+    let mut faults = BusFaults::new(&plan, vec![Seat::Drive(0x10)])
         .unwrap()
         .unwrap();
     faults.observe(

@@ -4,8 +4,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
 use faults::Stream;
-use scenario::Scenario;
-use scenario::loops::Loops;
 use scenario::overrides::set;
 use scenario::sweep::{Axis, Distribution};
 use sha2::{Digest, Sha256};
@@ -13,9 +11,9 @@ use toml::{Table, Value};
 
 use super::cases::Cases;
 use super::row::{Ended, SweepRow};
-use crate::campaign::{NoResult, of_one_loop, play_one};
+use crate::campaign::{NoResult, play_one};
 use recording::capture::Watch;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::hexadecimal;
 use worlds::catalogue::catalogue;
 
@@ -25,7 +23,7 @@ const NAME_CHARACTERS_MAX: usize = 180;
 const ID_BYTES: usize = 8;
 
 /// A sweep: a scenario, and what varies in it.
-pub struct SweepPlan {
+pub struct SweepCases {
     name: String,
     document: Table,
     tables: BTreeMap<String, String>,
@@ -37,7 +35,7 @@ pub struct SweepPlan {
     runs: usize,
     id: String,
     /// The loops of a scenario of schema 2, with which its cases share what their frames mean.
-    base: Vec<Setup>,
+    base: Plan,
 }
 
 /// One case of a sweep.
@@ -49,48 +47,38 @@ pub struct SweepCase<'a> {
     /// The scenario as a file of its own.
     pub text: String,
     tables: &'a BTreeMap<String, String>,
-    base: &'a [Setup],
+    base: &'a Plan,
 }
 
 /// Why there is no sweep.
 #[derive(Debug, thiserror::Error)]
-pub enum PlanError {
-    /// The scenario has no [sweep].
-    #[error(
-        "{0} has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
-    )]
-    NoSweep(String),
-}
+#[error(
+    "{0} has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
+)]
+pub struct NoSweep(String);
 
-impl SweepPlan {
-    /// The sweep of a scenario file with these loops.
+impl SweepCases {
+    /// The sweep of a plan that was read from a file.
     ///
     /// # Errors
     /// It has none.
-    ///
-    /// # Panics
-    /// There is no loop.
-    pub fn new(setups: &[Setup]) -> Result<Self, PlanError> {
-        let setup = &setups[0];
-        let Some(sweep) = &setup.scenario.sweep else {
-            return Err(PlanError::NoSweep(setup.path.display().to_string()));
+    pub fn new(plan: &Plan) -> Result<Self, NoSweep> {
+        let shared = &plan.shared;
+        let Some(sweep) = &shared.sweep else {
+            return Err(NoSweep(shared.path.display().to_string()));
         };
-        let mut document: Table = setup.text.parse().expect("the loader has read it");
+        let mut document: Table = shared.text.parse().expect("the loader has read it");
         document.remove("sweep");
         let drawn = sweep.distributions().into_iter();
-        let base = match Loops::is_meant(&setup.text) {
-            true => setups.to_vec(),
-            false => Vec::new(),
-        };
         Ok(Self {
-            base,
-            name: setup.scenario.name.clone(),
+            base: plan.clone(),
+            name: shared.name.clone(),
             document,
             id: id(
-                &format!("{}{}", env!("CARGO_PKG_VERSION"), setup.text),
-                &setup.tables,
+                &format!("{}{}", env!("CARGO_PKG_VERSION"), shared.text),
+                &shared.tables,
             ),
-            tables: setup.tables.clone(),
+            tables: shared.tables.clone(),
             axes: sweep.axes(),
             drawn: drawn.map(|(key, one)| (key.to_owned(), one)).collect(),
             whole_numbers: sweep.whole_numbers.clone(),
@@ -212,7 +200,7 @@ impl SweepPlan {
     }
 }
 
-impl Cases for SweepPlan {
+impl Cases for SweepCases {
     fn kind(&self) -> &'static str {
         "sweep"
     }
@@ -248,14 +236,14 @@ impl Cases for SweepPlan {
 
     fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
         let case = self.case(number);
-        let loops = match case.loops() {
-            Ok(loops) => loops,
+        let plan = match case.plan() {
+            Ok(plan) => plan,
             Err(reason) => {
                 let (id, ended) = (&case.id, Ended::Invalid);
                 return Ok(SweepRow::without_verdict(number, id, ended, reason));
             }
         };
-        play_one(number, &loops, watch, |played| {
+        play_one(number, &plan, watch, |played| {
             SweepRow::from_verdict(number, &case.id, played.verdict)
         })
     }
@@ -267,28 +255,17 @@ impl Cases for SweepPlan {
 }
 
 impl SweepCase<'_> {
-    /// The scenario of the loop, or of the first of several.
-    ///
-    /// # Errors
-    /// As [`SweepCase::loops`].
-    pub fn scenario(&self) -> Result<Scenario, String> {
-        Ok(self.loops()?.swap_remove(0).scenario)
-    }
-
-    /// The loops of the scenario, which the values may have made invalid.
+    /// The plan of the case, which its values may have made invalid.
     ///
     /// # Errors
     /// The first thing that is wrong in it.
-    pub fn loops(&self) -> Result<Vec<Setup>, String> {
+    pub fn plan(&self) -> Result<Plan, String> {
         let table = |name: &str| {
             let text = self.tables.get(name).cloned();
             text.ok_or_else(|| io::ErrorKind::NotFound.into())
         };
-        let loops = match self.base {
-            [] => Scenario::parse(&self.text, "case", table).map(of_one_loop),
-            base => rig::loops::varied(base, &self.text, table, catalogue()),
-        };
-        loops.map_err(|error| {
+        let plan = self.base.varied(&self.text, table, catalogue());
+        plan.map_err(|error| {
             let first = error.problems().first();
             first.map_or_else(|| error.to_string(), ToString::to_string)
         })
@@ -329,16 +306,18 @@ fn way_of_draws(distribution: Distribution) -> String {
 
 #[cfg(test)]
 mod tests {
+    use scenario::Scenario;
+
     use super::*;
 
-    fn plan(sweep: &str) -> SweepPlan {
+    fn cases(sweep: &str) -> SweepCases {
         let text = format!(
             "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let setup = Setup::new(scenario, catalogue()).from_file("s.toml", text);
-        SweepPlan::new(&[setup]).unwrap()
+        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
+        SweepCases::new(&plan).unwrap()
     }
 
     const GRID: &str = "draws = 2\n[[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\
@@ -347,9 +326,9 @@ mod tests {
 
     #[test]
     fn every_point_of_the_grid_meets_the_same_draws() {
-        let plan = plan(GRID);
-        assert_eq!(plan.runs(), 12);
-        let all: Vec<Vec<f64>> = (1..=12).map(|number| plan.values(number)).collect();
+        let cases = cases(GRID);
+        assert_eq!(cases.runs(), 12);
+        let all: Vec<Vec<f64>> = (1..=12).map(|number| cases.values(number)).collect();
         let points: Vec<[f64; 2]> = all.iter().step_by(2).map(|one| [one[0], one[1]]).collect();
         let expected = [
             [5., 8.],
@@ -370,15 +349,15 @@ mod tests {
 
     #[test]
     fn a_case_is_the_scenario_with_its_values() {
-        let plan = plan(GRID);
-        let case = plan.case(11);
-        let scenario = &case.loops().unwrap()[0].scenario;
+        let cases = cases(GRID);
+        let case = cases.case(11);
+        let scenario = &case.plan().unwrap().leading().scenario.clone();
         assert_eq!(scenario.name, "s, case 11");
         assert_eq!(scenario.reference.hold[0].position_millimetres, 15.0);
         assert_eq!(scenario.plant.sensor.resolution_bits, 10);
-        assert_eq!(scenario.plant.mechanics.load_kilograms, plan.values(11)[2]);
+        assert_eq!(scenario.plant.mechanics.load_kilograms, cases.values(11)[2]);
         assert!(scenario.sweep.is_none());
-        let ids: BTreeSet<String> = (1..=12).map(|number| plan.case(number).id).collect();
+        let ids: BTreeSet<String> = (1..=12).map(|number| cases.case(number).id).collect();
         assert_eq!(ids.len(), 12);
     }
 
@@ -387,19 +366,19 @@ mod tests {
         let more = format!(
             "{GRID}[[sweep.normal]]\nkey = \"plant.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n"
         );
-        let (plan, more) = (plan(GRID), plan(&more));
-        assert_eq!(plan.values(4)[..], more.values(4)[..3]);
-        assert_ne!(plan.case(4).id, more.case(4).id);
-        assert_ne!(plan.id(), more.id());
+        let (cases, more) = (cases(GRID), cases(&more));
+        assert_eq!(cases.values(4)[..], more.values(4)[..3]);
+        assert_ne!(cases.case(4).id, more.case(4).id);
+        assert_ne!(cases.id(), more.id());
         let twice = ["seed = 0\n", "# the default\n"]
-            .map(|line| super::tests::plan(&format!("{line}{GRID}")));
+            .map(|line| super::tests::cases(&format!("{line}{GRID}")));
         assert_eq!(twice[0].case(4).id, twice[1].case(4).id);
-        assert_eq!(plan.case(4).id, twice[0].case(4).id);
+        assert_eq!(cases.case(4).id, twice[0].case(4).id);
     }
 
     #[test]
     fn the_seed_decides_what_is_drawn_and_nothing_else() {
-        let values = |seed: u64| plan(&format!("seed = {seed}\n{GRID}")).values(4);
+        let values = |seed: u64| cases(&format!("seed = {seed}\n{GRID}")).values(4);
         let (one, other) = (values(1), values(2));
         assert_eq!(one, values(1));
         assert_eq!(one[..2], other[..2]);
@@ -408,14 +387,14 @@ mod tests {
 
     #[test]
     fn draws_have_their_distributions() {
-        let plan = plan(
+        let cases = cases(
             "draws = 4000\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 1\nto = 4\n\
              [[sweep.log_uniform]]\nkey = \"plant.mechanics.damping_newton_seconds_per_metre\"\nfrom = 0.01\nto = 1\n\
              [[sweep.normal]]\nkey = \"plant.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n",
         );
         let column = |place: usize| {
             (1..=4000)
-                .map(|number| plan.values(number)[place])
+                .map(|number| cases.values(number)[place])
                 .collect()
         };
         let columns: [Vec<f64>; 3] = [0, 1, 2].map(column);
@@ -437,11 +416,11 @@ mod tests {
 
     #[test]
     fn a_draw_that_a_key_does_not_admit_makes_an_invalid_case() {
-        let plan = plan(
+        let cases = cases(
             "draws = 50\n[[sweep.normal]]\nkey = \"plant.mechanics.load_kilograms\"\nmean = 0.01\nstandard_deviation = 0.01\n",
         );
         let reasons: Vec<String> = (1..=50)
-            .filter_map(|number| plan.case(number).loops().err())
+            .filter_map(|number| cases.case(number).plan().err())
             .collect();
         assert!((2..30).contains(&reasons.len()), "{reasons:?}");
         assert!(reasons[0].contains("out of range"), "{}", reasons[0]);

@@ -4,10 +4,10 @@ use canopen::CanFrame;
 
 use super::*;
 
-const SERVO: &str = include_str!("../../../../tests/foreign/servo.eds");
+const SERVO: &str = include_str!("../../../../../tests/foreign/servo.eds");
 const SCENARIO: &str = "schema = 2\nname = \"two servos\"\nrig = \"rigs/two.toml\"\nduration_seconds = 4.0\n\
     [controller.all.open_loop]\n";
-const TWO_AXES: &str = include_str!("../../../worlds/tests/data/two_axes_rig.toml");
+const TWO_AXES: &str = include_str!("../../../../worlds/tests/data/two_axes_rig.toml");
 
 fn servo(name: &str, node_id: u8) -> String {
     format!(
@@ -26,42 +26,44 @@ fn two_servos(second: u8) -> String {
     head.to_owned() + &servo("x", 0x20) + &servo("y", second)
 }
 
-/// The loops of a scenario on this rig, in a folder of their own.
-fn loaded(rig: &str) -> Result<Vec<Setup>, String> {
+/// The plan of a scenario on this rig, in a folder of their own.
+fn loaded(rig: &str) -> Result<Plan, String> {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name);
     fs::create_dir_all(place("rigs/sheets")).unwrap();
     fs::write(place("rigs/two.toml"), rig).unwrap();
     fs::write(place("rigs/sheets/servo.eds"), SERVO).unwrap();
     fs::write(place("two.toml"), SCENARIO).unwrap();
-    let loaded = load(&place("two.toml"), &Catalogue::shipped());
+    let loaded = Plan::load(&place("two.toml"), &Catalogue::shipped());
     loaded.map_err(|error| format!("{:?}", miette::Report::new(error)))
 }
 
 #[test]
 fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
-    let setups = loaded(&two_servos(0x22)).unwrap();
-    assert_eq!(setups.len(), 2);
-    for (setup, name, node_id) in [(&setups[0], "x", 0x20), (&setups[1], "y", 0x22)] {
-        assert_eq!(setup.external_names(), [name]);
-        let rig = setup.rig.as_ref().unwrap();
+    let plan = loaded(&two_servos(0x22)).unwrap();
+    let [x, y] = &plan.loops[..] else {
+        panic!("two loops")
+    };
+    assert_eq!(plan.shared.tables["rigs/sheets/servo.eds"], SERVO);
+    for (one, name, node_id) in [(x, "x", 0x20), (y, "y", 0x22)] {
+        assert_eq!(one.external_names(), [name]);
+        let rig = one.rig.as_ref().unwrap();
         assert_eq!(rig.drive.node_id().get(), node_id);
         assert_eq!(rig.drive.mode_of_operation(), -1);
         assert!((rig.file.limits.current_amperes - 1.0).abs() < 1e-12);
         // Its text is a rig file of one drive.
         let read = scenario::rig::RigFile::parse(&rig.text, "x.toml").unwrap();
         assert_eq!(read, rig.file);
-        let position = setup.database.require("drive_tpdo1.position_millimetres");
+        let position = one.database.require("drive_tpdo1.position_millimetres");
         let feedback = rig.drive.feedback_id();
         assert_eq!(position.as_ref().unwrap().raw_id(), u32::from(feedback));
-        assert!(setup.database.message("plant_truth").unwrap().is_silent());
-        assert_eq!(setup.tables["rigs/sheets/servo.eds"], SERVO);
+        assert!(one.database.message("plant_truth").unwrap().is_silent());
     }
-    let id = |name: &str| setups[0].database.message(name).unwrap().raw_id;
+    let id = |name: &str| x.database.message(name).unwrap().raw_id;
     assert_eq!(id("y_drive_heartbeat"), 0x722);
     assert_eq!(id("y_controller_tpdo1"), 0x1A1);
     let frame = CanFrame::new(0x722, &[5]);
-    assert!(setups[1].database.message_of(&frame).unwrap().name == "drive_heartbeat");
+    assert!(y.database.message_of(&frame).unwrap().name == "drive_heartbeat");
 }
 
 #[test]
@@ -85,25 +87,26 @@ fn what_an_external_drive_cannot_be_is_refused() {
 fn an_emulated_drive_may_be_somebody_else_s() {
     let plants = [("dc_motor", &[][..])].into_iter();
     let catalogue = Catalogue::new(plants, std::iter::empty(), |_| None, |_| None);
-    let setups = of_rig(Path::new("two_axes_rig.toml"), TWO_AXES, &catalogue).unwrap();
-    let truth = |setups: &[Setup]| {
+    let plan = Plan::of_rig(Path::new("two_axes_rig.toml"), TWO_AXES, &catalogue).unwrap();
+    let truth = |plan: &Plan| {
         let names = ["plant_truth", "y_plant_truth"];
-        names.map(|name| setups[0].database.message(name).unwrap().is_silent())
+        names.map(|name| plan.database().message(name).unwrap().is_silent())
     };
-    assert_eq!(truth(&setups), [false, false]);
+    assert_eq!(truth(&plan), [false, false]);
     let external = |names: &[&str]| {
         let names = names.iter().map(ToString::to_string);
-        with_external(setups.clone(), &Vec::from_iter(names))
+        plan.clone().with_external(&Vec::from_iter(names))
     };
     let y = external(&["y"]).unwrap();
     assert_eq!(truth(&y), [false, true]);
-    let names = y.iter().map(Setup::external_names);
+    let names = y.loops.iter().map(ControlLoop::external_names);
     assert_eq!(Vec::from_iter(names), [vec![], vec!["y".to_owned()]]);
     let controller = external(&["controller"]).unwrap();
     assert!(
         controller
+            .loops
             .iter()
-            .all(|setup| setup.external.has(ExternalNode::Controller))
+            .all(|one| one.external.has(ExternalNode::Controller))
     );
     let unknown = external(&["controler"]).unwrap_err();
     assert!(unknown.contains("did you mean `controller`?"), "{unknown}");

@@ -1,0 +1,480 @@
+//! Makes plans of files: scenarios of one loop and of several, rig files, recordings.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+use dbc::Database;
+use dbc::loops::LoopPlace;
+use dbc::signals::TRUTH_MESSAGES;
+use scenario::fault::FaultWindow;
+use scenario::loops::{Loops, OneLoop};
+use scenario::rig::nodes::Rig;
+use scenario::{Objection, Scenario, ScenarioError, Texts, read_text};
+
+use super::{ControlLoop, LoopName, NodeNames, Plan};
+use crate::FILE_BYTES_MAX;
+use crate::bus_budget::BusBudget;
+use crate::catalogue::{Catalogue, Frames};
+use crate::external::{External, ExternalNode, no_such_node};
+use crate::named_nodes::names_by_id;
+use crate::ports;
+use crate::rig_file::LoadedRig;
+use crate::signal_names::SignalNames;
+
+/// Whether the text of a scenario is one that names its rig.
+#[must_use]
+pub fn may_name_rig(text: &str) -> bool {
+    Loops::is_meant(text)
+}
+
+impl Plan {
+    /// Reads and checks a scenario file and the files that it names.
+    ///
+    /// # Errors
+    /// A file cannot be read or is not valid.
+    pub fn load(path: &Path, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
+        match read_text(path, FILE_BYTES_MAX) {
+            Ok(text) => Self::parse_beside(path, text, catalogue),
+            // The loader says why.
+            Err(_) => Scenario::load(path).map(|scenario| Self::new(scenario, catalogue)),
+        }
+    }
+
+    /// As [`Plan::load`], with signals in the scenario that nobody sends: whoever looks for the right name has a wrong one in
+    /// the file.
+    ///
+    /// # Errors
+    /// As [`Plan::load`] for everything else.
+    pub fn load_with_any_signals(
+        path: &Path,
+        catalogue: &Catalogue,
+    ) -> Result<Self, ScenarioError> {
+        let text = read_text(path, FILE_BYTES_MAX).unwrap_or_default();
+        if !may_name_rig(&text) {
+            return Scenario::load(path).map(|scenario| Self::new(scenario, catalogue));
+        }
+        let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
+        let (loops, texts) = Loops::load(path, |_| Vec::new(), object)?;
+        Ok(Self::of_texts(loops, path, texts, catalogue))
+    }
+
+    /// As [`Plan::load`], for a text that is at hand; the files that it names lie beside `path`.
+    ///
+    /// # Errors
+    /// As [`Plan::load`].
+    pub fn parse_beside(
+        path: &Path,
+        text: String,
+        catalogue: &Catalogue,
+    ) -> Result<Self, ScenarioError> {
+        let objections = |scenario: &Scenario| catalogue.objections(scenario);
+        if may_name_rig(&text) {
+            let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
+            let (loops, texts) = Loops::parse_beside(path, text, objections, object)?;
+            return Ok(Self::of_texts(loops, path, texts, catalogue));
+        }
+        let (scenario, texts) = Scenario::parse_beside(path, text, objections)?;
+        Ok(Self::new(scenario, catalogue).with_texts(path, texts))
+    }
+
+    /// As [`Plan::parse_beside`], for files that `read_file` gives by their names.
+    ///
+    /// # Errors
+    /// As [`Plan::load`].
+    pub fn parse(
+        path: &Path,
+        text: String,
+        read_file: impl FnMut(&str) -> io::Result<String>,
+        catalogue: &Catalogue,
+    ) -> Result<Self, ScenarioError> {
+        let objections = |scenario: &Scenario| catalogue.objections(scenario);
+        if may_name_rig(&text) {
+            let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
+            let (loops, texts) = Loops::parse(path, text, read_file, objections, object)?;
+            return Ok(Self::of_texts(loops, path, texts, catalogue));
+        }
+        let (scenario, texts) = Scenario::parse_with(path, text, read_file, objections)?;
+        Ok(Self::new(scenario, catalogue).with_texts(path, texts))
+    }
+
+    /// The plan of a rig file in which nothing is tried.
+    ///
+    /// # Errors
+    /// It is not valid.
+    pub fn of_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
+        let object = |loops: &Loops<Scenario>| planned(loops.clone(), catalogue).err();
+        let loops = Loops::of_rig(text, &path.display().to_string(), object)?;
+        Ok(Self::of_texts(loops, path, Texts::default(), catalogue))
+    }
+
+    /// The plan of a rig with a drive of its own, on which nothing is tried.
+    #[must_use]
+    pub fn of_loaded_rig(rig: LoadedRig) -> Self {
+        let text = "schema = 1\nname = \"a rig\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let no_table = |_: &str| Err(io::ErrorKind::NotFound.into());
+        let scenario = Scenario::parse(text, "a rig", no_table);
+        let scenario = scenario.expect("this scenario is valid");
+        let frames = Arc::new(Frames::from_database(Arc::clone(&rig.database)));
+        let external = External::default().with_drive();
+        let only = ControlLoop::with_frames(scenario, frames);
+        Self::of_one(only).recorded_on(Some(&Arc::new(rig)), &external)
+    }
+
+    /// Reads the scenario of a recording, whose frames mean what the database says. Plants and laws need not be known here.
+    /// `external` are the nodes of a scenario with a rig that were somebody else's.
+    ///
+    /// # Errors
+    /// A file cannot be read or is not valid.
+    pub fn load_recorded(
+        path: &Path,
+        database: &Arc<Database>,
+        external: &[String],
+    ) -> Result<Self, ScenarioError> {
+        let text = read_text(path, FILE_BYTES_MAX).unwrap_or_default();
+        if may_name_rig(&text) {
+            return loops_of_recording(path, database, external);
+        }
+        let frames = Arc::new(Frames::from_database(Arc::clone(database)));
+        let objections = |scenario: &Scenario| SignalNames::objections(scenario, || frames.names());
+        let (scenario, texts) = Scenario::load_recorded(path, objections)?;
+        let only = ControlLoop::with_frames(scenario, frames);
+        Ok(Self::of_one(only).with_texts(path, texts))
+    }
+
+    /// The plan of another scenario on the same rig, with the same plants and laws: they share what the frames mean.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the text and its files, and a value that an FMU does not take.
+    pub fn varied(
+        &self,
+        text: &str,
+        read_file: impl FnMut(&str) -> io::Result<String>,
+        catalogue: &Catalogue,
+    ) -> Result<Self, ScenarioError> {
+        if !may_name_rig(&self.shared.text) {
+            let scenario = Scenario::parse(text, "case", read_file)?;
+            return Ok(Self::new(scenario, catalogue));
+        }
+        let object = |loops: &Loops<Scenario>| {
+            let mut scenarios = loops.loops.iter().map(|one| &one.scenario);
+            let found = scenarios.find_map(|one| catalogue.fmu_objection(one, &one.wiring.plant));
+            // That the file is not there any more is no value's fault.
+            found.filter(|objection| objection.path.contains(".fmu.start."))
+        };
+        // Files that are no text lie beside the scenario that is varied.
+        let path = self.shared.path.with_file_name("case");
+        let (loops, _) = Loops::parse(&path, text.to_owned(), read_file, |_| Vec::new(), object)?;
+        let elsewhere = faults_elsewhere(loops.loops.iter().map(|one| &one.scenario));
+        let varied = self.loops.iter().zip(loops.loops).zip(elsewhere);
+        let varied = varied.map(|((base, one), elsewhere)| base.varied(one.scenario, elsewhere));
+        let nodes = self.shared.nodes_of_loops.clone();
+        Ok(Self::of_loops(varied.collect(), loops.contours, nodes))
+    }
+
+    /// The plan with further nodes that are somebody else's, by the rig's names. A drive among them is like the emulated one, but
+    /// publishes no truth.
+    ///
+    /// # Errors
+    /// The rig has no such node, or it cannot be external.
+    pub fn with_external(mut self, names: &[String]) -> Result<Self, String> {
+        let known = self.loops.iter().flat_map(|one| {
+            let (controller, drive, disturbance) = one.node_names();
+            [controller, drive].into_iter().chain(disturbance)
+        });
+        let known = BTreeSet::from_iter(known);
+        if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
+            return Err(no_such_node(name, &Vec::from_iter(known)));
+        }
+        let silent = self.loops.iter().filter_map(|one| {
+            let has_truth = !one.external.has(ExternalNode::Drive);
+            let (_, drive, _) = one.node_names();
+            let is_named = names.iter().any(|name| name == drive);
+            (has_truth && is_named).then(|| one.name().to_owned())
+        });
+        let silent = Vec::from_iter(silent);
+        for one in &mut self.loops {
+            one.external = external_with(one, names)?;
+            let messages = silent.iter().flat_map(|name| {
+                TRUTH_MESSAGES.map(|message| match name == one.name() {
+                    true => message.to_owned(),
+                    false => format!("{name}_{message}"),
+                })
+            });
+            let messages = Vec::from_iter(messages);
+            let messages = Vec::from_iter(messages.iter().map(String::as_str));
+            one.database = Arc::new(one.database.with_silent(&messages));
+        }
+        Ok(self)
+    }
+
+    /// The plan of loops that were found to be without objections.
+    fn of_texts(loops: Loops<Scenario>, path: &Path, texts: Texts, catalogue: &Catalogue) -> Self {
+        let plan = planned(loops, catalogue);
+        plan.expect("a rig without objections")
+            .with_texts(path, texts)
+    }
+}
+
+/// Checks the text of a rig file on which nothing is tried, and computes what it needs of the bus under the shipped laws.
+///
+/// # Errors
+/// It is not valid, or the frames do not fit between two SYNCs.
+pub fn check_rig(
+    text: &str,
+    name: &str,
+    catalogue: &Catalogue,
+) -> Result<(Rig, BusBudget), ScenarioError> {
+    let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
+    let loops = Loops::of_rig(text, name, object)?;
+    let plan = planned(loops.clone(), catalogue).expect("a rig without objections");
+    let budget = BusBudget::new(&loops.rig, &plan);
+    Ok((loops.rig, budget))
+}
+
+/// For each loop the faults of the others.
+fn faults_elsewhere<'a>(scenarios: impl Iterator<Item = &'a Scenario>) -> Vec<Vec<FaultWindow>> {
+    let faults = Vec::from_iter(scenarios.map(|scenario| scenario.fault.windows()));
+    let of_others = |own: usize| {
+        let others = faults
+            .iter()
+            .enumerate()
+            .filter(move |(other, _)| *other != own);
+        others.flat_map(|(_, faults)| faults.iter().cloned())
+    };
+    (0..faults.len())
+        .map(|own| of_others(own).collect())
+        .collect()
+}
+
+/// Reads the loops of a recording with a rig. The database is as the first loop sees it.
+fn loops_of_recording(
+    path: &Path,
+    database: &Arc<Database>,
+    external: &[String],
+) -> Result<Plan, ScenarioError> {
+    let recorded = |loops: Loops<Scenario>| {
+        let first = loops.loops.first().map(|one| one.name.clone());
+        let first = first.unwrap_or_default();
+        let frames = |name: &str| match name == first {
+            true => Database::clone(database),
+            false => database.seen_from(&first, name),
+        };
+        let names = Vec::from_iter(loops.loops.iter().map(|one| one.name.clone()));
+        named(loops, |name, scenario, rig| {
+            let frames = frames(name);
+            let others = names.iter().map(String::as_str);
+            let others = Vec::from_iter(others.filter(|other| *other != name));
+            // The names of signals in the scenario are the loop's own, as when it was played.
+            let one = ControlLoop::of_recording(scenario, frames.without(&others));
+            let one = one.with_database(Arc::new(frames));
+            one.recorded_on(rig.loaded, rig.external)
+        })
+    };
+    let object = |loops: &Loops<Scenario>| recorded(loops.clone()).err();
+    let (loops, texts) = Loops::load_recorded(path, |_| Vec::new(), object)?;
+    let plan = recorded(loops).expect("a rig without objections");
+    let plan = plan.map(|mut one| {
+        one.external = external_with(&one, external).unwrap_or_default();
+        one
+    });
+    Ok(plan.with_texts(path, texts))
+}
+
+/// The nodes of a loop that are somebody else's, with those of these names.
+fn external_with(one: &ControlLoop, names: &[String]) -> Result<External, &'static str> {
+    let (controller, drive, disturbance) = one.node_names();
+    let nodes = [
+        (ExternalNode::Drive, Some(drive)),
+        (ExternalNode::Controller, Some(controller)),
+        (ExternalNode::Fan, disturbance),
+    ];
+    let is_named = |name: &str| names.iter().any(|other| other == name);
+    let nodes = nodes.into_iter();
+    let nodes = nodes.filter(|(_, name)| name.is_some_and(is_named));
+    let nodes = nodes.map(|(node, _)| node).chain(one.external.nodes());
+    External::new(&Vec::from_iter(nodes))
+}
+
+/// What is wrong with a rig: a drive that cannot be led, nodes that send the same, a cycle that is too short.
+fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection> {
+    if let Some(objection) = ports::objection(loops, catalogue) {
+        return Some(objection);
+    }
+    match planned(loops.clone(), catalogue) {
+        Ok(plan) => does_not_fit(&BusBudget::new(&loops.rig, &plan)),
+        Err(objection) => Some(objection),
+    }
+}
+
+/// A rig whose cycle is too short for its frames.
+fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
+    if budget.fits() {
+        return None;
+    }
+    let way_out = match budget.period_milliseconds_min() {
+        Some(period) => format!(
+            "write sync_period_milliseconds = {period:.1} into [bus], or publish the truth less often (truth_every_cycles)"
+        ),
+        None => "no period would do: raise bitrate_kilobits_per_second in [bus]".to_owned(),
+    };
+    Some(Objection {
+        path: "bus.sync_period_milliseconds".to_owned(),
+        message: "the frames of this rig do not fit between two SYNCs".to_owned(),
+        label: match budget.load_percent() > 100.0 {
+            false => format!("they need {budget}"),
+            true => format!(
+                "they need {budget}, and {:.0} % of the bus over many cycles",
+                budget.load_percent()
+            ),
+        },
+        help: Some(format!(
+            "{way_out}; bits in the fullest cycle: {}",
+            budget.fullest_cycle()
+        )),
+    })
+}
+
+/// The plan of the loops of a rig, each with the frames of the whole bus.
+fn planned(loops: Loops<Scenario>, catalogue: &Catalogue) -> Result<Plan, Objection> {
+    let mut plan = named(loops, |_, scenario, rig| {
+        let frames = catalogue.frames(&scenario);
+        ControlLoop::with_frames(scenario, frames).on(rig.loaded, rig.external)
+    })?;
+    for one in &mut plan.loops {
+        one.database = Arc::new(one.database.at(&place_in_shipped(one)));
+    }
+    plan.loops = with_each_other(&plan.loops);
+    match plan.database().refuse_duplicates() {
+        Err(error) => Err(Objection {
+            path: "node".to_owned(),
+            message: "two nodes of this rig send under one identifier".to_owned(),
+            label: error.to_string(),
+            help: Some(
+                "give one of them another node-ID or, in its EDS, another COB-ID".to_owned(),
+            ),
+        }),
+        Ok(()) => Ok(plan),
+    }
+}
+
+/// Where the frames of a loop are to be moved to: those of a drive with a rig of its own are where that says.
+fn place_in_shipped(one: &ControlLoop) -> LoopPlace {
+    let (place, shipped) = (one.place, LoopPlace::SHIPPED);
+    match one.rig {
+        None => place,
+        Some(_) => LoopPlace {
+            drive_node_id: shipped.drive_node_id,
+            disturbance_node_id: place.disturbance_node_id.and(shipped.disturbance_node_id),
+            ..place
+        },
+    }
+}
+
+/// What a rig file says of one loop's nodes that are somebody else's.
+struct OwnRig {
+    loaded: Option<Arc<LoadedRig>>,
+    external: External,
+}
+
+impl OwnRig {
+    fn new<T>(loops: &Loops<T>, name: &str) -> Result<Self, Objection> {
+        let drive = loops.rig.drive_of_loop(name);
+        let Some(file) = loops.rig.rig_file_of(drive) else {
+            return Ok(Self {
+                loaded: None,
+                external: External::default(),
+            });
+        };
+        let external = External::default().with_drive();
+        let has_fan = loops.rig.io_of(drive).is_some_and(|(_, io)| io.external);
+        let loaded = LoadedRig::of_node(Path::new(drive), file, loops.sheets.get(drive));
+        Ok(Self {
+            loaded: Some(Arc::new(loaded.map_err(|error| Objection {
+                path: format!("node.{drive}"),
+                message: format!("the drive `{drive}` cannot be led"),
+                label: error.to_string(),
+                help: None,
+            })?)),
+            external: match has_fan {
+                true => external.with_fan(),
+                false => external,
+            },
+        })
+    }
+}
+
+/// The plan of loops that `make` makes, each with its name and its place.
+fn named(
+    loops: Loops<Scenario>,
+    make: impl Fn(&str, Scenario, OwnRig) -> ControlLoop,
+) -> Result<Plan, Objection> {
+    let rigs = loops.loops.iter();
+    let rigs = rigs.map(|one| OwnRig::new(&loops, &one.name));
+    let rigs = rigs.collect::<Result<Vec<_>, _>>()?;
+    let Loops {
+        rig,
+        loops,
+        contours,
+        ..
+    } = loops;
+    let is_only = loops.len() == 1;
+    let elsewhere = faults_elsewhere(loops.iter().map(|one| &one.scenario));
+    let node_names = |name: &str| {
+        let (controller, _) = rig.controller().unzip();
+        let drive = rig.drive_of_loop(name).to_owned();
+        NodeNames {
+            controller: controller.unwrap_or_default().to_owned(),
+            disturbance: rig.io_of(&drive).map(|(name, _)| name.to_owned()),
+            drive,
+        }
+    };
+    let several = loops.iter().filter(|_| !is_only);
+    let nodes_of_loops = several.map(|one| (one.name.clone(), node_names(&one.name)));
+    let nodes_of_loops = BTreeMap::from_iter(nodes_of_loops);
+    let loops = (0..).zip(loops).zip(rigs).zip(elsewhere);
+    let loops = loops.map(|(((number, one), own_rig), faults_elsewhere)| {
+        let OneLoop {
+            name,
+            place,
+            scenario,
+        } = one;
+        let loop_name = (!is_only).then(|| LoopName {
+            plant: rig.plant_of_loop(&name).to_owned(),
+            name: name.clone(),
+        });
+        ControlLoop {
+            loop_name,
+            nodes: Some(node_names(&name)),
+            place: LoopPlace {
+                number,
+                drive_node_id: place.drive,
+                disturbance_node_id: place.io,
+                truth_every_cycles: place.truth_every_cycles,
+            },
+            faults_elsewhere,
+            ..make(&name, scenario, own_rig)
+        }
+    });
+    let loops = loops.collect();
+    Ok(Plan::of_loops(loops, contours, nodes_of_loops))
+}
+
+/// The loops, each with the frames of the others.
+fn with_each_other(alone: &[ControlLoop]) -> Vec<ControlLoop> {
+    let whole = |own: &ControlLoop| {
+        let others = alone.iter().filter(|other| other.place != own.place);
+        let bus = others.fold(Database::clone(&own.database), |bus, other| {
+            bus.beside(other.name(), &other.database)
+        });
+        bus.with_nodes(names_by_id(alone))
+    };
+    let loops = alone
+        .iter()
+        .map(|own| own.clone().with_database(Arc::new(whole(own))));
+    loops.collect()
+}
+
+#[cfg(test)]
+mod tests;
