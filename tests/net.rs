@@ -36,10 +36,13 @@ mod my_plant;
 /// Folder of the net in the checkout.
 const NET: &str = "tests/data/net";
 
-/// The program, with paths from a folder.
+/// The program without colours, with paths from a folder.
 fn program(folder: &Path, words: &[&str]) -> (Option<i32>, String, String) {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
-    output(canrig.current_dir(folder).args(words).env("NO_COLOR", "1"))
+    let plain = canrig
+        .env_remove("FORCE_COLOR")
+        .env_remove("CLICOLOR_FORCE");
+    output(plain.env("NO_COLOR", "1").current_dir(folder).args(words))
 }
 
 fn utf8(path: &Path) -> &str {
