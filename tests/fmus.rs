@@ -22,7 +22,7 @@ fn fmu(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
 }
 
 /// The FMU of the motor, with a library that nobody could load.
-fn motor(folder: &Path, version: Version) {
+pub(crate) fn motor(folder: &Path, version: Version) {
     let shipped = fmu_plants::shipped();
     let motor = { shipped.iter() }.find(|exported| exported.name() == "dc_motor");
     let model = motor.unwrap().model().unwrap();

@@ -10,6 +10,7 @@ use rig::plan::Plan;
 use sha2::{Digest, Sha256};
 use worlds::lockstep::Role;
 
+use crate::net::judged_again;
 use crate::support::{canrig, only_run, output, root, runs, scenario};
 
 /// The files that must be the same to the byte.
@@ -53,7 +54,8 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
     for verdict in verdicts {
         assert_eq!(verdict["outcome"], "pass", "{verdict}");
     }
-    let mut lines: Vec<_> = runs(folder.path()).iter().map(|run| line_of(run)).collect();
+    let runs = runs(folder.path());
+    let mut lines: Vec<_> = runs.iter().map(|run| line_of(run)).collect();
     lines.sort();
     let hashes = lines.concat();
     let path = root().join("tests/data/recordings.sha256");
@@ -67,6 +69,9 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
         "other bytes than in {}: {changes:#?}, now:\n{hashes}",
         path.display()
     );
+    for run in &runs {
+        judged_again(run);
+    }
 }
 
 /// A run's scenario and the hashes of its recording and verdict.

@@ -18,6 +18,8 @@ mod identify;
 mod knowledge;
 mod lockstep;
 mod long_runs;
+mod mutator;
+mod net;
 mod preflight;
 mod processes;
 mod real_time;
