@@ -9,23 +9,13 @@ use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::real_time::soon;
 use crate::support::{canrig, only_run, output, short_scenario};
-
-/// Starts of commands take less, also on a busy machine.
-const PATIENCE_SECONDS: u64 = 60;
 
 fn bare(words: &[&str]) -> Command {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     canrig.args(words).env("NO_COLOR", "1");
     canrig
-}
-
-/// Runs a command that might wait for ever.
-fn soon(command: &mut Command) -> (Option<i32>, String, String) {
-    let mut bounded = Command::new("timeout");
-    bounded.arg(PATIENCE_SECONDS.to_string());
-    bounded.arg(command.get_program()).args(command.get_args());
-    output(bounded.env("NO_COLOR", "1"))
 }
 
 fn make_pipe(path: &Path) {
