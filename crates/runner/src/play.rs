@@ -252,6 +252,7 @@ fn play_one(
     let place = RunPlace {
         parent: &args.output,
         is_long: scenario.duration_seconds > args.compress_above,
+        overrides: &args.values.overrides,
     };
     let judged = run_loops(setups, place, watch, queues, |folder, capture| {
         let played = stage.play(|| testbed.play(setups, folder, capture));

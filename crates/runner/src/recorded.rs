@@ -315,7 +315,10 @@ impl Recorded {
 }
 
 /// What was played, and the verdict of the run if there is one.
-pub(super) fn read_played(
+///
+/// # Errors
+/// A file cannot be read or is not valid.
+pub fn read_played(
     folder: &Path,
     catalogue: &Catalogue,
 ) -> Result<(Vec<Setup>, Option<Verdict>), RecordedError> {
@@ -335,7 +338,7 @@ fn is_folder(path: &Path) -> Result<bool, RecordedError> {
 }
 
 /// Prints why a recording cannot be used; the exit code of that.
-pub(crate) fn refuse(error: RecordedError) -> Exit {
+pub fn refuse(error: RecordedError) -> Exit {
     match error {
         RecordedError::Scenario(error) => print_diagnostic(*error),
         RecordedError::Rig(error) => print_diagnostic(*error),
@@ -345,7 +348,10 @@ pub(crate) fn refuse(error: RecordedError) -> Exit {
 }
 
 /// Refuses what is no run folder.
-pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
+///
+/// # Errors
+/// What it is.
+pub fn require_run(path: &Path) -> Result<(), RecordedError> {
     let path = path.to_owned();
     match is_folder(&path)? && path.join(file::SCENARIO).exists() {
         true if holds_many_runs(&path) => Err(RecordedError::ManyRuns { path }),
@@ -354,8 +360,11 @@ pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
     }
 }
 
-fn holds_many_runs(folder: &Path) -> bool {
-    folder.join(file::ROWS).exists()
+/// Whether a folder is that of a campaign, or of a part of one.
+#[must_use]
+pub fn holds_many_runs(folder: &Path) -> bool {
+    let mut names = [file::ROWS, file::ATTEMPTS, file::ENGINE].iter();
+    names.any(|name| folder.join(name).exists())
 }
 
 /// The folders among several that are to be taken for runs: those of sweeps, which stand beside them in `runs/*`, are named and

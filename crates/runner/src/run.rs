@@ -6,10 +6,11 @@ use std::slice;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
-use scenario::Scenario;
+use scenario::{Override, Scenario};
 
 use crate::exit::Exit;
 use crate::identity::{NoIdentity, identity};
+use crate::play_record::PlayRecord;
 use exports::parquet;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
@@ -40,6 +41,8 @@ pub struct RunPlace<'a> {
     pub parent: &'a Path,
     /// Whether log and signals are compressed, and the recording for the viewer is thinned.
     pub is_long: bool,
+    /// The values of the command line that are in the scenario.
+    pub overrides: &'a [Override],
 }
 
 /// Why a run left no verdict.
@@ -106,8 +109,8 @@ pub fn run_loops(
 ) -> Result<Judged, RunError> {
     let setup = &setups[0];
     let identity = identity(setup)?;
-    let RunPlace { parent, is_long } = place;
-    let folder = create_folder(parent, setup, &identity)?;
+    let is_long = place.is_long;
+    let folder = create_folder(place, setup, &identity)?;
     if setup.nodes.is_some() {
         write_sheets(&folder, setups)?;
     }
@@ -173,18 +176,19 @@ fn write_signals(folder: &RunFolder, loops: &[OfLoop<'_>]) -> Result<(), WriteEr
 /// Makes the folder of a run with what is played and a verdict "incomplete" in it: that is what a reader finds should the
 /// run break off.
 fn create_folder(
-    parent: &Path,
+    place: RunPlace<'_>,
     setup: &Setup,
     identity: &Identity,
 ) -> Result<RunFolder, WriteError> {
     let Scenario { name, seed, .. } = &setup.scenario;
-    let folder = RunFolder::create(parent, name, *seed, &setup.text)?;
+    let folder = RunFolder::create(place.parent, name, *seed, &setup.text)?;
     let unfinished = "the run has not ended; if no process works on it any more, it broke off";
     let verdict = Verdict {
         identity: Some(identity.clone()),
         ..Verdict::incomplete_of(setup, unfinished)
     };
     folder.write(file::VERDICT, verdict.to_json().as_bytes())?;
+    PlayRecord::now(place.overrides).write(&folder)?;
     write_setup(&folder, setup)?;
     Ok(folder)
 }

@@ -17,7 +17,7 @@ use super::store::{Content, FILE, Header, Recovered, Store, StoreError, read_err
 const PREFIX: &str = "attempt.";
 const SUFFIX: &str = ".jsonl";
 /// Name of the file that says which machine began and ended attempts.
-const LOG: &str = "attempts.log";
+const LOG: &str = recording::run_folder::file::ATTEMPTS;
 /// Largest log that is read: some hundred thousand attempts.
 const LOG_BYTES_MAX: u64 = 16 << 20;
 /// Random characters in the name of an attempt.

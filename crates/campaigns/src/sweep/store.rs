@@ -38,11 +38,11 @@ pub(crate) struct Header {
     /// Version of the format.
     schema: u32,
     /// The program's version.
-    pub(super) version: String,
+    pub(crate) version: String,
     /// The campaign, as [`Cases::id`] names it.
     pub(super) sweep: String,
     /// Cases of the whole sweep.
-    pub(super) runs: usize,
+    pub(crate) runs: usize,
     /// Which of them are here.
     pub(super) shard: Shard,
     /// What takes part in each run.
@@ -570,6 +570,11 @@ pub(super) fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
 pub(super) fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
     let path = path.to_owned();
     move |source| StoreError::Write { path, source }
+}
+
+/// Whether there are rows in a folder; a part that no machine has ended has none.
+pub(crate) fn has_rows(folder: &Path) -> bool {
+    folder.join(FILE).exists()
 }
 
 /// The header of the rows in a folder, and the rows.

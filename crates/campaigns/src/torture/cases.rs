@@ -25,6 +25,11 @@ const FILE: &str = "torture.json";
 /// Largest file that is read.
 const BYTES_MAX: u64 = 1 << 20;
 
+/// Whether a folder is one of torture.
+pub(crate) fn is_torture(folder: &Path) -> bool {
+    folder.join(FILE).exists()
+}
+
 /// What is drawn.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 pub(crate) struct Draws {
@@ -122,6 +127,7 @@ impl TortureCases {
             seed,
             ended,
             missed: missed.collect(),
+            undecided: Vec::new(),
             reason: broken.map(|broken| broken.text),
             metrics: Vec::new(),
         }
