@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::support::{canrig, only_run, output, runs};
+use crate::support::{canrig, only_run, output};
 
 /// The command line and what it prints.
 fn coverage(arguments: &[&str], folders: &[&Path]) -> (Option<i32>, String, String) {

@@ -15,7 +15,7 @@ use scenario::expect::Expect;
 use scenario::loops::Loops;
 use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
-use crate::run_folder::{RunFolder, WriteError, file};
+use crate::run_folder::{RunFolder, WriteError, file, own_file};
 
 /// Writes what is played, and what its frames mean.
 ///
@@ -90,6 +90,16 @@ pub enum ReadError {
     Rig(Box<RigError>),
     #[error(transparent)]
     Frames(#[from] FramesError),
+    #[error("{} cannot be read: {source}", path.display())]
+    Link { path: PathBuf, source: io::Error },
+}
+
+/// The place of a file of a recording, which is the folder's own.
+fn own(folder: &Path, name: &str) -> Result<PathBuf, ReadError> {
+    own_file(folder, name).map_err(|source| ReadError::Link {
+        path: folder.join(name),
+        source,
+    })
 }
 
 /// The `frames.dbc` of a recording cannot be used.
@@ -122,9 +132,12 @@ pub fn read_setup(
     catalogue: &Catalogue,
 ) -> Result<Setup, ReadError> {
     let frames = read_frames(folder)?;
-    let setup = load(&folder.join(file::SCENARIO), frames.as_ref(), catalogue)?;
+    let setup = load(&own(folder, file::SCENARIO)?, frames.as_ref(), catalogue)?;
     let rig = || -> Result<_, ReadError> {
+        own(folder, file::RIG)?;
         let rig = LoadedRig::in_folder(folder).map_err(|error| ReadError::Rig(Box::new(error)))?;
+        let eds = rig.as_ref().and_then(|rig| rig.file.drive.eds.as_deref());
+        eds.map_or(Ok(()), |eds| own(folder, eds).map(drop))?;
         Ok(rig.map(Arc::new))
     };
     Ok(match (frames, external) {
@@ -144,7 +157,7 @@ pub fn read_setups(
     external: Option<&[String]>,
     catalogue: &Catalogue,
 ) -> Result<Vec<Setup>, ReadError> {
-    let path = folder.join(file::SCENARIO);
+    let path = own(folder, file::SCENARIO)?;
     let text = read_text(&path, FILE_BYTES_MAX).unwrap_or_default();
     if !Loops::is_meant(&text) {
         // A later version may know nodes that this one does not.
@@ -189,6 +202,7 @@ fn load(
 fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
     let path = folder.join(file::FRAMES);
     let read = || -> Result<Option<Database>, FramesFault> {
+        own_file(folder, file::FRAMES)?;
         let text = match read_text(&path, Database::TEXT_BYTES_MAX as u64) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             read => read?,

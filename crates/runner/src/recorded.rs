@@ -16,7 +16,7 @@ use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
 use recording::log::Unread;
-use recording::run_folder::{file, log_in};
+use recording::run_folder::{file, log_in, own_file};
 use recording::session::{FramesError, ReadError, read_setups};
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, OfLoop, Timeline, events_of};
@@ -112,6 +112,7 @@ impl From<ReadError> for RecordedError {
             ReadError::Scenario(error) => Self::Scenario(error),
             ReadError::Rig(error) => Self::Rig(error),
             ReadError::Frames(error) => Self::Frames(error),
+            ReadError::Link { path, source } => Self::Read { path, source },
         }
     }
 }
@@ -155,7 +156,7 @@ impl Recorded {
             path.parent().unwrap_or(Path::new("."))
         };
         let log_path = if is_folder {
-            log_in(path)
+            own(path, log_in(path))?
         } else {
             path.to_owned()
         };
@@ -322,10 +323,18 @@ pub fn read_played(
     folder: &Path,
     catalogue: &Catalogue,
 ) -> Result<(Vec<Setup>, Option<Verdict>), RecordedError> {
-    let verdict = read_verdict(&folder.join(file::VERDICT))?;
+    let verdict = read_verdict(&own(folder, file::VERDICT)?)?;
     let external = verdict.as_ref().map(|verdict| verdict.external.as_slice());
     let setups = read_setups(folder, external, catalogue)?;
     Ok((setups, verdict))
+}
+
+/// The place of a file in a folder that may come from elsewhere.
+fn own(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
+    own_file(folder, name).map_err(|source| RecordedError::Read {
+        path: folder.join(name),
+        source,
+    })
 }
 
 /// Whether a path that exists is a folder.

@@ -13,13 +13,13 @@ use super::store::{self, Header, Store, StoreError};
 use crate::torture::cases::{NoTorture, TortureCases};
 use crate::torture::command::shrink_first;
 use judge::verdict::Identity;
-use recording::run_folder::{RunFolder, WriteError, file};
+use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use rig::setup::Setup;
 use runner::console::print_error;
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
 use runner::play_record::PlayRecord;
-use runner::recorded::RecordedError;
+use runner::recorded::{RecordedError, refuse};
 use runner::run::RUNS;
 use runner::scenarios;
 
@@ -108,7 +108,14 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::CannotStart;
     }
-    let setups = match scenarios::load(&first.join(file::SCENARIO), &[]) {
+    let scenario = match own_file(first, file::SCENARIO) {
+        Ok(scenario) => scenario,
+        Err(source) => {
+            let path = first.join(file::SCENARIO);
+            return refuse(RecordedError::Read { path, source });
+        }
+    };
+    let setups = match scenarios::load(&scenario, &[]) {
         Ok(setups) => setups,
         Err(exit) => return exit,
     };

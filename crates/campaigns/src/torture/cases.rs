@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use faults::Stream;
 use recording::capture::Watch;
+use recording::run_folder::own_file;
 use rig::setup::Setup;
 use scenario::ScenarioError;
 use scenario::expect::Limit;
@@ -81,7 +82,8 @@ impl TortureCases {
     /// What the folder of a part says; none where it is not one of torture.
     pub(crate) fn of_folder(folder: &Path, setups: &[Setup]) -> Result<Option<Self>, NoTorture> {
         let path = folder.join(FILE);
-        let text = match scenario::read_text(&path, BYTES_MAX) {
+        let text = own_file(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
+        let text = match text {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             text => text,
         };

@@ -14,7 +14,7 @@ use scenario::{Scenario, ScenarioError, Texts};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
-use recording::run_folder::log_in;
+use recording::run_folder::{log_in, own_file};
 use recording::session::{FramesError, ReadError, read_setups};
 use recording::timeline::{self, Timeline};
 use rig::FILE_BYTES_MAX;
@@ -208,6 +208,10 @@ impl From<ReadError> for RecordingFault {
             ReadError::Scenario(error) => Self::Scenario(error),
             ReadError::Rig(error) => Self::Rig(error),
             ReadError::Frames(error) => Self::Frames(error),
+            ReadError::Link { path, source } => Self::Read {
+                name: path.display().to_string(),
+                source,
+            },
         }
     }
 }
@@ -234,7 +238,12 @@ impl IdentificationData {
         let (log, mut setup) = if metadata.is_dir() {
             let setups =
                 read_setups(path, Some(&[]), catalogue()).map_err(|error| at(error.into()))?;
-            (log_in(path), only_loop(setups).map_err(at)?)
+            let name = log_in(path);
+            let log = own_file(path, name).map_err(|source| {
+                let name = name.to_owned();
+                at(RecordingFault::Read { name, source })
+            });
+            (log?, only_loop(setups).map_err(at)?)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
             (path.to_owned(), setup_of(scenario).map_err(at)?)
