@@ -1,6 +1,8 @@
-//! The real nodes allocate nothing in their cycle: SYNC, PDOs, heartbeats, the law and the physics.
+//! What is counted by allocations: the real nodes make none in their cycle (SYNC, PDOs, heartbeats, the law and the physics), and
+//! what is too much is refused after work that grows as it does.
 
 use std::collections::VecDeque;
+use std::fs;
 use std::time::Duration;
 
 use canopen::{CanFrame, Node};
@@ -8,7 +10,8 @@ use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
 use plant_emulator::sma::Actuator;
 use platform::counting_allocator::allocations;
-use scenario::{ControllerView, Scenario};
+use scenario::loops::Loops;
+use scenario::{ControllerView, Scenario, without_colours};
 
 use crate::support::scenario;
 
@@ -143,4 +146,32 @@ fn the_cycle_of_controller_and_rig_allocates_nothing() {
     assert!(is_led(&world));
     let ended = [world.controller.allocations, world.rig.allocations];
     assert_eq!(ended, started, "allocations of controller and rig");
+}
+
+/// Allocations until a rig file with so many entries in each of its tables is refused.
+fn allocations_to_refuse(entries: usize) -> u64 {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.toml");
+    let text = "schema = 2\nname = \"s\"\nrig = \"rig.toml\"\nduration_seconds = 1.0\n";
+    fs::write(&path, text).unwrap();
+    let mut rig = "schema = 2\nname = \"r\"\n".to_owned();
+    for table in ["node", "plant", "loop"] {
+        rig += &format!("[{table}]\n");
+        rig.extend((0..entries).map(|number| format!("n{number}={{}}\n")));
+    }
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let before = allocations();
+    let refused = Loops::load(&path, |_| Vec::new(), |_| None);
+    let count = allocations() - before;
+    let error = without_colours(&refused.unwrap_err());
+    assert!(error.contains("entries in [plant]"), "{error}");
+    count
+}
+
+#[test]
+fn a_rig_with_too_many_nodes_is_refused_after_work_that_grows_as_their_number() {
+    let [one, two, four] = [5_000, 10_000, 20_000].map(allocations_to_refuse);
+    assert!(one < two && two < four, "the count counts");
+    let (first, second) = (two - one, four - two);
+    assert!(second <= 2 * first + first / 10, "{one} {two} {four}");
 }

@@ -293,6 +293,7 @@ fn in_folder(parent: &Path) -> runner::run::RunPlace<'_> {
     runner::run::RunPlace {
         parent,
         is_long: false,
+        overrides: &[],
     }
 }
 

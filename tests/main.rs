@@ -9,6 +9,7 @@ mod allocation;
 mod book;
 mod checks;
 mod command_line;
+mod coverage;
 mod data_sheets;
 mod external;
 mod faults;

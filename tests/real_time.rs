@@ -3,18 +3,20 @@
 
 use std::ops::{Deref, DerefMut};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::process::{Child, Output};
+use std::process::{Child, Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
+use crate::support::output;
+
 /// What the most patient nodes here hardly notice: a controller gives its drive up after 20 cycles, 20 ms at the least.
 const STALL: Duration = Duration::from_millis(15);
 const ATTEMPTS: u32 = 10;
-/// How long something may take on a busy machine.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
+/// Patience that only ends a hang.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Runs the body of a test, again if it panics while the machine stands still.
 pub(crate) fn in_real_time(test: impl Fn()) {
@@ -73,9 +75,25 @@ fn longest_stall(processor: usize, is_over: &AtomicBool) -> Duration {
 pub(crate) fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
     let start = Instant::now();
     while !condition() {
-        assert!(start.elapsed() < PATIENCE, "waited too long for {what}");
+        if start.elapsed() > PATIENCE {
+            panic!("waited too long for {what}");
+        }
         thread::sleep(Duration::from_millis(20));
     }
+}
+
+/// As [`output`], of a command that might wait for ever: such a one is ended, with the code 124.
+pub(crate) fn soon(command: &mut Command) -> (Option<i32>, String, String) {
+    let mut bounded = Command::new("timeout");
+    bounded.arg(PATIENCE.as_secs().to_string());
+    bounded.arg(command.get_program()).args(command.get_args());
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => bounded.env(name, value),
+            None => bounded.env_remove(name),
+        };
+    }
+    output(&mut bounded)
 }
 
 /// A process that does not outlive a test that fails.

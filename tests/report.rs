@@ -226,7 +226,7 @@ fn the_folder_of_a_sweep_is_no_run_and_beside_runs_it_is_left_out() {
         "{} is the folder of a sweep or of torture, not of a run",
         sweep.display()
     );
-    for command in ["report", "replay", "coverage", "export --format=csv"] {
+    for command in ["report", "replay", "export --format=csv"] {
         let words: Vec<&str> = command.split(' ').collect();
         let (code, stdout, stderr) = tool(&words, &[&sweep]);
         assert_eq!(code, Some(3), "{command}: {stderr}");

@@ -2,6 +2,7 @@
 //! steers a terminal.
 
 use std::fs::{self, File};
+use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread;
@@ -9,23 +10,13 @@ use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::real_time::soon;
 use crate::support::{canrig, only_run, output, short_scenario};
-
-/// Starts of commands take less, also on a busy machine.
-const PATIENCE_SECONDS: u64 = 60;
 
 fn bare(words: &[&str]) -> Command {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     canrig.args(words).env("NO_COLOR", "1");
     canrig
-}
-
-/// Runs a command that might wait for ever.
-fn soon(command: &mut Command) -> (Option<i32>, String, String) {
-    let mut bounded = Command::new("timeout");
-    bounded.arg(PATIENCE_SECONDS.to_string());
-    bounded.arg(command.get_program()).args(command.get_args());
-    output(bounded.env("NO_COLOR", "1"))
 }
 
 fn make_pipe(path: &Path) {
@@ -95,6 +86,159 @@ fn what_is_no_file_is_refused_wherever_a_file_is_read() {
     }
 }
 
+/// Puts a link to a file of somebody else in the place of a file; where it leads.
+fn link_out(path: &Path, elsewhere: &Path) -> PathBuf {
+    let theirs = elsewhere.join(path.file_name().unwrap());
+    if path.exists() {
+        fs::rename(path, &theirs).unwrap();
+    } else {
+        fs::write(&theirs, "theirs").unwrap();
+    }
+    symlink(&theirs, path).unwrap();
+    theirs
+}
+
+#[test]
+fn what_a_folder_from_elsewhere_links_to_is_neither_quoted_nor_judged() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    let elsewhere = folder.path().join("elsewhere");
+    fs::create_dir(&elsewhere).unwrap();
+    let page = folder.path().join("page.html");
+    let page = page.to_str().unwrap();
+    let path = run.to_str().unwrap();
+    let commands: [&[&str]; 7] = [
+        &["report", path, "--output", page],
+        &["replay", path],
+        &["export", path, "--format", "csv"],
+        &["compare", path, path],
+        &["coverage", path, "--output", page],
+        &["signals", path],
+        &["identify", path],
+    ];
+    // What some commands do not read, they need not refuse.
+    let of_all = ["scenario.toml", "frames.dbc"];
+    let of_some = [
+        "verdict.json",
+        "bus.log",
+        "stalls.csv",
+        "rig.toml",
+        "played.json",
+    ];
+    for name in of_all.into_iter().chain(of_some) {
+        let was_there = run.join(name).exists();
+        let theirs = link_out(&run.join(name), &elsewhere);
+        let theirs_name = theirs.display();
+        let reason = format!("it is a link that leads out of its folder, to {theirs_name}");
+        let mut refused = 0;
+        for words in commands {
+            let (code, stdout, stderr) = output(&mut bare(words));
+            let is_refused = stderr.contains(&reason);
+            let is_named = stderr.contains(&format!("{name} cannot be "));
+            assert!(
+                !is_refused || is_named && code == Some(3) && stdout.is_empty(),
+                "{name} {words:?}: {code:?} {stdout}{stderr}"
+            );
+            refused += usize::from(is_refused);
+            assert!(
+                is_refused || !of_all.contains(&name),
+                "{name} {words:?}: {stderr}"
+            );
+        }
+        assert!(refused > 0, "{name}");
+        assert!(
+            !Path::new(page).exists() || !of_all.contains(&name),
+            "{name}"
+        );
+        fs::remove_file(run.join(name)).unwrap();
+        if was_there {
+            fs::rename(theirs, run.join(name)).unwrap();
+        }
+    }
+    // The run itself may be named by a link, and so may a log.
+    let link = folder.path().join("link");
+    symlink(&run, &link).unwrap();
+    assert_eq!(output(bare(&["replay"]).arg(&link)).0, Some(0));
+    let log = folder.path().join("log");
+    symlink(run.join("bus.log"), &log).unwrap();
+    let scenario = run.join("scenario.toml");
+    let mut replay = bare(&["replay"]);
+    let replay = replay.arg(&log).arg("--scenario").arg(scenario);
+    assert_eq!(output(replay).0, Some(0));
+}
+
+#[test]
+fn a_page_in_a_folder_from_elsewhere_takes_the_place_of_a_link_and_not_of_its_target() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = simulated(folder.path());
+    let elsewhere = folder.path().join("elsewhere");
+    fs::create_dir(&elsewhere).unwrap();
+    let page = run.join("report.html");
+    let was = fs::read(&page).unwrap();
+    fs::remove_file(&page).unwrap();
+    let theirs = link_out(&page, &elsewhere);
+    let (code, _, stderr) = output(bare(&["report"]).arg(&run));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(!page.is_symlink() && fs::read(&page).unwrap() == was);
+    assert_eq!(fs::read(theirs).unwrap(), b"theirs");
+}
+
+#[test]
+fn a_sweep_writes_through_no_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let scenario = short_scenario(folder.path(), 0.3);
+    let text = fs::read_to_string(&scenario).unwrap();
+    let text = text
+        + "[expect]\nposition_millimetres_max = { max = 1.0 }\n\
+           [sweep]\n[[sweep.list]]\nkey = \"seed\"\nvalues = [1, 2]\n";
+    fs::write(&scenario, text).unwrap();
+    let sweep = || output(canrig(&runs, "sweep").arg(&scenario));
+    let (code, _, stderr) = sweep();
+    assert_eq!(code, Some(1), "{stderr}");
+    let swept = only_run(&runs);
+    let elsewhere = folder.path().join("elsewhere");
+    fs::create_dir(&elsewhere).unwrap();
+    let written = ["report.html", "runs.csv", "runs.parquet", "scenario.toml"];
+    for name in written {
+        let path = swept.join(name);
+        let was = fs::read(&path).unwrap();
+        fs::remove_file(&path).unwrap();
+        let theirs = link_out(&path, &elsewhere);
+        let (code, _, stderr) = sweep();
+        assert_eq!(code, Some(1), "{name}: {stderr}");
+        assert!(
+            !path.is_symlink() && fs::read(&path).unwrap() == was,
+            "{name}"
+        );
+        assert_eq!(fs::read(theirs).unwrap(), b"theirs", "{name}");
+    }
+    // What is gone on with, and a folder, are not replaced but refused.
+    for name in ["rows.jsonl", "failing"] {
+        let path = swept.join(name);
+        let theirs = link_out(&path, &elsewhere);
+        let theirs_before = fs::metadata(&theirs).unwrap().modified().unwrap();
+        let (code, _, stderr) = sweep();
+        assert_eq!(code, Some(4), "{name}: {stderr}");
+        let reason = format!(
+            "it is a link that leads out of its folder, to {}",
+            theirs.display()
+        );
+        assert!(
+            stderr.contains(name) && stderr.contains(&reason),
+            "{stderr}"
+        );
+        let theirs_after = fs::metadata(&theirs).unwrap().modified().unwrap();
+        assert_eq!(theirs_before, theirs_after, "{name}");
+        let (code, _, stderr) = output(bare(&["coverage"]).arg(&swept));
+        let expected = if name == "rows.jsonl" { 3 } else { 0 };
+        assert_eq!(code, Some(expected), "{name}: {stderr}");
+        fs::remove_file(&path).unwrap();
+        fs::rename(theirs, path).unwrap();
+    }
+    assert_eq!(sweep().0, Some(1));
+}
+
 #[test]
 fn a_damaged_verdict_is_named_by_every_command_that_reads_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -162,7 +306,7 @@ fn output_that_cannot_be_written_is_no_success() {
     // Through a link, which stays one.
     let (link, target) = (folder.path().join("link"), folder.path().join("target"));
     fs::write(&target, "old").unwrap();
-    std::os::unix::fs::symlink(&target, &link).unwrap();
+    symlink(&target, &link).unwrap();
     assert_eq!(export(link.to_str().unwrap()).0, Some(0));
     assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
     assert!(fs::read_to_string(&target).unwrap().starts_with("cycle,"));

@@ -10,7 +10,7 @@ use platform::hub::Hub;
 use platform::recorder::Recorder;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::real_time::{PATIENCE, Started, in_real_time, wait_for};
+use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, output, scenario, unhurried_scenario};
 
 /// A tool; it finds embedded buses in `runtime` only.
@@ -362,10 +362,10 @@ fn without_a_controller_every_node_answers() {
 fn monitor_decodes_changes_and_ends_at_its_time() {
     in_real_time(|| {
         let bench = Bench::start();
-        let start = Instant::now();
+        let earliest_end = Instant::now() + Duration::from_secs(1);
         let (code, stdout, stderr) = bench.tool(&["monitor", "--changes", "--duration", "1"]);
         assert_eq!(code, Some(0), "{stderr}");
-        assert!((Duration::from_secs(1)..PATIENCE).contains(&start.elapsed()));
+        assert!(Instant::now() >= earliest_end, "it ended before its time");
         let heartbeats: Vec<_> = stdout
             .lines()
             .filter(|line| line.contains("drive_heartbeat"))

@@ -5,12 +5,12 @@ use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use re_sdk::external::re_log_encoding::Decoder;
 use re_sdk::log::{Chunk, LogMsg};
 
-use crate::real_time::in_real_time;
+use crate::real_time::{in_real_time, soon};
 use crate::support::{canrig, only_run, output, scenario, short_scenario};
 
 /// Everything of a recording but the random numbers of its chunks and rows, and which chunks there are.
@@ -47,7 +47,7 @@ fn decoded(run: &Path) -> BTreeMap<String, Vec<String>> {
 
 fn played(folder: &Path, arguments: &[&str], scenario: &Path) -> PathBuf {
     let mut command = canrig(folder, arguments[0]);
-    let (code, stdout, stderr) = output(command.args(&arguments[1..]).arg(scenario));
+    let (code, stdout, stderr) = soon(command.args(&arguments[1..]).arg(scenario));
     assert_eq!(code, Some(0), "{stdout}\n{stderr}");
     only_run(folder)
 }
@@ -128,13 +128,10 @@ fn an_absent_paused_or_killed_viewer_changes_no_byte_and_holds_up_no_end() {
     let alone = run("alone", &["simulate"]);
     for name in ["absent", "paused", "killed"] {
         let (viewer, port) = Viewer::named(name);
-        let begun = Instant::now();
         assert!(
             run(name, &["simulate", "--rerun-connect", &port]) == alone,
             "a viewer that is {name} changes the run"
         );
-        // Far more than the patience of ring and end together, far less than for ever.
-        assert!(begun.elapsed() < Duration::from_secs(60), "{name}");
         viewer.end();
     }
 }

@@ -1,4 +1,4 @@
-//! Many runs: sweeps of a scenario over values, and torture by random mixes of faults.
+//! Many runs: sweeps of a scenario over values, torture by random mixes of faults, and which requirements all of them test.
 //!
 //! In comes a scenario, with a `[sweep]` table or a seed. Each run is played in virtual time, in memory, several at a time
 //! ([`campaign::Campaign`]); what is kept of it is a row or a broken invariant, so that a million runs need no more memory than a few. Out
@@ -9,6 +9,7 @@
 //! how the formats of its tables are written: `worlds`, `judge` and `report` do. It knows no bus but the modelled one, and
 //! nothing of real time. What is printed goes through the console of `runner`.
 pub mod campaign;
+pub mod coverage;
 pub mod distribution;
 pub mod engine;
 mod job_queue;

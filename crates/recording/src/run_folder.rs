@@ -1,4 +1,5 @@
-//! The folder of one run, and how files come into it: whole or not at all.
+//! The folder of one run, and how files come into it: whole or not at all. A folder may come from elsewhere, so nothing is read or
+//! written through a link that leads out of it; the links to FMUs, which the nodes follow, are the exception.
 
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
@@ -45,8 +46,14 @@ pub mod file {
     pub const SHEETS: &str = "eds";
     /// The recording for the Rerun viewer.
     pub const RERUN: &str = "run.rrd";
+    /// When it was played, and with which values of the command line.
+    pub const PLAYED: &str = "played.json";
     /// The rows of a sweep or of torture: a folder that has them is not that of a run.
     pub const ROWS: &str = "rows.jsonl";
+    /// Which machine began and ended attempts at a part of a sweep or of torture, which may have no rows yet.
+    pub const ATTEMPTS: &str = "attempts.log";
+    /// The folder of the files of an engine that plays a sweep or torture.
+    pub const ENGINE: &str = "engine";
 }
 
 #[derive(Debug)]
@@ -149,7 +156,7 @@ impl RunFolder {
     /// # Errors
     /// The file cannot be written.
     pub fn ensure(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
-        match is_file_of(&self.path.join(name), bytes) {
+        match own_file(&self.path, name).and_then(|path| is_file_of(&path, bytes)) {
             Ok(true) => Ok(()),
             Ok(false) | Err(_) => self.write(name, bytes),
         }
@@ -164,9 +171,9 @@ impl RunFolder {
         name: &str,
         write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
     ) -> Result<(), WriteError> {
+        let made = self.make_parent(Path::new(name));
         let path = self.path.join(name);
-        let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
-        let written = parent.and_then(|()| write_whole(&path, write));
+        let written = made.and_then(|()| write_whole(&path, write));
         written.map_err(WriteError::at(&path))
     }
 
@@ -176,12 +183,21 @@ impl RunFolder {
     /// The link cannot be made.
     pub fn link(&self, name: &Path, target: &Path) -> Result<(), WriteError> {
         let path = self.path.join(name);
-        let parent = path.parent().map_or(Ok(()), fs::create_dir_all);
-        let made = parent.and_then(|()| match symlink(target, &path) {
+        let made = self.make_parent(name);
+        let made = made.and_then(|()| match symlink(target, &path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
             made => made,
         });
         made.map_err(WriteError::at(&path))
+    }
+
+    /// Makes the folder in a name, which lies in this one.
+    fn make_parent(&self, name: &Path) -> io::Result<()> {
+        let below = name.parent().unwrap_or(Path::new(""));
+        for part in below.ancestors() {
+            own_file(&self.path, part)?;
+        }
+        fs::create_dir_all(self.path.join(below))
     }
 
     /// Opens the log, which grows while the run goes on: `bus.log`, or that of a long run.
@@ -197,19 +213,40 @@ impl RunFolder {
     }
 }
 
-/// Where the log of a run folder is. A plain one beside that of a long run is what somebody decompressed, as far as it came.
-#[must_use]
-pub fn log_in(folder: &Path) -> PathBuf {
-    let long = folder.join(file::LONG_BUS_LOG);
-    // What is there and leads nowhere is refused by whoever reads it.
-    match long.symlink_metadata() {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => folder.join(file::BUS_LOG),
-        _ => long,
+/// The place of a file in a folder that may come from elsewhere; whether it is there does not matter.
+///
+/// # Errors
+/// It is a link that leads out of the folder, or lies behind one.
+pub fn own_file(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
+    let path = folder.join(name);
+    let folder = match folder.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => folder,
+    };
+    // A link that leads nowhere leads out of it, too.
+    let target = path.canonicalize().or_else(|_| path.read_link());
+    match (target, folder.canonicalize()) {
+        (Ok(target), Ok(folder)) if !target.starts_with(&folder) => {
+            let target = target.display();
+            let reason = format!("it is a link that leads out of its folder, to {target}");
+            Err(io::Error::other(reason))
+        }
+        _ => Ok(path),
     }
 }
 
-/// Writes what a user wants at a place: a file as [`write_whole`] does. What is there and is no file, such as a device or a pipe,
-/// cannot be replaced: it gets what is written.
+/// The name of the log in a run folder. A plain one beside that of a long run is what somebody decompressed, as far as it came.
+#[must_use]
+pub fn log_in(folder: &Path) -> &'static str {
+    // What is there and leads nowhere is refused by whoever reads it.
+    match folder.join(file::LONG_BUS_LOG).symlink_metadata() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => file::BUS_LOG,
+        _ => file::LONG_BUS_LOG,
+    }
+}
+
+/// Writes what a user wants at a place: a file as [`write_whole`] does, where a link leads. What is there and is no file, such as
+/// a device or a pipe, cannot be replaced: it gets what is written.
 ///
 /// # Errors
 /// The file cannot be written, or `write` failed.
@@ -222,10 +259,11 @@ pub fn write_output(
         write(&mut output)?;
         return output.flush();
     }
-    write_whole(path, write)
+    let found = fs::canonicalize(path);
+    write_whole(found.as_deref().unwrap_or(path), write)
 }
 
-/// Writes a file as a whole: it is on the disk when it gets its name.
+/// Writes a file as a whole: it is on the disk when it gets its name. A link in its place is replaced, not followed.
 ///
 /// # Errors
 /// As [`replace`]; or the file cannot be written.
@@ -241,7 +279,8 @@ pub fn write_whole(
 }
 
 /// Puts a file in the place of another: `write` writes it under a name of its own, which it loses when all of it is there. It is empty,
-/// can be read, too, and is locked as long as it is open, where the file system has locks.
+/// can be read, too, and is locked as long as it is open, where the file system has locks. A link in its place is replaced, not
+/// followed.
 ///
 /// # Errors
 /// Something that is no file is in its place, or `write` failed.
@@ -249,10 +288,7 @@ pub fn replace<E: From<io::Error>>(
     path: &Path,
     write: impl FnOnce(File) -> Result<(), E>,
 ) -> Result<(), E> {
-    // Where a link leads, not the link.
-    let found = fs::canonicalize(path);
-    let path = found.as_deref().unwrap_or(path);
-    if path.exists() {
+    if path.exists() && !path.is_symlink() {
         require_file(path)?;
     }
     let begin = || partial_of(path);
@@ -398,14 +434,14 @@ mod tests {
     fn the_log_of_a_long_run_is_its_compressed_one_whatever_is_beside_it() {
         let folder = tempfile::tempdir().unwrap();
         let [log, long] = [file::BUS_LOG, file::LONG_BUS_LOG].map(|name| folder.path().join(name));
-        assert_eq!(log_in(folder.path()), log);
+        assert_eq!(log_in(folder.path()), file::BUS_LOG);
         fs::write(&log, "").unwrap();
-        assert_eq!(log_in(folder.path()), log);
+        assert_eq!(log_in(folder.path()), file::BUS_LOG);
         symlink(&long, &long).unwrap();
-        assert_eq!(log_in(folder.path()), long);
+        assert_eq!(log_in(folder.path()), file::LONG_BUS_LOG);
         fs::remove_file(&long).unwrap();
         fs::write(&long, "").unwrap();
-        assert_eq!(log_in(folder.path()), long);
+        assert_eq!(log_in(folder.path()), file::LONG_BUS_LOG);
     }
 
     #[test]
@@ -501,6 +537,54 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"slow one");
         assert_eq!(fs::read(&theirs).unwrap(), b"theirs");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn what_is_behind_a_link_that_leads_out_of_a_folder_is_no_part_of_it() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = RunFolder::create(parent.path(), "run", 1, "").unwrap();
+        let place = |name: &str| folder.path().join(name);
+        let theirs = parent.path().join("theirs");
+        fs::create_dir_all(theirs.join("below")).unwrap();
+        fs::write(theirs.join("file"), "theirs").unwrap();
+        fs::write(place("own"), "own").unwrap();
+        let links = [
+            ("inside", place("own")),
+            ("file", theirs.join("file")),
+            ("folder", theirs.clone()),
+            ("nowhere", theirs.join("nothing")),
+            ("itself", place("itself")),
+        ];
+        for (name, target) in links {
+            symlink(target, place(name)).unwrap();
+        }
+        for name in ["own", "inside", "missing", "missing/too", "itself", ""] {
+            own_file(folder.path(), name).unwrap();
+        }
+        for name in ["file", "folder", "folder/file", "nowhere"] {
+            let error = own_file(folder.path(), name).unwrap_err().to_string();
+            assert!(error.contains("leads out of its folder, to /"), "{error}");
+        }
+        // The folder itself may be reached by a link.
+        let link = parent.path().join("link");
+        symlink(folder.path(), &link).unwrap();
+        own_file(&link, "own").unwrap();
+        for name in ["folder/new", "folder/below/new", "nowhere/new"] {
+            folder.write(name, b"ours").unwrap_err();
+            folder.link(Path::new(name), &theirs).unwrap_err();
+        }
+        for name in ["file", "nowhere", "folder"] {
+            folder.write(name, b"ours").unwrap();
+            assert_eq!(fs::read(place(name)).unwrap(), b"ours");
+            assert!(!place(name).is_symlink());
+        }
+        assert_eq!(fs::read(theirs.join("file")).unwrap(), b"theirs");
+        assert_eq!(fs::read_dir(&theirs).unwrap().count(), 2);
+        assert_eq!(fs::read_dir(theirs.join("below")).unwrap().count(), 0);
+        // What has the wanted bytes elsewhere is copied.
+        symlink(theirs.join("file"), place("copied")).unwrap();
+        folder.ensure("copied", b"theirs").unwrap();
+        assert!(!place("copied").is_symlink());
     }
 
     #[test]

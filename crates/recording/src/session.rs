@@ -12,7 +12,7 @@ use rig::plan::Plan;
 use rig::rig_file::{LoadedRig, RigError};
 use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
-use crate::run_folder::{RunFolder, WriteError, file};
+use crate::run_folder::{RunFolder, WriteError, file, own_file};
 
 /// Writes what is played, and what its frames mean.
 ///
@@ -87,6 +87,16 @@ pub enum ReadError {
     Rig(Box<RigError>),
     #[error(transparent)]
     Frames(#[from] FramesError),
+    #[error("{} cannot be read: {source}", path.display())]
+    Link { path: PathBuf, source: io::Error },
+}
+
+/// The place of a file of a recording, which is the folder's own.
+fn own(folder: &Path, name: &str) -> Result<PathBuf, ReadError> {
+    own_file(folder, name).map_err(|source| ReadError::Link {
+        path: folder.join(name),
+        source,
+    })
 }
 
 /// The `frames.dbc` of a recording cannot be used.
@@ -119,7 +129,7 @@ pub fn read_plan(
     catalogue: &Catalogue,
 ) -> Result<Plan, ReadError> {
     let frames = read_frames(folder)?;
-    let path = folder.join(file::SCENARIO);
+    let path = own(folder, file::SCENARIO)?;
     let plan = load(
         &path,
         frames.as_ref(),
@@ -130,7 +140,10 @@ pub fn read_plan(
         return Ok(plan);
     }
     let rig = || -> Result<_, ReadError> {
+        own(folder, file::RIG)?;
         let rig = LoadedRig::in_folder(folder).map_err(|error| ReadError::Rig(Box::new(error)))?;
+        let eds = rig.as_ref().and_then(|rig| rig.file.drive.eds.as_deref());
+        eds.map_or(Ok(()), |eds| own(folder, eds).map(drop))?;
         Ok(rig.map(Arc::new))
     };
     // A later version may know nodes that this one does not.
@@ -176,6 +189,7 @@ fn load(
 fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
     let path = folder.join(file::FRAMES);
     let read = || -> Result<Option<Database>, FramesFault> {
+        own_file(folder, file::FRAMES)?;
         let text = match read_text(&path, Database::TEXT_BYTES_MAX as u64) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             read => read?,

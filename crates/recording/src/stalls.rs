@@ -7,7 +7,7 @@ use std::path::Path;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::run_folder::file;
+use crate::run_folder::{file, own_file};
 
 const HEADER: &str = "from_seconds,until_seconds,who,what";
 /// Largest file that is read: a million rows.
@@ -134,7 +134,7 @@ pub fn to_csv(stalls: &[Stall]) -> String {
 /// # Errors
 /// The file cannot be read, or is not of that form.
 pub fn read_stalls(folder: &Path) -> io::Result<Vec<Stall>> {
-    match scenario::read_text(&folder.join(file::STALLS), BYTES_MAX) {
+    match scenario::read_text(&own_file(folder, file::STALLS)?, BYTES_MAX) {
         Ok(text) => {
             of_csv(&text).map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason))
         }

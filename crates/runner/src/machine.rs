@@ -42,6 +42,10 @@ mod tests {
     fn a_process_has_used_some_memory_and_time() {
         let watch = Stopwatch::start();
         assert!(memory_bytes_max().is_some_and(|bytes| bytes > 1 << 20));
-        assert!(watch.elapsed() > Duration::ZERO);
+        let mut looks = 0..1_000_000;
+        assert!(
+            looks.any(|_| watch.elapsed() > Duration::ZERO),
+            "it stands still"
+        );
     }
 }

@@ -28,7 +28,10 @@ fn refuse(place: &Path, error: &io::Error) -> Exit {
 }
 
 /// Writes a page where the user wants it, and prints where.
-pub(crate) fn write_page(place: &Path, text: &str) -> Result<(), Exit> {
+///
+/// # Errors
+/// It cannot be written; the exit code of that.
+pub fn write_page(place: &Path, text: &str) -> Result<(), Exit> {
     let write = |output: &mut BufWriter<File>| output.write_all(text.as_bytes());
     printed(place, write_output(place, write))
 }
@@ -46,7 +49,8 @@ fn printed(place: &Path, written: io::Result<()>) -> Result<(), Exit> {
 }
 
 /// The way from one file to another; nothing where there is none.
-pub(crate) fn link(from: &Path, to: &Path) -> Option<String> {
+#[must_use]
+pub fn link(from: &Path, to: &Path) -> Option<String> {
     let from = match from.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),

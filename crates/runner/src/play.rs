@@ -244,6 +244,7 @@ fn play_one(
     let place = RunPlace {
         parent: &args.output,
         is_long: shared.duration_seconds > args.compress_above,
+        overrides: &args.values.overrides,
     };
     let judged = run(plan, place, watch, queues, |folder, capture| {
         let played = stage.play(|| testbed.play(plan, folder, capture));

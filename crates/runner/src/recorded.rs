@@ -16,7 +16,7 @@ use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
 use recording::log::Unread;
-use recording::run_folder::{file, log_in};
+use recording::run_folder::{file, log_in, own_file};
 use recording::session::{FramesError, ReadError, read_plan};
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline, events_of};
@@ -118,6 +118,7 @@ impl From<ReadError> for RecordedError {
             ReadError::Scenario(error) => Self::Scenario(error),
             ReadError::Rig(error) => Self::Rig(error),
             ReadError::Frames(error) => Self::Frames(error),
+            ReadError::Link { path, source } => Self::Read { path, source },
         }
     }
 }
@@ -161,7 +162,7 @@ impl Recorded {
             path.parent().unwrap_or(Path::new("."))
         };
         let log_path = if is_folder {
-            log_in(path)
+            own(path, log_in(path))?
         } else {
             path.to_owned()
         };
@@ -298,14 +299,25 @@ impl Recorded {
 }
 
 /// What was played, and the verdict of the run if there is one.
-pub(super) fn read_played(
+///
+/// # Errors
+/// A file cannot be read or is not valid.
+pub fn read_played(
     folder: &Path,
     catalogue: &Catalogue,
 ) -> Result<(Plan, Option<Verdict>), RecordedError> {
-    let verdict = read_verdict(&folder.join(file::VERDICT))?;
+    let verdict = read_verdict(&own(folder, file::VERDICT)?)?;
     let external = verdict.as_ref().map(|verdict| verdict.external.as_slice());
     let plan = read_plan(folder, external, catalogue)?;
     Ok((plan, verdict))
+}
+
+/// The place of a file in a folder that may come from elsewhere.
+fn own(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
+    own_file(folder, name).map_err(|source| RecordedError::Read {
+        path: folder.join(name),
+        source,
+    })
 }
 
 /// Whether a path that exists is a folder.
@@ -318,7 +330,7 @@ fn is_folder(path: &Path) -> Result<bool, RecordedError> {
 }
 
 /// Prints why a recording cannot be used; the exit code of that.
-pub(crate) fn refuse(error: RecordedError) -> Exit {
+pub fn refuse(error: RecordedError) -> Exit {
     match error {
         RecordedError::Scenario(error) => print_diagnostic(*error),
         RecordedError::Rig(error) => print_diagnostic(*error),
@@ -328,7 +340,10 @@ pub(crate) fn refuse(error: RecordedError) -> Exit {
 }
 
 /// Refuses what is no run folder.
-pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
+///
+/// # Errors
+/// What it is.
+pub fn require_run(path: &Path) -> Result<(), RecordedError> {
     let path = path.to_owned();
     match is_folder(&path)? && path.join(file::SCENARIO).exists() {
         true if holds_many_runs(&path) => Err(RecordedError::ManyRuns { path }),
@@ -337,8 +352,11 @@ pub(crate) fn require_run(path: &Path) -> Result<(), RecordedError> {
     }
 }
 
-fn holds_many_runs(folder: &Path) -> bool {
-    folder.join(file::ROWS).exists()
+/// Whether a folder is that of a campaign, or of a part of one.
+#[must_use]
+pub fn holds_many_runs(folder: &Path) -> bool {
+    let mut names = [file::ROWS, file::ATTEMPTS, file::ENGINE].iter();
+    names.any(|name| folder.join(name).exists())
 }
 
 /// The folders among several that are to be taken for runs: those of sweeps, which stand beside them in `runs/*`, are named and

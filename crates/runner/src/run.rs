@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
+use scenario::Override;
 
 use crate::exit::Exit;
 use crate::identity::{NoIdentity, identity};
+use crate::play_record::PlayRecord;
 use exports::parquet;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
@@ -38,6 +40,8 @@ pub struct RunPlace<'a> {
     pub parent: &'a Path,
     /// Whether log and signals are compressed, and the recording for the viewer is thinned.
     pub is_long: bool,
+    /// The values of the command line that are in the scenario.
+    pub overrides: &'a [Override],
 }
 
 /// Why a run left no verdict.
@@ -86,8 +90,8 @@ pub fn run(
     world: impl FnOnce(&RunFolder, &mut Capture<'_>) -> Result<Played, WorldError>,
 ) -> Result<Judged, RunError> {
     let identity = identity(plan)?;
-    let RunPlace { parent, is_long } = place;
-    let folder = create_folder(parent, plan, &identity)?;
+    let is_long = place.is_long;
+    let folder = create_folder(place, plan, &identity)?;
     if plan.names_rig() {
         write_sheets(&folder, plan)?;
     }
@@ -149,17 +153,22 @@ fn write_signals(folder: &RunFolder, timelines: &[Timeline]) -> Result<(), Write
 
 /// Makes the folder of a run with what is played and a verdict "incomplete" in it: that is what a reader finds should the
 /// run break off.
-fn create_folder(parent: &Path, plan: &Plan, identity: &Identity) -> Result<RunFolder, WriteError> {
+fn create_folder(
+    place: RunPlace<'_>,
+    plan: &Plan,
+    identity: &Identity,
+) -> Result<RunFolder, WriteError> {
     let Shared {
         name, seed, text, ..
     } = &plan.shared;
-    let folder = RunFolder::create(parent, name, *seed, text)?;
+    let folder = RunFolder::create(place.parent, name, *seed, text)?;
     let unfinished = "the run has not ended; if no process works on it any more, it broke off";
     let verdict = Verdict {
         identity: Some(identity.clone()),
         ..Verdict::incomplete_of(plan, unfinished)
     };
     folder.write(file::VERDICT, verdict.to_json().as_bytes())?;
+    PlayRecord::now(place.overrides).write(&folder)?;
     write_plan(&folder, plan)?;
     Ok(folder)
 }

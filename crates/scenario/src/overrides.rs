@@ -1,5 +1,6 @@
 //! Values that take the place of those in a scenario file, by their keys.
 
+use std::fmt;
 use std::str::FromStr;
 
 use thiserror::Error;
@@ -13,6 +14,13 @@ const KEY_PARTS_MAX: usize = 100;
 pub struct Override {
     key: String,
     value: Value,
+}
+
+/// As it may stand on a command line.
+impl fmt::Display for Override {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}={}", self.key, self.value)
+    }
 }
 
 /// Why a value takes nobody's place.

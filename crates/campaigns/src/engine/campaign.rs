@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 use judge::verdict::Identity;
 use recording::run_folder::{RunFolder, WriteError, file};
 use rig::plan::Plan;
+use runner::play_record::PlayRecord;
+use scenario::Override;
 use serde::{Deserialize, Serialize};
 
 use super::{EngineKind, Job, Limits};
@@ -22,7 +24,7 @@ use crate::sweep::part::open_folder;
 use crate::sweep::store::{Header, StoreError};
 
 /// Folder of the engine's files, in that of the campaign.
-const ENGINE: &str = "engine";
+const ENGINE: &str = file::ENGINE;
 /// The record of the job.
 pub(super) const RECORD: &str = "engine/campaign.json";
 /// Largest record that is read.
@@ -78,8 +80,11 @@ impl SharedCampaign<'_> {
     }
 
     /// Makes the folder with all that the tasks need. The program is copied before anything was submitted.
-    pub(super) fn prepare(&self) -> Result<(), WriteError> {
-        let folder = open_folder(&self.output, self.plan, self.cases, Shard::WHOLE)?;
+    pub(super) fn prepare(&self, overrides: &[Override]) -> Result<(), WriteError> {
+        let folder = self.folder()?;
+        if !folder.path().join(file::PLAYED).exists() {
+            PlayRecord::now(overrides).write(&folder)?;
+        }
         for name in [ENGINE, LOGS, PARTS] {
             let path = folder.path().join(name);
             fs::create_dir_all(&path).map_err(WriteError::at(&path))?;

@@ -194,7 +194,7 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, SubmitError> {
         print(record.engine.engine().file(&job).1.trim_end());
         return Ok(Exit::Pass);
     }
-    campaign.prepare()?;
+    campaign.prepare(&args.values.overrides)?;
     campaign.keep(&record)?;
     play(args, &campaign, &mut record)?;
     let parts = (1..=record.parts).map(|number| {

@@ -11,13 +11,16 @@ use std::io::{self, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use super::store::{Content, FILE, Header, Recovered, Store, StoreError, read_error, write_error};
+use super::store::{
+    self, Content, FILE, Header, Recovered, Store, StoreError, read_error, write_error,
+};
+use recording::run_folder::own_file;
 
 /// How the names of attempts begin.
 const PREFIX: &str = "attempt.";
 const SUFFIX: &str = ".jsonl";
 /// Name of the file that says which machine began and ended attempts.
-const LOG: &str = "attempts.log";
+const LOG: &str = recording::run_folder::file::ATTEMPTS;
 /// Largest log that is read: some hundred thousand attempts.
 const LOG_BYTES_MAX: u64 = 16 << 20;
 /// Random characters in the name of an attempt.
@@ -94,7 +97,7 @@ fn published(
 /// What is in the file of an attempt at this part by this program. One that is gone has become the rows of the part, or its machine
 /// tidies up: then its rows are played again.
 fn attempt_at(path: &Path, header: &Header) -> Result<Option<(File, Content)>, StoreError> {
-    let Ok(file) = scenario::open_file(path) else {
+    let Ok(file) = store::open(path) else {
         return Ok(None);
     };
     let content = Content::read(&file, header).map_err(read_error(path))?;
@@ -104,7 +107,7 @@ fn attempt_at(path: &Path, header: &Header) -> Result<Option<(File, Content)>, S
 
 /// A file and what is in it; none where there is none.
 fn content(path: &Path, header: &Header) -> Result<Option<(File, Content)>, StoreError> {
-    let file = match scenario::open_file(path) {
+    let file = match store::open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         opened => opened.map_err(read_error(path))?,
     };
@@ -210,7 +213,7 @@ pub(crate) fn growing(folder: &Path) -> io::Result<Vec<PathBuf>> {
 
 /// The attempts at a part so far, from its log.
 pub(crate) fn tried(folder: &Path) -> io::Result<Vec<Tried>> {
-    let text = match scenario::read_text(&folder.join(LOG), LOG_BYTES_MAX) {
+    let text = match scenario::read_text(&own_file(folder, LOG)?, LOG_BYTES_MAX) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         text => text?,
     };
@@ -246,6 +249,7 @@ pub(crate) fn tried(folder: &Path) -> io::Result<Vec<Tried>> {
 /// Appends a line: what, which attempt, on which machine, with how many rows.
 fn log(folder: &Path, what: &str, store: &Store) -> Result<(), StoreError> {
     let path = folder.join(LOG);
+    own_file(folder, LOG).map_err(write_error(&path))?;
     let attempt = store.path().file_name().unwrap_or_default();
     let attempt = attempt.to_string_lossy();
     let line = format!("{what} {attempt} {} {}\n", node(), store.len());

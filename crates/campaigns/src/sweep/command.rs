@@ -106,6 +106,7 @@ fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, SweepError> {
         campaign,
         shown,
         lines: lines.as_ref(),
+        overrides: &args.values.overrides,
     };
     // Until tables and page are made: another call would make them at the same time.
     let (folder, _lock) = part.play(&cases, plan)?;

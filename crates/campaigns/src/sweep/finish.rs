@@ -8,7 +8,7 @@ use super::page;
 use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
-use recording::run_folder::{RunFolder, WriteError, file};
+use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use recording::session::write_tables;
 use rig::plan::Plan;
 use runner::console::print;
@@ -74,6 +74,7 @@ pub(crate) fn finish(
 fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteError> {
     let kept: BTreeSet<String> = failing.iter().map(place).collect();
     let path = folder.path().join(FAILING);
+    own_file(folder.path(), FAILING).map_err(WriteError::at(&path))?;
     let entries = match fs::read_dir(&path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         entries => entries.map_err(WriteError::at(&path))?,

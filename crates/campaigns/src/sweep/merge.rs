@@ -13,11 +13,13 @@ use super::sweep_cases::{NoSweep, SweepCases};
 use crate::torture::cases::{NoTorture, TortureCases};
 use crate::torture::command::shrink_first;
 use judge::verdict::Identity;
-use recording::run_folder::{RunFolder, WriteError, file};
+use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use rig::plan::Plan;
 use runner::console::print_error;
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
+use runner::play_record::PlayRecord;
+use runner::recorded::{RecordedError, refuse};
 use runner::run::RUNS;
 use runner::scenarios;
 
@@ -39,6 +41,8 @@ pub(crate) enum MergeError {
     Finish(#[from] FinishError),
     #[error(transparent)]
     NoIdentity(#[from] NoIdentity),
+    #[error(transparent)]
+    Record(#[from] RecordedError),
     #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
     Shrink(String),
     #[error("the scenario in {} is not the one that its rows were played of", path.display())]
@@ -104,7 +108,14 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::CannotStart;
     }
-    let plan = match scenarios::load(&first.join(file::SCENARIO), &[]) {
+    let scenario = match own_file(first, file::SCENARIO) {
+        Ok(scenario) => scenario,
+        Err(source) => {
+            let path = first.join(file::SCENARIO);
+            return refuse(RecordedError::Read { path, source });
+        }
+    };
+    let plan = match scenarios::load(&scenario, &[]) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
@@ -162,8 +173,19 @@ pub(crate) fn merge_parts(
     let (store, found) = Store::open(folder.path(), &header)?;
     print_found(&found, shown != Shown::All);
     let mut store = store.of_copies();
+    let before = store.len();
     add_all(parts, cases, &folder, &mut store)?;
     store.finish()?;
+    if store.len() > before {
+        // Later than any of its parts.
+        let known = match PlayRecord::read(folder.path())? {
+            None => PlayRecord::read(&parts[0])?,
+            known => known,
+        };
+        let now = PlayRecord::now(&[]);
+        let set = known.map_or(now.set, |known| known.set);
+        PlayRecord { set, ..now }.write(&folder)?;
+    }
     let missing = Shard::WHOLE.cases(cases.runs());
     let mut missing = missing.filter(|case| !store.has(*case)).peekable();
     if missing.peek().is_some() {
@@ -184,7 +206,7 @@ pub(crate) fn merge_parts(
 
 /// The parts must be of this campaign and played by this program. One that no machine has ended has no rows yet.
 fn check(parts: &[PathBuf], cases: &dyn Cases, identity: &Identity) -> Result<(), MergeError> {
-    for path in parts.iter().filter(|path| has_rows(path)) {
+    for path in parts.iter().filter(|path| store::has_rows(path)) {
         let (header, _) = store::read(path)?;
         let path = path.clone();
         if header.identity.program != identity.program {
@@ -204,10 +226,6 @@ fn check(parts: &[PathBuf], cases: &dyn Cases, identity: &Identity) -> Result<()
     Ok(())
 }
 
-fn has_rows(part: &Path) -> bool {
-    part.join(store::FILE).exists()
-}
-
 /// Adds the rows of all parts, one part after the other. Parts may have the same row; the same case with another row is refused.
 fn add_all(
     parts: &[PathBuf],
@@ -217,7 +235,7 @@ fn add_all(
 ) -> Result<(), MergeError> {
     // Where the row of a case is from.
     let mut origins: Vec<Option<u32>> = vec![None; cases.runs() + 1];
-    for (number, part) in (0..).zip(parts).filter(|(_, part)| has_rows(part)) {
+    for (number, part) in (0..).zip(parts).filter(|(_, part)| store::has_rows(part)) {
         for row in store::read(part)?.1 {
             let row = row?;
             let case = row.case;
@@ -363,6 +381,7 @@ mod tests {
             ended: if is_missed { Ended::Fail } else { Ended::Pass },
             reason: None,
             missed: is_missed.then(|| own.0.clone()).into_iter().collect(),
+            undecided: Vec::new(),
             metrics: others.chain([own]).collect(),
         }
     }
@@ -382,6 +401,7 @@ mod tests {
                 .then(|| "made_up".to_owned())
                 .into_iter()
                 .collect(),
+            undecided: Vec::new(),
             metrics: Vec::new(),
         }
     }

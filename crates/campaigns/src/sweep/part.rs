@@ -22,6 +22,8 @@ use runner::console::{RunsBar, print, print_error};
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
 use runner::lines::EventLines;
+use runner::play_record::PlayRecord;
+use scenario::Override;
 
 /// Why a part did not come to its end.
 #[derive(Debug, thiserror::Error)]
@@ -217,6 +219,8 @@ pub(crate) struct PartPlay<'a> {
     pub(crate) campaign: Campaign,
     pub(crate) shown: Shown,
     pub(crate) lines: Option<&'a EventLines>,
+    /// The values of the command line that are in the scenario.
+    pub(crate) overrides: &'a [Override],
 }
 
 impl PartPlay<'_> {
@@ -291,6 +295,9 @@ impl PartPlay<'_> {
         let all = self.shard.cases(cases.runs());
         let of = all.len();
         let left: Vec<usize> = all.filter(|case| !store.has(*case)).collect();
+        if !left.is_empty() {
+            PlayRecord::now(self.overrides).write(folder)?;
+        }
         let bar = RunsBar::new(Some(of), self.campaign.is_shown).going_on_from(store.len());
         let keep = |case: usize, row: Result<SweepRow, NoResult>| {
             files.check()?;

@@ -87,6 +87,9 @@ pub struct SweepRow {
     pub reason: Option<String>,
     /// The limits that were not met.
     pub missed: Vec<String>,
+    /// The limits that could not be judged.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub undecided: Vec<String>,
     /// The metrics that have a value.
     pub metrics: Vec<(String, f64)>,
 }
@@ -99,6 +102,10 @@ impl SweepRow {
             .metrics
             .iter()
             .filter(|one| one.passed == Some(false));
+        let undecided = verdict
+            .metrics
+            .iter()
+            .filter(|one| one.limit.is_some() && one.passed.is_none());
         let metrics = verdict
             .metrics
             .iter()
@@ -110,6 +117,7 @@ impl SweepRow {
             ended: verdict.outcome.into(),
             reason: verdict.reason.clone(),
             missed: missed.map(|one| one.name.clone()).collect(),
+            undecided: undecided.map(|one| one.name.clone()).collect(),
             metrics: metrics.filter(|(_, value)| value.is_finite()).collect(),
         }
     }
@@ -124,6 +132,7 @@ impl SweepRow {
             ended,
             reason: Some(reason),
             missed: Vec::new(),
+            undecided: Vec::new(),
             metrics: Vec::new(),
         }
     }

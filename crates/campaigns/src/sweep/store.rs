@@ -14,7 +14,7 @@ use super::cases::Cases;
 use super::row::SweepRow;
 use super::sealed::{Lines, Place, Seal, is_torn};
 use judge::verdict::Identity;
-use recording::run_folder::replace;
+use recording::run_folder::{own_file, replace};
 use scenario::open_to_write;
 
 /// Name of the file.
@@ -38,11 +38,11 @@ pub(crate) struct Header {
     /// Version of the format.
     schema: u32,
     /// The program's version.
-    pub(super) version: String,
+    pub(crate) version: String,
     /// The campaign, as [`Cases::id`] names it.
     pub(super) sweep: String,
     /// Cases of the whole sweep.
-    pub(super) runs: usize,
+    pub(crate) runs: usize,
     /// Which of them are here.
     pub(super) shard: Shard,
     /// What takes part in each run.
@@ -232,6 +232,7 @@ impl Store {
     /// Opens the rows in a folder, or begins them.
     pub(super) fn open(folder: &Path, header: &Header) -> Result<(Self, Recovered), StoreError> {
         let path = folder.join(FILE);
+        own(&path).map_err(read_error(&path))?;
         if path.exists() {
             scenario::open_file(&path).map_err(read_error(&path))?;
         }
@@ -475,7 +476,7 @@ impl Content {
     }
 
     fn keep_damaged(&self, file: &File, aside: &Path) -> io::Result<()> {
-        let aside = open_to_write(aside, OpenOptions::new().append(true))?;
+        let aside = open_to_write(&own(aside)?, OpenOptions::new().append(true))?;
         let mut output = BufWriter::new(aside);
         for parts in self.damaged_lines() {
             for (_, place) in parts {
@@ -550,6 +551,17 @@ pub(super) fn set_older_aside(path: &Path, content: &Content) -> io::Result<Stri
     ))
 }
 
+/// A file of a campaign's folder, which no link may lead out of.
+fn own(path: &Path) -> io::Result<PathBuf> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    own_file(folder, path.file_name().unwrap_or_default())
+}
+
+/// Opens a file of a campaign's folder to read it.
+pub(super) fn open(path: &Path) -> io::Result<File> {
+    scenario::open_file(&own(path)?)
+}
+
 fn bytes(file: &File, place: Place) -> io::Result<Vec<u8>> {
     let mut bytes = vec![0; place.length];
     file.read_exact_at(&mut bytes, place.offset)?;
@@ -572,10 +584,15 @@ pub(super) fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
     move |source| StoreError::Write { path, source }
 }
 
+/// Whether there are rows in a folder; a part that no machine has ended has none.
+pub(crate) fn has_rows(folder: &Path) -> bool {
+    folder.join(FILE).exists()
+}
+
 /// The header of the rows in a folder, and the rows.
 pub(crate) fn read(folder: &Path) -> Result<(Header, StoredRows), StoreError> {
     let path = folder.join(FILE);
-    let file = scenario::open_file(&path).map_err(read_error(&path))?;
+    let file = open(&path).map_err(read_error(&path))?;
     let mut lines = Lines::new(file);
     lines.advance().map_err(read_error(&path))?;
     let line = lines.whole().unwrap_or_default();

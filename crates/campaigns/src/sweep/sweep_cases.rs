@@ -174,8 +174,7 @@ impl SweepCases {
             set(&mut document, key, self.written(key, value));
         }
         let id = id(&document.to_string(), &self.tables);
-        let name: String = self.name.chars().take(NAME_CHARACTERS_MAX).collect();
-        let name = format!("{name}, case {number}");
+        let name = case_name(&self.name, &format!("case {number}"));
         document.insert("name".to_owned(), name.into());
         SweepCase {
             number,
@@ -281,6 +280,12 @@ pub(crate) fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
         hasher.update(part);
     }
     hexadecimal(&hasher.finalize()[..ID_BYTES])
+}
+
+/// The name of a case of a scenario of this name.
+pub(crate) fn case_name(name: &str, case: &str) -> String {
+    let name: String = name.chars().take(NAME_CHARACTERS_MAX).collect();
+    format!("{name}, {case}")
 }
 
 fn way_of(values: &[f64]) -> String {

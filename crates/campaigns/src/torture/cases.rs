@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use faults::Stream;
 use recording::capture::Watch;
+use recording::run_folder::own_file;
 use rig::plan::{Plan, Shared};
 use scenario::ScenarioError;
 use scenario::expect::Limit;
@@ -23,6 +24,11 @@ use crate::sweep::sweep_cases::id;
 const FILE: &str = "torture.json";
 /// Largest file that is read.
 const BYTES_MAX: u64 = 1 << 20;
+
+/// Whether a folder is one of torture.
+pub(crate) fn is_torture(folder: &Path) -> bool {
+    folder.join(FILE).exists()
+}
 
 /// What is drawn.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
@@ -74,7 +80,8 @@ impl TortureCases {
     /// What the folder of a part says; none where it is not one of torture.
     pub(crate) fn of_folder(folder: &Path, plan: &Plan) -> Result<Option<Self>, NoTorture> {
         let path = folder.join(FILE);
-        let text = match scenario::read_text(&path, BYTES_MAX) {
+        let text = own_file(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
+        let text = match text {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             text => text,
         };
@@ -120,6 +127,7 @@ impl TortureCases {
             seed,
             ended,
             missed: missed.collect(),
+            undecided: Vec::new(),
             reason: broken.map(|broken| broken.text),
             metrics: Vec::new(),
         }

@@ -138,6 +138,7 @@ fn part(
         campaign,
         shown,
         lines: None,
+        overrides: &[],
     };
     let counted = part.play(cases, plan).map_err(|error| {
         let text = error.to_string();
@@ -286,6 +287,7 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     let place = RunPlace {
         parent: output,
         is_long: false,
+        overrides: &[],
     };
     let folder = RefCell::new(output.to_owned());
     let judged = caught(|| {

@@ -10,6 +10,7 @@ use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
 use crate::campaign::{Campaign, FailedRun};
+use crate::sweep::sweep_cases::case_name;
 use worlds::catalogue::catalogue;
 
 /// The invariant that a run breaks which the program could not bring to a verdict.
@@ -32,7 +33,8 @@ pub struct TortureCase {
 }
 
 impl TortureCase {
-    /// The base scenario with other faults, without limits and without a sweep, whose keys may be gone with the faults.
+    /// The base scenario with other faults and a name of its own, without limits and requirements, and without a sweep, whose keys may
+    /// be gone with the faults.
     ///
     /// # Errors
     /// The text is no TOML.
@@ -43,8 +45,14 @@ impl TortureCase {
         seed: u64,
     ) -> Result<Self, String> {
         let mut document: Table = base.parse().map_err(|error| format!("{error}"))?;
-        document.remove("expect");
-        document.remove("sweep");
+        // It tests none of them, and is not a play of the scenario itself.
+        for key in ["expect", "sweep", "requirements"] {
+            document.remove(key);
+        }
+        if let Some(name) = document.get("name").and_then(Value::as_str) {
+            let name = case_name(name, "torture").into();
+            document.insert("name".to_owned(), name);
+        }
         document.insert("fault".to_owned(), Value::Table(faults));
         let seed = i64::try_from(seed % (1 << 53)).unwrap_or_default();
         document.insert("seed".to_owned(), seed.into());
@@ -288,6 +296,16 @@ mod tests {
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
         // Nothing smaller fails: it is a fixed point.
         assert_eq!(shrunk.shrunk("temperature"), shrunk);
+    }
+
+    /// Else it would be taken for the latest play of the scenario, and for one that meets its requirements.
+    #[test]
+    fn a_case_has_a_name_of_its_own_and_tests_no_requirement() {
+        let base = BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller");
+        let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
+        let scenario = &case.plan().unwrap().leading().scenario.clone();
+        assert_eq!(scenario.name, "t, torture");
+        assert!(scenario.requirements.is_empty());
     }
 
     #[test]

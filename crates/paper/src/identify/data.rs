@@ -13,7 +13,7 @@ use scenario::{Scenario, ScenarioError, Texts};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
-use recording::run_folder::log_in;
+use recording::run_folder::{log_in, own_file};
 use recording::session::{FramesError, ReadError, read_plan};
 use recording::timeline::{self, Timeline};
 use rig::FILE_BYTES_MAX;
@@ -207,6 +207,10 @@ impl From<ReadError> for RecordingFault {
             ReadError::Scenario(error) => Self::Scenario(error),
             ReadError::Rig(error) => Self::Rig(error),
             ReadError::Frames(error) => Self::Frames(error),
+            ReadError::Link { path, source } => Self::Read {
+                name: path.display().to_string(),
+                source,
+            },
         }
     }
 }
@@ -232,7 +236,12 @@ impl IdentificationData {
         })?;
         let (log, mut plan) = if metadata.is_dir() {
             let plan = read_plan(path, Some(&[]), catalogue()).map_err(|error| at(error.into()))?;
-            (log_in(path), plan)
+            let name = log_in(path);
+            let log = own_file(path, name).map_err(|source| {
+                let name = name.to_owned();
+                at(RecordingFault::Read { name, source })
+            });
+            (log?, plan)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
             (path.to_owned(), plan_of(scenario).map_err(at)?)

@@ -2,7 +2,6 @@
 
 pub mod check;
 pub mod compare;
-pub mod coverage;
 pub mod examples;
 pub mod export;
 pub mod replay;

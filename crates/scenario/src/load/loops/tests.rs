@@ -577,14 +577,10 @@ fn a_scenario_without_a_rig_is_played_on_the_one_that_ships() {
     }
 }
 
-/// What would be said of each of them is not said.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "whoever waits for the answer has a clock"
-)]
+/// Each of these entries is wrong by itself, and none is looked at before their number is refused. How the work until then grows
+/// with the number is counted in `tests/allocation.rs`.
 #[test]
-fn a_rig_with_a_hundred_thousand_nodes_is_refused_at_once() {
-    let begun = std::time::Instant::now();
+fn a_rig_with_a_hundred_thousand_nodes_is_refused_by_their_number() {
     for (table, max) in [("node", 127), ("plant", 127), ("loop", 8)] {
         let names = (0..100_000).map(|number| format!("n{number}={{}}\n"));
         let names = names.collect::<String>();
@@ -600,7 +596,6 @@ fn a_rig_with_a_hundred_thousand_nodes_is_refused_at_once() {
         );
         assert!(text.contains(&format!("at most {max}")), "{text}");
     }
-    assert!(begun.elapsed().as_secs() < 3, "{:?}", begun.elapsed());
     let long = format!("{RIG}#{}", "x".repeat(1 << 20));
     let error = load_text(SCENARIO, &long).unwrap_err();
     assert!(error.contains("longer than"), "{error}");

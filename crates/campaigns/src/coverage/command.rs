@@ -7,14 +7,13 @@ use clap::Args;
 
 use super::matrix::Requirement;
 use super::page;
-use crate::console::{print, print_error};
-use crate::exit::Exit;
-use crate::output::{link, write_page};
-use crate::recorded::{RecordedError, read_played, refuse, require_run, runs_among};
-use judge::verdict::{Outcome, Verdict};
+use super::play::{Play, PlayError, latest};
+use judge::verdict::Outcome;
 use recording::run_folder::file;
-use rig::plan::Plan;
-use worlds::catalogue::catalogue;
+use runner::console::{print, print_error};
+use runner::exit::Exit;
+use runner::output::{link, write_page};
+use runner::recorded::refuse;
 
 /// Columns of the list: the requirement's name, and what it says.
 const COLUMNS: [&str; 2] = ["id", "text"];
@@ -23,7 +22,7 @@ const COLUMNS: [&str; 2] = ["id", "text"];
 #[derive(Debug, thiserror::Error)]
 enum CoverageError {
     #[error(transparent)]
-    Run(#[from] RecordedError),
+    Play(#[from] PlayError),
     #[error("{} is no list of requirements: {reason}", path.display())]
     List { path: PathBuf, reason: String },
 }
@@ -31,7 +30,7 @@ enum CoverageError {
 /// Arguments of `coverage`.
 #[derive(Args, Debug)]
 pub struct CoverageArgs {
-    /// Run folders; of several runs of one scenario the worst one counts, and of several folders those of sweeps are left out
+    /// Folders of runs and sweeps; of several plays of one scenario the latest counts, and of a sweep its worst run
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// A CSV file of all requirements, with a column `id` and, if you like, `text`: those that no run tests are shown too
@@ -50,7 +49,7 @@ pub struct CoverageArgs {
 pub fn coverage(args: &CoverageArgs) -> Exit {
     let requirements = match gather(args) {
         Ok(requirements) => requirements,
-        Err(CoverageError::Run(error)) => return refuse(error),
+        Err(CoverageError::Play(PlayError::Run(error))) => return refuse(error),
         Err(error) => {
             print_error(&format!("canrig: {error}"));
             return Exit::CannotStart;
@@ -83,22 +82,15 @@ fn exit(requirements: &[Requirement]) -> Exit {
 fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
-    for folder in runs_among(&args.runs) {
-        let (plan, verdict) = read(folder)?;
-        for (id, rows) in demanded(&plan) {
-            let untimed = untimed(&plan, verdict.as_ref());
-            let outcome = |row: &Option<String>| match row {
-                Some(row) if untimed.contains(row) => Outcome::Inconclusive,
-                row => outcome_of(row.as_deref(), verdict.as_ref()),
-            };
-            let rows: Vec<_> = rows
-                .into_iter()
-                .map(|row| (row.clone(), outcome(&row)))
-                .collect();
-            let requirement = all
-                .entry(id.clone())
-                .or_insert_with(|| Requirement::new(id, is_listed));
-            requirement.add(&plan.shared.name, &rows, folder);
+    for (test, plays) in tests(&args.runs)? {
+        let count = plays.len();
+        for play in latest(plays) {
+            for (id, tested) in &play.tested {
+                let requirement = all
+                    .entry(id.clone())
+                    .or_insert_with(|| Requirement::new(id.clone(), is_listed));
+                requirement.add(&test, &play, count, tested);
+            }
         }
     }
     for (id, text) in args.requirements.as_deref().map_or(Ok(vec![]), read_list)? {
@@ -110,65 +102,30 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     Ok(all.into_values().collect())
 }
 
-/// The plan of a run folder and its verdict; none for a run that was killed.
-fn read(folder: &Path) -> Result<(Plan, Option<Verdict>), RecordedError> {
-    require_run(folder)?;
-    read_played(folder, catalogue())
-}
-
-/// Each requirement of a scenario with the rows that test it; none stands for the scenario as a whole.
-fn demanded(plan: &Plan) -> BTreeMap<String, Vec<Option<String>>> {
-    let mut demanded: BTreeMap<String, Vec<Option<String>>> = BTreeMap::new();
-    for id in &plan.shared.requirements {
-        demanded.entry(id.clone()).or_default().push(None);
-    }
-    let of_loops = plan.loops.iter().flat_map(|one| {
-        let rows = one.scenario.expect.requirements_of_rows().into_iter();
-        rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
-    });
-    let of_contours = plan.shared.contours.iter().flat_map(|contour| {
-        let tested = contour.rows().into_iter();
-        let tested = tested.filter(|(_, limit)| limit.is_some());
-        tested.map(|(row, _)| (row, contour.requirements.clone()))
-    });
-    for (row, requirements) in of_loops.chain(of_contours) {
-        for id in requirements {
-            demanded.entry(id).or_default().push(Some(row.clone()));
+/// The tests in some folders by their names, each with its plays. The folders of torture are named and left out, unless there are no
+/// others.
+fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, PlayError> {
+    let mut tests: Vec<(String, Vec<Play>)> = Vec::new();
+    let mut left_out = Vec::new();
+    for folder in folders {
+        match Play::read(folder) {
+            Ok(play) => match tests.iter_mut().find(|(test, _)| *test == play.test) {
+                Some((_, plays)) => plays.push(play),
+                None => tests.push((play.test.clone(), vec![play])),
+            },
+            Err(error @ PlayError::Torture(_)) => left_out.push(error),
+            Err(error) => return Err(error),
         }
     }
-    demanded
-}
-
-/// The rows on timing that a verdict does not have, since the run was in virtual time.
-fn untimed(plan: &Plan, verdict: Option<&Verdict>) -> Vec<String> {
-    let is_untimed = verdict.is_some_and(|verdict| {
-        let is_decided = matches!(verdict.outcome, Outcome::Pass | Outcome::Fail);
-        is_decided && verdict.timing.is_none()
-    });
-    let rows = plan
-        .loops
-        .iter()
-        .flat_map(|one| one.scenario.expect.timing.rows());
-    rows.filter(|_| is_untimed).collect()
-}
-
-/// What a verdict says of a row, or of the whole run.
-fn outcome_of(row: Option<&str>, verdict: Option<&Verdict>) -> Outcome {
-    let Some(verdict) = verdict else {
-        return Outcome::Incomplete;
-    };
-    let (Outcome::Pass | Outcome::Fail, Some(row)) = (verdict.outcome, row) else {
-        return verdict.outcome;
-    };
-    match verdict.metrics.iter().find(|metric| metric.name == row) {
-        Some(metric) => match metric.passed {
-            Some(true) => Outcome::Pass,
-            Some(false) => Outcome::Fail,
-            None => Outcome::Inconclusive,
-        },
-        // The scenario beside the verdict is not the one that was judged.
-        None => Outcome::Incomplete,
+    if tests.is_empty()
+        && let Some(error) = left_out.pop()
+    {
+        return Err(error);
     }
+    for error in left_out {
+        print_error(&format!("canrig: {error}; it is left out"));
+    }
+    Ok(tests)
 }
 
 /// Reads the names and texts of a CSV file.
@@ -209,33 +166,50 @@ fn parse_list(text: &str) -> Result<Vec<(String, Option<String>)>, String> {
 
 #[cfg(test)]
 mod tests {
+    use jiff::Timestamp;
+
+    use super::super::play::Tested;
     use super::*;
-    use judge::verdict::Metric;
-    use scenario::expect::Limit;
+
+    fn add(requirement: &mut Requirement, test: &str, run: &str, row: &str, outcome: Outcome) {
+        let play = Play {
+            test: test.to_owned(),
+            folder: PathBuf::from(run),
+            version: Some("1".to_owned()),
+            at: Some(Timestamp::UNIX_EPOCH),
+            sweep_runs: None,
+            tested: BTreeMap::new(),
+        };
+        let tested = Tested {
+            row: Some(row.to_owned()),
+            outcome,
+            case: None,
+        };
+        requirement.add(test, &play, 3, &[tested]);
+    }
 
     fn requirement(outcomes: &[Outcome]) -> Requirement {
         let mut requirement = Requirement::new("REQ-1".to_owned(), true);
         for (place, outcome) in outcomes.iter().enumerate() {
-            let run = PathBuf::from(format!("run-{place}"));
-            let rows = [(Some("overshoot".to_owned()), *outcome)];
-            requirement.add("step", &rows, &run);
+            let run = format!("run-{place}");
+            add(&mut requirement, "step", &run, "overshoot", *outcome);
         }
         requirement
     }
 
     #[test]
-    fn the_worst_of_several_runs_counts() {
+    fn the_worst_of_the_plays_that_count_decides() {
         use Outcome::{Fail, Incomplete, Inconclusive, Pass};
         let both = requirement(&[Pass, Fail, Incomplete]);
         assert_eq!(both.outcome(), Some(Fail));
         let [test] = both.tests.as_slice() else {
             panic!("{both:?}")
         };
-        assert_eq!((test.runs, test.run.as_path()), (3, Path::new("run-1")));
+        assert_eq!((test.plays, test.run.as_path()), (3, Path::new("run-1")));
         assert_eq!(test.rows, ["overshoot"]);
         assert_eq!(requirement(&[Fail, Pass]).outcome(), Some(Fail));
         let mut two = requirement(&[Fail]);
-        two.add("sine", &[(None, Pass)], Path::new("run-1"));
+        add(&mut two, "sine", "run-1", "gain", Pass);
         assert_eq!((two.tests.len(), two.outcome()), (2, Some(Fail)));
         let exits = [
             (requirement(&[Pass, Pass]), Exit::Pass),
@@ -249,34 +223,6 @@ mod tests {
         for (requirement, expected) in exits {
             assert_eq!(exit(&[requirement]), expected);
         }
-    }
-
-    #[test]
-    fn a_row_has_its_own_outcome_unless_the_run_decides_nothing() {
-        let limit = Some(Limit {
-            min: None,
-            max: Some(1.0),
-        });
-        let mut verdict = Verdict::incomplete("step", 1, "");
-        verdict.metrics = vec![
-            Metric::new("met", Ok(0.5), limit),
-            Metric::new("missed", Ok(2.0), limit),
-            Metric::not_judged("unknown", "nobody publishes it".to_owned(), limit),
-        ];
-        let of = |outcome, row| {
-            let verdict = Verdict {
-                outcome,
-                ..verdict.clone()
-            };
-            outcome_of(row, Some(&verdict))
-        };
-        assert_eq!(of(Outcome::Fail, Some("met")), Outcome::Pass);
-        assert_eq!(of(Outcome::Fail, Some("missed")), Outcome::Fail);
-        assert_eq!(of(Outcome::Fail, Some("unknown")), Outcome::Inconclusive);
-        assert_eq!(of(Outcome::Fail, Some("gone")), Outcome::Incomplete);
-        assert_eq!(of(Outcome::Fail, None), Outcome::Fail);
-        assert_eq!(of(Outcome::Incomplete, Some("met")), Outcome::Incomplete);
-        assert_eq!(outcome_of(Some("met"), None), Outcome::Incomplete);
     }
 
     #[test]

@@ -3,5 +3,6 @@
 mod command;
 mod matrix;
 mod page;
+mod play;
 
 pub use command::{CoverageArgs, coverage};

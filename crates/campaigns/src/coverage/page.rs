@@ -16,12 +16,14 @@ const NEVER_TESTED: &str = "never tested";
 /// One line a requirement and scenario, then how many there are of each kind.
 #[must_use]
 pub(super) fn to_text(requirements: &[Requirement]) -> String {
-    let mut table = terminal::empty_table(["requirement", "scenario", "tested by", "result"]);
+    let mut table =
+        terminal::empty_table(["requirement", "scenario", "tested by", "played", "result"]);
     for requirement in requirements {
         let name = name(requirement);
         if requirement.tests.is_empty() {
             let result = Cell::new(NEVER_TESTED).fg(Color::Red);
-            table.add_row([Cell::new(name), Cell::new(""), Cell::new(""), result]);
+            let [scenario, tested_by, played] = [(); 3].map(|()| Cell::new(""));
+            table.add_row([Cell::new(name), scenario, tested_by, played, result]);
             continue;
         }
         for (place, test) in requirement.tests.iter().enumerate() {
@@ -30,6 +32,7 @@ pub(super) fn to_text(requirements: &[Requirement]) -> String {
                 Cell::new(name),
                 Cell::new(&test.scenario),
                 Cell::new(tested_by(test)),
+                Cell::new(played(test, "\n")),
                 result(test.outcome),
             ]);
         }
@@ -59,7 +62,7 @@ pub(super) fn to_html(
                 @for scenario in &scenarios { td { (cell(requirement, scenario, &page_of)) } }
             } } }
         } }
-        p.soft { "Of several runs of a scenario, and of several rows of its verdict, the worst counts. Each result leads to its run." }
+        p.soft { "Of several plays of a scenario the latest counts, of a sweep its worst run, and of several rows of a verdict the worst. Each result leads to its run." }
     };
     page::page("Requirements", &body)
 }
@@ -81,16 +84,31 @@ fn remark(requirement: &Requirement) -> Markup {
     }
 }
 
-/// The rows that count, and how many runs there are.
+/// The rows that count, and in which runs of a sweep.
 fn tested_by(test: &RequirementTest) -> String {
     let rows = match test.rows.as_slice() {
         [] => "all limits".to_owned(),
         rows => rows.join("\n"),
     };
-    match test.runs {
-        1 => rows,
-        runs => format!("{rows}\n(the worst of {runs} runs)"),
+    match (test.sweep_runs, test.case) {
+        (None, _) => rows,
+        (Some(runs), Some(case)) => format!("{rows}\n(the worst of {runs} runs: case {case})"),
+        (Some(runs), None) if test.outcome == Outcome::Pass => format!("{rows}\n(all {runs} runs)"),
+        (Some(_), None) => format!("{rows}\n(not all runs of the sweep were played)"),
     }
+}
+
+/// When and by which program the play that counts was played.
+fn played(test: &RequirementTest, between: &str) -> String {
+    let at = match test.played_at {
+        Some(at) => at.strftime("%Y-%m-%d %H:%M UTC").to_string(),
+        None => "no date".to_owned(),
+    };
+    let version = test.version.as_deref();
+    let version = version.map(|version| format!("canrig {version}"));
+    let plays = (test.plays > 1).then(|| format!("(the latest of {})", test.plays));
+    let parts = [Some(at), version, plays].into_iter().flatten();
+    parts.collect::<Vec<_>>().join(between)
 }
 
 fn result(outcome: Outcome) -> Cell {
@@ -124,6 +142,7 @@ fn cell(
             Some(page) => a href=(page) title=(tested_by(test)) { (word) },
             None => span title=(tested_by(test)) { (word) },
         }
+        div.soft { (played(test, " ")) }
     } }
 }
 

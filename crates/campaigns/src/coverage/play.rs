@@ -1,0 +1,321 @@
+//! One play of a scenario, read back from its folder: a run, or a sweep with all its runs.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use jiff::Timestamp;
+use judge::verdict::{Outcome, Verdict};
+use recording::session::read_plan;
+use rig::plan::Plan;
+use runner::play_record::PlayRecord;
+use runner::recorded::{RecordedError, holds_many_runs, read_played, require_run};
+use worlds::catalogue::catalogue;
+
+use super::matrix::severity;
+use crate::sweep::row::{Ended, SweepRow};
+use crate::sweep::store::{self, StoreError};
+use crate::torture::cases::is_torture;
+
+/// Why a folder says nothing of requirements.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum PlayError {
+    #[error(transparent)]
+    Run(#[from] RecordedError),
+    #[error(transparent)]
+    Rows(#[from] StoreError),
+    #[error("{} is the folder of torture, which plays without the scenario's limits and tests no requirement", .0.display())]
+    Torture(PathBuf),
+}
+
+/// A play of a scenario.
+#[derive(Clone, Debug)]
+pub(super) struct Play {
+    /// The scenario's name, with what tells this test from others of that name.
+    pub(super) test: String,
+    /// The folder.
+    pub(super) folder: PathBuf,
+    /// The program's version; `None` where nothing says it.
+    pub(super) version: Option<String>,
+    /// When it was played; `None` where nothing says it.
+    pub(super) at: Option<Timestamp>,
+    /// The runs of a sweep; `None` for a single run.
+    pub(super) sweep_runs: Option<usize>,
+    /// What tests each requirement.
+    pub(super) tested: BTreeMap<String, Vec<Tested>>,
+}
+
+/// What a play says of a requirement.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Tested {
+    /// The row of the verdict; `None` for the scenario as a whole.
+    pub(super) row: Option<String>,
+    /// What came of it, in the worst of a sweep's runs.
+    pub(super) outcome: Outcome,
+    /// The run of the sweep with this outcome.
+    pub(super) case: Option<usize>,
+}
+
+impl Play {
+    /// Reads a folder.
+    pub(super) fn read(folder: &Path) -> Result<Self, PlayError> {
+        match holds_many_runs(folder) {
+            true if is_torture(folder) => Err(PlayError::Torture(folder.to_owned())),
+            true => Self::of_sweep(folder),
+            false => Self::of_run(folder),
+        }
+    }
+
+    fn of_run(folder: &Path) -> Result<Self, PlayError> {
+        require_run(folder)?;
+        let (plan, verdict) = read_played(folder, catalogue())?;
+        let verdict = verdict.as_ref();
+        let is_untimed =
+            verdict.is_some_and(|verdict| is_decided(verdict.outcome) && verdict.timing.is_none());
+        let untimed = untimed(&plan, is_untimed);
+        let test = |row: Option<String>| {
+            let outcome = match &row {
+                Some(row) if untimed.contains(row) => Outcome::Inconclusive,
+                row => outcome_of(row.as_deref(), verdict),
+            };
+            let case = None;
+            Tested { row, outcome, case }
+        };
+        let external = verdict.map_or(&[][..], |verdict| &verdict.external);
+        let kind = external.iter().map(|node| format!("external {node}"));
+        Ok(Self {
+            version: verdict.map(|verdict| verdict.version.clone()),
+            sweep_runs: None,
+            tested: tested(&plan, test),
+            ..Self::named(folder, &plan, kind.collect())?
+        })
+    }
+
+    /// A sweep counts by its worst run. Runs that it lacks are incomplete.
+    fn of_sweep(folder: &Path) -> Result<Self, PlayError> {
+        let plan = read_plan(folder, None, catalogue()).map_err(RecordedError::from)?;
+        let untimed = untimed(&plan, true);
+        let unplayed = |row| Tested {
+            row,
+            outcome: Outcome::Pass,
+            case: None,
+        };
+        let mut tested = tested(&plan, unplayed);
+        let (mut version, mut runs, mut played) = (None, 0, 0);
+        if store::has_rows(folder) {
+            let (header, rows) = store::read(folder)?;
+            (version, runs) = (Some(header.version), header.runs);
+            for row in rows {
+                let row = match row {
+                    // What comes behind it is played again by the next call.
+                    Err(StoreError::Damaged { .. }) => break,
+                    row => row?,
+                };
+                played += 1;
+                for one in tested.values_mut().flatten() {
+                    let outcome = outcome_in(&row, one.row.as_ref(), &untimed);
+                    one.worsen(outcome, Some(row.case));
+                }
+            }
+        }
+        if played < runs.max(1) {
+            let all = tested.values_mut().flatten();
+            all.for_each(|one| one.worsen(Outcome::Incomplete, None));
+        }
+        Ok(Self {
+            version,
+            sweep_runs: Some(runs),
+            tested,
+            ..Self::named(folder, &plan, vec!["sweep".to_owned()])?
+        })
+    }
+
+    /// A play of nothing yet. Another value of the command line makes another test, and so does what `kind` says.
+    fn named(folder: &Path, plan: &Plan, kind: Vec<String>) -> Result<Self, RecordedError> {
+        let record = PlayRecord::read(folder)?;
+        let set = record.iter().flat_map(|record| &record.set);
+        let kind = kind
+            .into_iter()
+            .chain(set.map(|set| format!("--set {set}")));
+        let kind = Vec::from_iter(kind).join(", ");
+        let name = &plan.shared.name;
+        Ok(Self {
+            test: match kind.as_str() {
+                "" => name.clone(),
+                kind => format!("{name} ({kind})"),
+            },
+            folder: folder.to_owned(),
+            version: None,
+            at: record.map(|record| record.at),
+            sweep_runs: None,
+            tested: BTreeMap::new(),
+        })
+    }
+}
+
+impl Tested {
+    fn worsen(&mut self, outcome: Outcome, case: Option<usize>) {
+        if severity(outcome) > severity(self.outcome) {
+            (self.outcome, self.case) = (outcome, case);
+        }
+    }
+}
+
+/// The plays of a test that count: those with the latest date. Of several without a date, all do.
+pub(super) fn latest(mut plays: Vec<Play>) -> Vec<Play> {
+    let last = plays.iter().filter_map(|play| play.at).max();
+    plays.retain(|play| play.at == last);
+    plays
+}
+
+/// Each requirement of a scenario with what tests it: rows, or the scenario as a whole.
+fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<String, Vec<Tested>> {
+    let mut tested: BTreeMap<String, Vec<Tested>> = BTreeMap::new();
+    for id in &plan.shared.requirements {
+        tested.entry(id.clone()).or_default().push(test(None));
+    }
+    let of_loops = plan.loops.iter().flat_map(|one| {
+        let rows = one.scenario.expect.requirements_of_rows().into_iter();
+        rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
+    });
+    let of_contours = plan.shared.contours.iter().flat_map(|contour| {
+        let rows = contour.rows().into_iter();
+        let rows = rows.filter(|(_, limit)| limit.is_some());
+        rows.map(|(row, _)| (row, contour.requirements.clone()))
+    });
+    for (row, requirements) in of_loops.chain(of_contours) {
+        for id in requirements {
+            tested.entry(id).or_default().push(test(Some(row.clone())));
+        }
+    }
+    tested
+}
+
+/// The rows on timing that a verdict does not have, since the run was in virtual time.
+fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
+    let rows = plan
+        .loops
+        .iter()
+        .flat_map(|one| one.scenario.expect.timing.rows());
+    rows.filter(|_| is_untimed).collect()
+}
+
+fn is_decided(outcome: Outcome) -> bool {
+    matches!(outcome, Outcome::Pass | Outcome::Fail)
+}
+
+/// What a verdict says of a row, or of the whole run.
+fn outcome_of(row: Option<&str>, verdict: Option<&Verdict>) -> Outcome {
+    let Some(verdict) = verdict else {
+        return Outcome::Incomplete;
+    };
+    let Some(row) = row.filter(|_| is_decided(verdict.outcome)) else {
+        return verdict.outcome;
+    };
+    match verdict.metrics.iter().find(|metric| metric.name == row) {
+        Some(metric) => match metric.passed {
+            Some(true) => Outcome::Pass,
+            Some(false) => Outcome::Fail,
+            None => Outcome::Inconclusive,
+        },
+        // The scenario beside the verdict is not the one that was judged.
+        None => Outcome::Incomplete,
+    }
+}
+
+/// What a run of a sweep says of a row, or of the whole run.
+fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outcome {
+    let outcome = match run.ended {
+        Ended::Pass => Outcome::Pass,
+        Ended::Fail => Outcome::Fail,
+        Ended::Inconclusive => Outcome::Inconclusive,
+        Ended::Invalid | Ended::Incomplete | Ended::InternalError => Outcome::Incomplete,
+    };
+    match row {
+        Some(row) if is_decided(outcome) => match () {
+            () if run.missed.contains(row) => Outcome::Fail,
+            () if untimed.contains(row) || run.undecided.contains(row) => Outcome::Inconclusive,
+            () => Outcome::Pass,
+        },
+        _ => outcome,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use judge::verdict::Metric;
+    use scenario::expect::Limit;
+
+    #[test]
+    fn a_row_has_its_own_outcome_unless_the_run_decides_nothing() {
+        let limit = Some(Limit {
+            min: None,
+            max: Some(1.0),
+        });
+        let mut verdict = Verdict::incomplete("step", 1, "");
+        verdict.metrics = vec![
+            Metric::new("met", Ok(0.5), limit),
+            Metric::new("missed", Ok(2.0), limit),
+            Metric::not_judged("unknown", "nobody publishes it".to_owned(), limit),
+        ];
+        let of = |outcome, row: Option<&str>| {
+            let verdict = Verdict {
+                outcome,
+                ..verdict.clone()
+            };
+            // A sweep's row says the same.
+            let run = SweepRow::from_verdict(1, "1f", &verdict);
+            let of_sweep = outcome_in(&run, row.map(str::to_owned).as_ref(), &[]);
+            let of_run = outcome_of(row, Some(&verdict));
+            assert!(of_sweep == of_run || row == Some("gone"));
+            of_run
+        };
+        assert_eq!(of(Outcome::Fail, Some("met")), Outcome::Pass);
+        assert_eq!(of(Outcome::Fail, Some("missed")), Outcome::Fail);
+        assert_eq!(of(Outcome::Fail, Some("unknown")), Outcome::Inconclusive);
+        assert_eq!(of(Outcome::Fail, Some("gone")), Outcome::Incomplete);
+        assert_eq!(of(Outcome::Fail, None), Outcome::Fail);
+        assert_eq!(of(Outcome::Incomplete, Some("met")), Outcome::Incomplete);
+        assert_eq!(outcome_of(Some("met"), None), Outcome::Incomplete);
+    }
+
+    #[test]
+    fn a_run_of_a_sweep_that_was_not_played_is_incomplete_and_timing_is_not_judged() {
+        let run = |ended| SweepRow::without_verdict(1, "1f", ended, String::new());
+        let row = "bus_round_trip".to_owned();
+        for (ended, of_whole, of_row) in [
+            (Ended::Pass, Outcome::Pass, Outcome::Inconclusive),
+            (Ended::Invalid, Outcome::Incomplete, Outcome::Incomplete),
+            (
+                Ended::InternalError,
+                Outcome::Incomplete,
+                Outcome::Incomplete,
+            ),
+        ] {
+            let untimed = [row.clone()];
+            assert_eq!(outcome_in(&run(ended), None, &untimed), of_whole);
+            assert_eq!(outcome_in(&run(ended), Some(&row), &untimed), of_row);
+        }
+    }
+
+    #[test]
+    fn the_latest_plays_count_and_without_dates_all_do() {
+        let play = |number: i64, at: Option<i64>| Play {
+            test: "step".to_owned(),
+            folder: PathBuf::from(format!("run-{number}")),
+            version: None,
+            at: at.map(|second| Timestamp::from_second(second).unwrap()),
+            sweep_runs: None,
+            tested: BTreeMap::new(),
+        };
+        let folders = |dates: [Option<i64>; 3]| {
+            let plays = (1..).zip(dates).map(|(number, at)| play(number, at));
+            let latest = latest(plays.collect()).into_iter();
+            let folders = latest.map(|play| play.folder.display().to_string());
+            folders.collect::<Vec<_>>()
+        };
+        assert_eq!(folders([Some(5), Some(7), None]), ["run-2"]);
+        assert_eq!(folders([Some(5), None, Some(5)]), ["run-1", "run-3"]);
+        assert_eq!(folders([None; 3]), ["run-1", "run-2", "run-3"]);
+    }
+}

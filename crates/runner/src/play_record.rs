@@ -1,0 +1,119 @@
+//! When a scenario was played, and with which values of the command line: `played.json` in its folder.
+//!
+//! No other file may say it: the log, the signals and the verdict of two plays are the same to the byte, and what the file system
+//! says of a file is lost when it is copied.
+
+use std::io;
+use std::path::Path;
+
+use jiff::Timestamp;
+use platform::clock::Clock;
+use recording::run_folder::{RunFolder, WriteError, file, own_file};
+use scenario::Override;
+use serde::{Deserialize, Serialize};
+
+use crate::recorded::RecordedError;
+
+/// Largest file that is read: a command line is shorter.
+const BYTES_MAX: u64 = 4 << 20;
+
+/// How a scenario was played.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlayRecord {
+    /// When the play began. That of a sweep which was interrupted or merged: when it was last gone on with.
+    pub at: Timestamp,
+    /// The values of `--set`.
+    pub set: Vec<String>,
+}
+
+/// The same as the file has it.
+#[derive(Deserialize, Serialize)]
+struct Written {
+    at: String,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    set: Vec<String>,
+}
+
+impl PlayRecord {
+    /// A play that begins now.
+    #[must_use]
+    pub fn now(overrides: &[Override]) -> Self {
+        let since_1970 = Clock::start().wall_epoch();
+        Self {
+            at: (Timestamp::UNIX_EPOCH.checked_add(since_1970)).unwrap_or_default(),
+            set: overrides.iter().map(Override::to_string).collect(),
+        }
+    }
+
+    /// Writes it into the folder of the play.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    ///
+    /// # Panics
+    /// Never: it is plain data.
+    pub fn write(&self, folder: &RunFolder) -> Result<(), WriteError> {
+        let written = Written {
+            at: self.at.to_string(),
+            set: self.set.clone(),
+        };
+        let text = serde_json::to_string_pretty(&written).expect("plain data");
+        folder.write(file::PLAYED, format!("{text}\n").as_bytes())
+    }
+
+    /// Reads that of a folder; `None` for what an older canrig played.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is damaged.
+    pub fn read(folder: &Path) -> Result<Option<Self>, RecordedError> {
+        let damaged =
+            |reason: &dyn std::error::Error| io::Error::other(format!("it is damaged: {reason}"));
+        let read = || -> io::Result<Self> {
+            let text = scenario::read_text(&own_file(folder, file::PLAYED)?, BYTES_MAX)?;
+            let Written { at, set } =
+                serde_json::from_str(&text).map_err(|error| damaged(&error))?;
+            let at = at.parse().map_err(|error: jiff::Error| damaged(&error))?;
+            Ok(Self { at, set })
+        };
+        match read() {
+            Ok(record) => Ok(Some(record)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(RecordedError::Read {
+                path: folder.join(file::PLAYED),
+                source,
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn what_is_written_reads_back_and_what_is_damaged_is_refused() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = RunFolder::create(parent.path(), "run", 1, "").unwrap();
+        assert_eq!(PlayRecord::read(folder.path()).unwrap(), None);
+        let set = "name=a b".parse().unwrap();
+        let record = PlayRecord::now(&[set]);
+        assert_eq!(record.set, ["name=\"a b\""]);
+        record.write(&folder).unwrap();
+        assert_eq!(PlayRecord::read(folder.path()).unwrap(), Some(record));
+        let path = folder.path().join(file::PLAYED);
+        let plain = "{\"at\": \"2026-07-01T12:34:56Z\"}";
+        fs::write(&path, plain).unwrap();
+        let read = PlayRecord::read(folder.path()).unwrap().unwrap();
+        assert_eq!((read.at.as_second(), read.set.len()), (1_782_909_296, 0));
+        for damaged in ["", "{}", "{\"at\": \"yesterday\"}"] {
+            fs::write(&path, damaged).unwrap();
+            let error = PlayRecord::read(folder.path()).unwrap_err().to_string();
+            assert!(
+                error.contains("played.json cannot be read: it is damaged"),
+                "{error}"
+            );
+        }
+    }
+}
