@@ -110,7 +110,9 @@ impl From<RunError> for Failure {
 /// The plan that this node has a part in, on the rig that the arguments name.
 fn plan_of(args: &NodeArgs) -> Result<Plan, Failure> {
     let plan = Plan::load(&args.scenario, catalogue()).map_err(Failure::of_file)?;
-    let rig = args.rig.as_deref().map(LoadedRig::load).transpose();
+    // A scenario that names its rig has a file of its own for it, whatever that is called.
+    let rig = args.rig.as_deref().filter(|_| !plan.names_rig());
+    let rig = rig.map(LoadedRig::load).transpose();
     Ok(match rig.map_err(Failure::of_plan)? {
         Some(rig) => plan.on(Some(&Arc::new(rig)), &External::default().with_drive()),
         None => plan,
