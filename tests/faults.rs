@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use campaigns::campaign::{Campaign, CampaignRun, of_one_loop};
 use judge::verdict::Outcome;
 use scenario::Scenario;
+use scenario::expect::Expectation;
 
 use crate::real_time::in_real_time;
 use crate::support::{
@@ -44,7 +45,7 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
             path.display()
         );
         assert!(
-            expect.safe_state.is_some() && expect.temperature_celsius.is_some(),
+            expect.of("safe_state").is_some() && expect.of("temperature_celsius").is_some(),
             "{} demands nothing",
             path.display()
         );
@@ -54,7 +55,8 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
 /// Without its faults no case of the catalogue passes that expects something to happen: the expectations can fail.
 #[test]
 fn a_reaction_that_does_not_come_fails() {
-    let is_safe_wanted = |scenario: &Scenario| scenario.expect.safe_state == Some(true);
+    let is_safe_wanted =
+        |scenario: &Scenario| scenario.expect.of("safe_state") == Some(&Expectation::Answer(true));
     let scenarios: Vec<Scenario> = catalogue().into_iter().filter_map(|path| {
         let mut scenario = Scenario::load(&path).unwrap();
         let harmless = "[[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";

@@ -7,6 +7,7 @@ use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Way;
 use rig::plan::Plan;
+use scenario::metrics::is_of_traffic;
 
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
@@ -28,8 +29,6 @@ const BUSY_BUS_PERCENT: f64 = 70.0;
 
 /// The metric that decides before all others: on an overloaded bus nothing else means anything.
 const BUS_LOAD: &str = "bus_load_percent";
-/// The metrics of the traffic, which a run that broke off has too.
-const TRAFFIC_METRICS: [&str; 3] = [BUS_LOAD, "sync_interval_milliseconds_max", MISSED_CYCLES];
 
 /// More than any bus carries: 100 %, and some room for the stamps of short recordings.
 const LOAD_PERCENT_MAX: f64 = 101.0;
@@ -57,8 +56,7 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>) -> Verdict {
         Some(end) => {
             // What a node kept from being seen is missed; of what the bench broke off only the traffic says something.
             let is_kept = |metric: &Metric| {
-                end.by == EndedBy::Node
-                    || TRAFFIC_METRICS.contains(&metric.name.as_str()) && metric.value.is_some()
+                end.by == EndedBy::Node || is_of_traffic(&metric.name) && metric.value.is_some()
             };
             metrics.retain(is_kept);
             decide_broken(evidence, end, &mut metrics)
@@ -147,7 +145,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
 
 /// Why a run fails whose nodes left out too many cycles: more than its limit says, or than can be where it has none.
 fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
-    let limit = (evidence.scenario.expect.missed_cycles_percent)
+    let limit = (evidence.scenario.expect.limit(MISSED_CYCLES))
         .and_then(|limit| limit.max)
         .unwrap_or(MISSED_CYCLES_PERCENT_MAX);
     let misses = evidence.misses();

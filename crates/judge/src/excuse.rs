@@ -1,6 +1,7 @@
 //! What a limit says in a run in which the machine stood still: nothing, where that explains the miss.
 
 use rig::plan::ControlLoop;
+use scenario::metrics::{self as metrics_table, is_of_traffic};
 use scenario::port::Unit;
 
 use crate::evidence::{Evidence, RecordedLoop};
@@ -13,17 +14,7 @@ pub(crate) const MISSED_CYCLES: &str = "missed_cycles_percent";
 const NO_EVENT: &str = "no_event";
 const SYNC_INTERVAL: &str = "sync_interval_milliseconds_max";
 
-/// Metrics that only grow as a run goes on: what is beyond a limit once stays beyond it.
-const GROWING: [&str; 7] = [
-    "settling_time_seconds",
-    "overshoot_percent",
-    "maximum_deviation_millimetres",
-    "recovery_time_seconds",
-    "position_millimetres_max",
-    "temperature_celsius",
-    "recovers_within_seconds",
-];
-/// So does this one, whose row begins with the names of its loops.
+/// A row that only grows, which begins with the names of its loops.
 const GROWING_CONTOUR: &str = ".contour_error_millimetres_max";
 
 /// The bench's own misses.
@@ -77,7 +68,7 @@ impl Excuse {
                 Some(false) if row.name == MISSED_CYCLES => Self::explains_missed(evidence, row),
                 Some(false) if row.name == SYNC_INTERVAL => self.explains_interval(evidence, row),
                 Some(false) => !old.is_some_and(|old| is_proven(row, old)),
-                Some(true) => self.busy.is_some() && !is_of_traffic(row),
+                Some(true) => self.busy.is_some() && !is_of_traffic(&row.name),
                 None => false,
             };
             if is_open {
@@ -136,10 +127,7 @@ fn is_proven(row: &Metric, before: &Metric, unit: &Unit) -> bool {
     let is_same = before.value == row.value && before.at_seconds == row.at_seconds;
     let is_beyond = limit.max.is_some_and(|max| value > max);
     let name = unit.canonical(&row.name);
-    let is_growing = GROWING.contains(&name.as_str()) || name.ends_with(GROWING_CONTOUR);
-    before.passed == Some(false) && (is_same || is_beyond && is_growing)
-}
-
-fn is_of_traffic(row: &Metric) -> bool {
-    [MISSED_CYCLES, SYNC_INTERVAL, "bus_load_percent"].contains(&row.name.as_str())
+    let only_grows = metrics_table::Metric::named(&name).is_some_and(|metric| metric.only_grows)
+        || name.ends_with(GROWING_CONTOUR);
+    before.passed == Some(false) && (is_same || is_beyond && only_grows)
 }

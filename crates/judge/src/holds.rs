@@ -18,7 +18,12 @@ const MEAN_SECONDS: f64 = 0.01;
 
 /// Standard deviation of the commanded current in the last hold.
 pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
-    if (evidence.scenario.expect.current_ripple_amperes_rms).is_none() {
+    if evidence
+        .scenario
+        .expect
+        .of("current_ripple_amperes_rms")
+        .is_none()
+    {
         return Measurement::NotAsked;
     }
     ripple(evidence).into()
@@ -26,7 +31,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
 
 /// How far apart the highest and the lowest short mean of the position are in the last second.
 pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.scenario.expect.hunting_millimetres.is_none() {
+    if evidence.scenario.expect.of("hunting_millimetres").is_none() {
         return Measurement::NotAsked;
     }
     position_range(evidence).into()

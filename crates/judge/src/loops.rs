@@ -3,7 +3,8 @@
 use recording::ending::EarlyEnd;
 use rig::plan::{ControlLoop, Plan};
 use scenario::expect::{Expect, Limit};
-use scenario::loops::{BUS_METRICS, Contour};
+use scenario::loops::Contour;
+use scenario::metrics::is_of_bus;
 
 use crate::metric::Metric;
 use crate::metrics;
@@ -14,7 +15,7 @@ use crate::verdict::{Outcome, Verdict};
 #[must_use]
 pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
     let is_timing = one.scenario.expect.timing.rows().any(|name| name == row);
-    match is_timing || BUS_METRICS.contains(&row) {
+    match is_timing || is_of_bus(row) {
         true => row.to_owned(),
         false => format!("{}{row}", one.prefix()),
     }
@@ -75,7 +76,7 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
         for metric in verdict.metrics.iter().cloned() {
             if let Some(place) = contour_rows.iter().position(|row| *row == metric.name) {
                 contours.push((place, metric));
-            } else if !BUS_METRICS.contains(&metric.name.as_str()) {
+            } else if !is_of_bus(&metric.name) {
                 let name = format!("{name}.{}", metric.name);
                 metrics.push(Metric { name, ..metric });
             } else if shared.iter().all(|other| other.name != metric.name) || metric.limit.is_some()

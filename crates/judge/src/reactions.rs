@@ -26,7 +26,7 @@ const ESTIMATED: &str = "estimated_";
 /// The highest temperature: in a scenario with faults always, in others where it is limited.
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
-    if scenario.expect.temperature_celsius.is_none() && scenario.fault.is_empty() {
+    if scenario.expect.of("temperature_celsius").is_none() && scenario.fault.is_empty() {
         return Measurement::NotAsked;
     }
     let mut temperatures = temperatures(evidence.timeline).peekable();
@@ -91,7 +91,7 @@ fn temperatures(timeline: &Timeline) -> impl Iterator<Item = f64> {
 
 /// 0 where no event has a text that none may have.
 pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
-    let unwanted = &evidence.scenario.expect.no_event;
+    let unwanted = evidence.scenario.expect.listed("no_event");
     if unwanted.is_empty() {
         return Measurement::NotAsked;
     }
@@ -112,7 +112,12 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
     if scenario.fault.is_empty() {
-        return without_faults(scenario.expect.current_zero_within_milliseconds.is_some());
+        return without_faults(
+            scenario
+                .expect
+                .of("current_zero_within_milliseconds")
+                .is_some(),
+        );
     }
     let truth = &evidence.timeline.truth;
     let Some(first) = truth.first() else {
@@ -218,7 +223,7 @@ fn recovery_after(evidence: &Evidence<'_>, fault_end_seconds: Option<f64>) -> Me
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
     if scenario.fault.is_empty() {
-        return without_faults(scenario.expect.safe_state.is_some());
+        return without_faults(scenario.expect.of("safe_state").is_some());
     }
     if evidence.timeline.truth.is_empty() {
         return Measurement::only_emulated();
@@ -288,7 +293,7 @@ fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
 
 /// 0 where all emergencies that are demanded came.
 pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
-    let demanded = &evidence.scenario.expect.emcy;
+    let demanded = evidence.scenario.expect.listed("emcy");
     if demanded.is_empty() {
         return Measurement::NotAsked;
     }

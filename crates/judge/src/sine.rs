@@ -1,7 +1,6 @@
 //! Gain, phase and offset of the position against the set-point of each sine, over its judged periods.
 
 use scenario::events::JudgedSine;
-use scenario::expect::{Expect, Limit};
 
 use crate::evidence::{
     Absence, CycleSample, Evidence, Measurement, MetricValue, Observation, checked, margin,
@@ -13,14 +12,15 @@ struct OfSine {
     value: fn(&Harmonic, &Harmonic) -> f64,
     /// What a position without error has.
     ideal: f64,
-    limit: fn(&Expect) -> Option<Limit>,
+    /// The metric whose limit decides which of several is the worst.
+    metric: &'static str,
 }
 
 pub(crate) fn gain(evidence: &Evidence<'_>) -> Measurement {
     let gain = OfSine {
         value: |wanted, measured| measured.amplitude() / wanted.amplitude(),
         ideal: 1.0,
-        limit: |expect| expect.sine_gain,
+        metric: "sine_gain",
     };
     gain.worst(evidence)
 }
@@ -30,7 +30,7 @@ pub(crate) fn phase_degrees(evidence: &Evidence<'_>) -> Measurement {
     let phase = OfSine {
         value: |wanted, measured| phase_between(wanted.phase_degrees(), measured.phase_degrees()),
         ideal: 0.0,
-        limit: |expect| expect.sine_phase_degrees,
+        metric: "sine_phase_degrees",
     };
     phase.worst(evidence)
 }
@@ -46,7 +46,7 @@ pub(crate) fn offset_millimetres(evidence: &Evidence<'_>) -> Measurement {
     let offset = OfSine {
         value: |wanted, measured| measured.mean - wanted.mean,
         ideal: 0.0,
-        limit: |expect| expect.sine_offset_millimetres,
+        metric: "sine_offset_millimetres",
     };
     offset.worst(evidence)
 }
@@ -56,7 +56,7 @@ impl OfSine {
     /// ideal; the first of several. Its time says which it is.
     fn worst(&self, evidence: &Evidence<'_>) -> Measurement {
         let sines = evidence.scenario.judged_sines();
-        let limit = (self.limit)(&evidence.scenario.expect);
+        let limit = evidence.scenario.expect.limit(self.metric);
         let goodness = |value: f64| match limit {
             Some(limit) => margin(value, limit),
             None => -(value - self.ideal).abs(),

@@ -93,10 +93,8 @@ mod tests {
             Some(limit)
         };
         let name = "round_trip_microseconds_p99";
-        let mut limits = Expect {
-            requirements: [(name.to_owned(), vec!["REQ-1".to_owned()])].into(),
-            ..Expect::default()
-        };
+        let mut limits = Expect::default();
+        limits.requirements = [(name.to_owned(), vec!["REQ-1".to_owned()])].into();
         limits.timing.round_trip_microseconds.p99 = max(800.0);
         let outcome = |missed: f64, timing: Timing, limits: &Expect| {
             let mut verdict = Verdict::incomplete("hold", 1, "");

@@ -6,10 +6,14 @@ mod signal;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use schemars::{JsonSchema, Schema};
+use serde::de::{DeserializeOwned, Error as _};
+use serde::ser::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::Value;
 
 pub use crate::limit::Limit;
+use crate::metrics::{Form, METRICS, Metric};
 use crate::timing::TimingLimits;
 
 pub use sequence::{Expected, Sequence};
@@ -18,93 +22,34 @@ pub use signal::{Course, Demand, SignalCheck};
 /// Requirements by their names in whatever lists them, such as "REQ-12".
 pub type Requirements = Vec<String>;
 
+/// An expectation of a metric, in the form of its row in [`METRICS`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Expectation {
+    /// A limit with two sides.
+    Limit(Limit),
+    /// The largest value.
+    AtMost(f64),
+    /// Yes or no.
+    Answer(bool),
+    /// Texts.
+    List(Vec<String>),
+}
+
 /// Limits on the metrics of a run.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, remote = "Self")]
+#[schemars(transform = add_metrics)]
 pub struct Expect {
-    /// Time from a step to the first sample from which on the position stays within ± 5 % of the step's height.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub settling_time_seconds: Option<Limit>,
-    /// How far the position goes beyond the final set-point, in percent of the step's height.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub overshoot_percent: Option<Limit>,
-    /// Mean absolute error over the last 0.5 s of the scenario, in which the set-point must not move.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub steady_state_error_millimetres: Option<Limit>,
-    /// RMS of set-point minus position: over the last three periods of a sine, else over the whole run.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tracking_error_millimetres_rms: Option<Limit>,
-    /// Amplitude of the position divided by that of the set-point, at the frequency of a sine, over its last three periods.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sine_gain: Option<Limit>,
-    /// Phase of the position minus that of the set-point, from -270 to 90, measured as `sine_gain`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sine_phase_degrees: Option<Limit>,
-    /// Mean of the position minus that of the set-point, measured as `sine_gain`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sine_offset_millimetres: Option<Limit>,
-    /// Last frequency of a chirp before the gain first falls below 0.708.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub bandwidth_hertz: Option<Limit>,
-    /// Largest deviation from the set-point from the start of a disturbance to 3 s after its end.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub maximum_deviation_millimetres: Option<Limit>,
+    /// The expectations of metrics, each by the name of its metric. The others are keys of their own.
+    #[serde(skip)]
+    metrics: BTreeMap<&'static str, Expectation>,
     /// What counts as recovered: a deviation from the set-point within this, for `recovery_time_seconds`,
     /// `recovers_within_seconds` and `current_ripple_amperes_rms`. If absent 0.25 mm; in a loop of another unit 1/240 of the sensor's
     /// range, which 0.25 mm are of 60 mm.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recovery_band_millimetres: Option<f64>,
-    /// Time from the start of a disturbance until the deviation stays within the recovery band.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub recovery_time_seconds: Option<Limit>,
-    /// RMS of the current over the run.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub current_amperes_rms: Option<Limit>,
-    /// Standard deviation of the commanded current in the last hold, from 1 s after the position has come to stay within the recovery
-    /// band,
-    /// for 2 s at least.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub current_ripple_amperes_rms: Option<Limit>,
-    /// Highest minus lowest mean position of 10 ms in the last second, in which the set-point must not move. Above 0.25 mm the loop
-    /// hunts.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub hunting_millimetres: Option<Limit>,
-    /// Largest position over the run.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub position_millimetres_max: Option<Limit>,
-    /// Share of the cycles in which the drive sent no position.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub missed_cycles_percent: Option<Limit>,
-    /// Share of the time from the first SYNC on in which frames occupy the bus, computed from their bits.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub bus_load_percent: Option<Limit>,
-    /// Longest time between two SYNCs: more than the period when the bus or the machine was late.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sync_interval_milliseconds_max: Option<Limit>,
-    /// Highest temperature of what the current heats, wire or winding. Only the emulator knows it; a real drive does not.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub temperature_celsius: Option<Limit>,
-    /// Longest time from the start of the first fault until no current flows through the plant for 0.1 s at least.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0.0, max = 1e6))]
-    pub current_zero_within_milliseconds: Option<f64>,
-    /// Longest time from the end of the last fault until the deviation from the set-point stays within the recovery
-    /// band.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
-    pub recovers_within_seconds: Option<f64>,
-    /// `true`: at the end no current flows, and the drive is disabled or silent. `false`: a current flows, or the drive is enabled.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub safe_state: Option<bool>,
-    /// Emergencies that must be sent, each as node and code: "drive 0x8130".
-    #[schemars(length(max = 100))]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub emcy: Vec<String>,
-    /// Texts that no event of the run may contain, such as "emergency".
-    #[schemars(length(max = 100))]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub no_event: Vec<String>,
     /// The requirements that single limits test, by the limit's key, `overshoot_percent = ["REQ-12"]`; for those of
     /// `[expect.timing]` by key and quantile, `round_trip_microseconds_p99 = ["REQ-13"]`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
@@ -128,6 +73,58 @@ pub struct Expect {
 }
 
 impl Expect {
+    /// The expectation of a metric.
+    #[must_use]
+    pub fn of(&self, metric: &str) -> Option<&Expectation> {
+        self.metrics.get(metric)
+    }
+
+    /// The two-sided limit of a metric.
+    #[must_use]
+    pub fn limit(&self, metric: &str) -> Option<Limit> {
+        Metric::named(metric)?.limit(self)
+    }
+
+    /// The texts that a metric lists.
+    #[must_use]
+    pub fn listed(&self, metric: &str) -> &[String] {
+        match self.of(metric) {
+            Some(Expectation::List(texts)) => texts,
+            _ => &[],
+        }
+    }
+
+    /// The same with a largest value of a metric that has a limit with two sides.
+    ///
+    /// # Panics
+    /// No metric has this name.
+    #[must_use]
+    pub fn with_max(mut self, metric: &str, max: f64) -> Self {
+        let metric = Metric::named(metric).expect("a metric of the table");
+        let limit = Limit {
+            min: None,
+            max: Some(max),
+        };
+        self.metrics.insert(metric.name, Expectation::Limit(limit));
+        self
+    }
+
+    /// The limits with two sides that are given, each with its metric, in the order of the table.
+    pub fn limits(&self) -> impl Iterator<Item = (&'static Metric, Limit)> {
+        METRICS
+            .iter()
+            .filter_map(|metric| match self.of(metric.name)? {
+                Expectation::Limit(limit) => Some((metric, *limit)),
+                _ => None,
+            })
+    }
+
+    /// The names of all metrics of which something is expected.
+    pub fn keys(&self) -> impl Iterator<Item = &'static str> {
+        let is_given = |metric: &&Metric| self.of(metric.name).is_some();
+        METRICS.iter().filter(is_given).map(|metric| metric.name)
+    }
+
     /// The rows of the verdict that test requirements, each with these.
     #[must_use]
     pub fn requirements_of_rows(&self) -> BTreeMap<String, Requirements> {
@@ -164,6 +161,68 @@ impl Expect {
                 })
             });
         checks.chain(events)
+    }
+}
+
+impl<'de> Deserialize<'de> for Expect {
+    /// The loader has checked keys and types by the schema before.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut table = toml::Table::deserialize(deserializer)?;
+        let mut metrics = BTreeMap::new();
+        for metric in METRICS {
+            if let Some(value) = table.remove(metric.name) {
+                let read = expected(metric.form, value);
+                let read = read.map_err(|error| D::Error::custom(error.message()))?;
+                metrics.insert(metric.name, read);
+            }
+        }
+        metrics.retain(|_, expected| *expected != Expectation::List(Vec::new()));
+        let others = Self::deserialize(toml::Value::from(table));
+        let others = others.map_err(|error| D::Error::custom(error.message()))?;
+        Ok(Self { metrics, ..others })
+    }
+}
+
+fn read<T: DeserializeOwned>(value: toml::Value) -> Result<T, toml::de::Error> {
+    value.try_into()
+}
+
+fn expected(form: Form, value: toml::Value) -> Result<Expectation, toml::de::Error> {
+    Ok(match form {
+        Form::TwoSided => Expectation::Limit(read(value)?),
+        Form::AtMost(_) => Expectation::AtMost(read(value)?),
+        Form::Answer => Expectation::Answer(read(value)?),
+        Form::List => Expectation::List(read(value)?),
+    })
+}
+
+impl Serialize for Expect {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut table = toml::Table::try_from(OtherKeys(self)).map_err(S::Error::custom)?;
+        for (name, expected) in &self.metrics {
+            let value = toml::Value::try_from(expected).map_err(S::Error::custom)?;
+            table.insert((*name).to_owned(), value);
+        }
+        table.serialize(serializer)
+    }
+}
+
+/// The keys of `[expect]` that are no metric.
+struct OtherKeys<'a>(&'a Expect);
+
+impl Serialize for OtherKeys<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Expect::serialize(self.0, serializer)
+    }
+}
+
+/// Adds the keys of the metrics to the schema.
+fn add_metrics(schema: &mut Schema) {
+    let keys = METRICS
+        .iter()
+        .map(|metric| (metric.name.to_owned(), metric.schema()));
+    if let Some(Value::Object(properties)) = schema.get_mut("properties") {
+        properties.extend(keys);
     }
 }
 

@@ -9,9 +9,6 @@ use crate::expect::{Limit, Requirements};
 use crate::port::Unit;
 use crate::rig::nodes::Rig;
 
-/// Metrics of the bus, which all loops share.
-pub const BUS_METRICS: [&str; 2] = ["bus_load_percent", "sync_interval_milliseconds_max"];
-
 /// A scenario on a rig with several loops: for each of them one of one drive, as all that plays and judges a loop knows it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loops<T> {

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::metrics::METRICS;
+
 /// Steps that 16 bits have.
 const STEPS_MAX: f64 = 32_767.0;
 
@@ -244,8 +246,8 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
     (from.of == to.of).then_some(from.size / to.size)
 }
 
-/// Keys and metrics that have the unit of a position.
-const NAMES_OF_POSITIONS: [&str; 14] = [
+/// Keys besides those of metrics that have the unit of a position.
+const KEYS_OF_POSITIONS: [&str; 8] = [
     "recovery_band_millimetres",
     "position_millimetres",
     "centre_millimetres",
@@ -254,12 +256,6 @@ const NAMES_OF_POSITIONS: [&str; 14] = [
     "rate_millimetres_per_second",
     "noise_millimetres_rms",
     "height_millimetres",
-    "steady_state_error_millimetres",
-    "tracking_error_millimetres_rms",
-    "sine_offset_millimetres",
-    "maximum_deviation_millimetres",
-    "position_millimetres_max",
-    "hunting_millimetres",
 ];
 
 /// The unit in which a loop counts its position: of its set-points, its limits, and what is recorded of it.
@@ -403,9 +399,13 @@ impl Unit {
     /// The other way round: as the bench calls it. What is no name of a position stays as it is, whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
-        let mut names = NAMES_OF_POSITIONS.iter();
+        let metrics = METRICS
+            .iter()
+            .filter(|metric| metric.is_in_unit_of_position());
+        let metrics = metrics.map(|metric| metric.name);
+        let mut names = KEYS_OF_POSITIONS.into_iter().chain(metrics);
         let canonical = names.find(|known| self.rename(known) == name);
-        canonical.copied().unwrap_or(name).to_owned()
+        canonical.unwrap_or(name).to_owned()
     }
 }
 

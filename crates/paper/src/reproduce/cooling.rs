@@ -5,7 +5,7 @@ use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, span};
-use super::quantity::{Quantity, at_least, at_most};
+use super::quantity::{Quantity, at_least};
 use super::response::steps;
 use report::plot::Colour;
 
@@ -32,11 +32,9 @@ fn down() -> Scenario {
     let reference = &mut scenario.reference;
     reference.hold[0].position_millimetres = 35.0;
     reference.step[0].position_millimetres = 10.0;
-    scenario.expect = Expect {
-        settling_time_seconds: at_most(DOWN_SECONDS),
-        overshoot_percent: at_most(DOWN_PERCENT),
-        ..Expect::default()
-    };
+    scenario.expect = Expect::default()
+        .with_max("settling_time_seconds", DOWN_SECONDS)
+        .with_max("overshoot_percent", DOWN_PERCENT);
     scenario
 }
 

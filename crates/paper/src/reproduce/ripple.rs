@@ -17,10 +17,7 @@ pub(super) fn experiment() -> Experiment {
         scenario.name = format!("hold of {height} mm");
         scenario.reference.hold[0].position_millimetres = height;
         scenario.reference.step.clear();
-        scenario.expect = Expect {
-            current_ripple_amperes_rms: at_most(RIPPLE_AMPERES),
-            ..Expect::default()
-        };
+        scenario.expect = Expect::default().with_max("current_ripple_amperes_rms", RIPPLE_AMPERES);
         let expect = scenario.expect.clone();
         PlannedRun::with_twin(&scenario, Keep::Verdict)
             .into_iter()

@@ -32,11 +32,9 @@ fn plants(effort: Effort) -> Experiment {
         Effort::Full => PLANTS,
         Effort::Reduced => PLANTS_REDUCED,
     };
-    let expect = Expect {
-        settling_time_seconds: at_most(UNSTABLE_SECONDS),
-        hunting_millimetres: at_most(HUNTING_MILLIMETRES),
-        ..Expect::default()
-    };
+    let expect = Expect::default()
+        .with_max("settling_time_seconds", UNSTABLE_SECONDS)
+        .with_max("hunting_millimetres", HUNTING_MILLIMETRES);
     let plants: Vec<Scenario> = unknown_plants(count)
         .map(|plant| Scenario {
             expect: expect.clone(),

@@ -6,8 +6,7 @@ use toml::de::{DeTable, DeValue};
 use super::{ALL, CONTOUR, EXPECT, Splitter};
 use crate::error::Problem;
 use crate::load::nodes::fill;
-use crate::loops::BUS_METRICS;
-use crate::metrics::METRICS;
+use crate::metrics::{Metric, is_of_bus as is_metric_of_bus};
 
 const TIMING: &str = "timing";
 const REQUIREMENTS: &str = "requirements";
@@ -19,7 +18,7 @@ pub(super) fn is_of_all(key: &str) -> bool {
 
 /// Whether a key of `[expect]` is about the bus and the computer.
 fn is_of_bus(key: &str) -> bool {
-    key == TIMING || BUS_METRICS.contains(&key)
+    key == TIMING || is_metric_of_bus(key)
 }
 
 impl<'text> Splitter<'_, 'text> {
@@ -81,8 +80,7 @@ impl<'text> Splitter<'_, 'text> {
         });
         let path = format!("{EXPECT}.{REQUIREMENTS}");
         let keys = self.scenario.keys(&path).into_iter();
-        let is_of_loop =
-            |key: &&str| !is_of_bus(key) && METRICS.iter().any(|metric| metric.name == *key);
+        let is_of_loop = |key: &&str| !is_of_bus(key) && Metric::named(key).is_some();
         let of_loops = keys.filter(is_of_loop).map(|key| {
             let span = self.scenario.key_span(&format!("{path}.{key}"));
             let message = format!("`{key}` of which loop?");

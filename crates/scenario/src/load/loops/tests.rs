@@ -2,6 +2,7 @@ use std::fs;
 
 use super::*;
 use crate::error::ScenarioError;
+use crate::expect::Expectation;
 use crate::loops::{Loops, OneLoop};
 use crate::scenario::Scenario;
 
@@ -112,8 +113,18 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     // What happens to the controller happens to all loops.
     assert_eq!(x.scenario.fault.node.hang.len(), 2);
     assert_eq!(y.scenario.fault.node.hang.len(), 1);
-    assert!(x.scenario.expect.tracking_error_millimetres_rms.is_some());
-    assert!(y.scenario.expect.tracking_error_millimetres_rms.is_none());
+    assert!(
+        x.scenario
+            .expect
+            .of("tracking_error_millimetres_rms")
+            .is_some()
+    );
+    assert!(
+        y.scenario
+            .expect
+            .of("tracking_error_millimetres_rms")
+            .is_none()
+    );
 }
 
 #[test]
@@ -328,7 +339,7 @@ fn emergencies_may_be_of_the_nodes_as_the_rig_calls_them() {
     ] {
         let loops = load_text(&expecting(emcy), RIG).unwrap().loops;
         let expect = &loops[1].scenario.expect;
-        assert_eq!(expect.emcy, [of_one_drive]);
+        assert_eq!(expect.listed("emcy"), [of_one_drive]);
         let event = &expect.sequence[0].event[0];
         assert_eq!(event.emcy.as_deref(), Some(of_one_drive));
     }
@@ -455,10 +466,10 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
         panic!("{loops:?}")
     };
     let (x, y) = (&x.scenario.expect, &y.scenario.expect);
-    assert!(x.bus_load_percent.is_some() && !x.timing.is_empty());
-    assert!(y.bus_load_percent.is_none() && y.timing.is_empty());
+    assert!(x.of("bus_load_percent").is_some() && !x.timing.is_empty());
+    assert!(y.of("bus_load_percent").is_none() && y.timing.is_empty());
     let rms = |expect: &crate::expect::Expect| {
-        let limit = expect.tracking_error_millimetres_rms.unwrap();
+        let limit = expect.limit("tracking_error_millimetres_rms").unwrap();
         (limit.min, limit.max)
     };
     // A limit of a loop's own is the whole limit.
@@ -466,7 +477,8 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
         (rms(x), rms(y)),
         ((None, Some(0.2)), (Some(0.1), Some(0.5)))
     );
-    assert_eq!((x.safe_state, y.safe_state), (Some(true), Some(true)));
+    let yes = Some(&Expectation::Answer(true));
+    assert_eq!([x, y].map(|expect| expect.of("safe_state")), [yes, yes]);
     let rows = x.requirements_of_rows().into_keys();
     assert!(rows.eq(["bus_load_percent", "safe_state"]));
     assert!(y.requirements_of_rows().into_keys().eq(["safe_state"]));
@@ -721,7 +733,7 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     let law = angle.controller.pid_pair.as_ref().unwrap();
     assert!((law.proportional_amperes_per_metre - 0.03).abs() < 1e-12);
     assert!((angle.reference.step[0].position_millimetres + 20.0).abs() < 1e-12);
-    assert!(angle.expect.steady_state_error_millimetres.is_some());
+    assert!(angle.expect.of("steady_state_error_millimetres").is_some());
     assert!((angle.plant.sensor.span_millimetres - 120.0).abs() < 1e-12);
     for (right, wrong, said) in [
         (
