@@ -18,6 +18,7 @@ mod identify;
 mod knowledge;
 mod lockstep;
 mod long_runs;
+mod missed;
 mod preflight;
 mod processes;
 mod real_time;

@@ -76,6 +76,9 @@ pub struct Expect {
     /// Share of the cycles in which the drive sent no position.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub missed_cycles_percent: Option<Limit>,
+    /// Share of the cycles with a position for which the controller sent no command before the next position.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub missed_commands_percent: Option<Limit>,
     /// Share of the time from the first SYNC on in which frames occupy the bus, computed from their bits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bus_load_percent: Option<Limit>,

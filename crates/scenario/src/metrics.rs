@@ -62,7 +62,7 @@ impl ExpectedMetric {
 }
 
 /// All metrics.
-pub static METRICS: [ExpectedMetric; 23] = {
+pub static METRICS: [ExpectedMetric; 24] = {
     use ExpectedMetric as Metric;
     [
         Metric::limited("settling_time_seconds", "seconds", |expect| {
@@ -105,6 +105,9 @@ pub static METRICS: [ExpectedMetric; 23] = {
         }),
         Metric::limited("missed_cycles_percent", "percent", |expect| {
             expect.missed_cycles_percent
+        }),
+        Metric::limited("missed_commands_percent", "percent", |expect| {
+            expect.missed_commands_percent
         }),
         Metric::limited("bus_load_percent", "percent", |expect| {
             expect.bus_load_percent
