@@ -19,6 +19,7 @@ mod identify;
 mod knowledge;
 mod lockstep;
 mod long_runs;
+mod missed;
 mod mutator;
 mod net;
 mod preflight;

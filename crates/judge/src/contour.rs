@@ -63,7 +63,7 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
 
 /// Whether a loop missed cycles because of the bench.
 fn was_held_up(axis: &Evidence<'_>) -> bool {
-    axis.misses().longest_stall().is_some()
+    axis.misses().totals().first_stall().is_some()
 }
 
 /// Why there are no values.

@@ -10,8 +10,9 @@ use rig::plan::Plan;
 use scenario::metrics::is_of_traffic;
 
 use crate::circumstances::Circumstances;
+use crate::commands::missed_by_controller;
 use crate::evidence::Evidence;
-use crate::excuse::{Excuse, MISSED_CYCLES};
+use crate::excuse::{Excuse, MISSED_CYCLES, open_commands};
 use crate::loops::whole;
 use crate::metric::{Metric, leave_open, not_judged};
 use crate::metrics::metrics;
@@ -123,11 +124,10 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
     if let Some(reason) = incomplete_recording(unrecorded) {
         return (Outcome::Inconclusive, Some(reason));
     }
+    let of_commands = open_commands(evidence, metrics);
     let excuse = Excuse::find(evidence, MISSED_CYCLES_PERCENT_MAX);
-    let excused = match &excuse {
-        Some(excuse) => excuse.open_limits(evidence, metrics),
-        None => None,
-    };
+    let excused = excuse.and_then(|excuse| excuse.open_limits(evidence, metrics));
+    let excused = excused.or(of_commands);
     let is_failed = |metric: &Metric| metric.passed == Some(false);
     if let Some(reason) = cut_short(evidence.timeline, evidence.own) {
         (Outcome::Incomplete, Some(reason))
@@ -143,14 +143,20 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<S
     }
 }
 
-/// Why a run fails whose nodes left out too many cycles: more than its limit says, or than can be where it has none.
+/// Why a run fails whose nodes left out too many cycles, or commands in them: more than the limit says, or than can be where it has
+/// none; or all from some time on to the end.
 fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
     let limit = (evidence.scenario.expect.limit(MISSED_CYCLES))
         .and_then(|limit| limit.max)
         .unwrap_or(MISSED_CYCLES_PERCENT_MAX);
     let misses = evidence.misses();
     let lost = evidence.circumstances.unrecorded.frames_lost;
-    let reason = misses.too_many_by_nodes(limit, lost)?;
+    let period_seconds = evidence.timeline.period_seconds;
+    let totals = misses.totals();
+    let reason = totals
+        .too_many_by_nodes(limit, lost)
+        .or_else(|| totals.silent_at_end(misses.due.saturating_sub(1), period_seconds, lost))
+        .or_else(|| missed_by_controller(evidence))?;
     let load = evidence.timeline.bus_load_percent;
     Some(match load > BUSY_BUS_PERCENT {
         true => format!("{reason}; the bus is nearly full (load {load:.1} %)"),

@@ -4,12 +4,14 @@ use rig::plan::ControlLoop;
 use scenario::metrics::{self as metrics_table, is_of_traffic};
 use scenario::port::Unit;
 
+use crate::commands;
 use crate::evidence::{Evidence, RecordedLoop};
 use crate::metric::{Metric, leave_open, meets};
 use crate::metrics::metrics;
-use crate::misses::Stretch;
+use crate::misses::{Stretch, Totals};
 
 pub(crate) const MISSED_CYCLES: &str = "missed_cycles_percent";
+pub(crate) const MISSED_COMMANDS: &str = "missed_commands_percent";
 /// Its row has no value but the event.
 const NO_EVENT: &str = "no_event";
 const SYNC_INTERVAL: &str = "sync_interval_milliseconds_max";
@@ -29,9 +31,9 @@ pub(crate) struct Excuse {
 impl Excuse {
     /// None where no cycle was missed because of the bench.
     pub(crate) fn find(evidence: &Evidence<'_>, percent_max: f64) -> Option<Self> {
-        let misses = evidence.misses();
-        let longest = misses.longest_stall()?;
-        let percent = misses.percent_by_bench();
+        let cycles = evidence.misses().totals();
+        let (first_seconds, longest) = cycles.first_stall()?;
+        let percent = cycles.percent_by_bench();
         let busy = (percent > percent_max).then(|| {
             format!(
                 "{percent:.2} % of the cycles were missed because of stalls (limit {percent_max} %), the longest when {}: the machine was too busy for real time; try --clock lockstep",
@@ -39,7 +41,7 @@ impl Excuse {
             )
         });
         Some(Self {
-            first_seconds: misses.first_by_bench_seconds()?,
+            first_seconds,
             longest,
             busy,
         })
@@ -65,7 +67,9 @@ impl Excuse {
                 continue;
             }
             let is_open = match row.passed {
-                Some(false) if row.name == MISSED_CYCLES => Self::explains_missed(evidence, row),
+                Some(false) if row.name == MISSED_CYCLES => {
+                    explains_missed(evidence.misses().totals(), row)
+                }
                 Some(false) if row.name == SYNC_INTERVAL => self.explains_interval(evidence, row),
                 Some(false) => !old.is_some_and(|old| is_proven(row, old)),
                 Some(true) => self.busy.is_some() && !is_of_traffic(&row.name),
@@ -79,16 +83,7 @@ impl Excuse {
         if self.busy.is_some() {
             return self.busy.clone();
         }
-        (!opened.is_empty()).then(|| {
-            let (names, stall) = (opened.join(", "), self.longest.words());
-            format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
-        })
-    }
-
-    /// Without the bench's own misses the limit is met.
-    fn explains_missed(evidence: &Evidence<'_>, row: &Metric) -> bool {
-        let unexplained = evidence.misses().percent_unexplained();
-        row.limit.is_some_and(|limit| meets(unexplained, limit))
+        (!opened.is_empty()).then(|| not_judged_since(&self.longest, &opened.join(", ")))
     }
 
     /// A SYNC that is due in a stall comes after it, by a period at most.
@@ -98,6 +93,29 @@ impl Excuse {
         row.value
             .is_some_and(|value| value <= 1e3 * (longest + periods))
     }
+}
+
+/// Opens the limit on missed commands if it is met without those that the bench kept from being sent; what to say of it.
+pub(crate) fn open_commands(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Option<String> {
+    let is_missed = |row: &&mut Metric| row.name == MISSED_COMMANDS && row.passed == Some(false);
+    let row = rows.iter_mut().find(is_missed)?;
+    let missed = commands::missed(evidence);
+    let (_, longest) = missed
+        .first_stall()
+        .filter(|_| explains_missed(&missed, row))?;
+    leave_open(row);
+    Some(not_judged_since(&longest, MISSED_COMMANDS))
+}
+
+fn not_judged_since(stall: &Stretch, names: &str) -> String {
+    let stall = stall.words();
+    format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
+}
+
+/// Without the bench's own misses the limit is met.
+fn explains_missed(missed: &Totals, row: &Metric) -> bool {
+    let unexplained = missed.percent_unexplained();
+    row.limit.is_some_and(|limit| meets(unexplained, limit))
 }
 
 /// What was measured until a time, as if the scenario ended there.

@@ -13,6 +13,7 @@
 
 mod chirp;
 mod circumstances;
+mod commands;
 pub mod comparison;
 mod contour;
 mod decision;

@@ -10,7 +10,9 @@ use crate::evidence::{
     Absence, Evidence, Measurement, MetricValue, first_silence, largest, mean, worst,
 };
 use crate::metric::Metric;
-use crate::{chirp, contour, disturbances, holds, reactions, sequences, signals, sine, steps};
+use crate::{
+    chirp, commands, contour, disturbances, holds, reactions, sequences, signals, sine, steps,
+};
 
 /// The steady state is the mean over this time before the end.
 const STEADY_STATE_SECONDS: f64 = 0.5;
@@ -44,6 +46,7 @@ static MEASURES: &[(&str, Measure)] = &[
     ("missed_cycles_percent", |evidence| {
         missed_cycles(evidence).into()
     }),
+    ("missed_commands_percent", commands::missed_commands),
     ("bus_load_percent", |evidence| {
         traffic(evidence.timeline.bus_load_percent).into()
     }),
@@ -185,7 +188,7 @@ fn missed_cycles(evidence: &Evidence<'_>) -> MetricValue {
         let reason = "no cycle in the recording";
         return Err(Absence::unseen(reason, evidence.whole()));
     }
-    Ok(misses.percent())
+    Ok(misses.totals().percent())
 }
 
 fn sync_interval(evidence: &Evidence<'_>) -> MetricValue {

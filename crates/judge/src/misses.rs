@@ -1,6 +1,6 @@
-//! Whose doing it was that a cycle was missed: the bench's, a fault's of the scenario, or a node's. By evidence only: without
-//! a stall in the recording's evidence nothing is the bench's, and nothing of a node that is somebody else's unless the stall
-//! was in that cycle.
+//! Whose doing it was that a cycle, or the command in it, was missed: the bench's, a fault's of the scenario, or a node's. By
+//! evidence only: without a stall in the recording's evidence nothing is the bench's, and nothing of a node that is somebody else's
+//! unless the stall was in that cycle; a fault explains what it touches.
 
 use std::time::Duration;
 
@@ -10,18 +10,19 @@ use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use rig::external::{External, ExternalNode};
 use rig::plan::ControlLoop;
 use scenario::events::Window;
-use scenario::fault::FaultWindow;
+use scenario::fault::node::Node;
 
+use self::faults::ScenarioFaults;
 use crate::circumstances::Circumstances;
 
-/// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
-const REACTION_SECONDS: f64 = 0.2;
 /// Nodes wait at least for so long for each other's heartbeat.
 const HEARD_SECONDS: f64 = 0.1;
 /// After a shorter stall no node counts as silent.
 const SILENT_PERIODS: f64 = 5.0;
 /// So many periods after a stall, at most, come the frames that it held up.
 const BURST_PERIODS: f64 = 2.0;
+/// What is missing at the end for at most so many cycles, or so long, is no silence.
+const SILENT_AT_END: (u64, f64) = (5, 0.02);
 /// With faults the plant sends its truth every 10 ms at least.
 pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
 /// Without faults the last SYNC comes a period before the end, or late.
@@ -34,25 +35,32 @@ pub(crate) enum Missing {
     Sync,
     /// A SYNC but no position: the drive's.
     Position,
+    /// A position but no command: the controller's.
+    Command,
 }
 
 impl Missing {
-    const BOTH: [Self; 2] = [Self::Sync, Self::Position];
+    const ALL: [Self; 3] = [Self::Sync, Self::Position, Self::Command];
+
+    /// The node that was to send it.
+    fn sender(self) -> Node {
+        match self {
+            Self::Sync | Self::Command => Node::Controller,
+            Self::Position => Node::Drive,
+        }
+    }
 
     /// Whether somebody else's node was to send it.
     fn is_of(self, external: &External) -> bool {
-        external.has(match self {
-            Self::Sync => ExternalNode::Controller,
-            Self::Position => ExternalNode::Drive,
+        external.has(match self.sender() {
+            Node::Controller => ExternalNode::Controller,
+            Node::Drive => ExternalNode::Drive,
         })
     }
 
-    /// Among what is kept of both.
+    /// Among what is kept of each.
     fn place(self) -> usize {
-        match self {
-            Self::Sync => 0,
-            Self::Position => 1,
-        }
+        self as usize
     }
 
     /// `controller: no SYNC`
@@ -60,6 +68,7 @@ impl Missing {
         match self {
             Self::Sync => "controller: no SYNC",
             Self::Position => "drive: no position",
+            Self::Command => "controller: no command",
         }
     }
 }
@@ -70,7 +79,8 @@ pub(crate) enum Doing {
     /// The bench's: of all stalls of that time, this one.
     Bench(Stretch),
     Fault,
-    Node,
+    /// That of the node which was to send this.
+    Node(Missing),
 }
 
 /// A stall in scenario time.
@@ -104,10 +114,10 @@ struct Stalls {
 impl Stalls {
     /// Only processes that canrig started are watched, and what happened to them explains nothing of somebody else's node.
     fn excusing(stretches: &[Stretch], missing: Missing, external: &External) -> Self {
-        let excuses = |stretch: &&Stretch| match (stretch.stall.who, missing) {
-            (Who::Machine | Who::Bus, _) | (Who::Controller, Missing::Sync) => true,
-            (Who::PlantEmulator, Missing::Sync) => false,
-            (Who::Controller | Who::PlantEmulator, Missing::Position) => {
+        let excuses = |stretch: &&Stretch| match (stretch.stall.who, missing.sender()) {
+            (Who::Machine | Who::Bus, _) | (Who::Controller, Node::Controller) => true,
+            (Who::PlantEmulator, Node::Controller) => false,
+            (Who::Controller | Who::PlantEmulator, Node::Drive) => {
                 !external.has(ExternalNode::Drive)
             }
         };
@@ -134,49 +144,55 @@ impl Stalls {
     }
 }
 
-/// A cycle that was missed.
+/// A cycle that was missed, or the command in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Miss {
+    cycle: u64,
     pub(crate) at_seconds: f64,
-    pub(crate) missing: Missing,
     pub(crate) doing: Doing,
 }
 
 /// All cycles that were missed, of those that were due. There may be as many as the run has cycles, so they are looked up
 /// when they are needed, and only what they come to together is kept.
-#[derive(Clone, Debug)]
 pub(crate) struct Misses<'a> {
     timeline: &'a Timeline,
     pub(crate) due: u64,
-    /// The stalls that explain a missing SYNC, and those that explain a missing position.
-    stalls: [Stalls; 2],
+    /// The stalls that explain each of what may be missing.
+    stalls: [Stalls; Missing::ALL.len()],
     /// The stall that explains what canrig's own nodes left out beside all others.
-    prevailing: [Option<Stretch>; 2],
-    faults: Vec<FaultWindow>,
+    prevailing: [Option<Stretch>; Missing::ALL.len()],
+    faults: ScenarioFaults,
     totals: Totals,
 }
 
 /// What misses come to together.
 #[derive(Clone, Debug, Default)]
-struct Totals {
+pub(crate) struct Totals {
+    /// Of so many cycles.
+    due: u64,
     all: usize,
     by_bench: usize,
     /// Of those that a cycle was missed for.
     longest_stall: Option<Stretch>,
     /// When the first of the bench's own was, or the stall that it was missed for.
     first_by_bench_seconds: Option<f64>,
-    /// Those of the nodes without a SYNC and those without a position, with the time of the first.
-    by_nodes: [(usize, f64); 2],
+    /// Those of the nodes by what they left out first, with the time of the first.
+    by_nodes: [(usize, f64); Missing::ALL.len()],
+    /// The last of the nodes' without interruption, the first and the last of them.
+    latest: Option<(Miss, Miss)>,
 }
 
 impl Totals {
-    fn of(misses: impl Iterator<Item = Miss>) -> Self {
-        let mut totals = Self::default();
-        misses.for_each(|miss| totals.add(&miss));
+    fn of(due: u64, misses: impl Iterator<Item = Miss>) -> Self {
+        let mut totals = Self {
+            due,
+            ..Self::default()
+        };
+        misses.for_each(|miss| totals.add(miss));
         totals
     }
 
-    fn add(&mut self, miss: &Miss) {
+    fn add(&mut self, miss: Miss) {
         self.all += 1;
         match miss.doing {
             Doing::Fault => {}
@@ -190,96 +206,17 @@ impl Totals {
                 let first = self.first_by_bench_seconds.get_or_insert(begins);
                 *first = first.min(begins);
             }
-            Doing::Node => {
-                let (count, first_seconds) = &mut self.by_nodes[miss.missing.place()];
+            Doing::Node(missing) => {
+                let (count, first_seconds) = &mut self.by_nodes[missing.place()];
                 if *count == 0 {
                     *first_seconds = miss.at_seconds;
                 }
                 *count += 1;
+                let goes_on = |(_, last): &(Miss, Miss)| last.cycle + 1 == miss.cycle;
+                let first = self.latest.filter(goes_on).map_or(miss, |(first, _)| first);
+                self.latest = Some((first, miss));
             }
         }
-    }
-}
-
-impl<'a> Misses<'a> {
-    pub(crate) fn new(
-        timeline: &'a Timeline,
-        one: &ControlLoop,
-        circumstances: &Circumstances,
-    ) -> Self {
-        let stretches = stretches(timeline, &circumstances.stalls);
-        let mut misses = Self {
-            timeline,
-            prevailing: [None; 2],
-            due: due(timeline, one, circumstances.ended_early.as_ref()),
-            stalls: Missing::BOTH
-                .map(|missing| Stalls::excusing(&stretches, missing, &one.external)),
-            faults: one.faults(),
-            totals: Totals::default(),
-        };
-        misses.totals = Totals::of(misses.all());
-        misses.prevailing = misses.prevailing(&one.external);
-        if misses.prevailing.iter().any(Option::is_some) {
-            misses.totals = Totals::of(misses.all());
-        }
-        misses
-    }
-
-    /// Where stalls explain four of five missed cycles at least, they are the reason of what canrig's own nodes left out
-    /// besides: a processor that the host of a virtual machine took from a running thread shows in no clock of the machine.
-    fn prevailing(&self, external: &External) -> [Option<Stretch>; 2] {
-        let own = (Missing::BOTH.into_iter()).filter(|missing| !missing.is_of(external));
-        let by_own: usize = own
-            .map(|missing| self.totals.by_nodes[missing.place()].0)
-            .sum();
-        let prevails = by_own > 0 && 4 * by_own <= self.totals.by_bench;
-        let longest = self.totals.longest_stall.filter(|_| prevails);
-        Missing::BOTH.map(|missing| longest.filter(|_| !missing.is_of(external)))
-    }
-
-    /// One by one, in the order of time.
-    pub(crate) fn all(&self) -> impl Iterator<Item = Miss> {
-        // The cycles without interruption that follow from a fault.
-        let mut follows_until = None;
-        missed(self.timeline, self.due).map(move |(cycle, missing)| {
-            let (from, until) = stretch_of(cycle, self.timeline.period_seconds);
-            let is_fault = self.is_faulty(from, until) || follows_until == Some(cycle);
-            follows_until = is_fault.then_some(cycle + 1);
-            let place = missing.place();
-            let doing = match self.stalls[place].overlapping(from, until) {
-                Some(stretch) => Doing::Bench(stretch),
-                None if is_fault => Doing::Fault,
-                None => self.prevailing[place].map_or(Doing::Node, Doing::Bench),
-            };
-            Miss {
-                at_seconds: from,
-                missing,
-                doing,
-            }
-        })
-    }
-
-    /// Whether a fault may be why something is missing in a stretch.
-    fn is_faulty(&self, from: f64, until: f64) -> bool {
-        self.faults.iter().any(|fault| {
-            let begins = fault.from_seconds.unwrap_or(f64::NEG_INFINITY);
-            let booted = fault
-                .from_seconds
-                .map_or(Some(0.0), |_| fault.until_seconds);
-            let reaction = REACTION_SECONDS + TIME_TOLERANCE_SECONDS;
-            until + TIME_TOLERANCE_SECONDS >= begins
-                && booted.is_none_or(|ends| from <= ends + reaction)
-        })
-    }
-
-    /// All of them, by all that were due.
-    pub(crate) fn percent(&self) -> f64 {
-        self.percent_of(self.totals.all)
-    }
-
-    /// Those that the bench does not explain.
-    pub(crate) fn percent_unexplained(&self) -> f64 {
-        self.percent_of(self.totals.all - self.totals.by_bench)
     }
 
     fn percent_of(&self, count: usize) -> f64 {
@@ -295,9 +232,155 @@ impl<'a> Misses<'a> {
         }
     }
 
-    /// When the first of the bench's own was, or the stall that it was missed for.
-    pub(crate) fn first_by_bench_seconds(&self) -> Option<f64> {
-        self.totals.first_by_bench_seconds
+    /// All of them, by all that were due.
+    pub(crate) fn percent(&self) -> f64 {
+        self.percent_of(self.all)
+    }
+
+    /// Those that the bench does not explain.
+    pub(crate) fn percent_unexplained(&self) -> f64 {
+        self.percent_of(self.all - self.by_bench)
+    }
+
+    pub(crate) fn percent_by_nodes(&self) -> f64 {
+        self.percent_of(self.count_by_nodes())
+    }
+
+    fn count_by_nodes(&self) -> usize {
+        self.by_nodes.iter().map(|(count, _)| count).sum()
+    }
+
+    pub(crate) fn percent_by_bench(&self) -> f64 {
+        self.percent_of(self.by_bench)
+    }
+
+    /// When the first of the bench's own was, or the stall that it was missed for, and the longest stall for which one was missed.
+    pub(crate) fn first_stall(&self) -> Option<(f64, Stretch)> {
+        self.first_by_bench_seconds.zip(self.longest_stall)
+    }
+
+    /// Why a run fails whose nodes left out more than so many percent: who, how many and since when. Of the frames that the recorder
+    /// lost, each may have been one of theirs.
+    pub(crate) fn too_many_by_nodes(&self, percent_max: f64, frames_lost: u64) -> Option<String> {
+        let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
+        let sure = self.count_by_nodes().saturating_sub(lost);
+        if sure == 0 || self.percent_of(sure) <= percent_max {
+            return None;
+        }
+        let parts = Missing::ALL.map(|missing| {
+            let (count, first) = self.by_nodes[missing.place()];
+            let (percent, words) = (self.percent_of(count), missing.words());
+            (count > 0)
+                .then(|| format!("{words} in {percent:.2} % of the cycles, first at {first:.3} s"))
+        });
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        Some(format!("{} (limit {percent_max} %)", parts.join("; ")))
+    }
+
+    /// Why a run fails at whose end, the last cycle that was due, a node was silent and nothing explains it.
+    pub(crate) fn silent_at_end(
+        &self,
+        last_due: u64,
+        period_seconds: f64,
+        frames_lost: u64,
+    ) -> Option<String> {
+        let (first, last) = self.latest.filter(|(_, last)| last.cycle >= last_due)?;
+        let Doing::Node(missing) = first.doing else {
+            return None;
+        };
+        let cycles = last.cycle + 1 - first.cycle;
+        let seconds = stretch_of(cycles, period_seconds).0;
+        let is_silence = cycles.saturating_sub(frames_lost) > SILENT_AT_END.0
+            && seconds > SILENT_AT_END.1 + TIME_TOLERANCE_SECONDS;
+        let (words, from) = (missing.words(), first.at_seconds);
+        is_silence.then(|| format!("{words} from {from:.3} s to the end"))
+    }
+}
+
+impl<'a> Misses<'a> {
+    pub(crate) fn new(
+        timeline: &'a Timeline,
+        one: &ControlLoop,
+        circumstances: &Circumstances,
+    ) -> Self {
+        let stretches = stretches(timeline, &circumstances.stalls);
+        let mut misses = Self {
+            timeline,
+            prevailing: [None; Missing::ALL.len()],
+            due: due(timeline, one, circumstances.ended_early.as_ref()),
+            stalls: Missing::ALL
+                .map(|missing| Stalls::excusing(&stretches, missing, &one.external)),
+            faults: ScenarioFaults::new(timeline, one),
+            totals: Totals::default(),
+        };
+        misses.totals = Totals::of(misses.due, misses.all());
+        misses.prevailing = misses.prevailing(&one.external);
+        if misses.prevailing.iter().any(Option::is_some) {
+            misses.totals = Totals::of(misses.due, misses.all());
+        }
+        misses
+    }
+
+    /// Where stalls explain four of five missed cycles at least, they are the reason of what canrig's own nodes left out
+    /// besides: a processor that the host of a virtual machine took from a running thread shows in no clock of the machine.
+    fn prevailing(&self, external: &External) -> [Option<Stretch>; Missing::ALL.len()] {
+        let own = (Missing::ALL.into_iter()).filter(|missing| !missing.is_of(external));
+        let by_own: usize = own
+            .map(|missing| self.totals.by_nodes[missing.place()].0)
+            .sum();
+        let prevails = by_own > 0 && 4 * by_own <= self.totals.by_bench;
+        let longest = self.totals.longest_stall.filter(|_| prevails);
+        Missing::ALL.map(|missing| longest.filter(|_| !missing.is_of(external)))
+    }
+
+    /// One by one, in the order of time.
+    pub(crate) fn all(&self) -> impl Iterator<Item = Miss> {
+        self.attributed(missed(self.timeline, self.due))
+    }
+
+    /// What they come to together.
+    pub(crate) fn totals(&self) -> &Totals {
+        &self.totals
+    }
+
+    /// The same of the commands that were missed in some of so many cycles.
+    pub(crate) fn of_commands(&self, due: u64, cycles: impl Iterator<Item = u64>) -> Totals {
+        let missed = cycles.map(|cycle| (cycle, Missing::Command));
+        Totals::of(due, self.attributed(missed))
+    }
+
+    /// Whose doing each was. What is missing without interruption has the cause of the first that no stall explains.
+    fn attributed(
+        &self,
+        missed: impl Iterator<Item = (u64, Missing)>,
+    ) -> impl Iterator<Item = Miss> {
+        // The cycle that would go on with what was missing last, and what that began with.
+        let mut goes_on: Option<(u64, Doing)> = None;
+        missed.map(move |(cycle, missing)| {
+            let (from, until) = stretch_of(cycle, self.timeline.period_seconds);
+            let cause = goes_on.filter(|(next, _)| *next == cycle);
+            let stall = self.stalls[missing.place()].overlapping(from, until);
+            let cause = match (cause, stall) {
+                (Some((_, cause)), _) => Some(cause),
+                (None, Some(_)) => None,
+                (None, None) if self.faults.explain(missing, from, until) => Some(Doing::Fault),
+                (None, None) => Some(Doing::Node(missing)),
+            };
+            goes_on = cause.map(|cause| (cycle + 1, cause));
+            let doing = match (stall, cause) {
+                (Some(stretch), _) => Doing::Bench(stretch),
+                (None, Some(Doing::Fault)) => Doing::Fault,
+                (None, cause) => {
+                    let own = left_out(cause, missing);
+                    self.prevailing[own.place()].map_or(Doing::Node(own), Doing::Bench)
+                }
+            };
+            Miss {
+                cycle,
+                at_seconds: from,
+                doing,
+            }
+        })
     }
 
     /// Whether cycles were missed in a window, and none of them by a node or a fault.
@@ -309,34 +392,13 @@ impl<'a> Misses<'a> {
         let mut missed = self.all().filter(inside).peekable();
         missed.peek().is_some() && missed.all(|miss| matches!(miss.doing, Doing::Bench(_)))
     }
+}
 
-    pub(crate) fn percent_by_bench(&self) -> f64 {
-        self.percent_of(self.totals.by_bench)
-    }
-
-    /// The longest stall that a cycle was missed for.
-    pub(crate) fn longest_stall(&self) -> Option<Stretch> {
-        self.totals.longest_stall
-    }
-
-    /// Why a run fails whose nodes left out more than so many percent of the cycles: who, how many and since when. Of the
-    /// frames that the recorder lost, each may have been one of theirs.
-    pub(crate) fn too_many_by_nodes(&self, percent_max: f64, frames_lost: u64) -> Option<String> {
-        let by_nodes = self.totals.by_nodes;
-        let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
-        let sure = by_nodes.map(|(count, _)| count).iter().sum::<usize>();
-        let sure = sure.saturating_sub(lost);
-        if sure == 0 || self.percent_of(sure) <= percent_max {
-            return None;
-        }
-        let parts = Missing::BOTH.map(|missing| {
-            let (count, first) = by_nodes[missing.place()];
-            let (percent, words) = (self.percent_of(count), missing.words());
-            (count > 0)
-                .then(|| format!("{words} in {percent:.2} % of the cycles, first at {first:.3} s"))
-        });
-        let parts: Vec<String> = parts.into_iter().flatten().collect();
-        Some(format!("{} (limit {percent_max} %)", parts.join("; ")))
+/// Of what is missing without interruption, what a node left out first: a controller gives up where the drive is silent.
+fn left_out(cause: Option<Doing>, missing: Missing) -> Missing {
+    match cause {
+        Some(Doing::Node(Missing::Position)) => Missing::Position,
+        _ => missing,
     }
 }
 
@@ -471,5 +533,6 @@ fn longest_of_half(stretches: &[Stretch], from: f64, until: f64) -> Option<Stret
         .copied()
 }
 
+mod faults;
 #[cfg(test)]
 mod tests;

@@ -755,6 +755,38 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
     assert_eq!(judged(3.0), Outcome::Inconclusive);
 }
 
+/// 5 % without a command, all of them in a stall or none.
+#[test]
+fn missed_commands_have_their_limit_without_those_of_the_bench() {
+    let limit = "[expect]\nmissed_commands_percent = { max = 3.0 }\n";
+    let setup = Setup::new(scenario(limit), &Catalogue::shipped());
+    let mut frames = commanded(step_response(1.1), |_| 0.5);
+    frames.retain(|stamped| {
+        let is_command = stamped.frame.standard_id() == Some(0x210);
+        !(is_command && (2001..2201).contains(&stamped.time.as_millis()))
+    });
+    let timeline = decode(&frames, &setup).unwrap();
+    let judged = |who| {
+        let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2201));
+        let circumstances = Circumstances {
+            stalls: vec![Stall::new(from, until, who, What::Waited)],
+            ..Circumstances::default()
+        };
+        let verdict = judge(&timeline, &setup, &circumstances);
+        assert_eq!(value(&verdict, "missed_commands_percent"), Some(5.0));
+        (verdict.outcome, verdict.reason.unwrap())
+    };
+    let reason = "not judged, since the controller waited for a processor for 200.0 ms at 2.000 s: missed_commands_percent";
+    let (outcome, found) = judged(Who::Controller);
+    assert_eq!(outcome, Outcome::Inconclusive, "{found}");
+    assert!(found.starts_with(reason), "{found}");
+    let reason = "controller: no command in 5.00 % of the cycles, first at 2.000 s (limit 3 %)";
+    assert_eq!(
+        judged(Who::PlantEmulator),
+        (Outcome::Fail, reason.to_owned())
+    );
+}
+
 #[test]
 fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
     let plan = Plan::new(scenario(""), &Catalogue::shipped());

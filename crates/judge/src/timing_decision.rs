@@ -3,18 +3,32 @@
 use recording::stalls::Stall;
 use scenario::expect::Expect;
 
-use crate::metric::{leave_open, not_judged};
+use crate::commands::MISSED_COMMANDS_PERCENT_MAX;
+use crate::excuse::MISSED_COMMANDS;
+use crate::metric::{Metric, leave_open, not_judged};
 use crate::timing::Timing;
 use crate::verdict::{Outcome, Verdict};
 
 /// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
-/// missed, and the run cannot pass; where the machine stood still at all, none is missed.
+/// missed, and the run cannot pass; where the machine stood still at all, none is missed. A command that did not come is later
+/// than any limit.
 pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect, stalls: &[Stall]) {
     let unavailable = not_judged(&verdict.metrics);
     let mut metrics = timing.metrics(&expect.timing);
+    let missed_percent = missed_commands_percent(verdict);
     for metric in &mut metrics {
         let own = expect.requirements.get(&metric.name);
         metric.requirements = own.cloned().unwrap_or_default();
+        if metric.passed == Some(true)
+            && is_to_command(metric)
+            && let Some(why) = why_not_met(metric, missed_percent)
+        {
+            let requirements = std::mem::take(&mut metric.requirements);
+            *metric = Metric {
+                requirements,
+                ..Metric::new(metric.name.clone(), Err(why), metric.limit)
+            };
+        }
         let is_missed = metric.passed == Some(false);
         if !timing.distrust.is_empty() || is_missed && !stalls.is_empty() {
             leave_open(metric);
@@ -25,6 +39,33 @@ pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect, stal
         decide(verdict, &timing, stalls, unavailable);
     }
     verdict.timing = Some(timing);
+}
+
+/// The largest share of cycles without a command, of several loops.
+fn missed_commands_percent(verdict: &Verdict) -> f64 {
+    let rows = verdict.metrics.iter();
+    let rows = rows.filter(|row| row.name.ends_with(MISSED_COMMANDS));
+    rows.filter_map(|row| row.value).fold(0.0, f64::max)
+}
+
+/// Why a limit on the time to the command is not met by the commands that came.
+fn why_not_met(metric: &Metric, missed_percent: f64) -> Option<String> {
+    if missed_percent > MISSED_COMMANDS_PERCENT_MAX {
+        let limit = MISSED_COMMANDS_PERCENT_MAX;
+        return Some(format!(
+            "no command in {missed_percent:.2} % of the cycles (limit {limit} %)"
+        ));
+    }
+    let is_measured = metric.value.is_some_and(|value| value > 0.0);
+    (!is_measured).then(|| "no cycle had its command before the next SYNC".to_owned())
+}
+
+/// Whether it is a time that ends with a command.
+fn is_to_command(metric: &Metric) -> bool {
+    let latencies = ["position_to_command", "round_trip"];
+    latencies
+        .iter()
+        .any(|latency| metric.name.starts_with(latency))
 }
 
 /// Whether the timing can change the outcome.
@@ -70,11 +111,9 @@ mod tests {
     use scenario::expect::Limit;
 
     use super::*;
-    use crate::metric::Metric;
 
-    #[test]
-    fn limits_on_time_pass_only_where_the_timing_is_trusted() {
-        let timing = |p99, distrust: &[&str]| Timing {
+    fn timing(p99: f64, distrust: &[&str]) -> Timing {
+        Timing {
             controller: Some(NodeReport::default()),
             plant_emulator: Some(NodeReport::default()),
             sync_to_position_microseconds: Quantiles::default(),
@@ -84,14 +123,42 @@ mod tests {
                 ..Quantiles::default()
             },
             distrust: distrust.iter().map(ToString::to_string).collect(),
+        }
+    }
+
+    #[expect(clippy::unnecessary_wraps, reason = "as a limit is given")]
+    fn max(max: f64) -> Option<Limit> {
+        let limit = Limit {
+            min: None,
+            max: Some(max),
         };
-        let max = |max| {
-            let limit = Limit {
-                min: None,
-                max: Some(max),
-            };
-            Some(limit)
+        Some(limit)
+    }
+
+    #[test]
+    fn a_command_that_did_not_come_is_late() {
+        let mut limits = Expect::default();
+        limits.timing.round_trip_microseconds.p99 = max(800.0);
+        let judged = |missed_percent: f64, p99| {
+            let mut verdict = Verdict::incomplete("hold", 1, "");
+            (verdict.outcome, verdict.reason) = (Outcome::Pass, None);
+            let missed = Metric::new("x.missed_commands_percent", Ok(missed_percent), None);
+            verdict.metrics = vec![missed];
+            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[]);
+            let row = verdict.metrics.pop().unwrap();
+            (verdict.outcome, row.value, row.remark)
         };
+        assert_eq!(judged(1.0, 700.0), (Outcome::Pass, Some(700.0), None));
+        let why = "no command in 66.67 % of the cycles (limit 1 %)".to_owned();
+        let expected = (Outcome::Fail, None, Some(why));
+        assert_eq!(judged(66.67, 700.0), expected);
+        let why = "no cycle had its command before the next SYNC".to_owned();
+        let expected = (Outcome::Fail, None, Some(why));
+        assert_eq!(judged(0.0, 0.0), expected);
+    }
+
+    #[test]
+    fn limits_on_time_pass_only_where_the_timing_is_trusted() {
         let name = "round_trip_microseconds_p99";
         let mut limits = Expect::default();
         limits.requirements = [(name.to_owned(), vec!["REQ-1".to_owned()])].into();

@@ -12,7 +12,7 @@ use crate::node_words::NodeWords;
 use crate::occurrences::Notes;
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
-const PERIODS_MAX: u32 = 20;
+pub(crate) const PERIODS_MAX: u32 = 20;
 /// Periods without a heartbeat that count as a loss; the nodes wait as long (0x1016).
 const HEARTBEATS_MAX: u32 = 5;
 

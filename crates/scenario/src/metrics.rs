@@ -189,6 +189,12 @@ pub static METRICS: &[Metric] = &[
         ..CYCLES
     },
     Metric {
+        name: "missed_commands_percent",
+        unit: "percent",
+        text: "Share of the cycles with a position for which the controller sent no command before the next position.",
+        ..CYCLES
+    },
+    Metric {
         name: "bus_load_percent",
         unit: "percent",
         text: "Share of the time from the first SYNC on in which frames occupy the bus, computed from their bits.",

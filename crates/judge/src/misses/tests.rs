@@ -92,36 +92,48 @@ fn slow(
     faults: &[(u32, u32)],
     external: &External,
 ) -> Vec<(f64, &'static str)> {
-    let mut by_fault = vec![false; cycles.len()];
+    let explains = |held: &&Held, number: u32, cycle: Cycle| {
+        let (from, until) = (10 * i64::from(number), 10 * i64::from(number) + 10);
+        let overlaps = held.from < until && held.from + i64::from(held.length) > from;
+        let is_of_it = match (held.who, cycle) {
+            (Who::Machine | Who::Bus, _) => true,
+            (Who::Controller, Cycle::WithoutSync) => true,
+            (Who::PlantEmulator, Cycle::WithoutSync) => false,
+            _ => !external.has(ExternalNode::Drive),
+        };
+        overlaps && is_of_it
+    };
+    let is_held =
+        |number: u32, cycle: Cycle| held.iter().any(|held| explains(&held, number, cycle));
     let mut whose = Vec::new();
     for (number, cycle) in (0_u32..).zip(cycles) {
         if *cycle == Cycle::Served {
             continue;
         }
+        // What is missing without interruption begins with the first that no stall explains.
         let place = usize::try_from(number).unwrap();
-        let (from, until) = (10 * i64::from(number), 10 * i64::from(number) + 10);
-        let is_during = faults.iter().any(|(begins, ends)| {
-            until >= 10 * i64::from(*begins) && from <= 10 * i64::from(*ends) + 200
-        });
-        by_fault[place] = is_during || place > 0 && by_fault[place - 1];
-        let explains = |held: &&Held| {
-            let overlaps = held.from < until && held.from + i64::from(held.length) > from;
-            let is_of_it = match (held.who, cycle) {
-                (Who::Machine | Who::Bus, _) => true,
-                (Who::Controller, Cycle::WithoutSync) => true,
-                (Who::PlantEmulator, Cycle::WithoutSync) => false,
-                _ => !external.has(ExternalNode::Drive),
-            };
-            overlaps && is_of_it
+        let served = cycles[..place]
+            .iter()
+            .rposition(|one| *one == Cycle::Served);
+        let begins = served.map_or(0, |served| served + 1);
+        let mut run = (0_u32..).zip(cycles).skip(begins);
+        let first = run.find(|(number, one)| !is_held(*number, **one));
+        let (first, missing) = first.unwrap_or((number, cycle));
+        let (from, until) = (10 * i64::from(first), 10 * i64::from(first) + 10);
+        // The controller is dead, which keeps its SYNC away.
+        let is_by_fault = *missing == Cycle::WithoutSync
+            && faults.iter().any(|(begins, ends)| {
+                until >= 10 * i64::from(*begins) && from <= 10 * i64::from(*ends) + 200
+            });
+        // A controller gives up where the drive is silent.
+        let whose_node = match (missing, cycle) {
+            (Cycle::WithoutPosition, _) | (_, Cycle::WithoutPosition) => ExternalNode::Drive,
+            _ => ExternalNode::Controller,
         };
-        let doing = match (held.iter().find(explains), by_fault[place]) {
-            (Some(_), _) => "bench",
-            (None, true) => "fault",
-            (None, false) => "node",
-        };
-        let whose_node = match cycle {
-            Cycle::WithoutSync => ExternalNode::Controller,
-            _ => ExternalNode::Drive,
+        let doing = match (is_held(number, *cycle), is_by_fault) {
+            (true, _) => "bench",
+            (false, true) => "fault",
+            (false, false) => "node",
         };
         let is_own = doing == "node" && !external.has(whose_node);
         whose.push((f64::from(number) * 0.01, doing, is_own));
@@ -144,7 +156,7 @@ fn word(doing: Doing) -> &'static str {
     match doing {
         Doing::Bench(_) => "bench",
         Doing::Fault => "fault",
-        Doing::Node => "node",
+        Doing::Node(_) => "node",
     }
 }
 
@@ -212,11 +224,14 @@ fn who_left_out_what_is_named_with_its_share_and_its_first_time() {
     let misses = Misses::new(&timelines[0], plan.leading(), &Circumstances::default());
     let reason = "controller: no SYNC in 1.00 % of the cycles, first at 0.500 s; \
         drive: no position in 2.00 % of the cycles, first at 0.070 s (limit 1 %)";
-    assert_eq!(misses.too_many_by_nodes(1.0, 0).as_deref(), Some(reason));
-    assert_eq!(misses.too_many_by_nodes(3.0, 0), None);
+    assert_eq!(
+        misses.totals.too_many_by_nodes(1.0, 0).as_deref(),
+        Some(reason)
+    );
+    assert_eq!(misses.totals.too_many_by_nodes(3.0, 0), None);
     // Two of the three may be frames that the recorder lost.
-    assert_eq!(misses.too_many_by_nodes(1.0, 2), None);
-    assert!(misses.too_many_by_nodes(1.0, 1).is_some());
+    assert_eq!(misses.totals.too_many_by_nodes(1.0, 2), None);
+    assert!(misses.totals.too_many_by_nodes(1.0, 1).is_some());
 }
 
 /// A run with a stall in 20 of its cycles, in which a node left out some others.
@@ -238,7 +253,7 @@ fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
             ..Circumstances::default()
         };
         let misses = Misses::new(&timelines[0], plan.leading(), &circumstances);
-        misses.too_many_by_nodes(1.0, 0)
+        misses.totals.too_many_by_nodes(1.0, 0)
     };
     assert_eq!(by_nodes(5, &[]), None);
     assert!(by_nodes(6, &[]).is_some(), "more than one of five");
@@ -301,7 +316,9 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
             ended_early,
             ..Circumstances::default()
         };
-        Misses::new(&timelines[0], plan.leading(), &circumstances).percent()
+        Misses::new(&timelines[0], plan.leading(), &circumstances)
+            .totals
+            .percent()
     };
     assert_eq!(percent(&frames(&silent), None), 60.0);
     let cut = frames(&silent[..40]);

@@ -410,6 +410,7 @@ impl Plain<'_> {
         let served = self.within(self.whole()).len();
         let missed = 100.0 * (due - served) as f64 / due as f64;
         rows.insert("missed_cycles_percent".to_owned(), Some(missed));
+        rows.insert("missed_commands_percent".to_owned(), self.missed_commands());
         let before_end = |micros: &u64| *micros as f64 / 1e6 < self.end;
         let syncs: Vec<u64> = self
             .drawn
@@ -427,6 +428,45 @@ impl Plain<'_> {
             longest.filter(|_| has_sync),
         );
         rows.insert("bus_load_percent".to_owned(), self.bus_load());
+    }
+
+    /// Cycles with a position that no command follows before the next position, by all with a position. The last of them has waited
+    /// for a period at the end.
+    fn missed_commands(&self) -> Option<f64> {
+        self.seen(self.whole())?;
+        let frames = self.drawn.frames();
+        let answers = frames
+            .iter()
+            .filter(|(_, frame)| [0x190, 0x210].map(Some).contains(&frame.standard_id()));
+        let answers: Vec<(f64, bool)> = answers
+            .map(|(micros, frame)| {
+                (
+                    scenario_seconds(*micros),
+                    frame.standard_id() == Some(0x190),
+                )
+            })
+            .filter(|(time, _)| (0.0..self.drawn.duration()).contains(time))
+            .collect();
+        let last_frame = frames
+            .iter()
+            .map(|(micros, _)| scenario_seconds(*micros))
+            .filter(|time| *time <= self.drawn.duration() + TOLERANCE)
+            .fold(0.0, f64::max);
+        let positions = answers
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, is_position))| *is_position);
+        let positions = positions.zip(self.drawn.cycles.iter().filter(|one| one.sent.is_some()));
+        let judged = positions
+            .filter(|(_, cycle)| is_in(f64::from(cycle.number) * PERIOD_SECONDS, self.whole()));
+        let is_lacking: Vec<bool> = judged
+            .map(|((place, (time, _)), _)| match answers.get(place + 1) {
+                Some((_, is_position)) => *is_position,
+                None => last_frame - time >= PERIOD_SECONDS - TOLERANCE,
+            })
+            .collect();
+        let lacking = is_lacking.iter().filter(|is_lacking| **is_lacking).count();
+        Some(100.0 * lacking as f64 / is_lacking.len() as f64)
     }
 
     /// Bits behind the first SYNC by the time to the last frame before the end; at 1 Mbit/s a bit takes 1 µs.

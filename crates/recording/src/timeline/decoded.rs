@@ -61,6 +61,8 @@ pub struct Timeline {
     pub time_seconds: Series<f64>,
     /// The cycles that should have begun by the latest SYNC, up to the scenario's end.
     pub cycles_due: u64,
+    /// The numbers of the cycles with a position for which no command came; none in a piece.
+    pub uncommanded: Series<u64>,
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
     pub set_point_millimetres: Series<f64>,
     /// The unit of its positions and of their names; `millimetres` in this code stands for it.
@@ -145,6 +147,9 @@ impl Timeline {
         for column in &mut before.columns {
             column.values.truncate(rows);
         }
+        let is_before = |cycle: &u64| cycle_start_seconds(*cycle, self.period_seconds) < seconds;
+        let uncommanded = self.uncommanded.partition_point(is_before);
+        before.uncommanded.truncate(uncommanded);
         before.events = self.events.at_times(|time| time < seconds);
         before.emergencies = self.emergencies.at_times(|time| time < seconds);
         let is_before = |truth: &&PlantTruth| truth.time_seconds < seconds;
@@ -179,6 +184,7 @@ impl Timeline {
             set_point_millimetres: part(&self.set_point_millimetres),
             columns: columns.collect(),
             unit: self.unit.clone(),
+            uncommanded: Series::default(),
             events: self.events.at_times(is_inside),
             emergencies: Occurrences::default(),
             truth: Series::default(),

@@ -1,6 +1,7 @@
 //! A recording, decoded: one row for each cycle, and the events between them.
 
 mod columns;
+mod commands;
 mod decoded;
 mod passing;
 mod reader;

@@ -11,6 +11,7 @@ use rig::plan::{ControlLoop, Plan, Shared};
 use scenario::Scenario;
 
 use super::columns::Columns;
+use super::commands::CommandReader;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
 use crate::events::{EventReader, Events};
@@ -110,6 +111,7 @@ pub struct TimelineReader {
     traces: TraceReader,
     masters: MasterWatch,
     columns: Columns,
+    commands: CommandReader,
     cycle: SeriesWriter<u64>,
     cycles_due: u64,
 }
@@ -123,6 +125,7 @@ impl TimelineReader {
         let end = Duration::from_secs_f64(scenario.duration_seconds);
         let words = NodeWords::new(shared, one);
         let losses = LossReader::new(scenario, database, &words);
+        let commands = CommandReader::new(database, &words, period)?;
         let events = EventReader::new(database, words);
         let truth = TruthReader::new(database)?;
         let fan = FanReader::new(database)?;
@@ -155,6 +158,7 @@ impl TimelineReader {
             traces,
             masters,
             columns,
+            commands,
             cycle: SeriesWriter::default(),
             cycles_due: 0,
         })
@@ -164,6 +168,7 @@ impl TimelineReader {
     fn keep(&mut self, rows: usize) {
         self.cycle.keep(rows);
         self.columns.keep(rows);
+        self.commands.keep(rows);
     }
 
     /// Makes room for the rows of so many frames.
@@ -198,6 +203,9 @@ impl TimelineReader {
         // How the nodes stop after the scenario's end is no part of its last cycle.
         if time.is_none_or(|time| time < self.end) {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
+        }
+        if let Some(time) = time.filter(|time| *time < self.end) {
+            self.commands.on_frame(frame, time, is_late);
         }
         if let Some(time) = time.filter(|_| is_sync) {
             self.latest_sync = time;
@@ -237,6 +245,7 @@ impl TimelineReader {
         let is_new = self.cycle.last().is_none_or(|last| number > *last);
         if is_new && number < self.end_cycle {
             self.cycle.push(number);
+            self.commands.begin_cycle(number);
         }
     }
 
@@ -261,7 +270,10 @@ impl TimelineReader {
         let mut rest = self.take_rows(self.cycle.len(), scenario)?;
         let zero = self.passing.clock.zero();
         let events = self.events.take_until(f64::INFINITY, scenario, zero);
-        rest.events = events.merged(self.losses.take_all(self.passing.latest));
+        let latest = self.passing.latest;
+        let (uncommanded, silences) = self.commands.take_all(latest);
+        rest.uncommanded = uncommanded;
+        rest.events = events.merged(self.losses.take_all(latest)).merged(silences);
         rest.emergencies = self.events.take_emergencies(zero);
         rest.truth = self.truth.take_all(zero);
         rest.traces = self.traces.take_all();
@@ -291,6 +303,7 @@ impl TimelineReader {
             cycle,
             time_seconds,
             cycles_due: self.cycles_due,
+            uncommanded: Series::default(),
             position: place(&columns, &scenario.wiring.unit.rename(signals::POSITION))?,
             current: place(&columns, signals::CURRENT)?,
             columns,

@@ -16,4 +16,4 @@ mod windows;
 
 pub use lasting::{Lasting, any_acts};
 pub use table::Faults;
-pub use windows::{FaultWindow, Place};
+pub use windows::{FaultWindow, Place, Touch};

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use super::Faults;
+use super::{Faults, Touch};
 use crate::{Scenario, schema};
 
 fn parse(tables: &str) -> Result<Scenario, Vec<String>> {
@@ -65,6 +65,10 @@ fn every_kind_is_a_window_with_its_name() {
             (windows[0].place.group, windows[0].place.kind),
             (&*group, &*kind)
         );
+        let touches_none = matches!(windows[0].touch, Touch::Nothing);
+        let is_behind_the_drive = !["bus", "node"].contains(&&*group);
+        let touches_none_expected = is_behind_the_drive || kind == "duplicate";
+        assert_eq!(touches_none, touches_none_expected, "{group}.{kind}");
         assert!(!scenario.fault.is_empty());
         let text = toml::to_string(&scenario.fault).unwrap();
         assert!(text.contains(&format!("[[{group}.{kind}]]")), "{text}");

@@ -1,7 +1,8 @@
-//! All faults of a scenario as one list: where they stand in the file, when they act, what they are called.
+//! All faults of a scenario as one list: where they stand in the file, when they act, which frames they touch, what they are called.
 
+use super::bus::{Delay, Lose, OfFrames, Station};
 use super::lasting::Lasting;
-use super::node::Node;
+use super::node::{ClockDrift, Crash, Hang, LostHeartbeat, Node, SlowCycle};
 use super::table::Faults;
 
 /// Where a fault stands, which is also its name: `fault.sensor.stuck.0`.
@@ -23,6 +24,21 @@ impl Place {
     }
 }
 
+/// The cyclic frames that a fault can keep from the bus. What a node does about a fault it reports itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Touch {
+    /// None.
+    Nothing,
+    /// Those of all nodes.
+    All,
+    /// Those of a node.
+    Of(Node),
+    /// Those of a node, or of all, which come so much later.
+    Late(Option<Node>, f64),
+    /// Heartbeats of a node: the nodes that watch it may stop.
+    HeartbeatsOf(Node),
+}
+
 /// When a fault acts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaultWindow {
@@ -34,12 +50,19 @@ pub struct FaultWindow {
     pub until_seconds: Option<f64>,
     /// The node that fails; none where a part of the rig or the bus does.
     pub node: Option<Node>,
+    /// The frames that it touches.
+    pub touch: Touch,
     /// What happens, for people.
     pub text: String,
 }
 
 impl FaultWindow {
-    fn new(group: &'static str, kind: &'static str, index: usize, whose: Option<Node>) -> Self {
+    fn new(
+        group: &'static str,
+        kind: &'static str,
+        index: usize,
+        (whose, touch): (Option<Node>, Touch),
+    ) -> Self {
         let name = kind.replace('_', " ");
         let text = match whose {
             Some(node) => format!("fault: {} {name}", node.name()),
@@ -50,6 +73,7 @@ impl FaultWindow {
             from_seconds: None,
             until_seconds: None,
             node: whose,
+            touch,
             text,
         }
     }
@@ -80,18 +104,34 @@ impl FaultWindow {
     }
 }
 
-/// Adds the windows of kinds that last.
+/// Adds the windows of kinds that last, each with the frames that it touches.
 macro_rules! lasting {
-    ($windows:ident, $faults:expr, $group:literal: $($kind:ident),*) => {
+    ($windows:ident, $faults:expr, $group:literal: $($kind:ident $touch:expr),*) => {
         $($windows.extend($faults.$kind.iter().enumerate().map(|(index, fault)| {
-            FaultWindow::new($group, stringify!($kind), index, None).lasting(fault)
+            let touch = ($touch)(fault);
+            FaultWindow::new($group, stringify!($kind), index, (None, touch)).lasting(fault)
         }));)*
     };
-    ($windows:ident, $faults:expr, of node: $($kind:ident),*) => {
+    ($windows:ident, $faults:expr, of node: $($kind:ident $touch:expr),*) => {
         $($windows.extend($faults.$kind.iter().enumerate().map(|(index, fault)| {
-            FaultWindow::new("node", stringify!($kind), index, Some(fault.node)).lasting(fault)
+            let touch = ($touch)(fault);
+            FaultWindow::new("node", stringify!($kind), index, (Some(fault.node), touch)).lasting(fault)
         }));)*
     };
+}
+
+/// The node whose frames a fault of frames at a station touches; none where it touches those of all.
+fn node_at(station: Option<Station>) -> Option<Node> {
+    match station? {
+        Station::Controller => Some(Node::Controller),
+        Station::Drive => Some(Node::Drive),
+        Station::Bench => None,
+    }
+}
+
+/// What is wrong behind the drive's software touches no frame.
+fn nothing<T>(_: &T) -> Touch {
+    Touch::Nothing
 }
 
 impl Faults {
@@ -105,18 +145,31 @@ impl Faults {
     #[must_use]
     pub fn windows(&self) -> Vec<FaultWindow> {
         let mut windows = Vec::new();
-        lasting!(windows, self.bus, "bus": lose, delay, duplicate, reorder, corrupt, bit_error, babble, load);
-        lasting!(windows, self.node, of node: crash, hang, slow_cycle, clock_drift, lost_heartbeat);
+        lasting!(windows, self.bus, "bus":
+            // What the receiver misses it does not answer.
+            lose |fault: &Lose| node_at(fault.station()).map_or(Touch::Nothing, Touch::Of),
+            delay |fault: &Delay| Touch::Late(node_at(fault.station()), fault.delay_milliseconds / 1e3),
+            duplicate |_| Touch::Nothing, reorder |_| Touch::All, corrupt |_| Touch::All,
+            bit_error |_| Touch::All, babble |_| Touch::All, load |_| Touch::All);
+        lasting!(windows, self.node, of node:
+            crash |fault: &Crash| Touch::Of(fault.node), hang |fault: &Hang| Touch::Of(fault.node),
+            slow_cycle |fault: &SlowCycle| Touch::Late(Some(fault.node), fault.delay_milliseconds / 1e3),
+            clock_drift |fault: &ClockDrift| Touch::Of(fault.node),
+            lost_heartbeat |fault: &LostHeartbeat| Touch::HeartbeatsOf(fault.node));
         windows.extend(self.node_instants());
-        lasting!(windows, self.sensor, "sensor": offset, drift, noise, spikes, lost_bits, stuck);
-        lasting!(windows, self.amplifier, "amplifier": saturated, stuck_on, dead);
-        lasting!(windows, self.plant, "plant": ageing, broken_wire, jammed_pulley, dropped_load);
+        lasting!(windows, self.sensor, "sensor":
+            offset nothing, drift nothing, noise nothing, spikes nothing, lost_bits nothing, stuck nothing);
+        lasting!(windows, self.amplifier, "amplifier": saturated nothing, stuck_on nothing, dead nothing);
+        lasting!(windows, self.plant, "plant":
+            ageing nothing, broken_wire nothing, jammed_pulley nothing, dropped_load nothing);
         windows
     }
 
     /// Faults of nodes that happen at one instant or at the boot.
     fn node_instants(&self) -> Vec<FaultWindow> {
-        let node = |kind, index, whose| FaultWindow::new("node", kind, index, Some(whose));
+        let node = |kind, index, whose| {
+            FaultWindow::new("node", kind, index, (Some(whose), Touch::Of(whose)))
+        };
         let mut windows = Vec::new();
         for (index, fault) in self.node.restart.iter().enumerate() {
             windows.push(node("restart", index, fault.node).instant(fault.at_seconds));

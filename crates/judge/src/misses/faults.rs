@@ -1,0 +1,113 @@
+//! Which misses a fault of the scenario explains: it excuses what it touches, not its window.
+
+use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
+use rig::plan::ControlLoop;
+use scenario::fault::node::Node;
+use scenario::fault::{FaultWindow, Touch};
+
+use super::Missing;
+
+/// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
+const REACTION_SECONDS: f64 = 0.2;
+/// So many periods at least, the last ones of a controller that gives up among them.
+const REACTION_PERIODS: f64 = 5.0;
+/// A frame that is late by less, in periods, still comes in its cycle.
+const LATE_PERIODS: f64 = 0.5;
+/// The node that gives up the loop, and reports it, as a scenario names it.
+const CONTROLLER: &str = "controller";
+
+/// A stretch in which frames may be missing: those of a node, or of all.
+struct Touched {
+    node: Option<Node>,
+    from_seconds: f64,
+    until_seconds: f64,
+}
+
+/// What the faults of a scenario explain in a recording.
+pub(super) struct ScenarioFaults {
+    touched: Vec<Touched>,
+    /// When the controller reported a reason to give up in the time of a fault.
+    reports_seconds: Vec<f64>,
+    reaction_seconds: f64,
+}
+
+impl ScenarioFaults {
+    pub(super) fn new(timeline: &Timeline, one: &ControlLoop) -> Self {
+        let period_seconds = timeline.period_seconds;
+        let is_felt = |fault: &FaultWindow| match fault.touch {
+            Touch::Late(_, seconds) => {
+                seconds + TIME_TOLERANCE_SECONDS >= LATE_PERIODS * period_seconds
+            }
+            _ => true,
+        };
+        let own = one.scenario.fault.windows().into_iter();
+        let own = own.map(|fault| (touched(&fault, true), fault));
+        let elsewhere = one.faults_elsewhere.iter().cloned();
+        let elsewhere = elsewhere.map(|fault| (touched(&fault, false), fault));
+        let faults = own.chain(elsewhere).filter(|(_, fault)| is_felt(fault));
+        let (touched, faults): (Vec<_>, Vec<_>) = faults.unzip();
+        let watch = one.rig.as_ref().map_or(0.0, |rig| {
+            f64::from(rig.file.timeouts.controller_lost_milliseconds) / 1e3
+        });
+        let reaction_seconds =
+            f64::max(2.0 * watch, REACTION_SECONDS).max(REACTION_PERIODS * period_seconds);
+        let is_in_a_fault = |at: f64| {
+            let acts = |fault| {
+                let (from, until) = span(fault);
+                at >= from && at <= until + reaction_seconds
+            };
+            faults.iter().any(acts)
+        };
+        let emergencies = timeline.emergencies.iter();
+        let reports = emergencies.filter(|one| one.node == CONTROLLER);
+        let reports = reports.map(|one| one.time_seconds);
+        Self {
+            reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),
+            touched: touched.into_iter().flatten().collect(),
+            reaction_seconds: reaction_seconds + TIME_TOLERANCE_SECONDS,
+        }
+    }
+
+    /// Whether a fault explains that something begins to be missing in a stretch: it touches the frame, or the controller gives up
+    /// for it, and says so.
+    pub(super) fn explain(&self, missing: Missing, from: f64, until: f64) -> bool {
+        let is_near = |begins: f64, ends: f64| {
+            until + TIME_TOLERANCE_SECONDS >= begins && from <= ends + self.reaction_seconds
+        };
+        let touches = |touched: &Touched| {
+            touched.node.is_none_or(|node| node == missing.sender())
+                && is_near(touched.from_seconds, touched.until_seconds)
+        };
+        let is_reported = |at: &f64| is_near(*at, *at);
+        self.touched.iter().any(touches) || self.reports_seconds.iter().any(is_reported)
+    }
+}
+
+/// When a fault acts; one of the boot has ended at time 0.
+fn span(fault: &FaultWindow) -> (f64, f64) {
+    match fault.from_seconds {
+        None => (f64::NEG_INFINITY, 0.0),
+        Some(from) => (from, fault.until_seconds.unwrap_or(f64::INFINITY)),
+    }
+}
+
+/// The frames of the loop's controller and drive that a fault of its own or of another loop touches. The drive of another one is not
+/// its drive.
+fn touched(fault: &FaultWindow, is_own: bool) -> Option<Touched> {
+    let (from_seconds, until_seconds) = span(fault);
+    let (node, until_seconds) = match fault.touch {
+        Touch::Nothing => return None,
+        Touch::Of(Node::Drive) | Touch::Late(Some(Node::Drive), _) if !is_own => return None,
+        Touch::All => (None, until_seconds),
+        Touch::Of(node) => (Some(node), until_seconds),
+        Touch::Late(node, _) => (node, until_seconds),
+        // The others notice it at its begin.
+        Touch::HeartbeatsOf(Node::Controller) => (Some(Node::Drive), from_seconds),
+        Touch::HeartbeatsOf(Node::Drive) => (Some(Node::Controller), from_seconds),
+    };
+    Some(Touched {
+        node,
+        from_seconds,
+        until_seconds,
+    })
+}

@@ -1,0 +1,189 @@
+//! Which cycles with a position lack the command that follows from it.
+
+use std::time::Duration;
+
+use canopen::CanFrame;
+use dbc::{Database, SignalMissing, signals};
+use platform::series::{Series, SeriesWriter};
+
+use crate::events::{Event, Events, Level};
+use crate::losses::PERIODS_MAX;
+use crate::node_words::NodeWords;
+
+/// Cycles in a row that lack their command.
+#[derive(Clone, Copy)]
+struct Silence {
+    /// Scenario time of the first position that waited for one.
+    since: Duration,
+    cycles: u32,
+}
+
+/// Follows positions and commands. Each command is that of one cycle: of the one whose position waits for it or, where none waits, of
+/// the latest one before its position. A cycle lacks its command where none came before the drive's next position.
+pub(super) struct CommandReader {
+    position_id: u32,
+    command_id: u32,
+    period: Duration,
+    /// For people.
+    what: String,
+    /// The latest cycle, and whether its position has come.
+    cycle: Option<(u64, bool)>,
+    /// A command came in it before its position.
+    is_early: bool,
+    /// The cycle whose position waits for a command, with the position's scenario time.
+    waiting: Option<(u64, Duration)>,
+    lacking: SeriesWriter<u64>,
+    silence: Option<Silence>,
+}
+
+impl CommandReader {
+    pub(super) fn new(
+        database: &Database,
+        words: &NodeWords,
+        period: Duration,
+    ) -> Result<Self, SignalMissing> {
+        let to = words.of_loop().map(|_| format!(" to {}", words.drive()));
+        Ok(Self {
+            position_id: database.position()?.raw_id(),
+            command_id: database.require(signals::TARGET_CURRENT)?.raw_id(),
+            period,
+            what: format!(
+                "command from {}{}",
+                words.controller(),
+                to.unwrap_or_default()
+            ),
+            cycle: None,
+            is_early: false,
+            waiting: None,
+            lacking: SeriesWriter::default(),
+            silence: None,
+        })
+    }
+
+    /// Keeps so many cycles in memory at most.
+    pub(super) fn keep(&mut self, cycles: usize) {
+        self.lacking.keep(cycles);
+    }
+
+    /// A cycle begins.
+    pub(super) fn begin_cycle(&mut self, number: u64) {
+        (self.cycle, self.is_early) = (Some((number, false)), false);
+    }
+
+    /// Takes a frame before the scenario's end. A position that comes when its cycle is over belongs to none.
+    pub(super) fn on_frame(&mut self, frame: &CanFrame, time: Duration, is_late: bool) {
+        let id = frame.raw_id();
+        let Some((number, has_position)) = &mut self.cycle else {
+            return;
+        };
+        if id == self.position_id && !*has_position && !is_late {
+            *has_position = true;
+            let next = (!self.is_early).then_some((*number, time));
+            if let Some((lacking, since)) = std::mem::replace(&mut self.waiting, next) {
+                self.on_lacking(lacking, since);
+            }
+        } else if id == self.command_id {
+            let is_early = self.waiting.take().is_none() && !*has_position;
+            self.is_early |= is_early;
+            self.silence = None;
+        }
+    }
+
+    fn on_lacking(&mut self, cycle: u64, since: Duration) {
+        self.lacking.push(cycle);
+        let silence = self.silence.get_or_insert(Silence { since, cycles: 0 });
+        silence.cycles = silence.cycles.saturating_add(1);
+    }
+
+    /// All cycles that lack their command, and the loss that lasts; `latest` is the scenario time of the last frame before the end.
+    pub(super) fn take_all(&mut self, latest: Duration) -> (Series<u64>, Events) {
+        let is_due = |(_, since): &(u64, Duration)| latest.saturating_sub(*since) >= self.period;
+        if let Some((cycle, since)) = self.waiting.take().filter(is_due) {
+            self.on_lacking(cycle, since);
+        }
+        // As many cycles as of any cyclic frame are a loss.
+        let is_loss = |silence: &Silence| silence.cycles > PERIODS_MAX;
+        let loss = self.silence.take().filter(is_loss).map(|silence| {
+            let text = format!("loss: no {} from here on", self.what);
+            (silence.since.as_secs_f64(), Event::new(Level::Error, &text))
+        });
+        let lacking = self.lacking.take(self.lacking.len());
+        (lacking, loss.into_iter().collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_MICROS: u64 = 1000;
+
+    /// What is found of so many cycles: in each the frames of a text at even distances, `s` a SYNC, `p` a position, `c` a command.
+    fn found(cycles: &[&str]) -> (Vec<u64>, Vec<(f64, String)>) {
+        let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
+        let mut reader =
+            CommandReader::new(Database::shipped(), &NodeWords::default(), micros(1)).unwrap();
+        for (number, frames) in (0..).zip(cycles) {
+            for (place, letter) in (0..).zip(frames.chars()) {
+                let time = micros(number) + Duration::from_micros(100 * place);
+                match letter {
+                    's' => reader.begin_cycle(number),
+                    'p' => reader.on_frame(&CanFrame::new(0x190, &[0; 8]), time, false),
+                    'c' => reader.on_frame(&CanFrame::new(0x210, &[0; 8]), time, false),
+                    other => panic!("{other}"),
+                }
+            }
+        }
+        let (lacking, events) = reader.take_all(micros(cycles.len() as u64));
+        let events = events
+            .iter()
+            .map(|event| (event.time_seconds, event.text.clone()));
+        (lacking.iter().copied().collect(), events.collect())
+    }
+
+    fn lacking(cycles: &[&str]) -> Vec<u64> {
+        found(cycles).0
+    }
+
+    #[test]
+    fn a_cycle_lacks_its_command_where_none_came_before_the_next_position() {
+        assert_eq!(lacking(&["spc", "spc", "sp", "spc", "spc"]), [2]);
+        assert_eq!(lacking(&["spc", "sp", "sp", "spc"]), [1, 2]);
+        // A second position in a cycle is none of its own.
+        assert_eq!(lacking(&["sppc", "spcp", "spc"]), [0; 0]);
+        // A command that comes with the next SYNC is in time, and is that of one cycle only.
+        assert_eq!(lacking(&["sp", "scp", "scp", "scp"]), [0; 0]);
+        assert_eq!(lacking(&["sp", "scp", "sp", "scp", "sp", "scp"]), [1, 3]);
+        // A law that reads another drive's position may command before this drive's came.
+        let early = ["scp", "scp", "sp", "scp", "sp", "scp"];
+        assert_eq!(
+            lacking(&early),
+            [3],
+            "the first that is late is in time still"
+        );
+        assert_eq!(
+            lacking(&["spcc", "sp", "spc"]),
+            [1],
+            "one too many is none in advance"
+        );
+        // Without a position none is due.
+        assert_eq!(lacking(&["spc", "s", "sc", "s", "spc"]), [0; 0]);
+        assert_eq!(lacking(&["s", "s"]), [0; 0]);
+        // That of the last cycle is due when a period has passed since its position.
+        assert_eq!(lacking(&["spc", "sp"]), [0; 0], "0.9 ms after it");
+        assert_eq!(lacking(&["spc", "sp", "s"]), [1]);
+    }
+
+    #[test]
+    fn more_than_20_commands_that_do_not_come_any_more_are_a_loss() {
+        let cycles = |silent: usize, after: usize| {
+            let all = [vec!["spc"; 3], vec!["sp"; silent], vec!["spc"; after]];
+            found(&all.concat()).1
+        };
+        // The last position waits still.
+        assert_eq!(cycles(21, 0), []);
+        let loss = "loss: no command from the controller from here on";
+        assert_eq!(cycles(22, 0), [(0.0031, loss.to_owned())]);
+        assert_eq!(cycles(22, 1), []);
+    }
+}

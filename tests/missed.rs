@@ -1,0 +1,273 @@
+//! Frames that are missing, and what excuses them: runs are simulated, frames are taken from their recordings, and what remains is
+//! judged as a run with nodes that are somebody else's.
+
+use campaigns::campaign::{Campaign, of_one_loop};
+use judge::verdict::{Outcome, Verdict};
+use judge::{Circumstances, judge};
+use recording::log::Stamped;
+use recording::timeline::decode;
+use rig::catalogue::Catalogue;
+use rig::external::{External, ExternalNode};
+use rig::plan::Plan;
+use scenario::Scenario;
+
+use crate::support;
+
+const SYNC: u16 = 0x080;
+const POSITION: u16 = 0x190;
+const COMMAND: u16 = 0x210;
+const CONTROLLER_EMERGENCY: u16 = 0x081;
+
+/// From 0 to the end, and none of them touches a frame.
+const NOISE: &str = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnoise_millimetres_rms = 0.01\n";
+const SLOW: &str = "[[fault.node.slow_cycle]]\nfrom_seconds = 0.0\nnode = \"controller\"\ndelay_milliseconds = 0.1\n";
+
+/// 6 s at 1 kHz.
+fn scenario(faults: &str) -> Scenario {
+    let text = format!(
+        "schema = 1\nname = \"missed\"\nseed = 7\nduration_seconds = 6.0\n[controller.sliding_mode]\n\
+         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n{faults}"
+    );
+    Scenario::parse(&text, "missed.toml", |_| unreachable!("no table")).unwrap()
+}
+
+fn fault(kind: &str, node: &str, from_seconds: f64) -> String {
+    format!("[[fault.node.{kind}]]\nfrom_seconds = {from_seconds:.2}\nnode = \"{node}\"\n")
+}
+
+/// What was on the bus of a run.
+fn played(faults: &str) -> Vec<Stamped> {
+    let campaign = Campaign::on_all_cores(false);
+    let frames = campaign.play([of_one_loop(scenario(faults))].into_iter(), |played| {
+        played.frames.iter().collect::<Vec<Stamped>>()
+    });
+    frames.unwrap().remove(0).unwrap()
+}
+
+/// The same without some of the frames with an identifier, by the number of the SYNC before them.
+fn without(frames: &[Stamped], ids: &[u16], is_missing: impl Fn(u32) -> bool) -> Vec<Stamped> {
+    let mut number = 0;
+    let kept = frames.iter().filter(|stamped| {
+        let id = stamped.frame.standard_id();
+        number += u32::from(id == Some(SYNC));
+        !(id.is_some_and(|id| ids.contains(&id)) && is_missing(number))
+    });
+    kept.copied().collect()
+}
+
+/// What is judged of frames by a scenario with these faults, beside a node that is somebody else's.
+fn judged(frames: &[Stamped], text: &str, external: ExternalNode) -> Verdict {
+    let mut plan = Plan::new(scenario(text), &Catalogue::shipped());
+    plan.loops[0].external = External::new(&[external]).unwrap();
+    let timelines = decode(frames, &plan).unwrap();
+    judge(&plan, &timelines, &Circumstances::default())
+}
+
+#[track_caller]
+fn fails(verdict: &Verdict, reason: &str) {
+    let found = verdict.reason.as_deref().unwrap_or_default();
+    assert_eq!(verdict.outcome, Outcome::Fail, "{found}");
+    assert!(found.contains(reason), "{found}");
+}
+
+#[track_caller]
+fn passes(verdict: &Verdict) {
+    assert_eq!(verdict.outcome, Outcome::Pass, "{:?}", verdict.reason);
+}
+
+use ExternalNode::{Controller, Drive};
+
+#[test]
+fn noise_excuses_no_controller() {
+    passes(&judged(&played(NOISE), NOISE, Controller));
+    let killed = played(&format!("{NOISE}{}", fault("crash", "controller", 3.0)));
+    let verdict = judged(&killed, NOISE, Controller);
+    fails(&verdict, "controller: no SYNC in 50.0");
+    let lost = verdict.losses.iter();
+    let mut lost = lost.filter(|loss| loss.contains("no SYNC from the controller from here on"));
+    assert!(lost.next().is_some(), "{:?}", verdict.losses);
+    // Where the controller is killed on purpose, that is why.
+    let crash = fault("crash", "controller", 3.0);
+    passes(&judged(&killed, &format!("{NOISE}{crash}"), Drive));
+    let all = [SYNC, POSITION, COMMAND];
+    let every_twentieth = without(&played(NOISE), &all, |number| number % 20 == 0);
+    fails(
+        &judged(&every_twentieth, NOISE, Controller),
+        "controller: no SYNC in 5.00 %",
+    );
+}
+
+#[test]
+fn a_controller_that_is_a_little_slow_excuses_no_drive() {
+    let sound = played(SLOW);
+    passes(&judged(&sound, SLOW, Drive));
+    for kind in ["crash", "hang"] {
+        let dead = played(&format!("{SLOW}{}", fault(kind, "drive", 3.0)));
+        // The controller gives up, and that is not its doing.
+        fails(&judged(&dead, SLOW, Drive), "drive: no position in 50.0");
+    }
+    let third = without(&sound, &[POSITION], |number| number % 3 == 0);
+    fails(&judged(&third, SLOW, Drive), "drive: no position in 33.3");
+    // A fault of the controller is none of the drive's, however slow it is.
+    let slower = SLOW.replace("0.1", "0.6");
+    fails(
+        &judged(&third, &slower, Drive),
+        "drive: no position in 33.3",
+    );
+}
+
+#[test]
+fn a_fault_of_the_bus_excuses_the_station_that_it_names() {
+    let sound = played("");
+    let third = without(&sound, &[POSITION], |number| number % 3 == 0);
+    let fault = |kind: &str, more: &str| {
+        format!("[[fault.bus.{kind}]]\nfrom_seconds = 0.0\nprobability = 0.5\n{more}\n")
+    };
+    for (kind, more) in [
+        ("lose", "receiver = \"controller\""),
+        ("delay", "sender = \"drive\"\ndelay_milliseconds = 0.1"),
+        ("delay", "sender = \"controller\"\ndelay_milliseconds = 5.0"),
+        ("duplicate", "sender = \"drive\""),
+    ] {
+        fails(
+            &judged(&third, &fault(kind, more), Drive),
+            "drive: no position",
+        );
+    }
+    for (kind, more) in [
+        ("lose", "receiver = \"drive\""),
+        ("delay", "sender = \"drive\"\ndelay_milliseconds = 5.0"),
+        ("bit_error", ""),
+    ] {
+        passes(&judged(&third, &fault(kind, more), Drive));
+    }
+}
+
+/// A controller that gives up for a fault says so in an EMCY; without one nothing explains its silence.
+#[test]
+fn a_controller_that_gives_up_for_a_fault_says_so() {
+    let jump = "[[fault.sensor.offset]]\nfrom_seconds = 3.0\noffset_millimetres = 20.0\n";
+    let gives_up = played(jump);
+    passes(&judged(&gives_up, jump, Controller));
+    let silent = without(&gives_up, &[CONTROLLER_EMERGENCY], |_| true);
+    fails(
+        &judged(&silent, jump, Controller),
+        "controller: no SYNC in 4",
+    );
+    // Not for a fault that it cannot notice.
+    fails(
+        &judged(&gives_up, SLOW, Controller),
+        "controller: no SYNC in 4",
+    );
+}
+
+#[test]
+fn a_drive_may_stop_when_the_controllers_heartbeat_does() {
+    let lost = fault("lost_heartbeat", "controller", 2.0);
+    let stops = |at_seconds| played(&fault("crash", "drive", at_seconds));
+    passes(&judged(&stops(2.1), &lost, Drive));
+    fails(
+        &judged(&stops(3.0), &lost, Drive),
+        "drive: no position in 50.0",
+    );
+}
+
+#[test]
+fn a_node_that_is_silent_at_the_end_fails_the_run() {
+    let killed = |at_seconds| played(&fault("crash", "controller", at_seconds));
+    let verdict = judged(&killed(5.95), NOISE, Controller);
+    // 50 cycles of 6000 are 0.83 %.
+    fails(&verdict, "controller: no SYNC from 5.9");
+    // 0.02 s are no silence.
+    passes(&judged(&killed(5.985), NOISE, Controller));
+}
+
+const LIMITS: &str =
+    "[expect]\nmissed_cycles_percent = { max = 0.1 }\nno_event = [\"emergency\"]\n";
+
+#[test]
+fn commands_that_do_not_come_fail_a_controller_under_test() {
+    let sound = played("");
+    let row = |verdict: &Verdict| {
+        let mut rows = verdict.metrics.iter();
+        rows.find(|row| row.name == "missed_commands_percent")
+            .cloned()
+    };
+    let verdict = judged(&sound, LIMITS, Controller);
+    passes(&verdict);
+    assert_eq!(row(&verdict).unwrap().value, Some(0.0));
+    assert_eq!(row(&judged(&sound, LIMITS, Drive)), None, "nobody asks");
+
+    let zero = {
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        decode(&sound, &plan).unwrap()[0].zero_seconds.unwrap()
+    };
+    let until = |seconds: f64| {
+        let is_kept = |one: &&Stamped| {
+            one.frame.standard_id() != Some(COMMAND) || one.time.as_secs_f64() < zero + seconds
+        };
+        sound.iter().filter(is_kept).copied().collect::<Vec<_>>()
+    };
+    let silent = until(2.0);
+    let verdict = judged(&silent, LIMITS, Controller);
+    fails(&verdict, "controller: no command in 66.6");
+    assert_eq!(
+        verdict.losses,
+        ["2.000 s loss: no command from the controller from here on"]
+    );
+    // Of canrig's own controller it is reported.
+    let own = judged(&silent, LIMITS, Drive);
+    assert!(row(&own).is_some_and(|row| row.value > Some(66.0) && row.passed.is_none()));
+    let limited = format!("{LIMITS}missed_commands_percent = {{ max = 70.0 }}\n");
+    fails(
+        &judged(&silent, &limited, Drive),
+        "controller: no command from 2.000 s to the end",
+    );
+    // Noise excuses none of them.
+    fails(
+        &judged(&silent, &format!("{NOISE}{LIMITS}"), Controller),
+        "controller: no command",
+    );
+
+    let hundredth = without(&sound, &[COMMAND], |number| number % 100 == 50);
+    passes(&judged(&hundredth, LIMITS, Controller));
+    let fiftieth = without(&sound, &[COMMAND], |number| number % 50 == 0);
+    fails(
+        &judged(&fiftieth, LIMITS, Controller),
+        "controller: no command in 2.00 %",
+    );
+    let limited = format!("{LIMITS}missed_commands_percent = {{ max = 3.0 }}\n");
+    passes(&judged(&fiftieth, &limited, Controller));
+}
+
+/// The law of both axes needs both positions.
+#[test]
+fn of_several_loops_no_command_is_due_where_a_position_is_missing() {
+    let path = support::scenario("two_axes_circle.toml");
+    let mut plan = Plan::load(&path, &Catalogue::shipped()).unwrap();
+    let campaign = Campaign::on_all_cores(false);
+    let frames = campaign.play([plan.clone()].into_iter(), |played| {
+        played.frames.iter().collect::<Vec<Stamped>>()
+    });
+    let frames = frames.unwrap().remove(0).unwrap();
+    for one in &mut plan.loops {
+        one.external = External::new(&[Controller]).unwrap();
+    }
+    let id = |place: usize, message: &str| {
+        let message = plan.loops[place].database.message(message).unwrap();
+        u16::try_from(message.raw_id).unwrap()
+    };
+    let percent = |frames: &[Stamped]| {
+        let timelines = decode(frames, &plan).unwrap();
+        let verdict = judge(&plan, &timelines, &Circumstances::default());
+        let mut rows = verdict.metrics.iter();
+        let row = rows.find(|row| row.name == "x.missed_commands_percent");
+        row.unwrap().value.unwrap()
+    };
+    let fiftieth = |number: u32| number.is_multiple_of(50);
+    let uncommanded = without(&frames, &[id(0, "drive_rpdo1")], fiftieth);
+    let missed = percent(&uncommanded);
+    assert!((missed - 2.0).abs() < 0.01, "{missed}");
+    let unanswered = without(&uncommanded, &[id(1, "drive_tpdo1")], fiftieth);
+    assert_eq!(percent(&unanswered), 0.0);
+}
