@@ -10,15 +10,15 @@ use judge::verdict::Verdict;
 use libfuzzer_sys::fuzz_target;
 use recording::log::Stamped;
 use recording::timeline;
-use rig::setup::Setup;
+use rig::plan::Plan;
 use scenario::Scenario;
 use worlds::catalogue::catalogue;
 
-static SETUP: LazyLock<Setup> = LazyLock::new(|| {
+static PLAN: LazyLock<Plan> = LazyLock::new(|| {
     let text = include_str!("../../scenarios/fan.toml");
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
     let scenario = Scenario::parse(text, "fan.toml", no_table).expect("the scenario is valid");
-    Setup::new(scenario, catalogue())
+    Plan::new(scenario, catalogue())
 });
 
 fuzz_target!(|bytes: &[u8]| {
@@ -29,8 +29,8 @@ fuzz_target!(|bytes: &[u8]| {
             Stamped::new(now, step.frame)
         })
         .collect();
-    let timeline = timeline::decode(&frames, &SETUP).expect("the rig's own database");
-    let verdict = judge(&timeline, &SETUP, &Circumstances::default());
+    let timelines = timeline::decode(&frames, &PLAN).expect("the rig's own database");
+    let verdict = judge(&PLAN, &timelines, &Circumstances::default());
     let read = Verdict::from_json(&verdict.to_json()).expect("our own verdict is valid");
     assert_eq!(read.to_json(), verdict.to_json());
 });

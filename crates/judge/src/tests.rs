@@ -759,20 +759,20 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
 #[test]
 fn missed_commands_have_their_limit_without_those_of_the_bench() {
     let limit = "[expect]\nmissed_commands_percent = { max = 3.0 }\n";
-    let setup = Setup::new(scenario(limit), &Catalogue::shipped());
+    let plan = Plan::new(scenario(limit), &Catalogue::shipped());
     let mut frames = commanded(step_response(1.1), |_| 0.5);
     frames.retain(|stamped| {
         let is_command = stamped.frame.standard_id() == Some(0x210);
         !(is_command && (2001..2201).contains(&stamped.time.as_millis()))
     });
-    let timeline = decode(&frames, &setup).unwrap();
+    let timelines = decode(&frames, &plan).unwrap();
     let judged = |who| {
         let (from, until) = (Duration::from_millis(2001), Duration::from_millis(2201));
         let circumstances = Circumstances {
             stalls: vec![Stall::new(from, until, who, What::Waited)],
             ..Circumstances::default()
         };
-        let verdict = judge(&timeline, &setup, &circumstances);
+        let verdict = judge(&plan, &timelines, &circumstances);
         assert_eq!(value(&verdict, "missed_commands_percent"), Some(5.0));
         (verdict.outcome, verdict.reason.unwrap())
     };
