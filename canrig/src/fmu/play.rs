@@ -10,7 +10,7 @@ use fmu::export::Role;
 use fmu::table::{Port, Wiring, wiring};
 use fmu::unit::{Conversion, of_name};
 use fmu::worker::Remote;
-use fmu::{Archive, FmuError, Setup, StartValue};
+use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
 use scenario::plant::Fmu;
 use worlds::fmu_worker;
@@ -121,7 +121,7 @@ fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
         })
     };
     let wiring = Wiring {
-        setup: Setup::default(),
+        configuration: Configuration::default(),
         inputs: ports(|role| matches!(role, Role::Input(_))).collect(),
         outputs: ports(|role| *role == Role::Output).collect(),
     };
@@ -147,7 +147,7 @@ fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
     let worker =
         fmu_worker::start().map_err(|error| Refused(Exit::BenchFailed, error.to_string()))?;
     let mut outputs = vec![0.0; wiring.outputs.len()];
-    let mut remote = Remote::load(worker, &unpacked, &wiring.setup, &mut outputs)?;
+    let mut remote = Remote::load(worker, &unpacked, &wiring.configuration, &mut outputs)?;
     steps(
         args,
         &wiring,
@@ -209,7 +209,7 @@ fn plant_table(path: &Path) -> Result<(String, Fmu), Refused> {
     plant.ok_or_else(|| refused("it has no table [plant.NAME.fmu]".to_owned()))
 }
 
-/// The inputs of each step, in the units of the FMU and the order of the setup.
+/// The inputs of each step, in the units of the FMU and the order of the configuration.
 fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Refused> {
     let refused = |reason: String| Refused::file(path, reason);
     let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;

@@ -19,9 +19,9 @@ const STEPS_MAX: u32 = 1_000_000;
 /// By so much of a step time may fall short of its end: rounding of the sums of many steps.
 const ROUNDING: f64 = 1e-6;
 
-/// What a run wants of an FMU.
+/// Configuration of an FMU's instance for a run.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
-pub struct Setup {
+pub struct Configuration {
     /// Name of the instance, which some FMUs write into their messages.
     pub name: String,
     /// Start values, by the names of variables.
@@ -74,7 +74,7 @@ enum Start {
     Text(Access, CString),
 }
 
-/// A setup that fits a description.
+/// A configuration that fits a description.
 #[derive(Clone, Debug, PartialEq)]
 struct Plan {
     start: Vec<Start>,
@@ -83,11 +83,11 @@ struct Plan {
     step_seconds: Option<f64>,
 }
 
-impl Setup {
-    /// Looks whether the setup fits a description. Nothing is loaded.
+impl Configuration {
+    /// Looks whether the configuration fits a description. Nothing is loaded.
     ///
     /// # Errors
-    /// A variable that is not there, or cannot be what the setup makes of it; a need that is not served.
+    /// A variable that is not there, or cannot be what the configuration makes of it; a need that is not served.
     pub fn check(&self, description: &Description) -> Result<(), Fault> {
         self.plan(description).map(drop)
     }
@@ -168,7 +168,7 @@ fn start_of(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
     Ok(Start::Number(access, number))
 }
 
-/// The only length of a step, where the FMU or the setup has one.
+/// The only length of a step, where the FMU or the configuration has one.
 fn step_of(
     wanted: Option<f64>,
     co_simulation: &CoSimulation,
@@ -219,16 +219,20 @@ impl Instance {
     /// Loads an FMU that was unpacked to a folder, and brings it to time 0. For a worker process only: it runs a stranger's code.
     ///
     /// # Errors
-    /// It cannot be loaded, or does not take the setup; `file` names it there.
-    pub fn new(folder: &Path, file: &Path, setup: &Setup) -> Result<Self, FmuError> {
-        Self::loaded(folder, file, setup).map_err(|fault| fault.of(file))
+    /// It cannot be loaded, or does not take the configuration; `file` names it there.
+    pub fn new(
+        folder: &Path,
+        file: &Path,
+        configuration: &Configuration,
+    ) -> Result<Self, FmuError> {
+        Self::loaded(folder, file, configuration).map_err(|fault| fault.of(file))
     }
 
-    fn loaded(folder: &Path, file: &Path, setup: &Setup) -> Result<Self, Fault> {
+    fn loaded(folder: &Path, file: &Path, configuration: &Configuration) -> Result<Self, Fault> {
         let description = description_in(folder)?;
-        let plan = setup.plan(&description)?;
+        let plan = configuration.plan(&description)?;
         let co_simulation = description.served()?;
-        let name = CString::new(setup.name.as_str())
+        let name = CString::new(configuration.name.as_str())
             .map_err(|_| Fault::Table("its name has a NUL in it".to_owned()))?;
         let slave = library::instantiate(folder, &description, &name)?;
         let mut instance = Self {
@@ -291,7 +295,7 @@ impl Instance {
     /// An input is no number, or the FMU failed.
     ///
     /// # Panics
-    /// There are not as many inputs as in the setup.
+    /// There are not as many inputs as in the configuration.
     pub fn advance(&mut self, to_seconds: f64, inputs: &[f64]) -> Result<(), FmuError> {
         let advanced = self.set(inputs).and_then(|()| match self.step_seconds {
             None => self.reach(to_seconds),
@@ -306,9 +310,13 @@ impl Instance {
     /// One is no finite number, or the FMU failed.
     ///
     /// # Panics
-    /// There is not as much room as outputs in the setup.
+    /// There is not as much room as outputs in the configuration.
     pub fn read(&mut self, outputs: &mut [f64]) -> Result<(), FmuError> {
-        assert_eq!(outputs.len(), self.outputs.len(), "outputs of the setup");
+        assert_eq!(
+            outputs.len(),
+            self.outputs.len(),
+            "outputs of the configuration"
+        );
         for (access, value) in self.outputs.iter().zip(outputs) {
             let status = self.slave.number(access.kind, access.reference, value);
             if !status.is_good() {
@@ -340,7 +348,11 @@ impl Instance {
     }
 
     fn set(&mut self, inputs: &[f64]) -> Result<(), Fault> {
-        assert_eq!(inputs.len(), self.inputs.len(), "inputs of the setup");
+        assert_eq!(
+            inputs.len(),
+            self.inputs.len(),
+            "inputs of the configuration"
+        );
         for (access, value) in self.inputs.iter().zip(inputs) {
             if !value.is_finite() {
                 return Err(Fault::NotFinite {

@@ -26,4 +26,4 @@ pub mod worker;
 pub use archive::{Archive, Unpacked};
 pub use description::Description;
 pub use error::{Fault, FmuError};
-pub use instance::{Instance, Setup, StartValue};
+pub use instance::{Configuration, Instance, StartValue};

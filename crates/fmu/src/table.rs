@@ -5,7 +5,7 @@ use toml::Value;
 
 use crate::description::{Causality, Description, Kind, Variable};
 use crate::error::Fault;
-use crate::instance::{Setup, StartValue};
+use crate::instance::{Configuration, StartValue};
 use crate::unit::{Conversion, Known, of_base, of_name, of_symbol};
 
 /// A port of an FMU.
@@ -31,10 +31,10 @@ pub struct Port {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wiring {
     /// For the worker.
-    pub setup: Setup,
-    /// Ports that are set, in the order of the setup's inputs.
+    pub configuration: Configuration,
+    /// Ports that are set, in the order of the configuration's inputs.
     pub inputs: Vec<Port>,
-    /// Ports that are read, in the order of the setup's outputs.
+    /// Ports that are read, in the order of the configuration's outputs.
     pub outputs: Vec<Port>,
 }
 
@@ -61,11 +61,11 @@ impl Misfit {
 pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiring, Misfit> {
     description.served().map_err(Misfit::at("file"))?;
     let mut wiring = Wiring {
-        setup: Setup {
+        configuration: Configuration {
             name: name.to_owned(),
             start: start_of(table, description)?,
             step_seconds: table.step_milliseconds.map(|step| step / 1e3),
-            ..Setup::default()
+            ..Configuration::default()
         },
         inputs: Vec::new(),
         outputs: Vec::new(),
@@ -77,7 +77,7 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
             .variable(&port.variable)
             .map_err(at_variable())?;
         let is_input = variable.is_input();
-        if is_input && wiring.setup.inputs.contains(&variable.name) {
+        if is_input && wiring.configuration.inputs.contains(&variable.name) {
             let fault = Fault::variable(
                 &variable.name,
                 "is two ports already, and can be set by one",
@@ -86,13 +86,13 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
         }
         let name_alone = vec![variable.name.clone()];
         let alone = match is_input {
-            true => Setup {
+            true => Configuration {
                 inputs: name_alone,
-                ..a_setup()
+                ..a_configuration()
             },
-            false => Setup {
+            false => Configuration {
                 outputs: name_alone,
-                ..a_setup()
+                ..a_configuration()
             },
         };
         alone.check(description).map_err(at_variable())?;
@@ -106,10 +106,10 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
         None => "file",
     };
     wiring
-        .setup
+        .configuration
         .check(description)
         .map_err(Misfit::at(of_steps))?;
-    let start = &wiring.setup.start;
+    let start = &wiring.configuration.start;
     for port in &mut wiring.inputs {
         let given = start.iter().find(|(name, _)| *name == port.variable);
         if let Some((_, StartValue::Number(number))) = given {
@@ -122,8 +122,8 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
 impl Wiring {
     fn add(&mut self, port: Port, variable: &Variable, is_input: bool) {
         let (names, ports) = match is_input {
-            true => (&mut self.setup.inputs, &mut self.inputs),
-            false => (&mut self.setup.outputs, &mut self.outputs),
+            true => (&mut self.configuration.inputs, &mut self.inputs),
+            false => (&mut self.configuration.outputs, &mut self.outputs),
         };
         names.push(variable.name.clone());
         ports.push(port);
@@ -131,10 +131,10 @@ impl Wiring {
 }
 
 /// One of whose steps nothing can be said.
-fn a_setup() -> Setup {
-    Setup {
+fn a_configuration() -> Configuration {
+    Configuration {
         step_seconds: Some(1.0),
-        ..Setup::default()
+        ..Configuration::default()
     }
 }
 
@@ -153,9 +153,9 @@ fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, Start
                 return Err(at_value()(Fault::variable(variable, reason)));
             }
         };
-        let alone = Setup {
+        let alone = Configuration {
             start: vec![(variable.clone(), value.clone())],
-            ..a_setup()
+            ..a_configuration()
         };
         alone.check(description).map_err(at_value())?;
         Ok((variable.clone(), value))

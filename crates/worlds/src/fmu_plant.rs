@@ -142,7 +142,8 @@ fn make(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
         source,
     })?;
     let mut raw = vec![0.0; wiring.outputs.len()];
-    let remote = Remote::load(worker, &unpacked, &wiring.setup, &mut raw).map_err(elsewhere)?;
+    let remote =
+        Remote::load(worker, &unpacked, &wiring.configuration, &mut raw).map_err(elsewhere)?;
     let conversions = |ports: &[table::Port]| ports.iter().map(|port| port.conversion).collect();
     let mut plant = FmuPlant {
         ports: ports_of(&wiring),

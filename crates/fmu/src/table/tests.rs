@@ -110,7 +110,7 @@ fn the_proposed_table_fits() {
     let names = Vec::from_iter(wiring.outputs.iter().map(|port| port.name.as_str()));
     assert_eq!(names, ["count", "t_kelvins", "x_millimetres"]);
     assert_eq!(wiring.inputs[0].name, "motor_i_amperes");
-    assert_eq!(wiring.setup.start.len(), 4);
+    assert_eq!(wiring.configuration.start.len(), 4);
     assert!(
         text.contains("x_millimetres = { variable = \"x\" }  # mm: height of it\n"),
         "{text}"

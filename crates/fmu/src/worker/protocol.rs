@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::instance::Setup;
+use crate::instance::Configuration;
 
 /// Longest message: below what a socket takes at once.
 pub(super) const MESSAGE_BYTES_MAX: usize = 128 << 10;
@@ -28,7 +28,7 @@ pub(super) struct Order {
     /// Its file, for messages.
     pub(super) file: String,
     /// What the run wants of it.
-    pub(super) setup: Setup,
+    pub(super) configuration: Configuration,
 }
 
 /// Writes a message of numbers; the buffer keeps its room.

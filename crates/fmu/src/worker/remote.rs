@@ -11,7 +11,7 @@ use super::protocol::{
 };
 use crate::archive::Unpacked;
 use crate::error::{Fault, FmuError};
-use crate::instance::Setup;
+use crate::instance::Configuration;
 
 /// How long an FMU may take to load and to find its start: some start an interpreter.
 pub const LOAD_PATIENCE: Duration = Duration::from_secs(60);
@@ -41,28 +41,28 @@ impl Remote {
     /// Has the worker at the other end load an FMU and bring it to time 0; `outputs` are its values there.
     ///
     /// # Errors
-    /// The FMU cannot be loaded, does not take the setup, or broke its worker.
+    /// The FMU cannot be loaded, does not take the configuration, or broke its worker.
     ///
     /// # Panics
-    /// There is not as much room as outputs in the setup.
+    /// There is not as much room as outputs in the configuration.
     pub fn load(
         channel: Box<dyn Channel>,
         unpacked: &Unpacked,
-        setup: &Setup,
+        configuration: &Configuration,
         outputs: &mut [f64],
     ) -> Result<Self, FmuError> {
         let mut remote = Self {
             file: unpacked.file().to_owned(),
             channel,
-            inputs: setup.inputs.len(),
-            outputs: setup.outputs.len(),
+            inputs: configuration.inputs.len(),
+            outputs: configuration.outputs.len(),
             message: Vec::with_capacity(MESSAGE_BYTES_MAX),
             answer: vec![0; MESSAGE_BYTES_MAX],
         };
         let order = Order {
             folder: unpacked.folder().to_string_lossy().into_owned(),
             file: remote.file.to_string_lossy().into_owned(),
-            setup: setup.clone(),
+            configuration: configuration.clone(),
         };
         remote
             .order(&order)
@@ -73,7 +73,7 @@ impl Remote {
     }
 
     fn order(&mut self, order: &Order) -> Result<(), Fault> {
-        // Each value of the setup is answered or asked for in one message.
+        // Each value of the configuration is answered or asked for in one message.
         let values = 8 * (self.inputs.max(self.outputs) + 2);
         let order =
             postcard::to_allocvec(order).map_err(|error| Fault::Table(error.to_string()))?;
@@ -95,14 +95,14 @@ impl Remote {
     /// The FMU failed, or broke its worker.
     ///
     /// # Panics
-    /// There are not as many inputs, or there is not as much room for outputs, as in the setup.
+    /// There are not as many inputs, or there is not as much room for outputs, as in the configuration.
     pub fn advance(
         &mut self,
         to_seconds: f64,
         inputs: &[f64],
         outputs: &mut [f64],
     ) -> Result<(), FmuError> {
-        assert_eq!(inputs.len(), self.inputs, "inputs of the setup");
+        assert_eq!(inputs.len(), self.inputs, "inputs of the configuration");
         let numbers = std::iter::once(to_seconds).chain(inputs.iter().copied());
         write(&mut self.message, ADVANCE, numbers);
         self.ask("stepped", STEP_PATIENCE)
@@ -160,7 +160,7 @@ impl Remote {
     }
 
     fn take(&self, length: usize, outputs: &mut [f64]) -> Result<(), Fault> {
-        assert_eq!(outputs.len(), self.outputs, "outputs of the setup");
+        assert_eq!(outputs.len(), self.outputs, "outputs of the configuration");
         self.refused(length)?;
         let numbers = numbers(&self.answer[..length]);
         if numbers.len() != outputs.len() {

@@ -83,9 +83,9 @@ fn load(body: &[u8]) -> Result<Loaded, FmuError> {
     })?;
     let (folder, file) = (Path::new(&order.folder), Path::new(&order.file));
     let mut loaded = Loaded {
-        instance: Instance::new(folder, file, &order.setup)?,
-        inputs: vec![0.0; order.setup.inputs.len()],
-        outputs: vec![0.0; order.setup.outputs.len()],
+        instance: Instance::new(folder, file, &order.configuration)?,
+        inputs: vec![0.0; order.configuration.inputs.len()],
+        outputs: vec![0.0; order.configuration.outputs.len()],
     };
     loaded.instance.read(&mut loaded.outputs)?;
     Ok(loaded)

@@ -3,7 +3,7 @@ use std::sync::{Arc, Mutex};
 
 use super::protocol::{ADVANCE, CANNOT, DONE, FAILED, numbers, write};
 use super::*;
-use crate::Setup;
+use crate::Configuration;
 use crate::archive::Archive;
 
 /// What the other end does.
@@ -78,13 +78,13 @@ fn played(script: impl IntoIterator<Item = Does>) -> Result<(f64, Vec<Vec<u8>>),
         script: script.into_iter().collect(),
         sent: sent.clone(),
     };
-    let setup = Setup {
+    let configuration = Configuration {
         inputs: vec!["u".to_owned()],
         outputs: vec!["x".to_owned()],
-        ..Setup::default()
+        ..Configuration::default()
     };
     let mut outputs = [0.0];
-    let mut remote = Remote::load(Box::new(channel), &unpacked, &setup, &mut outputs)?;
+    let mut remote = Remote::load(Box::new(channel), &unpacked, &configuration, &mut outputs)?;
     remote.advance(0.5, &[2.0], &mut outputs)?;
     let sent = sent.lock().unwrap().clone();
     Ok((outputs[0], sent))
