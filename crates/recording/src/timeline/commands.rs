@@ -60,6 +60,12 @@ impl CommandReader {
         })
     }
 
+    /// Whether a frame of this identifier is a position or a command.
+    #[inline]
+    pub(super) fn reads(&self, id: u32) -> bool {
+        id == self.position_id || id == self.command_id
+    }
+
     /// Keeps so many cycles in memory at most.
     pub(super) fn keep(&mut self, cycles: usize) {
         self.lacking.keep(cycles);

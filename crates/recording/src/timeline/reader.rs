@@ -204,7 +204,9 @@ impl TimelineReader {
         if time.is_none_or(|time| time < self.end) {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
         }
-        if let Some(time) = time.filter(|time| *time < self.end) {
+        if self.commands.reads(frame.raw_id())
+            && let Some(time) = time.filter(|time| *time < self.end)
+        {
             self.commands.on_frame(frame, time, is_late);
         }
         if let Some(time) = time.filter(|_| is_sync) {
