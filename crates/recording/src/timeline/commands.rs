@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
 use dbc::{Database, SignalMissing, signals};
 use platform::series::{Series, SeriesWriter};
 
@@ -60,12 +59,6 @@ impl CommandReader {
         })
     }
 
-    /// Whether a frame of this identifier is a position or a command.
-    #[inline]
-    pub(super) fn reads(&self, id: u32) -> bool {
-        id == self.position_id || id == self.command_id
-    }
-
     /// Keeps so many cycles in memory at most.
     pub(super) fn keep(&mut self, cycles: usize) {
         self.lacking.keep(cycles);
@@ -76,22 +69,34 @@ impl CommandReader {
         (self.cycle, self.is_early) = (Some((number, false)), false);
     }
 
-    /// Takes a frame before the scenario's end. A position that comes when its cycle is over belongs to none.
-    pub(super) fn on_frame(&mut self, frame: &CanFrame, time: Duration, is_late: bool) {
-        let id = frame.raw_id();
-        let Some((number, has_position)) = &mut self.cycle else {
+    /// Takes a frame with this identifier before the scenario's end. A position that comes when its cycle is over belongs to none.
+    #[inline]
+    pub(super) fn on_frame(&mut self, id: u32, time: Duration, is_late: bool) {
+        if id == self.command_id {
+            self.on_command();
+        } else if id == self.position_id && !is_late {
+            self.on_position(time);
+        }
+    }
+
+    fn on_command(&mut self) {
+        let Some((_, has_position)) = self.cycle else {
             return;
         };
-        if id == self.position_id && !*has_position && !is_late {
-            *has_position = true;
-            let next = (!self.is_early).then_some((*number, time));
-            if let Some((lacking, since)) = std::mem::replace(&mut self.waiting, next) {
-                self.on_lacking(lacking, since);
-            }
-        } else if id == self.command_id {
-            let is_early = self.waiting.take().is_none() && !*has_position;
-            self.is_early |= is_early;
-            self.silence = None;
+        let answers = self.waiting.take().is_some();
+        self.is_early |= !answers && !has_position;
+        self.silence = None;
+    }
+
+    /// The position of the cycle, unless it has one already.
+    fn on_position(&mut self, time: Duration) {
+        let Some((number, has_position @ false)) = &mut self.cycle else {
+            return;
+        };
+        *has_position = true;
+        let next = (!self.is_early).then_some((*number, time));
+        if let Some((lacking, since)) = std::mem::replace(&mut self.waiting, next) {
+            self.on_lacking(lacking, since);
         }
     }
 
@@ -134,8 +139,8 @@ mod tests {
                 let time = micros(number) + Duration::from_micros(100 * place);
                 match letter {
                     's' => reader.begin_cycle(number),
-                    'p' => reader.on_frame(&CanFrame::new(0x190, &[0; 8]), time, false),
-                    'c' => reader.on_frame(&CanFrame::new(0x210, &[0; 8]), time, false),
+                    'p' => reader.on_frame(0x190, time, false),
+                    'c' => reader.on_frame(0x210, time, false),
                     other => panic!("{other}"),
                 }
             }

@@ -81,7 +81,7 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
             }
         }
         for place in own.of(id) {
-            readers[*place].on_own_frame(stamped, passed);
+            readers[*place].on_own_frame(id, stamped, passed);
         }
     }
     for place in like {
@@ -187,27 +187,25 @@ impl TimelineReader {
             self.events.on_frame(stamped);
         }
         if self.own.has(id) {
-            self.on_own_frame(stamped, passed);
+            self.on_own_frame(id, stamped, passed);
         }
     }
 
     /// Takes a frame of a message that is read in each cycle, or watched.
-    fn on_own_frame(&mut self, stamped: &Stamped, passed: Passed) {
+    fn on_own_frame(&mut self, id: u32, stamped: &Stamped, passed: Passed) {
         let frame = &stamped.frame;
         let Passed { time, is_sync } = passed;
         self.masters.on_frame_at(stamped.time, time, frame);
-        if self.rare.has(frame.raw_id()) {
+        if self.rare.has(id) {
             self.on_rare_frame(stamped, time);
         }
         let is_late = time.is_some_and(|time| self.is_late(time));
         // How the nodes stop after the scenario's end is no part of its last cycle.
         if time.is_none_or(|time| time < self.end) {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
-        }
-        if self.commands.reads(frame.raw_id())
-            && let Some(time) = time.filter(|time| *time < self.end)
-        {
-            self.commands.on_frame(frame, time, is_late);
+            if let Some(time) = time {
+                self.commands.on_frame(id, time, is_late);
+            }
         }
         if let Some(time) = time.filter(|_| is_sync) {
             self.latest_sync = time;

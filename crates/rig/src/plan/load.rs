@@ -153,7 +153,7 @@ impl Plan {
         read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        if !may_name_rig(&self.shared.text) {
+        if !self.names_rig() {
             let scenario = Scenario::parse(text, "case", read_file)?;
             return Ok(Self::new(scenario, catalogue));
         }
