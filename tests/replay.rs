@@ -186,6 +186,38 @@ fn a_recording_is_held_against_other_limits() {
     );
 }
 
+/// Limits are those of the loops that the recording has, each by its name.
+#[test]
+fn a_recording_of_several_loops_is_held_against_the_limits_of_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let played = scenario("two_axes_circle.toml");
+    let run = simulated(&folder.path().join("runs"), &played);
+    let strict = folder.path().join("strict.toml");
+    let rig = run.join("rigs/two_axes.toml");
+    fs::create_dir(folder.path().join("rigs")).unwrap();
+    fs::copy(rig, folder.path().join("rigs/two_axes.toml")).unwrap();
+    let text_of = fs::read_to_string(&played).unwrap();
+    let (rest, _) = text_of.split_once("[expect").unwrap();
+    let limits = "[expect.y]\ntracking_error_millimetres_rms = { max = 0.0001 }\n";
+    fs::write(&strict, format!("{rest}{limits}")).unwrap();
+    let held = |limits: &Path| tool(&["replay", text(&run), "--scenario", text(limits)]);
+    let (code, stdout, stderr) = held(&strict);
+    assert_eq!(code, Some(1), "{stdout}{stderr}");
+    assert!(stdout.contains("≤ 0.0001"), "{stdout}");
+    let failed: Vec<_> = stdout.lines().filter(|row| row.contains("FAIL ")).collect();
+    assert_eq!(failed.len(), 1, "{stdout}");
+    assert!(
+        failed[0].contains("y.tracking_error_millimetres_rms"),
+        "{stdout}"
+    );
+    let (code, stdout, stderr) = held(&scenario("step.toml"));
+    assert_eq!(code, Some(3), "{stdout}");
+    assert!(
+        stderr.contains("step.toml has other loops than the recording"),
+        "{stderr}"
+    );
+}
+
 /// As other recorders write logs: another interface, times of a clock, whatever else is on the bus.
 #[test]
 fn a_foreign_log_needs_its_scenario_only() {

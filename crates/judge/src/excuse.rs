@@ -1,7 +1,7 @@
 //! What a limit says in a run in which the machine stood still: nothing, where that explains the miss.
 
 use rig::plan::ControlLoop;
-use scenario::metrics::{self as metrics_table, is_of_traffic};
+use scenario::metrics::{is_of_traffic, only_grows};
 use scenario::port::Unit;
 
 use crate::commands;
@@ -145,7 +145,6 @@ fn is_proven(row: &Metric, before: &Metric, unit: &Unit) -> bool {
     let is_same = before.value == row.value && before.at_seconds == row.at_seconds;
     let is_beyond = limit.max.is_some_and(|max| value > max);
     let name = unit.canonical(&row.name);
-    let only_grows = metrics_table::Metric::named(&name).is_some_and(|metric| metric.only_grows)
-        || name.ends_with(GROWING_CONTOUR);
+    let only_grows = only_grows(&name) || name.ends_with(GROWING_CONTOUR);
     before.passed == Some(false) && (is_same || is_beyond && only_grows)
 }

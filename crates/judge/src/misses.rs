@@ -2,6 +2,8 @@
 //! evidence only: without a stall in the recording's evidence nothing is the bench's, and nothing of a node that is somebody else's
 //! unless the stall was in that cycle; a fault explains what it touches.
 
+mod faults;
+
 use std::time::Duration;
 
 use recording::ending::{EarlyEnd, EndedBy};
@@ -533,6 +535,5 @@ fn longest_of_half(stretches: &[Stretch], from: f64, until: f64) -> Option<Stret
         .copied()
 }
 
-mod faults;
 #[cfg(test)]
 mod tests;

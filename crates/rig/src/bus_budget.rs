@@ -4,8 +4,8 @@ use std::fmt;
 use std::time::Duration;
 
 use canopen::frame_bits::occupied_bits_max;
-use dbc::Message;
 use dbc::loops::TERMS_EVERY_CYCLES;
+use dbc::{Database, Message};
 use scenario::rig::nodes::Rig;
 
 use crate::plan::{ControlLoop, Plan};
@@ -114,7 +114,7 @@ impl BusBudget {
         let sync = BusShare {
             node: controller.to_owned(),
             what: "SYNC".to_owned(),
-            bits: frames(plan.leading(), &[SYNC]).bits,
+            bits: frames(plan.database(), &[SYNC]).bits,
             pace: EACH,
         };
         let loops = rig.loops.values().zip(&plan.loops);
@@ -240,7 +240,7 @@ impl fmt::Display for BusBudget {
 /// What is sent for one loop.
 fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     let place = &one.place;
-    let (truth, terms) = (frames(one, &TRUTH), frames(one, &TERMS));
+    let (truth, terms) = (frames(&one.database, &TRUTH), frames(&one.database, &TERMS));
     let share = |node: &str, what, sent: &Sent, pace| BusShare {
         node: node.to_owned(),
         what,
@@ -257,13 +257,13 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
         share(
             drive,
             "sample (TPDO1)".to_owned(),
-            &frames(one, &[SAMPLE]),
+            &frames(&one.database, &[SAMPLE]),
             EACH,
         ),
         share(
             controller,
             format!("command to {drive} (RPDO1)"),
-            &frames(one, &[COMMAND]),
+            &frames(&one.database, &[COMMAND]),
             EACH,
         ),
         share(
@@ -275,7 +275,7 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
         share(
             drive,
             "current and peak temperature, beside its faults (1 frame)".to_owned(),
-            &frames(one, beside_faults.as_slice()),
+            &frames(&one.database, beside_faults.as_slice()),
             Pace::Milliseconds(milliseconds),
         ),
         share(
@@ -312,8 +312,8 @@ impl Sent {
     }
 }
 
-fn frames(one: &ControlLoop, names: &[&str]) -> Sent {
-    let messages = names.iter().filter_map(|name| one.database.message(name));
+fn frames(database: &Database, names: &[&str]) -> Sent {
+    let messages = names.iter().filter_map(|name| database.message(name));
     let sent = messages.filter(|message| !message.is_silent());
     let bits = sent.map(|Message { length_bytes, .. }| f64::from(occupied_bits_max(*length_bytes)));
     let bits = Vec::from_iter(bits);

@@ -48,6 +48,8 @@ pub struct Shared {
     pub tables: BTreeMap<String, String>,
     /// The scenario's name.
     pub name: String,
+    /// The scenario's description.
+    pub description: Option<String>,
     /// The requirements that the scenario as a whole tests.
     pub requirements: Vec<String>,
     /// Seed of every random number.
@@ -131,6 +133,7 @@ impl Plan {
             text: String::new(),
             tables: BTreeMap::new(),
             name: scenario.name.clone(),
+            description: scenario.description.clone(),
             requirements: scenario.requirements.clone(),
             seed: scenario.seed,
             duration_seconds: scenario.duration_seconds,
@@ -224,7 +227,7 @@ impl Plan {
         &self.loops[0].database
     }
 
-    /// The names of the controller, which leads all loops.
+    /// The name of the controller, which leads all loops.
     #[must_use]
     pub fn controller_name(&self) -> &str {
         self.loops[0].node_names().0
@@ -258,6 +261,15 @@ impl Plan {
     #[must_use]
     pub fn has_faults(&self) -> bool {
         self.loops.iter().any(|one| !one.scenario.fault.is_empty())
+    }
+}
+
+/// The beginning of the names of a loop's signals and metrics, by the loop's name.
+#[must_use]
+pub fn prefix_of(loop_name: &str) -> String {
+    match loop_name {
+        "" => String::new(),
+        name => format!("{name}."),
     }
 }
 
@@ -332,10 +344,7 @@ impl ControlLoop {
     /// The beginning of the names of its signals and metrics: empty where it is the only loop.
     #[must_use]
     pub fn prefix(&self) -> String {
-        match self.name() {
-            "" => String::new(),
-            name => format!("{name}."),
-        }
+        prefix_of(self.name())
     }
 
     /// The names of its controller, its drive and, where there is one, the module that acts on its plant.

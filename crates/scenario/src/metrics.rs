@@ -375,6 +375,12 @@ pub fn is_of_traffic(row: &str) -> bool {
     Metric::named(row).is_some_and(Metric::is_of_traffic)
 }
 
+/// Whether a row of a verdict is a metric that only grows as a run goes on.
+#[must_use]
+pub fn only_grows(row: &str) -> bool {
+    Metric::named(row).is_some_and(|metric| metric.only_grows)
+}
+
 /// Whether the value of a metric means yes: the bench is safe, none of the events happened, every emergency came. None for
 /// metrics that are numbers. `name` may begin with that of a loop.
 #[must_use]
@@ -426,6 +432,25 @@ mod tests {
         assert!(answers.eq(yes));
         assert_eq!(answer("safe_state", 0.0), Some(false));
         assert_eq!(answer("overshoot_percent", 0.0), None);
+    }
+
+    /// The keys of `[expect]` are the metrics, the end of the judgement, and the tables of checks.
+    #[test]
+    fn the_schema_has_the_same_names() {
+        let schema = crate::schema::schema_of::<Expect>();
+        let keys = schema["properties"].as_object().unwrap().keys();
+        let others = [
+            "judged_until_seconds",
+            "recovery_band_millimetres",
+            "requirements",
+            "sequence",
+            "signal",
+            "timing",
+        ];
+        let mut names = Vec::from_iter(METRICS.iter().map(|metric| metric.name));
+        names.extend(others);
+        names.sort_unstable();
+        assert!(names.iter().eq(keys));
     }
 
     #[test]

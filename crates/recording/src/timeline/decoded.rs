@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use platform::series::Series;
+use rig::plan::prefix_of;
 use scenario::expect::Emergency;
 use scenario::port::Unit;
 
@@ -97,10 +98,7 @@ impl Timeline {
     /// The beginning of the names of its signals: empty where it is the only loop.
     #[must_use]
     pub fn prefix(&self) -> String {
-        match self.loop_name.as_str() {
-            "" => String::new(),
-            name => format!("{name}."),
-        }
+        prefix_of(&self.loop_name)
     }
 
     /// A column by its signal's name; that of a position may be its name in millimetres too.

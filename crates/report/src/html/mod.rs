@@ -71,7 +71,6 @@ fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
 
 fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
-    let description = &run.plan.leading().scenario.description;
     let is_external = |one: RunLoop<'_>| one.own.external.has(ExternalNode::Drive);
     html! {
         h1 { (shared.name) }
@@ -79,7 +78,7 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
         @if let Some(reason) = &verdict.reason { p { (reason) } }
         @if let Some(end) = end_besides(verdict) { p { (end) } }
         @for remark in remarks { p.unsure { "Of the recording as it is now, " (remark) ". This page shows the other frames." } }
-        @if let Some(description) = description { p.soft { (description) } }
+        @if let Some(description) = &shared.description { p.soft { (description) } }
         dl.facts {
             div { dt { "control law" } dd { (laws(run)) } }
             div { dt { "recorded" } dd { (recorded(run)) } }
