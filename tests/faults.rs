@@ -40,7 +40,7 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
         let scenario = Scenario::load(path).unwrap();
         let expect = &scenario.expect;
         assert!(
-            !scenario.fault.is_empty(),
+            !scenario.faults.is_empty(),
             "{} has no fault",
             path.display()
         );
@@ -65,7 +65,7 @@ fn a_reaction_that_does_not_come_fails() {
              at_seconds = 0.0\nposition_millimetres = 1.0\n{harmless}"
         );
         let without = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        scenario.fault = without.fault;
+        scenario.faults = without.faults;
         is_safe_wanted(&scenario).then_some(scenario)
     }).collect();
     assert!(scenarios.len() >= 10);

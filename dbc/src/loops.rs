@@ -30,6 +30,13 @@ pub struct LoopPlace {
     pub truth_every_cycles: u8,
 }
 
+/// The seed of what is random about a drive: each drive has noise of its own, the shipped rig's that of the scenario.
+#[must_use]
+pub fn seed_of_drive(seed: u64, drive_node_id: u8) -> u64 {
+    let distance = u64::from(drive_node_id) ^ u64::from(DRIVE_NODE_ID);
+    seed ^ distance.wrapping_mul(GOLDEN_RATIO)
+}
+
 impl LoopPlace {
     /// The shipped rig's only loop.
     pub const SHIPPED: Self = Self {
@@ -38,13 +45,6 @@ impl LoopPlace {
         disturbance_node_id: Some(0x11),
         truth_every_cycles: 1,
     };
-
-    /// The seed of what is random about its drive: each drive has noise of its own, the shipped rig's that of the scenario.
-    #[must_use]
-    pub fn seed(&self, seed: u64) -> u64 {
-        let distance = u64::from(self.drive_node_id) ^ u64::from(DRIVE_NODE_ID);
-        seed ^ distance.wrapping_mul(GOLDEN_RATIO)
-    }
 
     /// In which cycles the controller publishes the terms of the loop: those with this remainder by [`TERMS_EVERY_CYCLES`]. Each
     /// loop has its own, since all terms at once would fill several cycles, with commands and SYNC behind them.

@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::time::Duration;
 
-use scenario::fault::plant::PlantFaults;
+use scenario::fault::Faults;
 
 use crate::ports::{NoPlant, Port, PortedPlant};
 
@@ -139,13 +139,13 @@ impl ClockedPlant {
     pub(crate) fn is_condition_new(
         &self,
         input: usize,
-        faults: &PlantFaults,
+        faults: &Faults,
         time_seconds: f64,
     ) -> bool {
         self.plant.is_condition_new(input, faults, time_seconds)
     }
 
-    pub(crate) fn set_condition(&mut self, input: usize, faults: &PlantFaults, time_seconds: f64) {
+    pub(crate) fn set_condition(&mut self, input: usize, faults: &Faults, time_seconds: f64) {
         self.plant.set_condition(input, faults, time_seconds);
     }
 

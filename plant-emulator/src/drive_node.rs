@@ -5,9 +5,8 @@ use std::time::Duration;
 use canopen::{CanFrame, Device, Node, NodeId, ObjectDictionary};
 use dbc::Database;
 use dbc::loops::LoopPlace;
-use faults::{FaultPlan, Faulty};
+use faults::{FaultPlan, Faulty, Output};
 use scenario::Scenario;
-use scenario::fault::node::Output;
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
@@ -49,13 +48,12 @@ impl DriveNode {
         of: &DriveOf<'_>,
     ) -> Result<Self, InvalidEmulator> {
         let sound = parts.device(plant)?;
-        if of.scenario.fault.is_empty() {
+        if !of.scenario.has_own_faults() {
             return Ok(Self::Sound(sound));
         }
-        let plan = FaultPlan {
-            number: of.place.drive_node_id,
-            ..FaultPlan::new(&of.scenario.fault, scenario::fault::node::Node::Drive)
-        };
+        let wiring = &of.scenario.wiring;
+        let faults = (of.scenario.faults).at_drive(wiring.drive_node_id, &wiring.plant);
+        let plan = FaultPlan::new(&faults, of.place.drive_node_id);
         let renew = move |device: &mut Device<Drive>| {
             // It could be set up once, so it can again.
             if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
@@ -173,13 +171,17 @@ impl Parts {
         let DriveOf {
             scenario, place, ..
         } = of;
-        let wrong_id = scenario.fault.node.wrong_node_id.first();
+        let wiring = &scenario.wiring;
+        let faults = (scenario.faults).at_drive(wiring.drive_node_id, &wiring.plant);
+        let wrong_id = faults.of("wrong_node_id").next();
+        let wrong_id = wrong_id.and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
         let node_id = wrong_id
-            .and_then(|fault| NodeId::new(fault.node_id))
+            .and_then(NodeId::new)
             .map_or_else(|| node_id(place.drive_node_id), Ok)?;
         let mut objects = dictionary(node_id, dbc::DRIVE_EDS)?;
-        if let Some(fault) = scenario.fault.node.wrong_identity.first() {
-            set_product_code(&mut objects, fault.product_code);
+        let wrong_identity = faults.of("wrong_identity").next();
+        if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {
+            set_product_code(&mut objects, code);
         }
         drive::declare(&mut objects, plant, &wires);
         drive::declare_unit(&mut objects, &scenario.wiring.unit);

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use scenario::fault::plant::PlantFaults;
+use scenario::fault::Faults;
 use scenario::own::Parameters;
 
 /// Most signals of its own that a plant may have: what fits TPDO2, beside the true position, and TPDO3.
@@ -37,7 +37,7 @@ pub trait Plant: Clone + fmt::Debug + Send + 'static {
     fn new(config: &Self::Config) -> Result<Self, InvalidPlant>;
 
     /// What is wrong with it at a scenario time.
-    fn condition(_faults: &PlantFaults, _time_seconds: f64) -> Self::Condition {
+    fn condition(_faults: &Faults, _time_seconds: f64) -> Self::Condition {
         Self::Condition::default()
     }
 

@@ -6,7 +6,7 @@
 use std::any::Any;
 use std::fmt;
 
-use scenario::fault::plant::PlantFaults;
+use scenario::fault::Faults;
 use scenario::own::Parameters;
 pub use scenario::port::{Direction, Port, Ports};
 
@@ -40,12 +40,12 @@ pub trait PortedPlant: Any + fmt::Debug + Send {
     }
 
     /// Whether what is wrong with the part behind an input at a scenario time is not what is wrong with it now.
-    fn is_condition_new(&self, _input: usize, _faults: &PlantFaults, _time_seconds: f64) -> bool {
+    fn is_condition_new(&self, _input: usize, _faults: &Faults, _time_seconds: f64) -> bool {
         false
     }
 
     /// From now on that is wrong with the part behind an input which is so at a scenario time.
-    fn set_condition(&mut self, _input: usize, _faults: &PlantFaults, _time_seconds: f64) {}
+    fn set_condition(&mut self, _input: usize, _faults: &Faults, _time_seconds: f64) {}
 
     /// Why it cannot go on, such as a model that ended by itself; none while it can. Numbers that are none are found by the
     /// emulator.
@@ -186,11 +186,11 @@ impl<P: Plant> PortedPlant for SingleAxis<P> {
         P::conducts(&self.condition)
     }
 
-    fn is_condition_new(&self, _input: usize, faults: &PlantFaults, time_seconds: f64) -> bool {
+    fn is_condition_new(&self, _input: usize, faults: &Faults, time_seconds: f64) -> bool {
         P::condition(faults, time_seconds) != self.condition
     }
 
-    fn set_condition(&mut self, _input: usize, faults: &PlantFaults, time_seconds: f64) {
+    fn set_condition(&mut self, _input: usize, faults: &Faults, time_seconds: f64) {
         self.condition = P::condition(faults, time_seconds);
     }
 }

@@ -7,9 +7,8 @@ use std::time::Duration;
 use canopen::{CanFrame, Filter, Node, Progress};
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Database, SignalMissing};
-use scenario::fault::node::Output;
 
-use crate::plan::{FaultKind, FaultPlan, PlannedFault};
+use crate::plan::{FaultKind, FaultPlan, Output, PlannedFault};
 
 /// Frames that a hanging node's CAN controller and driver keep for it (assumed).
 const RECEIVE_FRAMES_MAX: usize = 32;

@@ -2,8 +2,16 @@
 
 use std::time::Duration;
 
-use scenario::fault::node::{Node, Output};
-use scenario::fault::{Faults, Lasting};
+use scenario::fault::{Fault, Faults, Group};
+
+/// The current through the plant while its drive is dead.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Output {
+    /// The amplifier keeps its last command.
+    Hold,
+    /// None: the amplifier is switched off with its drive.
+    Zero,
+}
 
 /// How a node fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,14 +42,27 @@ pub struct PlannedFault {
 }
 
 impl PlannedFault {
-    fn new(fault: &impl Lasting, kind: FaultKind) -> Self {
-        Self {
-            from: Duration::from_secs_f64(fault.start_seconds()),
-            until: fault
-                .end_seconds()
-                .map_or(Duration::MAX, Duration::from_secs_f64),
+    /// A fault of a node; `None` for one of its boot or its data sheet, and for an order that somebody gives it.
+    fn new(fault: &Fault) -> Option<Self> {
+        let kind = match fault.kind.name {
+            "crash" if fault.says("output", "hold") => FaultKind::Crash(Output::Hold),
+            "crash" => FaultKind::Crash(Output::Zero),
+            "hang" => FaultKind::Hang,
+            "slow_cycle" => {
+                let seconds = fault.number("delay_milliseconds") * 1e-3;
+                FaultKind::Slow(Duration::from_secs_f64(seconds))
+            }
+            "clock_drift" => FaultKind::Drift(fault.number("parts_per_million") * 1e-6),
+            "lost_heartbeat" => FaultKind::LostHeartbeat,
+            "restart" => FaultKind::Restart,
+            _ => return None,
+        };
+        let until = fault.until_seconds;
+        Some(Self {
+            from: Duration::from_secs_f64(fault.from_seconds?),
+            until: until.map_or(Duration::MAX, Duration::from_secs_f64),
             kind,
-        }
+        })
     }
 
     /// Whether it acts at a scenario time.
@@ -63,42 +84,20 @@ pub struct FaultPlan {
 }
 
 impl FaultPlan {
-    /// The faults of a node, in scenario time.
+    /// The faults of one node, whose number on the bus this is.
     #[must_use]
-    pub fn new(faults: &Faults, node: Node) -> Self {
-        let all = &faults.node;
-        let mut planned = Vec::new();
-        for fault in all.crash.iter().filter(|fault| fault.node == node) {
-            planned.push(PlannedFault::new(fault, FaultKind::Crash(fault.output)));
-        }
-        for fault in all.hang.iter().filter(|fault| fault.node == node) {
-            planned.push(PlannedFault::new(fault, FaultKind::Hang));
-        }
-        for fault in all.slow_cycle.iter().filter(|fault| fault.node == node) {
-            let delay = Duration::from_secs_f64(fault.delay_milliseconds * 1e-3);
-            planned.push(PlannedFault::new(fault, FaultKind::Slow(delay)));
-        }
-        for fault in all.clock_drift.iter().filter(|fault| fault.node == node) {
-            let rate = fault.parts_per_million * 1e-6;
-            planned.push(PlannedFault::new(fault, FaultKind::Drift(rate)));
-        }
-        for fault in all.lost_heartbeat.iter().filter(|fault| fault.node == node) {
-            planned.push(PlannedFault::new(fault, FaultKind::LostHeartbeat));
-        }
-        for fault in all.restart.iter().filter(|fault| fault.node == node) {
-            let at = Duration::from_secs_f64(fault.at_seconds);
-            planned.push(PlannedFault {
-                from: at,
-                until: at,
-                kind: FaultKind::Restart,
-            });
-        }
-        let boots = all.late_boot.iter().filter(|fault| fault.node == node);
-        let late_boot = boots.map(|fault| fault.delay_seconds).fold(0.0, f64::max);
+    pub fn new(faults: &Faults, number: u8) -> Self {
+        let boots = faults.of("late_boot");
+        let late_boot = boots
+            .map(|fault| fault.number("delay_seconds"))
+            .fold(0.0, f64::max);
         Self {
-            number: node.number(),
+            number,
             late_boot: Duration::from_secs_f64(late_boot),
-            faults: planned,
+            faults: faults
+                .in_group(Group::Node)
+                .filter_map(PlannedFault::new)
+                .collect(),
         }
     }
 

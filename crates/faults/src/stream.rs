@@ -2,7 +2,7 @@
 
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use scenario::fault::Place;
+use scenario::fault::Fault;
 
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
@@ -17,8 +17,8 @@ impl Stream {
 
     /// The stream of one fault of a scenario; other faults have no part in it.
     #[must_use]
-    pub fn for_fault(seed: u64, place: &Place) -> Self {
-        Self::named(seed, &place.path())
+    pub fn for_fault(seed: u64, fault: &Fault) -> Self {
+        Self::named(seed, &fault.path())
     }
 
     /// The stream of something with a name.
@@ -66,12 +66,13 @@ mod tests {
 
     #[test]
     fn each_fault_has_a_stream_of_its_own() {
-        let place = |index| Place {
-            group: "sensor",
-            kind: "noise",
-            index,
-        };
-        let draw = |seed, index| Stream::for_fault(seed, &place(index)).bits();
+        let noise = "[[fault.sensor.noise]]\nfrom_seconds = 1.0\nnoise_millimetres_rms = 0.1\n";
+        let text = format!(
+            "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{noise}{noise}"
+        );
+        let scenario = scenario::Scenario::parse(&text, "t.toml", |_| unreachable!("no table"));
+        let faults = Vec::from_iter(scenario.unwrap().faults.iter().cloned());
+        let draw = |seed, index: usize| Stream::for_fault(seed, &faults[index]).bits();
         assert_eq!(draw(1, 0), draw(1, 0));
         assert_ne!(draw(1, 0), draw(1, 1));
         assert_ne!(draw(1, 0), draw(2, 0));

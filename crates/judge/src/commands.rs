@@ -18,7 +18,7 @@ pub(crate) const MISSED_COMMANDS_PERCENT_MAX: f64 = 1.0;
 pub(crate) fn missed_commands(evidence: &Evidence<'_>) -> Measurement {
     let is_watched =
         is_under_test(evidence) || evidence.scenario.expect.of(MISSED_COMMANDS).is_some();
-    let is_sound = evidence.own.faults().is_empty();
+    let is_sound = evidence.own.faults().next().is_none();
     if !is_watched && (!is_sound || evidence.timeline.uncommanded.is_empty()) {
         return Measurement::NotAsked;
     }

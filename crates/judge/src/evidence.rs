@@ -11,6 +11,7 @@ use rig::plan::ControlLoop;
 use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::Limit;
+use scenario::fault::Group;
 use scenario::loops::Contour;
 
 use crate::circumstances::Circumstances;
@@ -252,9 +253,8 @@ impl<'a> Evidence<'a> {
 
     /// As the plant itself was; none where its sensor and it are sound, or it reports nothing of itself.
     pub(crate) fn of_the_truth(&self) -> Option<Self> {
-        let windows = self.scenario.fault.windows();
-        let mut groups = windows.iter().map(|fault| fault.place.group);
-        if !groups.any(|group| ["sensor", "plant"].contains(&group)) {
+        let mut groups = self.scenario.own_faults().map(|fault| fault.kind.group);
+        if !groups.any(|group| [Group::Sensor, Group::Plant].contains(&group)) {
             return None;
         }
         let column = self.timeline.column(TRUE_POSITION)?;

@@ -96,9 +96,8 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
     let disturbances = disturbances.iter().map(|disturbance| disturbance.window);
     let of_disturbances =
         disturbances.flat_map(|window| [window.from_seconds, window.until_seconds]);
-    let faults = scenario.fault.windows();
-    let of_faults = faults
-        .iter()
+    let of_faults = scenario
+        .own_faults()
         .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
     let edges = of_disturbances
         .chain(of_faults.flatten())

@@ -12,7 +12,7 @@ use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use rig::external::{External, ExternalNode};
 use rig::plan::ControlLoop;
 use scenario::events::Window;
-use scenario::fault::node::Node;
+use scenario::fault::Part;
 
 use self::faults::ScenarioFaults;
 use crate::circumstances::Circumstances;
@@ -45,18 +45,18 @@ impl Missing {
     const ALL: [Self; 3] = [Self::Sync, Self::Position, Self::Command];
 
     /// The node that was to send it.
-    fn sender(self) -> Node {
+    fn sender(self) -> Part {
         match self {
-            Self::Sync | Self::Command => Node::Controller,
-            Self::Position => Node::Drive,
+            Self::Sync | Self::Command => Part::Controller,
+            Self::Position => Part::Drive,
         }
     }
 
     /// Whether somebody else's node was to send it.
     fn is_of(self, external: &External) -> bool {
         external.has(match self.sender() {
-            Node::Controller => ExternalNode::Controller,
-            Node::Drive => ExternalNode::Drive,
+            Part::Controller => ExternalNode::Controller,
+            Part::Drive | Part::Bench => ExternalNode::Drive,
         })
     }
 
@@ -117,9 +117,9 @@ impl Stalls {
     /// Only processes that canrig started are watched, and what happened to them explains nothing of somebody else's node.
     fn excusing(stretches: &[Stretch], missing: Missing, external: &External) -> Self {
         let excuses = |stretch: &&Stretch| match (stretch.stall.who, missing.sender()) {
-            (Who::Machine | Who::Bus, _) | (Who::Controller, Node::Controller) => true,
-            (Who::PlantEmulator, Node::Controller) => false,
-            (Who::Controller | Who::PlantEmulator, Node::Drive) => {
+            (Who::Machine | Who::Bus, _) | (Who::Controller, Part::Controller) => true,
+            (Who::PlantEmulator, Part::Controller) => false,
+            (Who::Controller | Who::PlantEmulator, Part::Drive | Part::Bench) => {
                 !external.has(ExternalNode::Drive)
             }
         };
@@ -456,7 +456,7 @@ fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -
 
 /// Whether frames came until the scenario's end.
 pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> bool {
-    let is_sound = one.scenario.fault.is_empty() && one.faults_elsewhere.is_empty();
+    let is_sound = one.scenario.faults.is_empty();
     let tolerance = match is_sound {
         true => END_PERIODS * timeline.period_seconds,
         false => FAULTY_END_SECONDS,

@@ -28,8 +28,7 @@ pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
 
 /// A fault with which the scenario need not begin.
 fn has_boot_fault(one: &ControlLoop) -> bool {
-    let windows = one.faults();
-    windows.iter().any(|fault| fault.from_seconds.is_none())
+    one.faults().any(|fault| fault.from_seconds.is_none())
 }
 
 /// Why nothing can be decided, when the recording is not all that was on the bus.

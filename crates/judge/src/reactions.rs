@@ -26,7 +26,7 @@ const ESTIMATED: &str = "estimated_";
 /// The highest temperature: in a scenario with faults always, in others where it is limited.
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
-    if scenario.expect.of("temperature_celsius").is_none() && scenario.fault.is_empty() {
+    if scenario.expect.of("temperature_celsius").is_none() && !scenario.has_own_faults() {
         return Measurement::NotAsked;
     }
     let mut temperatures = temperatures(evidence.timeline).peekable();
@@ -111,7 +111,7 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
 /// Milliseconds from the first fault to the start of the first stretch without current.
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
-    if scenario.fault.is_empty() {
+    if !scenario.has_own_faults() {
         return without_faults(
             scenario
                 .expect
@@ -145,8 +145,7 @@ fn without_faults(is_limited: bool) -> Measurement {
 
 /// When the first fault begins; those of the boot do at the start of the recording.
 fn first_fault_seconds(scenario: &Scenario) -> f64 {
-    let windows = scenario.fault.windows();
-    let starts = windows.iter().map(|fault| fault.from_seconds);
+    let starts = scenario.own_faults().map(|fault| fault.from_seconds);
     starts
         .map(|start| start.unwrap_or(f64::NEG_INFINITY))
         .fold(f64::INFINITY, f64::min)
@@ -184,7 +183,7 @@ fn is_heated(truth: &PlantTruth) -> bool {
 /// From the end of the last fault until the deviation stays small.
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
-    if scenario.fault.is_empty() {
+    if !scenario.has_own_faults() {
         return Measurement::Meaningless("no fault in the scenario".to_owned());
     }
     if scenario.reference.is_empty() {
@@ -195,9 +194,8 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
 
 /// None where a fault lasts to the end.
 fn last_fault_end_seconds(scenario: &Scenario) -> Option<f64> {
-    let windows = scenario.fault.windows();
-    let ends = windows
-        .iter()
+    let ends = scenario
+        .own_faults()
         .map(|fault| match fault.from_seconds {
             // Booting is over when the scenario begins.
             None => Some(0.0),
@@ -222,7 +220,7 @@ fn recovery_after(evidence: &Evidence<'_>, fault_end_seconds: Option<f64>) -> Me
 /// 1 where the bench is safe at the end, else 0.
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
-    if scenario.fault.is_empty() {
+    if !scenario.has_own_faults() {
         return without_faults(scenario.expect.of("safe_state").is_some());
     }
     if evidence.timeline.truth.is_empty() {

@@ -356,8 +356,8 @@ mod tests {
             texts,
             [
                 "y: step to 35 mm",
-                "fault: right sensor stuck",
-                "fault: right hang",
+                "fault: drive sensor stuck",
+                "fault: drive hang",
                 "fault: controller hang",
                 "fault: bus load"
             ]

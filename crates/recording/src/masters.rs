@@ -13,7 +13,7 @@ use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{Database, SignalHandle, SignalMissing};
 use rig::external::{External, ExternalNode};
 use scenario::Scenario;
-use scenario::fault::node::{Node, NodeFaults};
+use scenario::fault::{Fault, Faults, Group};
 
 /// So much of a frame too early is no jitter.
 const AHEAD_MAX: f64 = 0.75;
@@ -103,8 +103,11 @@ impl MasterWatch {
         database: &Database,
         external: &External,
     ) -> Result<Self, SignalMissing> {
-        let fault = &scenario.fault;
-        let is_watched = fault.bus.is_empty() && fault.node.clock_drift.is_empty();
+        let (wiring, faults) = (&scenario.wiring, &scenario.faults);
+        let own = faults.of_loop(wiring.drive_node_id, &wiring.plant);
+        let is_unwatched =
+            |fault: &Fault| fault.kind.group == Group::Bus || fault.kind.name == "clock_drift";
+        let is_watched = !own.iter().any(is_unwatched);
         let is_ours = !external.has(ExternalNode::Controller);
         let cycle = scenario.bus.sync_period();
         let rate = |name, what, period: Option<Duration>| {
@@ -122,18 +125,15 @@ impl MasterWatch {
             Some(rate.of_answers())
         };
         // When a node is no longer slow, its next frame comes sooner by so much.
-        let delays = fault
-            .node
-            .slow_cycle
-            .iter()
-            .map(|fault| fault.delay_milliseconds / 1e3);
+        let delays = own.of("slow_cycle");
+        let delays = delays.map(|fault| fault.number("delay_milliseconds") / 1e3);
         let slow_seconds = delays.fold(0.0, f64::max);
         let sync = rate("sync", "SYNC", Some(cycle));
         let of_ours = [
             rate("drive_tpdo1", "positions of the drive", Some(cycle)).map(Rate::of_answers),
             command(),
             rate(CONTROLLER_HEARTBEAT, "heartbeats of the controller", None)
-                .map(|rate| rate.of_heartbeats(Heartbeats::new(&fault.node))),
+                .map(|rate| rate.of_heartbeats(Heartbeats::new(faults))),
         ]
         .into_iter()
         .flatten()
@@ -407,15 +407,10 @@ impl Answers {
 }
 
 /// When a scenario starts the controller anew; never where it stays dead.
-fn starts_anew(faults: &NodeFaults) -> impl Iterator<Item = f64> {
-    let restarts = faults
-        .restart
-        .iter()
-        .map(|fault| (fault.node, fault.at_seconds));
-    let crashes = faults.crash.iter();
-    let crashes = crashes.map(|fault| (fault.node, fault.until_seconds.unwrap_or(f64::INFINITY)));
-    let starts = restarts.chain(crashes);
-    starts.filter_map(|(node, at_seconds)| (node == Node::Controller).then_some(at_seconds))
+fn starts_anew(faults: &Faults) -> impl Iterator<Item = f64> {
+    let starts = faults.of("restart").chain(faults.of("crash"));
+    let of_controller = starts.filter(|fault| fault.is_at_controller());
+    of_controller.map(|fault| fault.until_seconds.unwrap_or(f64::INFINITY))
 }
 
 /// What a heartbeat is besides one of many.
@@ -437,7 +432,7 @@ struct Heartbeats {
 }
 
 impl Heartbeats {
-    fn new(faults: &NodeFaults) -> Self {
+    fn new(faults: &Faults) -> Self {
         Self {
             states: 0,
             boot_ups_left: starts_anew(faults).count(),
@@ -489,11 +484,12 @@ struct Nmt {
 impl Nmt {
     fn new(scenario: &Scenario, database: &Database) -> Self {
         let heartbeat = database.message(CONTROLLER_HEARTBEAT);
-        let mut starts = Vec::from_iter(starts_anew(&scenario.fault.node));
+        let is_stop = |fault: &Fault| fault.kind.name == "nmt_stop";
+        let mut starts = Vec::from_iter(starts_anew(&scenario.faults));
         starts.sort_by(|one, other| other.total_cmp(one));
         Self {
             controller: heartbeat.map(|message| message.raw_id),
-            is_stop_scripted: !scenario.fault.node.nmt_stop.is_empty(),
+            is_stop_scripted: scenario.own_faults().any(is_stop),
             starts_anew_seconds: starts,
             has_newcomer: false,
             stop: None,

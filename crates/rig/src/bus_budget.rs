@@ -249,7 +249,7 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     };
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // Of a drive without faults nothing is published besides.
-    let beside_faults = (!one.scenario.fault.is_empty()).then_some(PLANT_TRUTH);
+    let beside_faults = one.scenario.has_own_faults().then_some(PLANT_TRUTH);
     let by_clock = one.database.message(PLANT_TRUTH);
     let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
     let milliseconds = Duration::from_millis(milliseconds).as_secs_f64() * 1e3;

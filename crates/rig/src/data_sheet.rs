@@ -8,7 +8,7 @@ use canopen::object_dictionary::Entry;
 use canopen::{ObjectDictionary, eds};
 
 /// Node-ID of the controller.
-pub(crate) const CONTROLLER_NODE_ID: u8 = 0x01;
+pub(crate) use scenario::rig::nodes::CONTROLLER_NODE_ID;
 /// Longest file that a user names besides scenarios and recordings.
 pub const FILE_BYTES_MAX: u64 = 1 << 20;
 /// Second SDO server channel.

@@ -2,8 +2,7 @@
 
 use std::fmt;
 
-use scenario::fault::FaultWindow;
-use scenario::fault::node::Node;
+use scenario::fault::{Fault, Group};
 use scenario::{Scenario, meant_or_known};
 
 /// A node that may be somebody else's.
@@ -112,17 +111,14 @@ impl External {
     /// # Errors
     /// Which fault, and why not.
     pub fn admits(&self, scenario: &Scenario) -> Result<(), String> {
-        let windows = scenario.fault.windows();
+        let own = scenario.own_faults();
         // The order is given over the bus, to whoever is there.
-        let mut happening = windows
-            .iter()
-            .filter(|fault| fault.place.kind != "nmt_stop");
+        let mut happening = own.filter(|fault| fault.kind.name != "nmt_stop");
         match happening.find(|fault| self.has(whose(fault))) {
             None => Ok(()),
             Some(fault) => Err(format!(
-                "[[fault.{}.{}]] cannot be played: the {} is external, so nothing fails there on purpose",
-                fault.place.group,
-                fault.place.kind,
+                "{} cannot be played: the {} is external, so nothing fails there on purpose",
+                fault.kind.heading(),
                 whose(fault).name()
             )),
         }
@@ -136,10 +132,10 @@ pub(crate) fn no_such_node(name: &str, known: &[&str]) -> String {
 }
 
 /// Where a fault happens: sensor, amplifier, wire and mechanics are the emulated drive's.
-fn whose(fault: &FaultWindow) -> ExternalNode {
-    match fault.node {
-        Some(Node::Controller) => ExternalNode::Controller,
-        _ => ExternalNode::Drive,
+fn whose(fault: &Fault) -> ExternalNode {
+    match fault.is_at_controller() && fault.kind.group == Group::Node {
+        true => ExternalNode::Controller,
+        false => ExternalNode::Drive,
     }
 }
 

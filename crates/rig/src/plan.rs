@@ -8,7 +8,7 @@ use std::time::Duration;
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use scenario::Bus;
-use scenario::fault::FaultWindow;
+use scenario::fault::{Fault, Faults};
 use scenario::loops::Contour;
 use scenario::sweep::Sweep;
 use scenario::wiring::IoOutput;
@@ -58,6 +58,8 @@ pub struct Shared {
     pub duration_seconds: f64,
     /// Bit rate and cycle of the bus.
     pub bus: Bus,
+    /// The faults of the run, each at its node.
+    pub faults: Faults,
     /// The values that a sweep varies, where there is one.
     pub sweep: Option<Sweep>,
     /// Expectations of several loops together.
@@ -97,8 +99,6 @@ pub struct ControlLoop {
     pub nodes: Option<NodeNames>,
     /// The place of its nodes on the bus.
     pub place: LoopPlace,
-    /// The faults of the other loops, which may take the current from this one too.
-    pub faults_elsewhere: Vec<FaultWindow>,
     /// Its nodes that canrig does not play.
     pub external: External,
     /// The rig that it is played on; none for the emulated one.
@@ -138,6 +138,7 @@ impl Plan {
             seed: scenario.seed,
             duration_seconds: scenario.duration_seconds,
             bus: scenario.bus.clone(),
+            faults: scenario.faults.clone(),
             sweep: scenario.sweep.clone(),
             contours,
             nodes_of_loops,
@@ -260,7 +261,7 @@ impl Plan {
     /// Whether anything goes wrong on purpose.
     #[must_use]
     pub fn has_faults(&self) -> bool {
-        self.loops.iter().any(|one| !one.scenario.fault.is_empty())
+        !self.shared.faults.is_empty()
     }
 }
 
@@ -280,7 +281,6 @@ impl ControlLoop {
             loop_name: None,
             nodes: None,
             place: LoopPlace::SHIPPED,
-            faults_elsewhere: Vec::new(),
             external: External::default(),
             rig: None,
             database: Arc::clone(&frames.database),
@@ -295,10 +295,9 @@ impl ControlLoop {
     }
 
     /// The same with another scenario of the same plant and law.
-    fn varied(&self, scenario: Scenario, faults_elsewhere: Vec<FaultWindow>) -> Self {
+    fn varied(&self, scenario: Scenario) -> Self {
         Self {
             scenario,
-            faults_elsewhere,
             ..self.clone()
         }
     }
@@ -327,12 +326,9 @@ impl ControlLoop {
         }
     }
 
-    /// The faults of this loop and of the others.
-    #[must_use]
-    pub fn faults(&self) -> Vec<FaultWindow> {
-        let own = self.scenario.fault.windows();
-        let elsewhere = self.faults_elsewhere.iter().cloned();
-        own.into_iter().chain(elsewhere).collect()
+    /// The faults of the whole run: those of other loops may take the current from this one too.
+    pub fn faults(&self) -> impl Iterator<Item = &Fault> {
+        self.scenario.faults.iter()
     }
 
     /// The name of one of several loops; empty for the only one.

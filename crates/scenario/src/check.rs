@@ -14,6 +14,7 @@ mod tests;
 use crate::controller::{Controller, drives_led_by};
 use crate::document::Document;
 use crate::error::Problem;
+use crate::fault::Fault;
 use crate::nearest::meant_or_known;
 use crate::outside::Outside;
 use crate::reference::{Chirp, Reference};
@@ -25,6 +26,7 @@ pub(crate) use signals::read_courses;
 pub(crate) use sweep::{check as sweep, check_on as sweep_on};
 pub(crate) use tables::read_tables;
 
+pub(crate) use fault::{faults, faults_of_plants};
 use limits::{limits, reactions};
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
 
@@ -75,7 +77,19 @@ pub(crate) fn bench(
     outside: &Outside,
 ) -> Vec<Problem> {
     let mut problems = disturbances(document, scenario);
-    problems.extend(fault::check(document, scenario));
+    // On a rig they are checked once for all loops.
+    if document.has("fault") {
+        problems.extend(faults(
+            document,
+            &scenario.faults,
+            scenario.duration_seconds,
+        ));
+        // Which faults mean something to the plant of a recording, only the bench knows that played it.
+        if scenario.plant.own.is_none() || !outside.is_recorded() {
+            let plant = |_: &Fault| Some(&scenario.plant);
+            problems.extend(faults_of_plants(document, &scenario.faults, plant));
+        }
+    }
     problems.extend(plant::check(document, scenario, outside));
     problems.extend(limits(document, scenario));
     problems.extend(reactions(document, scenario));

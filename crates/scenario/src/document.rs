@@ -103,10 +103,12 @@ impl<'text> Document<'text> {
         self.root.get_ref()
     }
 
-    /// Builds a type from the document without the tables of plants and laws from outside.
+    /// Builds a type from the document without the faults and the tables of plants and laws from outside, which have readers of
+    /// their own.
     pub(crate) fn deserialize<T: DeserializeOwned>(&self, outside: &Outside) -> Result<T, Problem> {
         let mut root = self.root.clone();
         outside.remove_from(root.get_mut());
+        root.get_mut().remove("fault");
         let deserializer = toml::Deserializer::from(root);
         T::deserialize(deserializer).map_err(|error| {
             let span = error.span().unwrap_or(0..0);

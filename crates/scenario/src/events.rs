@@ -253,13 +253,10 @@ impl Scenario {
                     .then(|| named(until_seconds, format!("{of} off")));
                 [Some(named(from_seconds, disturbance.text)), end]
             });
-        let faults = self.fault.windows().into_iter().flat_map(|fault| {
+        let faults = self.own_faults().flat_map(|fault| {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let until_seconds = fault.until_seconds.filter(|_| !is_instant);
-            let text = match words {
-                None => fault.text,
-                Some(words) => fault.text_of(&words.controller, &words.drive),
-            };
+            let text = fault.text(words.is_some());
             let end = until_seconds.map(|end| event(end, format!("{text} over")));
             let begin = Event {
                 is_fault: true,

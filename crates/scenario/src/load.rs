@@ -17,9 +17,12 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use toml::de::ValueDeserializer;
 
+pub(crate) use loops::InUnit;
+
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
+use crate::fault::{self, Faults, NodesOfRun};
 use crate::file::read_text;
 use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::outside::{self, Outside};
@@ -78,6 +81,12 @@ enum Reading {
     ToPlay,
     /// It was played already.
     Recorded,
+}
+
+/// The facts of a run that a loop's tree does not hold.
+struct OfRun {
+    wiring: Wiring,
+    faults: Faults,
 }
 
 /// Finds what else is wrong with a scenario.
@@ -206,8 +215,15 @@ impl Scenario {
             let help = "write schema = 2; or leave `rig` out, and play on a rig file of schema 1 by: canrig run SCENARIO --rig FILE";
             return Err(fail(vec![problem.with_help(help)]));
         }
-        let wiring = Wiring::default();
-        Self::read(&document, read_table, reading, find_objections, wiring).map_err(fail)
+        let (faults, problems) = fault::read(&document, NodesOfRun::OfOneDrive);
+        let of_run = OfRun {
+            wiring: Wiring::default(),
+            faults,
+        };
+        let scenario = Self::read(&document, read_table, reading, find_objections, of_run);
+        scenario
+            .and_then(|scenario| none_of(problems, scenario))
+            .map_err(fail)
     }
 
     /// Reads a scenario from its tree.
@@ -216,10 +232,10 @@ impl Scenario {
         read_table: ReadTable<'_>,
         reading: Reading,
         find_objections: FindObjections<'_>,
-        wiring: Wiring,
+        of_run: OfRun,
     ) -> Result<Self, Vec<Problem>> {
-        let unit = wiring.unit.clone();
-        let read = Self::read_wired(document, read_table, reading, find_objections, wiring);
+        let unit = of_run.wiring.unit.clone();
+        let read = Self::read_wired(document, read_table, reading, find_objections, of_run);
         read.map_err(|problems| in_unit(problems, &unit))
     }
 
@@ -229,7 +245,7 @@ impl Scenario {
         read_table: ReadTable<'_>,
         reading: Reading,
         find_objections: FindObjections<'_>,
-        wiring: Wiring,
+        OfRun { wiring, faults }: OfRun,
     ) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
@@ -242,7 +258,7 @@ impl Scenario {
             &schema::of_travel(outside.schema(), &wiring),
         )?;
         put_range_into(&mut scenario.plant.sensor, &wiring);
-        scenario.wiring = wiring;
+        (scenario.wiring, scenario.faults) = (wiring, faults);
         let (plant, controller) = (&mut scenario.plant.own, &mut scenario.controller.own);
         for (section, own) in [(Section::Plant, plant), (Section::Controller, controller)] {
             read_own(document, &outside, section, own, &mut problems);
@@ -359,7 +375,7 @@ impl ControllerView {
 }
 
 /// Problems of a loop in its own unit.
-fn in_unit(problems: Vec<Problem>, unit: &Unit) -> Vec<Problem> {
+pub(crate) fn in_unit(problems: Vec<Problem>, unit: &Unit) -> Vec<Problem> {
     let problems = problems.into_iter();
     let problems = problems.map(|problem| problem.renamed(|text| unit.rename_keys(text)));
     problems.collect()

@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use crate::fault::{Group, Kind};
 use crate::own::{OwnTable, Section, is_name};
 use crate::scenario::Scenario;
 use crate::schema::schema_of;
@@ -43,7 +44,6 @@ pub enum InvalidOwn {
 /// # Errors
 /// One of them cannot be a table of the section.
 pub fn register(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOwn> {
-    let schema = schema_of::<Scenario>();
     for (place, table) in tables.iter().enumerate() {
         let name = table.name();
         is_free(section, name)?;
@@ -54,7 +54,8 @@ pub fn register(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOw
         if table.schema()["type"] != "object" {
             return Err(InvalidOwn::NoTable(name));
         }
-        let unknown = |fault: &&&str| !has_key(&schema, "PlantFaults", fault);
+        let is_plants = |kind: &Kind| kind.group == Group::Plant;
+        let unknown = |fault: &&&str| !Kind::named(fault).is_some_and(is_plants);
         if let Some(fault) = table.faults().iter().find(unknown) {
             return Err(InvalidOwn::Fault { name, fault });
         }

@@ -7,7 +7,7 @@ use crate::bus::Bus;
 use crate::controller::Controller;
 use crate::disturbance::Disturbance;
 use crate::expect::Expect;
-use crate::fault::Faults;
+use crate::fault::{Fault, Faults};
 use crate::plant::Plant;
 use crate::reference::Reference;
 use crate::sweep::Sweep;
@@ -49,9 +49,14 @@ pub struct Scenario {
     /// What disturbs the plant.
     #[serde(default)]
     pub disturbance: Disturbance,
-    /// Injected faults; the nodes do not know of them.
-    #[serde(default, skip_serializing_if = "Faults::is_empty")]
-    pub fault: Faults,
+    /// The faults of the whole run, read by the loader; the nodes do not know of them.
+    #[serde(
+        rename = "fault",
+        skip_deserializing,
+        skip_serializing_if = "Faults::is_empty"
+    )]
+    #[schemars(skip)]
+    pub faults: Faults,
     /// The emulated plant; the controller never sees its parameters.
     #[serde(default)]
     pub plant: Plant,
@@ -64,4 +69,23 @@ pub struct Scenario {
     /// How its drive is wired, put in by the loader.
     #[serde(skip)]
     pub wiring: Wiring,
+}
+
+impl Scenario {
+    /// The faults of its loop: those at its drive and plant, and those at no other drive.
+    pub fn own_faults(&self) -> impl Iterator<Item = &Fault> {
+        let Wiring {
+            drive_node_id,
+            plant,
+            ..
+        } = &self.wiring;
+        let is_own = |fault: &&Fault| fault.is_of_loop(*drive_node_id, plant);
+        self.faults.iter().filter(is_own)
+    }
+
+    /// Whether one of the faults of the run is of its loop.
+    #[must_use]
+    pub fn has_own_faults(&self) -> bool {
+        self.own_faults().next().is_some()
+    }
 }

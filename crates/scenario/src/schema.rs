@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
 
+use crate::fault;
 use crate::loops::Contours;
 use crate::null::TakeNullAway;
 use crate::own;
@@ -19,9 +20,9 @@ use crate::view::ControllerView;
 use crate::wiring::Wiring;
 
 /// What scenario files are checked against. To make a schema takes most of the time that loading takes, so each is made once.
-pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(schema_of::<Scenario>);
+pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(of_scenario);
 /// What recorded scenarios are checked against: the same without plants and laws from outside.
-pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Scenario>);
+pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(|| with_faults(shipped::<Scenario>()));
 /// What the controller checks of scenario files.
 pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
 /// What rig files are checked against.
@@ -35,6 +36,9 @@ pub(crate) static CONTOURS: LazyLock<Value> = LazyLock::new(schema_of::<Contours
 
 /// What the `[sweep]` of a scenario of schema 2 is checked against.
 pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
+
+/// What `[fault]` of a scenario on a rig is checked against.
+pub(crate) static FAULTS_ON_RIG: LazyLock<Value> = LazyLock::new(fault::described);
 
 pub(crate) use loops::on_rig;
 
@@ -93,7 +97,7 @@ pub fn rig_json_schema_2() -> String {
 /// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]
 pub fn json_schema() -> String {
-    format!("{:#}\n", schema_of::<Scenario>())
+    format!("{:#}\n", of_scenario())
 }
 
 /// The JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
@@ -106,6 +110,16 @@ pub fn rig_json_schema() -> String {
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     let mut schema = shipped::<T>();
     own::describe(&mut schema);
+    schema
+}
+
+/// The schema of scenarios, with the plants and laws from outside.
+pub(crate) fn of_scenario() -> Value {
+    with_faults(schema_of::<Scenario>())
+}
+
+fn with_faults(mut schema: Value) -> Value {
+    fault::describe(&mut schema);
     schema
 }
 

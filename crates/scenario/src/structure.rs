@@ -252,7 +252,7 @@ fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String>
 }
 
 /// The number that a TOML integer or float stands for.
-fn number(value: &DeValue<'_>) -> Option<f64> {
+pub(crate) fn number(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Integer(integer) => {
             let integer = i64::from_str_radix(integer.as_str(), integer.radix()).ok()?;

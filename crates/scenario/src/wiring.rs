@@ -32,6 +32,8 @@ pub struct LoopOfRig {
 /// What the rig file says of the drive of a loop; that of the shipped rig where nothing else is said.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wiring {
+    /// Its node-ID.
+    pub drive_node_id: u8,
     /// The name of the plant that it moves; empty where no rig file says any.
     pub plant: String,
     /// The input of the plant that its amplifier drives; the plant's first one if empty.
@@ -80,6 +82,7 @@ pub struct LedBy {
 impl Default for Wiring {
     fn default() -> Self {
         Self {
+            drive_node_id: 0x10,
             plant: String::new(),
             input: String::new(),
             output: String::new(),

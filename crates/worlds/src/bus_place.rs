@@ -14,7 +14,7 @@ use platform::real_time::{RunError, RunReport};
 use platform::stop::Stopper;
 use rig::data_sheet::{DataSheet, rig_data_sheets};
 use rig::presence::Presence;
-use scenario::fault::node::Node as FaultyNode;
+use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
 use crate::bus_choice::RunBus;
 use crate::bus_connection::stop_signal;
@@ -53,7 +53,7 @@ fn refused(error: ClaimError) -> WorldError {
 }
 
 fn heartbeat_cob_id() -> u16 {
-    HEARTBEAT_COB_ID + u16::from(FaultyNode::Controller.number())
+    HEARTBEAT_COB_ID + u16::from(CONTROLLER_NODE_ID)
 }
 
 /// The heartbeat of a manager that does not lead yet.

@@ -8,7 +8,7 @@ use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
 use dbc::{SignalMissing, signals};
 use rig::external::ExternalNode;
 use rig::plan::{ControlLoop, Plan};
-use scenario::fault::node::Node as FaultyNode;
+use scenario::fault::Faults;
 
 use crate::names;
 use crate::supervisor::Supervisor;
@@ -40,13 +40,13 @@ impl DisturbanceProducer {
     /// There is no loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let mut frames = Vec::new();
-        for (number, one) in plan.loops.iter().enumerate() {
+        for one in &plan.loops {
             // On a bus without the module its identifier may be somebody else's.
             if one.external.has_fan() {
                 frames.extend(disturbances(one)?);
             }
-            frames.extend(stop_orders(one, number == 0));
         }
+        frames.extend(stop_orders(&plan.shared.faults));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         Ok(Self {
             clock: ScenarioClock::new(plan.database())?,
@@ -127,19 +127,13 @@ impl RealDrive {
     }
 }
 
-/// NMT stops that are faults of the scenario, each with its scenario time: those of the drive, and of the controller where
-/// nobody else gives them.
-fn stop_orders(one: &ControlLoop, of_controller: bool) -> Vec<(f64, CanFrame)> {
-    let orders = one.scenario.fault.node.nmt_stop.iter();
-    let frames = orders.filter_map(|order| {
-        let node = match order.node {
-            FaultyNode::Drive => one.place.drive_node_id,
-            FaultyNode::Controller if of_controller => order.node.number(),
-            FaultyNode::Controller => return None,
-        };
-        Some((order.at_seconds, NmtCommand::Stop.frame(NodeId::new(node))))
-    });
-    frames.collect()
+/// NMT stops that are faults of the scenario, each with its scenario time.
+fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
+    let orders = faults.of("nmt_stop");
+    orders.filter_map(|order| {
+        let node = NodeId::new(order.node.as_ref()?.id);
+        Some((order.from_seconds?, NmtCommand::Stop.frame(node)))
+    })
 }
 
 /// The RPDOs of the disturbance module.

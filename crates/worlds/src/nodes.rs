@@ -5,13 +5,15 @@ use std::sync::Arc;
 use ::faults::{FaultKind, FaultPlan, Faulty};
 use canopen::Node;
 use controller::ControllerNode;
+use dbc::loops::seed_of_drive;
 use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
 use scenario::loops::{NodesOfLoop, OneLoop};
+use scenario::rig::nodes::CONTROLLER_NODE_ID;
 use scenario::{ControllerView, Scenario};
 
 use crate::error::WorldError;
 use crate::names::{CONTROLLER, emulator_name};
-use rig::plan::{ControlLoop, Plan};
+use rig::plan::Plan;
 use rig::rig_file::LoadedRig;
 
 /// A plant with all drives that move it: those of the loops whose emulator has this name.
@@ -21,7 +23,7 @@ use rig::rig_file::LoadedRig;
 pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldError> {
     let drives = plan.loops.iter().filter(|one| emulator_name(one) == name);
     let scenarios = drives.clone().map(|one| Scenario {
-        seed: one.place.seed(one.scenario.seed),
+        seed: seed_of_drive(one.scenario.seed, one.place.drive_node_id),
         ..one.scenario.clone()
     });
     let scenarios = Vec::from_iter(scenarios);
@@ -90,7 +92,7 @@ pub fn controller_of(loops: &[LoopView]) -> Result<ControllerNode, WorldError> {
     })
 }
 
-/// The manager as it behaves where a loop has faults, which it cannot see; `is_played_elsewhere` are those that happen
+/// The manager as it behaves in a run with faults, which it cannot see; `is_played_elsewhere` are those that happen
 /// to its process. `make` makes it, also after a crash.
 ///
 /// # Errors
@@ -101,10 +103,10 @@ pub fn faulty_controller(
     is_played_elsewhere: impl Fn(&FaultKind) -> bool,
 ) -> Result<Box<dyn Node>, WorldError> {
     let node = make()?;
-    let Some(one) = first_with_faults(plan) else {
+    if !plan.has_faults() {
         return Ok(Box::new(node));
-    };
-    let faults = FaultPlan::new(&one.scenario.fault, scenario::fault::node::Node::Controller);
+    }
+    let faults = controller_faults(plan);
     let renew = move |node: &mut ControllerNode| {
         // It could be set up once, so it can again.
         if let Ok(new) = make() {
@@ -112,11 +114,11 @@ pub fn faulty_controller(
         }
     };
     let faults = faults.without(is_played_elsewhere);
-    let faulty = Faulty::new(node, faults, &one.database, renew)?;
+    let faulty = Faulty::new(node, faults, plan.database(), renew)?;
     Ok(Box::new(faulty))
 }
 
-/// The first loop with faults. Those of the controller are in every loop.
-pub(crate) fn first_with_faults(plan: &Plan) -> Option<&ControlLoop> {
-    plan.loops.iter().find(|one| !one.scenario.fault.is_empty())
+/// The faults of the controller.
+pub(crate) fn controller_faults(plan: &Plan) -> FaultPlan {
+    FaultPlan::new(&plan.shared.faults.at_controller(), CONTROLLER_NODE_ID)
 }

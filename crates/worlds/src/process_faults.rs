@@ -3,11 +3,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use faults::{FaultKind, FaultPlan};
+use faults::FaultKind;
 use rig::plan::Plan;
-use scenario::fault::node::Node;
 
-use crate::nodes::first_with_faults;
+use crate::nodes::controller_faults;
 
 /// What is done to a process to play a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,11 +26,8 @@ pub(super) struct ProcessFaults(VecDeque<(Duration, ProcessAction)>);
 
 impl ProcessFaults {
     pub(super) fn new(plan: &Plan) -> Self {
-        let plan = first_with_faults(plan)
-            .map(|one| FaultPlan::new(&one.scenario.fault, Node::Controller))
-            .unwrap_or_default();
-        let mut actions: Vec<_> = plan
-            .faults
+        let faults = controller_faults(plan).faults;
+        let mut actions: Vec<_> = faults
             .iter()
             .flat_map(|fault| {
                 let (begin, end) = match fault.kind {

@@ -14,7 +14,6 @@ use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
 use crate::fmu_plant::more_patience;
 use crate::names::{CONTROLLER, DRIVE, emulator_names};
-use crate::nodes::first_with_faults;
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, runtime};
@@ -92,9 +91,8 @@ pub fn play(
         ended => end.and_then(|end| ended.map(|_| end).map_err(WorldError::Bench)),
     };
     let (end, mut reports) = with_reports(end, stopped);
-    let mut faults = plan.loops.iter().map(|one| &one.scenario.fault.node);
     if let Some(controller) = reports.get_mut(CONTROLLER)
-        && faults.any(|faults| !faults.hang.is_empty())
+        && plan.shared.faults.of("hang").next().is_some()
     {
         // Suspended on purpose, a loop wakes up late.
         controller.late.clear();
@@ -243,7 +241,7 @@ fn is_over(
     match scenario_time {
         Some(time) => Ok(time >= plan.duration()),
         // A fault that keeps the scenario from beginning is seen to its end.
-        None if now > patience && first_with_faults(plan).is_some() => Ok(true),
+        None if now > patience && plan.has_faults() => Ok(true),
         None if now > patience => Err(WorldError::NoStart { patience }),
         None => Ok(false),
     }

@@ -10,7 +10,6 @@ use rig::plan::Plan;
 
 use crate::error::WorldError;
 use crate::names::{CONTROLLER, drive_name};
-use crate::nodes::first_with_faults;
 
 /// A node without a frame for so long is gone.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
@@ -48,7 +47,7 @@ impl SilenceWatch {
         Ok(Self {
             drives: drives.collect::<Result<_, _>>()?,
             limit: SILENCE_MAX.max(PERIODS_MAX * period),
-            is_sound: first_with_faults(plan).is_none(),
+            is_sound: !plan.has_faults(),
             taken: 0,
             sync: Duration::ZERO,
             any: Duration::ZERO,

@@ -7,8 +7,7 @@ mod condition;
 mod heat;
 mod motion;
 
-use scenario::fault::any_acts;
-use scenario::fault::plant::PlantFaults;
+use scenario::fault::Faults;
 
 use crate::plant::{InvalidPlant, Plant, Signal, follows, not_negative, positive};
 pub use condition::{Condition, Inputs};
@@ -150,10 +149,10 @@ impl Plant for DcMotor {
         Ok(Self::with(config))
     }
 
-    fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
+    fn condition(faults: &Faults, time_seconds: f64) -> Condition {
         Condition {
-            is_jammed: any_acts(&faults.jammed_pulley, time_seconds),
-            is_load_dropped: any_acts(&faults.dropped_load, time_seconds),
+            is_jammed: faults.any_acts("jammed_pulley", time_seconds),
+            is_load_dropped: faults.any_acts("dropped_load", time_seconds),
         }
     }
 

@@ -1,61 +1,42 @@
 //! The amplifier's faults.
 
-use scenario::fault::Lasting;
-use scenario::fault::amplifier::AmplifierFaults;
+use scenario::fault::Faults;
 
 /// The current that flows when some is commanded: dead before stuck on before saturated.
-pub(super) fn current_amperes(
-    faults: &AmplifierFaults,
-    time_seconds: f64,
-    commanded_amperes: f64,
-) -> f64 {
-    if faults.dead.iter().any(|fault| fault.acts_at(time_seconds)) {
+pub(super) fn current_amperes(faults: &Faults, time_seconds: f64, commanded_amperes: f64) -> f64 {
+    if faults.any_acts("dead", time_seconds) {
         return 0.0;
     }
-    let mut stuck = faults.stuck_on.iter();
+    let mut stuck = faults.of("stuck_on");
     if let Some(stuck) = stuck.find(|fault| fault.acts_at(time_seconds)) {
-        return stuck.current_amperes;
+        return stuck.number("current_amperes");
     }
     let saturated = faults
-        .saturated
-        .iter()
+        .of("saturated")
         .filter(|fault| fault.acts_at(time_seconds));
     saturated
-        .map(|fault| fault.current_amperes_max)
+        .map(|fault| fault.number("current_amperes_max"))
         .fold(commanded_amperes, f64::min)
 }
 
 #[cfg(test)]
 mod tests {
-    use scenario::fault::amplifier::{Dead, Saturated, StuckOn};
-
     use super::*;
+    use crate::faults::tests::faults;
 
     #[test]
     fn dead_wins_over_stuck_on_over_saturated() {
-        let window = (1.0, Some(2.0));
-        let mut faults = AmplifierFaults {
-            saturated: vec![Saturated {
-                from_seconds: window.0,
-                until_seconds: window.1,
-                current_amperes_max: 0.3,
-            }],
-            ..AmplifierFaults::default()
-        };
-        let current = |faults: &AmplifierFaults, time| current_amperes(faults, time, 0.7);
-        assert_eq!(current(&faults, 0.5), 0.7);
-        assert_eq!(current(&faults, 1.0), 0.3);
-        assert_eq!(current(&faults, 2.0), 0.7);
-        faults.stuck_on.push(StuckOn {
-            from_seconds: window.0,
-            until_seconds: window.1,
-            current_amperes: 0.9,
-        });
-        assert_eq!(current(&faults, 1.5), 0.9);
-        faults.dead.push(Dead {
-            from_seconds: window.0,
-            until_seconds: window.1,
-        });
-        assert_eq!(current(&faults, 1.5), 0.0);
+        let window = "from_seconds = 1.0\nuntil_seconds = 2.0\n";
+        let saturated =
+            format!("[[fault.amplifier.saturated]]\n{window}current_amperes_max = 0.3\n");
+        let stuck =
+            format!("{saturated}[[fault.amplifier.stuck_on]]\n{window}current_amperes = 0.9\n");
+        let dead = format!("{stuck}[[fault.amplifier.dead]]\n{window}");
+        let current = |tables: &str, time| current_amperes(&faults(tables), time, 0.7);
+        assert_eq!(current(&saturated, 0.5), 0.7);
+        assert_eq!(current(&saturated, 1.0), 0.3);
+        assert_eq!(current(&saturated, 2.0), 0.7);
+        assert_eq!(current(&stuck, 1.5), 0.9);
+        assert_eq!(current(&dead, 1.5), 0.0);
     }
 }

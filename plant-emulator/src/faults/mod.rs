@@ -8,8 +8,7 @@ mod sensor;
 use std::time::Duration;
 
 use scenario::Scenario;
-use scenario::fault::FaultWindow;
-use scenario::fault::plant::PlantFaults;
+use scenario::fault::{Fault, Faults, Group};
 
 use crate::sensor::Counts;
 pub(crate) use sensor::SensorFaults;
@@ -17,7 +16,8 @@ pub(crate) use sensor::SensorFaults;
 /// What goes wrong with the rig.
 #[derive(Clone, Debug)]
 pub(crate) struct RigFaults {
-    faults: scenario::fault::Faults,
+    /// Those of the drive and of its plant.
+    faults: Faults,
     sensor: SensorFaults,
     /// Scenario times at which something begins or ends, in order.
     changes: Vec<Duration>,
@@ -28,17 +28,19 @@ pub(crate) struct RigFaults {
 impl RigFaults {
     /// The faults of a scenario, which have not begun.
     pub(crate) fn new(scenario: &Scenario) -> Self {
-        let faults = &scenario.fault;
-        let is_of_rig =
-            |window: &FaultWindow| matches!(window.place.group, "sensor" | "amplifier" | "plant");
-        let windows = faults.windows().into_iter().filter(is_of_rig);
-        let times = windows.flat_map(|window| [window.from_seconds, window.until_seconds]);
+        let wiring = &scenario.wiring;
+        let faults = scenario
+            .faults
+            .at_drive(wiring.drive_node_id, &wiring.plant);
+        let is_of_rig = |fault: &&Fault| !matches!(fault.kind.group, Group::Bus | Group::Node);
+        let of_rig = faults.iter().filter(is_of_rig);
+        let times = of_rig.flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
         let mut changes: Vec<_> = times.flatten().map(Duration::from_secs_f64).collect();
         changes.sort_unstable();
         changes.dedup();
         Self {
-            faults: faults.clone(),
-            sensor: SensorFaults::new(&faults.sensor, scenario.seed),
+            sensor: SensorFaults::new(&faults, scenario.seed),
+            faults,
             changes,
             zero: None,
         }
@@ -72,16 +74,14 @@ impl RigFaults {
     /// The current that flows in place of what is commanded, where the plant conducts.
     pub(crate) fn current_amperes(&self, now: Duration, commanded_amperes: f64) -> f64 {
         match self.time_seconds(now) {
-            Some(time) => {
-                amplifier::current_amperes(&self.faults.amplifier, time, commanded_amperes)
-            }
+            Some(time) => amplifier::current_amperes(&self.faults, time, commanded_amperes),
             None => commanded_amperes,
         }
     }
 
     /// What goes wrong with the plant, and the scenario time; none before it begins and where nothing will go wrong.
-    pub(crate) fn of_plant(&self, now: Duration) -> Option<(&PlantFaults, f64)> {
-        Some((&self.faults.plant, self.time_seconds(now)?))
+    pub(crate) fn of_plant(&self, now: Duration) -> Option<(&Faults, f64)> {
+        Some((&self.faults, self.time_seconds(now)?))
     }
 
     /// Scenario time; none before it begins and where nothing will go wrong.
@@ -90,5 +90,19 @@ impl RigFaults {
             return None;
         }
         Some(now.checked_sub(self.zero?)?.as_secs_f64())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// The faults of these tables.
+    pub(crate) fn faults(tables: &str) -> Faults {
+        let text = format!(
+            "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
+        );
+        let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table"));
+        scenario.unwrap().faults
     }
 }

@@ -1,8 +1,7 @@
 //! The position sensor's faults.
 
 use faults::Stream;
-use scenario::fault::sensor::{self, Noise, Spikes};
-use scenario::fault::{Lasting, Place};
+use scenario::fault::{Fault, Faults, Group};
 
 use crate::sensor::Counts;
 
@@ -11,29 +10,17 @@ const METRES_PER_MILLIMETRE: f64 = 1e-3;
 /// What goes wrong with the sensor, with the random numbers of each fault.
 #[derive(Clone, Debug)]
 pub(crate) struct SensorFaults {
-    faults: sensor::SensorFaults,
-    noise: Vec<(Noise, Stream)>,
-    spikes: Vec<(Spikes, Stream)>,
+    faults: Vec<(Fault, Stream)>,
     /// What a stuck converter puts out.
     stuck_at: Option<Counts>,
 }
 
 impl SensorFaults {
-    pub(super) fn new(faults: &sensor::SensorFaults, seed: u64) -> Self {
-        let stream = |kind, index| {
-            let group = "sensor";
-            Stream::for_fault(seed, &Place { group, kind, index })
-        };
-        let noise = faults.noise.iter().cloned().enumerate();
-        let spikes = faults.spikes.iter().cloned().enumerate();
+    pub(super) fn new(faults: &Faults, seed: u64) -> Self {
+        let faults = faults.in_group(Group::Sensor);
+        let with_stream = |fault: &Fault| (fault.clone(), Stream::for_fault(seed, fault));
         Self {
-            noise: noise
-                .map(|(index, fault)| (fault, stream("noise", index)))
-                .collect(),
-            spikes: spikes
-                .map(|(index, fault)| (fault, stream("spikes", index)))
-                .collect(),
-            faults: faults.clone(),
+            faults: faults.map(with_stream).collect(),
             stuck_at: None,
         }
     }
@@ -45,70 +32,53 @@ impl SensorFaults {
         position_metres: f64,
         convert: impl FnOnce(f64) -> Counts,
     ) -> Counts {
-        let error_millimetres = self.error_millimetres(time_seconds);
+        let (mut error_millimetres, mut lost_bits, mut is_stuck) = (0.0, 0, false);
+        let acting = self.faults.iter_mut();
+        for (fault, stream) in acting.filter(|(fault, _)| fault.acts_at(time_seconds)) {
+            match fault.kind.name {
+                "lost_bits" => lost_bits |= fault.whole("mask").unwrap_or_default(),
+                "stuck" => is_stuck = true,
+                _ => error_millimetres += error(fault, stream, time_seconds),
+            }
+        }
         let sound = convert(position_metres + error_millimetres * METRES_PER_MILLIMETRE);
-        let lost_bits = self
-            .faults
-            .lost_bits
-            .iter()
-            .filter(|fault| fault.acts_at(time_seconds));
-        let counts = sound.without(lost_bits.fold(0, |mask, fault| mask | fault.mask));
-        let is_stuck = self
-            .faults
-            .stuck
-            .iter()
-            .any(|fault| fault.acts_at(time_seconds));
+        let counts = sound.without(lost_bits);
         if !is_stuck {
             self.stuck_at = None;
             return counts;
         }
         *self.stuck_at.get_or_insert(counts)
     }
+}
 
-    fn error_millimetres(&mut self, time_seconds: f64) -> f64 {
-        let mut error = 0.0;
-        for fault in self
-            .faults
-            .offset
-            .iter()
-            .filter(|fault| fault.acts_at(time_seconds))
-        {
-            error += fault.offset_millimetres;
+/// The error in millimetres that a fault adds to the position before its conversion.
+fn error(fault: &Fault, stream: &mut Stream, time_seconds: f64) -> f64 {
+    match fault.kind.name {
+        "offset" => fault.number("offset_millimetres"),
+        "drift" => {
+            let elapsed = time_seconds - fault.from_seconds.unwrap_or_default();
+            fault.number("rate_millimetres_per_second") * elapsed
         }
-        for fault in self
-            .faults
-            .drift
-            .iter()
-            .filter(|fault| fault.acts_at(time_seconds))
-        {
-            error += fault.rate_millimetres_per_second * (time_seconds - fault.from_seconds);
+        "noise" => fault.number("noise_millimetres_rms") * stream.normal(),
+        "spikes" if stream.happens(fault.number("probability")) => {
+            let sign = if stream.happens(0.5) { 1.0 } else { -1.0 };
+            sign * fault.number("height_millimetres")
         }
-        for (fault, stream) in &mut self.noise {
-            if fault.acts_at(time_seconds) {
-                error += fault.noise_millimetres_rms * stream.normal();
-            }
-        }
-        for (fault, stream) in &mut self.spikes {
-            if fault.acts_at(time_seconds) && stream.happens(fault.probability) {
-                let sign = if stream.happens(0.5) { 1.0 } else { -1.0 };
-                error += sign * fault.height_millimetres;
-            }
-        }
-        error
+        _ => 0.0,
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use scenario::fault::sensor::{Drift, LostBits, Offset, Stuck};
     use scenario::plant;
 
     use super::*;
+    use crate::faults::tests::faults;
     use crate::sensor::PositionSensor;
 
-    fn sense(faults: &sensor::SensorFaults, samples: &[(f64, f64)]) -> Vec<f64> {
+    fn sense(tables: &str, samples: &[(f64, f64)]) -> Vec<f64> {
         let mut sensor = PositionSensor::new(&plant::Sensor::default(), 0);
-        let mut faults = SensorFaults::new(faults, 1);
+        let mut faults = SensorFaults::new(&faults(tables), 1);
         let sense = |(time, millimetres): &(f64, f64)| {
             let counts = faults.sense(*time, millimetres * 1e-3, |position| {
                 sensor.sample(position)
@@ -120,21 +90,9 @@ mod tests {
 
     #[test]
     fn offset_and_drift_add_up_and_end() {
-        let faults = sensor::SensorFaults {
-            offset: vec![Offset {
-                from_seconds: 1.0,
-                until_seconds: Some(3.0),
-                offset_millimetres: 5.0,
-            }],
-            drift: vec![Drift {
-                from_seconds: 2.0,
-                until_seconds: Some(4.0),
-                rate_millimetres_per_second: -2.0,
-            }],
-            ..sensor::SensorFaults::default()
-        };
         let sensed = sense(
-            &faults,
+            "[[fault.sensor.offset]]\nfrom_seconds = 1.0\nuntil_seconds = 3.0\noffset_millimetres = 5.0\n\
+             [[fault.sensor.drift]]\nfrom_seconds = 2.0\nuntil_seconds = 4.0\nrate_millimetres_per_second = -2.0\n",
             &[
                 (0.0, 20.0),
                 (1.0, 20.0),
@@ -150,41 +108,19 @@ mod tests {
 
     #[test]
     fn a_stuck_converter_keeps_its_first_number_and_lost_bits_read_zero() {
-        let stuck = sensor::SensorFaults {
-            stuck: vec![Stuck {
-                from_seconds: 1.0,
-                until_seconds: Some(2.0),
-            }],
-            ..sensor::SensorFaults::default()
-        };
         let sensed = sense(
-            &stuck,
+            "[[fault.sensor.stuck]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n",
             &[(0.5, 10.0), (1.0, 20.0), (1.5, 30.0), (2.0, 30.0)],
         );
         assert!(sensed[1] == sensed[2] && sensed[3] > sensed[2] && sensed[0] < sensed[1]);
-        let lost = sensor::SensorFaults {
-            lost_bits: vec![LostBits {
-                from_seconds: 0.0,
-                until_seconds: None,
-                mask: 0x3FF,
-            }],
-            ..sensor::SensorFaults::default()
-        };
-        assert_eq!(sense(&lost, &[(0.0, 30.0)]), [0.0]);
+        let lost = "[[fault.sensor.lost_bits]]\nfrom_seconds = 0.0\nmask = 0x3FF\n";
+        assert_eq!(sense(lost, &[(0.0, 30.0)]), [0.0]);
     }
 
     #[test]
     fn spikes_are_as_rare_as_asked_for() {
-        let faults = sensor::SensorFaults {
-            spikes: vec![Spikes {
-                from_seconds: 0.0,
-                until_seconds: None,
-                height_millimetres: 10.0,
-                probability: 0.1,
-            }],
-            ..sensor::SensorFaults::default()
-        };
-        let sensed = sense(&faults, &[(1.0, 30.0); 10_000]);
+        let spikes = "[[fault.sensor.spikes]]\nfrom_seconds = 0.0\nheight_millimetres = 10.0\nprobability = 0.1\n";
+        let sensed = sense(spikes, &[(1.0, 30.0); 10_000]);
         let high = sensed.iter().filter(|sensed| **sensed > 39.0).count();
         let low = sensed.iter().filter(|sensed| **sensed < 21.0).count();
         assert!(

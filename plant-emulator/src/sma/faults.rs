@@ -1,52 +1,46 @@
 //! Faults of wire and mechanics.
 
-use scenario::fault::any_acts;
-use scenario::fault::plant::{Ageing, PlantFaults};
+use scenario::fault::{Fault, Faults};
 
 use super::condition::Condition;
 
 /// Wire and mechanics at a scenario time.
-pub(super) fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
-    let aged = |factor: fn(&Ageing) -> f64| {
-        let factors = faults.ageing.iter().map(|ageing| {
+pub(super) fn condition(faults: &Faults, time_seconds: f64) -> Condition {
+    let aged = |factor: &str| {
+        let factors = faults.of("ageing").map(|ageing| {
             let progress = progress(ageing, time_seconds);
-            1.0 + progress * (factor(ageing) - 1.0)
+            1.0 + progress * (ageing.number(factor) - 1.0)
         });
         factors.product()
     };
     Condition {
-        resistance_factor: aged(|ageing| ageing.resistance_factor),
-        recoverable_strain_factor: aged(|ageing| ageing.recoverable_strain_factor),
-        is_wire_broken: any_acts(&faults.broken_wire, time_seconds),
-        is_pulley_jammed: any_acts(&faults.jammed_pulley, time_seconds),
-        is_load_dropped: any_acts(&faults.dropped_load, time_seconds),
+        resistance_factor: aged("resistance_factor"),
+        recoverable_strain_factor: aged("recoverable_strain_factor"),
+        is_wire_broken: faults.any_acts("broken_wire", time_seconds),
+        is_pulley_jammed: faults.any_acts("jammed_pulley", time_seconds),
+        is_load_dropped: faults.any_acts("dropped_load", time_seconds),
     }
 }
 
 /// From 0 at the start of the ageing to 1 at its end, and so for ever.
-fn progress(ageing: &Ageing, time_seconds: f64) -> f64 {
-    let Some(until_seconds) = ageing.until_seconds else {
+fn progress(ageing: &Fault, time_seconds: f64) -> f64 {
+    let (Some(from), Some(until)) = (ageing.from_seconds, ageing.until_seconds) else {
         return 0.0;
     };
-    let elapsed = time_seconds - ageing.from_seconds;
-    (elapsed / (until_seconds - ageing.from_seconds)).clamp(0.0, 1.0)
+    ((time_seconds - from) / (until - from)).clamp(0.0, 1.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faults::tests::faults;
 
     #[test]
     fn ageing_is_even_and_stays() {
-        let faults = PlantFaults {
-            ageing: vec![Ageing {
-                from_seconds: 1.0,
-                until_seconds: Some(3.0),
-                resistance_factor: 2.0,
-                recoverable_strain_factor: 0.5,
-            }],
-            ..PlantFaults::default()
-        };
+        let faults = faults(
+            "[[fault.plant.ageing]]\nfrom_seconds = 1.0\nuntil_seconds = 3.0\nresistance_factor = 2.0\n\
+             recoverable_strain_factor = 0.5\n",
+        );
         let factors = |time| {
             let condition = condition(&faults, time);
             (

@@ -18,7 +18,7 @@ use wire::{Load, Mechanics};
 
 use std::borrow::Borrow;
 
-use scenario::fault::plant::PlantFaults;
+use scenario::fault::Faults;
 
 use crate::integrator::runge_kutta_4_from;
 use crate::plant::{InvalidPlant, Plant, Signal};
@@ -299,7 +299,7 @@ impl Plant for Actuator {
         Ok(Self::new(config))
     }
 
-    fn condition(faults: &PlantFaults, time_seconds: f64) -> Condition {
+    fn condition(faults: &Faults, time_seconds: f64) -> Condition {
         faults::condition(faults, time_seconds)
     }
 

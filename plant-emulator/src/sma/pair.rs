@@ -4,7 +4,7 @@
 //! `J θ̈ + c θ̇ = r (T_flexor − T_extensor) − r m g`, with an added load on a cord round the same pulley, which pulls towards the
 //! extensor's side.
 
-use scenario::fault::plant::PlantFaults;
+use scenario::fault::Faults;
 use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
 use scenario::port::{Port, Ports};
 
@@ -290,12 +290,12 @@ impl PortedPlant for SmaPair {
         wire.is_none_or(|wire| !wire.condition.is_wire_broken)
     }
 
-    fn is_condition_new(&self, input: usize, faults: &PlantFaults, time_seconds: f64) -> bool {
+    fn is_condition_new(&self, input: usize, faults: &Faults, time_seconds: f64) -> bool {
         let wire = self.wires.get(input);
         wire.is_some_and(|wire| wire.condition != condition(faults, time_seconds))
     }
 
-    fn set_condition(&mut self, input: usize, faults: &PlantFaults, time_seconds: f64) {
+    fn set_condition(&mut self, input: usize, faults: &Faults, time_seconds: f64) {
         if let Some(wire) = self.wires.get_mut(input) {
             wire.condition = condition(faults, time_seconds);
         }
@@ -348,7 +348,7 @@ impl PlantWithPorts for SmaPair {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::fault::plant::BrokenWire;
+    use crate::faults::tests::faults;
 
     fn pair() -> SmaPair {
         SmaPair::new(&Config::default()).unwrap()
@@ -394,14 +394,7 @@ mod tests {
     #[test]
     fn a_broken_wire_pulls_and_conducts_no_more() {
         let mut pair = pair();
-        let broken = BrokenWire {
-            from_seconds: 1.0,
-            until_seconds: None,
-        };
-        let faults = PlantFaults {
-            broken_wire: vec![broken],
-            ..PlantFaults::default()
-        };
+        let faults = faults("[[fault.plant.broken_wire]]\nfrom_seconds = 1.0\n");
         assert!(!pair.is_condition_new(FLEXOR, &faults, 0.5));
         assert!(pair.is_condition_new(FLEXOR, &faults, 1.5));
         run(&mut pair, 5.0, [0.8, 0.0], 0.0);

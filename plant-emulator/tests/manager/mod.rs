@@ -31,7 +31,7 @@ pub(crate) fn scenario() -> Scenario {
         controller: scenario::controller::Controller::default(),
         reference: scenario::reference::Reference::default(),
         disturbance: scenario::disturbance::Disturbance::default(),
-        fault: scenario::fault::Faults::default(),
+        faults: scenario::fault::Faults::default(),
         plant: scenario::plant::Plant::default(),
         expect: scenario::expect::Expect::default(),
         sweep: None,

@@ -248,7 +248,7 @@ mod tests {
         let drawn = |seed, number| {
             let case = cases(seed).case(number).unwrap();
             let case = &case.plan().unwrap().leading().scenario.clone();
-            (case.seed, format!("{:?}", case.fault))
+            (case.seed, format!("{:?}", case.faults))
         };
         let first = drawn(1, 1);
         assert_eq!(first, drawn(1, 1));
@@ -263,10 +263,10 @@ mod tests {
         for number in 1..=20 {
             let values = cases.values(number);
             let case = cases.case(number).unwrap();
-            let windows = &case.plan().unwrap().leading().scenario.fault.windows();
+            let faults = case.plan().unwrap().shared.faults;
             let counted: f64 = values.iter().sum();
             // A fault of the boot has no window.
-            let of_boot = windows.len() as f64 - counted;
+            let of_boot = faults.iter().len() as f64 - counted;
             assert!(
                 counted >= 1.0 && of_boot.abs() <= 1.0,
                 "{}",

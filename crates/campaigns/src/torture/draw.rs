@@ -3,6 +3,7 @@
 use dbc::loops::LoopPlace;
 use faults::Stream;
 use rig::plan::Plan;
+use scenario::fault::{Drawn, Group, KINDS, Kind, Time};
 use scenario::plant::Plant;
 use scenario::rig::nodes::{EMULATED_NODE_ID_MAX, Rig};
 use scenario::wiring::Wiring;
@@ -11,41 +12,7 @@ use toml::{Table, Value};
 /// Faults in one mix at most.
 const FAULTS_MAX: u64 = 4;
 
-/// Kinds that last, by group.
-const LASTING: [(&str, &str); 26] = [
-    ("bus", "lose"),
-    ("bus", "delay"),
-    ("bus", "duplicate"),
-    ("bus", "reorder"),
-    ("bus", "corrupt"),
-    ("bus", "bit_error"),
-    ("bus", "babble"),
-    ("bus", "load"),
-    ("node", "crash"),
-    ("node", "hang"),
-    ("node", "slow_cycle"),
-    ("node", "clock_drift"),
-    ("node", "lost_heartbeat"),
-    ("sensor", "offset"),
-    ("sensor", "drift"),
-    ("sensor", "noise"),
-    ("sensor", "spikes"),
-    ("sensor", "lost_bits"),
-    ("sensor", "stuck"),
-    ("amplifier", "saturated"),
-    ("amplifier", "stuck_on"),
-    ("amplifier", "dead"),
-    ("plant", "ageing"),
-    ("plant", "broken_wire"),
-    ("plant", "jammed_pulley"),
-    ("plant", "dropped_load"),
-];
-
-/// Kinds that happen at an instant.
-const INSTANT: [(&str, &str); 2] = [("node", "restart"), ("node", "nmt_stop")];
-
-/// Kinds that are about the boot, and how often a mix has one: many such runs never begin.
-const BOOT: [&str; 3] = ["late_boot", "wrong_identity", "wrong_node_id"];
+/// How often a mix has a fault of the boot: many such runs never begin.
 const BOOT_PROBABILITY: f64 = 0.1;
 
 /// Who can fail, by the names that the scenario has for them.
@@ -63,6 +30,13 @@ struct Drive {
     plant_faults: &'static [&'static str],
     /// In which unit and range its positions are.
     wiring: Wiring,
+}
+
+impl Drive {
+    /// Whether a kind of fault means something to its plant.
+    fn has(&self, kind: &Kind) -> bool {
+        kind.group != Group::Plant || self.plant_faults.contains(&kind.name)
+    }
 }
 
 impl Nodes {
@@ -157,22 +131,21 @@ impl Nodes {
         fault.into_iter().map(of_drive).collect()
     }
 
-    fn has_fault(&self, (group, kind): &(&str, &str)) -> bool {
-        *group != "plant"
-            || self
-                .drives
-                .iter()
-                .any(|drive| drive.plant_faults.contains(kind))
+    /// The kinds that mean something to one of the drives; those of the boot come last.
+    fn kinds(&self, is_of_boot: bool) -> Vec<&'static Kind> {
+        let is_able = |kind: &&Kind| self.drives.iter().any(|drive| drive.has(kind));
+        let kinds = KINDS.iter().filter(is_able);
+        kinds
+            .filter(|kind| (kind.time == Time::Boot) == is_of_boot)
+            .collect()
     }
 
     /// The drive whose part fails.
-    fn draw(&self, stream: &mut Stream, group: &str, kind: &str) -> Option<Value> {
+    fn draw(&self, stream: &mut Stream, kind: &Kind) -> Option<Value> {
         if !self.are_named {
             return None;
         }
-        let drives = self.drives.iter();
-        let able = drives.filter(|drive| group != "plant" || drive.plant_faults.contains(&kind));
-        let able = Vec::from_iter(able);
+        let able = Vec::from_iter(self.drives.iter().filter(|drive| drive.has(kind)));
         Some(pick(stream, &able).name.clone().into())
     }
 }
@@ -182,55 +155,49 @@ const BENCH: &str = "bench";
 
 /// The kinds that are drawn, each with its group: `bus.lose`.
 pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
-    let lasting = LASTING.iter().filter(|kind| nodes.has_fault(kind));
-    let kinds = lasting.chain(&INSTANT).copied();
-    let boot = BOOT.into_iter().map(|kind| ("node", kind));
-    let kinds = kinds.chain(boot);
+    let kinds = [false, true].map(|is_of_boot| nodes.kinds(is_of_boot));
+    let kinds = kinds.into_iter().flatten();
     kinds
-        .map(|(group, kind)| format!("{group}.{kind}"))
+        .map(|kind| format!("{}.{}", kind.group.name(), kind.name))
         .collect()
 }
 
 /// A mix of faults for a run of some length, as far as they mean something to the plants: the `[fault]` table.
 pub(super) fn mix(stream: &mut Stream, nodes: &Nodes, duration_seconds: f64) -> Table {
-    let lasting = LASTING.iter().filter(|kind| nodes.has_fault(kind));
-    let kinds: Vec<_> = lasting
-        .map(|kind| (kind, true))
-        .chain(INSTANT.iter().map(|kind| (kind, false)))
-        .collect();
+    let (kinds, of_boot) = (nodes.kinds(false), nodes.kinds(true));
     let mut faults = Table::new();
     for _ in 0..1 + stream.below(FAULTS_MAX) {
-        let (&(group, kind), is_lasting) = *pick(stream, &kinds);
-        let mut fault = parameters(stream, nodes, group, kind);
+        let kind = *pick(stream, &kinds);
+        let mut fault = parameters(stream, nodes, kind);
         let from = tenth_milliseconds(stream.uniform() * 0.8 * duration_seconds);
-        if is_lasting {
+        if kind.time == Time::Instant {
+            fault.insert("at_seconds".to_owned(), from.into());
+        } else {
             fault.insert("from_seconds".to_owned(), from.into());
-            if kind == "ageing" || stream.happens(0.8) {
+            if kind.time == Time::Ends || stream.happens(0.8) {
                 // Short faults are as likely as long ones.
                 let length = 1e-3 * libm::pow(duration_seconds * 1e3, stream.uniform());
                 let until = tenth_milliseconds(from + length.max(1e-3));
                 fault.insert("until_seconds".to_owned(), until.into());
             }
-        } else {
-            fault.insert("at_seconds".to_owned(), from.into());
         }
-        push(&mut faults, group, kind, nodes.in_unit(fault));
+        push(&mut faults, kind, nodes.in_unit(fault));
     }
     if stream.happens(BOOT_PROBABILITY) {
-        let kind = *pick(stream, &BOOT);
-        let fault = boot(stream, nodes, kind);
-        push(&mut faults, "node", kind, fault);
+        let kind = *pick(stream, &of_boot);
+        let fault = parameters(stream, nodes, kind);
+        push(&mut faults, kind, fault);
     }
     faults
 }
 
-fn push(faults: &mut Table, group: &str, kind: &str, fault: Table) {
+fn push(faults: &mut Table, kind: &Kind, fault: Table) {
     let group = faults
-        .entry(group)
+        .entry(kind.group.name())
         .or_insert_with(|| Value::Table(Table::new()));
     if let Some(kinds) = group.as_table_mut() {
         let all = kinds
-            .entry(kind)
+            .entry(kind.name)
             .or_insert_with(|| Value::Array(Vec::new()));
         if let Some(all) = all.as_array_mut() {
             all.push(Value::Table(fault));
@@ -238,113 +205,47 @@ fn push(faults: &mut Table, group: &str, kind: &str, fault: Table) {
     }
 }
 
-/// What a kind has besides its time.
-fn parameters(stream: &mut Stream, nodes: &Nodes, group: &str, kind: &str) -> Table {
+/// The keys of a kind besides those of its time.
+fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
     let mut table = Table::new();
-    let stations = nodes.stations();
-    let mut set = |key: &str, value: Value| {
-        table.insert(key.to_owned(), value);
-    };
-    match kind {
-        "lose" => {
-            set("receiver", (*pick(stream, &stations)).into());
-            hits(stream, nodes, &mut set);
-        }
-        "delay" => {
-            set("sender", (*pick(stream, &stations)).into());
-            set("delay_milliseconds", between(stream, 0.1, 20.0));
-            hits(stream, nodes, &mut set);
-        }
-        "duplicate" | "reorder" => {
-            set("sender", (*pick(stream, &stations)).into());
-            hits(stream, nodes, &mut set);
-        }
-        "corrupt" => {
-            set("sender", (*pick(stream, &stations)).into());
-            set("inverted_bits", whole(stream, 1, 8));
-            hits(stream, nodes, &mut set);
-        }
-        "bit_error" => {
-            if stream.happens(0.5) {
-                set("sender", (*pick(stream, &stations)).into());
-            }
-            hits(stream, nodes, &mut set);
-        }
-        "babble" => set("identifier", whole(stream, 1, nodes.below_truth())),
-        "load" => {
-            set("identifier", whole(stream, 0x181, nodes.below_truth()));
-            set("period_milliseconds", between(stream, 0.2, 5.0));
-        }
-        "slow_cycle" => set("delay_milliseconds", between(stream, 0.1, 20.0)),
-        "clock_drift" => set("parts_per_million", between(stream, -5000.0, 5000.0)),
-        "offset" => set("offset_millimetres", between(stream, -60.0, 60.0)),
-        "drift" => set("rate_millimetres_per_second", between(stream, -50.0, 50.0)),
-        "noise" => set("noise_millimetres_rms", between(stream, 0.01, 5.0)),
-        "spikes" => {
-            set("height_millimetres", between(stream, 0.5, 60.0));
-            set("probability", between(stream, 0.01, 1.0));
-        }
-        "lost_bits" => set("mask", whole(stream, 1, 1023)),
-        "saturated" => set("current_amperes_max", between(stream, 0.01, 1.0)),
-        "stuck_on" => set("current_amperes", between(stream, 0.01, 1.0)),
-        "ageing" => {
-            set("resistance_factor", between(stream, 0.5, 1.0));
-            set("recoverable_strain_factor", between(stream, 0.5, 1.0));
-        }
-        _ => {}
+    let is_of_a_drive = kind.node_key().is_none() && kind.group != Group::Bus;
+    if kind.time == Time::Boot && is_of_a_drive {
+        set_drive(&mut table, stream, nodes, kind);
     }
-    match group {
-        "node" => set("node", (*pick(stream, &nodes.nodes())).into()),
-        "bus" => {}
-        _ => {
-            if let Some(drive) = nodes.draw(stream, group, kind) {
-                set("node", drive);
-            }
+    for key in kind.keys {
+        if let Some(value) = drawn(stream, nodes, key.drawn) {
+            table.insert(key.name.to_owned(), value);
         }
     }
-    if kind == "crash" && stream.happens(0.3) {
-        set("output", "hold".into());
+    if kind.time != Time::Boot && is_of_a_drive {
+        set_drive(&mut table, stream, nodes, kind);
     }
     table
 }
 
-/// A fault of the boot.
-fn boot(stream: &mut Stream, nodes: &Nodes, kind: &str) -> Table {
-    let mut table = Table::new();
-    if kind != "late_boot"
-        && let Some(drive) = nodes.draw(stream, "node", kind)
-    {
+fn set_drive(table: &mut Table, stream: &mut Stream, nodes: &Nodes, kind: &Kind) {
+    if let Some(drive) = nodes.draw(stream, kind) {
         table.insert("node".to_owned(), drive);
     }
-    match kind {
-        "late_boot" => {
-            let node = *pick(stream, &nodes.nodes());
-            table.insert("node".to_owned(), node.into());
-            table.insert("delay_seconds".to_owned(), between(stream, 0.0, 12.0));
-        }
-        "wrong_identity" => {
-            table.insert("product_code".to_owned(), whole(stream, 0, u32::MAX));
-        }
-        // Not the controller's own, nor that of another drive.
-        _ => {
-            let lowest = if nodes.are_named {
-                EMULATED_NODE_ID_MAX + 1
-            } else {
-                2
-            };
-            table.insert("node_id".to_owned(), whole(stream, lowest.into(), 127));
-        }
-    }
-    table
 }
 
-/// Which frames are hit, how often, how many in a row.
-fn hits(stream: &mut Stream, nodes: &Nodes, set: &mut impl FnMut(&str, Value)) {
-    if stream.happens(0.7) {
-        set("identifier", (*pick(stream, &nodes.identifiers())).into());
-    }
-    set("probability", between(stream, 0.01, 1.0));
-    set("burst_frames", whole(stream, 1, 60));
+/// A value of a key; `None` where it is left out this time.
+fn drawn(stream: &mut Stream, nodes: &Nodes, drawn: Drawn) -> Option<Value> {
+    Some(match drawn {
+        Drawn::Between(lowest, highest) => between(stream, lowest, highest),
+        Drawn::Whole(lowest, highest) => whole(stream, lowest, highest),
+        Drawn::Identifier if stream.happens(0.7) => (*pick(stream, &nodes.identifiers())).into(),
+        Drawn::Foreign(lowest) => whole(stream, lowest, nodes.below_truth()),
+        Drawn::FreeNodeId if nodes.are_named => {
+            whole(stream, u32::from(EMULATED_NODE_ID_MAX) + 1, 127)
+        }
+        Drawn::FreeNodeId => whole(stream, 2, 127),
+        Drawn::Node => (*pick(stream, &nodes.nodes())).into(),
+        Drawn::PerhapsStation if stream.happens(0.5) => None?,
+        Drawn::Station | Drawn::PerhapsStation => (*pick(stream, &nodes.stations())).into(),
+        Drawn::Word(word) if stream.happens(0.3) => word.into(),
+        Drawn::Identifier | Drawn::Word(_) => None?,
+    })
 }
 
 fn pick<'a, T>(stream: &mut Stream, choices: &'a [T]) -> &'a T {
@@ -389,27 +290,11 @@ mod tests {
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.leading().scenario;
-            let windows = scenario.fault.windows();
-            assert!((1..=5).contains(&windows.len()));
-            drawn.extend(
-                windows
-                    .iter()
-                    .map(|window| (window.place.group, window.place.kind)),
-            );
+            let kinds = Vec::from_iter(scenario.faults.iter().map(|fault| fault.kind.name));
+            assert!((1..=5).contains(&kinds.len()));
+            drawn.extend(kinds);
         }
-        assert_eq!(drawn.len(), LASTING.len() + INSTANT.len() + BOOT.len());
-        let schema: serde_json::Value =
-            serde_json::from_str(&scenario::schema::json_schema()).unwrap();
-        let groups = ["Bus", "Node", "Sensor", "Amplifier", "Plant"];
-        let kinds = groups.map(|group| {
-            let group = &schema["definitions"][format!("{group}Faults")];
-            group["properties"].as_object().unwrap().len()
-        });
-        assert_eq!(
-            kinds.iter().sum::<usize>(),
-            drawn.len(),
-            "a kind is not drawn"
-        );
+        assert_eq!(drawn.len(), KINDS.len(), "a kind is not drawn");
     }
 
     #[test]
@@ -426,7 +311,7 @@ mod tests {
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.leading().scenario;
-            drawn.extend(scenario.fault.windows().iter().map(|one| one.place.kind));
+            drawn.extend(scenario.faults.iter().map(|fault| fault.kind.name));
         }
         assert!(drawn.contains("dropped_load") && !drawn.contains("ageing"));
     }

@@ -6,7 +6,6 @@ use canopen::{CanFrame, NmtCommand, NodeId};
 use dbc::scenario_clock::SYNC_COB_ID;
 use plant_emulator::catalogue::SMA_ACTUATOR;
 use scenario::Scenario;
-use scenario::fault::node::{Node, Output};
 
 use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;
@@ -196,22 +195,23 @@ fn is_of_manager(frame: &CanFrame, drive: u8) -> bool {
 
 /// A drive that cannot act: dead with its current held, hanging or just awake, or its amplifier stuck on.
 fn is_excused(scenario: &Scenario, time_seconds: f64, seconds_max: f64) -> bool {
-    let node = &scenario.fault.node;
-    let is_dead = node.crash.iter().any(|fault| {
-        let over = fault.until_seconds.unwrap_or(f64::INFINITY) + MESSAGE_SECONDS_MAX;
-        let holds = fault.node == Node::Drive && fault.output == Output::Hold;
-        holds && (fault.from_seconds..over).contains(&time_seconds)
-    });
-    let is_hanging = node.hang.iter().any(|fault| {
-        let awake = fault.until_seconds.unwrap_or(f64::INFINITY) + seconds_max;
-        fault.node == Node::Drive && (fault.from_seconds..awake).contains(&time_seconds)
-    });
-    let is_stuck = scenario.fault.amplifier.stuck_on.iter().any(|fault| {
+    let wiring = &scenario.wiring;
+    let faults = scenario
+        .faults
+        .at_drive(wiring.drive_node_id, &wiring.plant);
+    faults.iter().any(|fault| {
         // The message needs its time on the bus.
-        let over = fault.until_seconds.unwrap_or(f64::INFINITY) + MESSAGE_SECONDS_MAX;
-        (fault.from_seconds..over).contains(&time_seconds)
-    });
-    is_dead || is_hanging || is_stuck
+        let over = match fault.kind.name {
+            "crash" if fault.says("output", "hold") => MESSAGE_SECONDS_MAX,
+            "hang" => seconds_max,
+            "stuck_on" => MESSAGE_SECONDS_MAX,
+            _ => return false,
+        };
+        let until = fault.until_seconds.unwrap_or(f64::INFINITY) + over;
+        fault
+            .from_seconds
+            .is_some_and(|from| (from..until).contains(&time_seconds))
+    })
 }
 
 #[cfg(test)]
@@ -280,7 +280,7 @@ mod tests {
             sync.ends_with(" ms after the last SYNC (limit 55 ms)"),
             "{sync}"
         );
-        let manager = found(&without(|frame| is_of_manager(frame, Node::Drive.number())));
+        let manager = found(&without(|frame| is_of_manager(frame, 0x10)));
         assert!(manager.starts_with("manager: "), "{manager}");
         assert!(
             manager.ends_with("heartbeat of the manager (limit 105 ms)"),

@@ -289,8 +289,11 @@ mod tests {
         let shrunk = case.shrunk("temperature");
         assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
         let scenario = &shrunk.plan().unwrap().leading().scenario.clone();
-        let windows = scenario.fault.windows();
-        let kinds: Vec<_> = windows.iter().map(|window| window.place.kind).collect();
+        let kinds: Vec<_> = scenario
+            .faults
+            .iter()
+            .map(|fault| fault.kind.name)
+            .collect();
         assert_eq!(kinds, ["stuck_on", "ageing"], "{}", shrunk.text());
         assert!(scenario.duration_seconds < 3.0, "{}", shrunk.text());
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());

@@ -1,10 +1,9 @@
 //! A faulty node, seen from the bus.
 
 use canopen::CanFrame;
-use scenario::fault::node::Output;
 
 use super::*;
-use crate::plan::PlannedFault;
+use crate::plan::{Output, PlannedFault};
 
 /// Sends a heartbeat every 10 ms, and answers every frame 0x300 at once.
 #[derive(Debug, Default)]

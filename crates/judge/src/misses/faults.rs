@@ -2,8 +2,7 @@
 
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use rig::plan::ControlLoop;
-use scenario::fault::node::Node;
-use scenario::fault::{FaultWindow, Touch};
+use scenario::fault::{Fault, FaultyNode, Part, Touch};
 
 use super::Missing;
 
@@ -18,7 +17,7 @@ const CONTROLLER: &str = "controller";
 
 /// A stretch in which frames may be missing: those of a node, or of all.
 struct Touched {
-    node: Option<Node>,
+    node: Option<Part>,
     from_seconds: f64,
     until_seconds: f64,
 }
@@ -34,25 +33,24 @@ pub(super) struct ScenarioFaults {
 impl ScenarioFaults {
     pub(super) fn new(timeline: &Timeline, one: &ControlLoop) -> Self {
         let period_seconds = timeline.period_seconds;
-        let is_felt = |fault: &FaultWindow| match fault.touch {
-            Touch::Late(_, seconds) => {
-                seconds + TIME_TOLERANCE_SECONDS >= LATE_PERIODS * period_seconds
-            }
-            _ => true,
+        let is_felt = |fault: &&Fault| {
+            let seconds = fault.number("delay_milliseconds") / 1e3;
+            seconds + TIME_TOLERANCE_SECONDS >= LATE_PERIODS * period_seconds
         };
-        let own = one.scenario.fault.windows().into_iter();
-        let own = own.map(|fault| (touched(&fault, true), fault));
-        let elsewhere = one.faults_elsewhere.iter().cloned();
-        let elsewhere = elsewhere.map(|fault| (touched(&fault, false), fault));
-        let faults = own.chain(elsewhere).filter(|(_, fault)| is_felt(fault));
-        let (touched, faults): (Vec<_>, Vec<_>) = faults.unzip();
+        let is_late = |fault: &&Fault| fault.kind.touch == Touch::Late;
+        let faults = one
+            .faults()
+            .filter(|fault| !is_late(fault) || is_felt(fault));
+        let faults = Vec::from_iter(faults);
+        let drive = one.scenario.wiring.drive_node_id;
+        let touched = faults.iter().filter_map(|fault| touched(fault, drive));
         let watch = one.rig.as_ref().map_or(0.0, |rig| {
             f64::from(rig.file.timeouts.controller_lost_milliseconds) / 1e3
         });
         let reaction_seconds =
             f64::max(2.0 * watch, REACTION_SECONDS).max(REACTION_PERIODS * period_seconds);
         let is_in_a_fault = |at: f64| {
-            let acts = |fault| {
+            let acts = |fault: &&Fault| {
                 let (from, until) = span(fault);
                 at >= from && at <= until + reaction_seconds
             };
@@ -63,7 +61,7 @@ impl ScenarioFaults {
         let reports = reports.map(|one| one.time_seconds);
         Self {
             reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),
-            touched: touched.into_iter().flatten().collect(),
+            touched: touched.collect(),
             reaction_seconds: reaction_seconds + TIME_TOLERANCE_SECONDS,
         }
     }
@@ -84,29 +82,29 @@ impl ScenarioFaults {
 }
 
 /// When a fault acts; one of the boot has ended at time 0.
-fn span(fault: &FaultWindow) -> (f64, f64) {
+fn span(fault: &Fault) -> (f64, f64) {
     match fault.from_seconds {
         None => (f64::NEG_INFINITY, 0.0),
         Some(from) => (from, fault.until_seconds.unwrap_or(f64::INFINITY)),
     }
 }
 
-/// The frames of the loop's controller and drive that a fault of its own or of another loop touches. The drive of another one is not
-/// its drive.
-fn touched(fault: &FaultWindow, is_own: bool) -> Option<Touched> {
+/// The frames of a loop's controller and drive that a fault touches. The drive of another loop is not its drive.
+fn touched(fault: &Fault, drive: u8) -> Option<Touched> {
     let (from_seconds, until_seconds) = span(fault);
-    let (node, until_seconds) = match fault.touch {
-        Touch::Nothing => return None,
-        Touch::Of(Node::Drive) | Touch::Late(Some(Node::Drive), _) if !is_own => return None,
+    let is_elsewhere = |node: &FaultyNode| node.part == Part::Drive && node.id != drive;
+    let node = fault.node.as_ref();
+    let part = node.map(|node| node.part);
+    let (part, until_seconds) = match fault.kind.touch {
         Touch::All => (None, until_seconds),
-        Touch::Of(node) => (Some(node), until_seconds),
-        Touch::Late(node, _) => (node, until_seconds),
         // The others notice it at its begin.
-        Touch::HeartbeatsOf(Node::Controller) => (Some(Node::Drive), from_seconds),
-        Touch::HeartbeatsOf(Node::Drive) => (Some(Node::Controller), from_seconds),
+        Touch::Heartbeats if part == Some(Part::Controller) => (Some(Part::Drive), from_seconds),
+        Touch::Heartbeats => (Some(Part::Controller), from_seconds),
+        Touch::OfNode | Touch::Late if !node.is_some_and(is_elsewhere) => (part, until_seconds),
+        Touch::OfNode | Touch::Late | Touch::Nothing => return None,
     };
     Some(Touched {
-        node,
+        node: part,
         from_seconds,
         until_seconds,
     })

@@ -319,7 +319,7 @@ fn disturbances(scenario: &Scenario) -> Vec<Patch> {
 /// Faults from their beginning on; those of the boot are over when the scenario begins.
 fn faults(own: &ControlLoop) -> Vec<Patch> {
     let scenario = &own.scenario;
-    let patches = own.faults().into_iter().filter_map(|fault| {
+    let patches = own.faults().filter_map(|fault| {
         let until_seconds = fault.until_seconds.unwrap_or(scenario.duration_seconds);
         Some(stretch(
             "fault",

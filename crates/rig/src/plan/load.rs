@@ -8,7 +8,6 @@ use std::sync::Arc;
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::signals::TRUTH_MESSAGES;
-use scenario::fault::FaultWindow;
 use scenario::loops::{Loops, OneLoop};
 use scenario::rig::nodes::Rig;
 use scenario::{Objection, Scenario, ScenarioError, Texts, read_text};
@@ -166,9 +165,8 @@ impl Plan {
         // Files that are no text lie beside the scenario that is varied.
         let path = self.shared.path.with_file_name("case");
         let (loops, _) = Loops::parse(&path, text.to_owned(), read_file, |_| Vec::new(), object)?;
-        let elsewhere = faults_elsewhere(loops.loops.iter().map(|one| &one.scenario));
-        let varied = self.loops.iter().zip(loops.loops).zip(elsewhere);
-        let varied = varied.map(|((base, one), elsewhere)| base.varied(one.scenario, elsewhere));
+        let varied = self.loops.iter().zip(loops.loops);
+        let varied = varied.map(|(base, one)| base.varied(one.scenario));
         let nodes = self.shared.nodes_of_loops.clone();
         Ok(Self::of_loops(varied.collect(), loops.contours, nodes))
     }
@@ -231,21 +229,6 @@ pub fn check_rig(
     let plan = planned(loops.clone(), catalogue).expect("a rig without objections");
     let budget = BusBudget::new(&loops.rig, &plan);
     Ok((loops.rig, budget))
-}
-
-/// For each loop the faults of the others.
-fn faults_elsewhere<'a>(scenarios: impl Iterator<Item = &'a Scenario>) -> Vec<Vec<FaultWindow>> {
-    let faults = Vec::from_iter(scenarios.map(|scenario| scenario.fault.windows()));
-    let of_others = |own: usize| {
-        let others = faults
-            .iter()
-            .enumerate()
-            .filter(move |(other, _)| *other != own);
-        others.flat_map(|(_, faults)| faults.iter().cloned())
-    };
-    (0..faults.len())
-        .map(|own| of_others(own).collect())
-        .collect()
 }
 
 /// Reads the loops of a recording with a rig. The database is as the first loop sees it.
@@ -420,7 +403,6 @@ fn named(
         ..
     } = loops;
     let is_only = loops.len() == 1;
-    let elsewhere = faults_elsewhere(loops.iter().map(|one| &one.scenario));
     let node_names = |name: &str| {
         let (controller, _) = rig.controller().unzip();
         let drive = rig.drive_of_loop(name).to_owned();
@@ -433,8 +415,8 @@ fn named(
     let several = loops.iter().filter(|_| !is_only);
     let nodes_of_loops = several.map(|one| (one.name.clone(), node_names(&one.name)));
     let nodes_of_loops = BTreeMap::from_iter(nodes_of_loops);
-    let loops = (0..).zip(loops).zip(rigs).zip(elsewhere);
-    let loops = loops.map(|(((number, one), own_rig), faults_elsewhere)| {
+    let loops = (0..).zip(loops).zip(rigs);
+    let loops = loops.map(|((number, one), own_rig)| {
         let OneLoop {
             name,
             place,
@@ -453,7 +435,6 @@ fn named(
                 disturbance_node_id: place.io,
                 truth_every_cycles: place.truth_every_cycles,
             },
-            faults_elsewhere,
             ..make(&name, scenario, own_rig)
         }
     });

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use platform::bus::BusAddress;
 use platform::scheduling;
+use scenario::fault::{Faults, Group};
 use scenario::loops::Loops;
-use scenario::{Scenario, read_text};
+use scenario::read_text;
 
 use crate::console::{print_diagnostic, print_error, usage_error};
 use crate::event::{Listener, RunEvent};
@@ -308,9 +309,9 @@ impl Testbed for RunTestbed<'_> {
             true => self.prepare_on_its_rig(plan)?,
             false => plan.on(self.rig.as_ref(), &self.external),
         };
+        admits(&plan.shared.faults, &self.bus, self.clock)?;
         for one in &plan.loops {
             let scenario = &one.scenario;
-            admits(scenario, &self.bus, self.clock)?;
             one.external.admits(scenario)?;
             if let Some(rig) = &one.rig {
                 rig.admits(scenario)?;
@@ -373,16 +374,15 @@ fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
 }
 
 /// Faults of the bus need the modelled one; no real bus delays or loses frames on demand.
-fn admits(scenario: &Scenario, bus: &RunBus, clock: ClockChoice) -> Result<(), String> {
+fn admits(faults: &Faults, bus: &RunBus, clock: ClockChoice) -> Result<(), String> {
     let is_modelled = clock == ClockChoice::Lockstep && matches!(bus, RunBus::Embedded { .. });
-    if is_modelled || scenario.fault.bus.is_empty() {
+    let first = faults.in_group(Group::Bus).next().filter(|_| !is_modelled);
+    let Some(first) = first else {
         return Ok(());
-    }
-    let windows = scenario.fault.windows();
-    let first = windows.iter().find(|fault| fault.place.group == "bus");
-    let kind = first.map_or("", |fault| fault.place.kind);
+    };
+    let heading = first.kind.heading();
     Err(format!(
-        "[[fault.bus.{kind}]] is possible on the modelled bus only: use `canrig simulate`, or `canrig run --clock lockstep --bus embedded`"
+        "{heading} is possible on the modelled bus only: use `canrig simulate`, or `canrig run --clock lockstep --bus embedded`"
     ))
 }
 

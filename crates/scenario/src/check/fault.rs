@@ -2,62 +2,89 @@
 
 use crate::document::Document;
 use crate::error::Problem;
-use crate::scenario::Scenario;
+use crate::fault::{Fault, Faults, Group, Time};
+use crate::plant::Plant;
 
 /// COB-ID of `plant_truth`, by which the run is judged.
-const TRUTH_COB_ID: u16 = 0x6B0;
+const TRUTH_COB_ID: u32 = 0x6B0;
 
 /// Faults that begin within the run and end after they begin.
-pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+pub(crate) fn faults(
+    document: &Document<'_>,
+    faults: &Faults,
+    duration_seconds: f64,
+) -> Vec<Problem> {
+    let problems = faults.iter().flat_map(|fault| {
+        let found = times(document, fault, duration_seconds).into_iter();
+        found.chain(forged(document, fault))
+    });
+    problems.collect()
+}
+
+fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<Problem> {
+    let (path, heading) = (fault.path(), fault.kind.heading());
     let mut problems = Vec::new();
-    let duration_seconds = scenario.duration_seconds;
-    for window in scenario.fault.windows() {
-        let path = window.place.path();
-        let table = format!("[[fault.{}.{}]]", window.place.group, window.place.kind);
-        let Some(from_seconds) = window.from_seconds else {
-            continue;
+    let Some(from_seconds) = fault.from_seconds else {
+        return problems;
+    };
+    if from_seconds >= duration_seconds {
+        let key = match fault.kind.time {
+            Time::Instant => "at_seconds",
+            _ => "from_seconds",
         };
-        if from_seconds >= duration_seconds {
-            let is_instant = window.until_seconds == window.from_seconds;
-            let key = if is_instant && document.has(&format!("{path}.at_seconds")) {
-                "at_seconds"
-            } else {
-                "from_seconds"
-            };
-            let message = format!("{table} starts after the end of the run");
-            let label = format!("the run ends at {duration_seconds} s");
-            problems.push(document.problem(&format!("{path}.{key}"), message, label));
-        }
-        let until_path = format!("{path}.until_seconds");
-        if window.until_seconds.is_some_and(|end| end <= from_seconds) && document.has(&until_path)
-        {
-            let message = format!("{table} ends before it begins");
+        let message = format!("{heading} starts after the end of the run");
+        let label = format!("the run ends at {duration_seconds} s");
+        problems.push(document.problem(&format!("{path}.{key}"), message, label));
+    }
+    let lasts = fault.kind.time != Time::Instant;
+    match fault.until_seconds {
+        Some(until) if lasts && until <= from_seconds => {
+            let message = format!("{heading} ends before it begins");
             let label = format!("must be after {from_seconds} s");
-            problems.push(document.problem(&until_path, message, label));
+            problems.push(document.problem(&format!("{path}.until_seconds"), message, label));
         }
-    }
-    let babble = scenario
-        .fault
-        .bus
-        .babble
-        .iter()
-        .map(|fault| fault.identifier);
-    let load = scenario.fault.bus.load.iter().map(|fault| fault.identifier);
-    for (kind, index, identifier) in (babble.enumerate().map(|(index, id)| ("babble", index, id)))
-        .chain(load.enumerate().map(|(index, id)| ("load", index, id)))
-    {
-        if identifier == TRUTH_COB_ID {
-            let path = format!("fault.bus.{kind}.{index}.identifier");
-            let message = "no foreign node may forge what the plant says of itself";
-            problems.push(document.problem(&path, message, "0x6B0 is `plant_truth`"));
-        }
-    }
-    for (index, fault) in scenario.fault.plant.ageing.iter().enumerate() {
-        if fault.until_seconds.is_none() {
-            let path = format!("fault.plant.ageing.{index}");
-            let message = "ageing needs an end, at which its factors are reached";
+        None if fault.kind.time == Time::Ends => {
+            let name = fault.kind.name;
+            let message = format!("{name} needs an end, at which its factors are reached");
             problems.push(document.problem(&path, message, "`until_seconds` is missing"));
         }
+        _ => {}
     }
     problems
+}
+
+/// A foreign node that sends what the plant says of itself.
+fn forged(document: &Document<'_>, fault: &Fault) -> Option<Problem> {
+    let is_foreign = fault.kind.group == Group::Bus && fault.kind.node_key().is_none();
+    let is_truth = fault.whole("identifier") == Some(TRUTH_COB_ID);
+    (is_foreign && is_truth).then(|| {
+        let path = format!("{}.identifier", fault.path());
+        let message = "no foreign node may forge what the plant says of itself";
+        document.problem(&path, message, "0x6B0 is `plant_truth`")
+    })
+}
+
+/// Faults of a plant that mean nothing to it.
+pub(crate) fn faults_of_plants<'a>(
+    document: &Document<'_>,
+    faults: &Faults,
+    plant_of: impl Fn(&Fault) -> Option<&'a Plant>,
+) -> Vec<Problem> {
+    let strange = faults.in_group(Group::Plant).filter_map(|fault| {
+        let plant = plant_of(fault)?;
+        let (name, known) = (plant.name(), plant.faults());
+        if known.contains(&fault.kind.name) {
+            return None;
+        }
+        let path = format!("fault.plant.{}", fault.kind.name);
+        let message = format!("`{path}` cannot happen to the plant `{name}`");
+        let help = match known {
+            [] => "no fault of a plant can".to_owned(),
+            known => format!("what can: {}", known.join(", ")),
+        };
+        let span = document.key_span(&path);
+        let problem = (document.source).problem(span, message, "has no place here");
+        Some(problem.with_help(help))
+    });
+    strange.collect()
 }

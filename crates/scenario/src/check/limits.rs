@@ -74,14 +74,16 @@ pub(super) fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Pro
     let mut problems = Vec::new();
     let reactions = METRICS.iter().filter(|metric| metric.needs_fault());
     let demanded = reactions.filter(|metric| expect.of(metric.name).is_some());
+    // A fault with a mistake in it is one problem, not two.
+    let is_unread = scenario.faults.is_empty() && document.has("fault");
     for Metric { name, .. } in demanded {
-        if scenario.fault.is_empty() {
+        if !scenario.has_own_faults() && !is_unread {
             let message = format!("`{name}` cannot be judged");
             let path = format!("expect.{name}");
             let problem = document.problem(&path, message, "needs a [[fault.…]] of this drive");
-            problems.push(match document.has("fault") {
-                true => problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]"),
-                false => problem,
+            problems.push(match scenario.faults.is_empty() {
+                false => problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]"),
+                true => problem,
             });
         }
     }

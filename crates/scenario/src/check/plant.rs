@@ -30,10 +30,6 @@ pub(super) fn check(
     }
     let mut problems = without_wire(document, scenario);
     problems.extend(second_plants(document, scenario, outside));
-    // Which faults mean something to the plant of a recording, only the bench knows that played it.
-    if scenario.plant.own.is_none() || !outside.is_recorded() {
-        problems.extend(strange_faults(document, scenario));
-    }
     problems
 }
 
@@ -69,22 +65,6 @@ fn second_plants(document: &Document<'_>, scenario: &Scenario, outside: &Outside
         let message = format!("`{other}` is a second plant beside `{name}`");
         let help = "leave one of them out".to_owned();
         misplaced(document, &format!("plant.{other}"), message, help)
-    });
-    problems.collect()
-}
-
-/// Faults that mean nothing to the plant.
-fn strange_faults(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let (name, faults) = (scenario.plant.name(), scenario.plant.faults());
-    let strange = document.keys("fault.plant").into_iter();
-    let problems = strange.filter(|key| !faults.contains(key)).map(|fault| {
-        let path = format!("fault.plant.{fault}");
-        let message = format!("`{path}` cannot happen to the plant `{name}`");
-        let help = match faults {
-            [] => "no fault of a plant can".to_owned(),
-            known => format!("what can: {}", known.join(", ")),
-        };
-        misplaced(document, &path, message, help)
     });
     problems.collect()
 }

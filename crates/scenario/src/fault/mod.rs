@@ -1,19 +1,215 @@
 //! The `[fault]` table: what goes wrong on purpose.
 //!
-//! Each kind of fault is an array of tables, `[[fault.sensor.stuck]]`. All may be used together; each draws its random
-//! numbers from a stream of its own, so that one more fault leaves the others as they were.
+//! Each kind of fault is a row of [`KINDS`] and an array of tables in a scenario, `[[fault.sensor.stuck]]`. All may be used
+//! together; each draws its random numbers from a stream of its own, so that one more fault leaves the others as they were.
 
-pub mod amplifier;
-pub mod bus;
-mod lasting;
-pub mod node;
-pub mod plant;
-pub mod sensor;
-mod table;
+mod kinds;
+mod read;
+mod schema;
 #[cfg(test)]
 mod tests;
-mod windows;
 
-pub use lasting::{Lasting, any_acts};
-pub use table::Faults;
-pub use windows::{FaultWindow, Place, Touch};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+pub use kinds::{Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
+pub(crate) use read::{NodesOfRun, read};
+pub(crate) use schema::{describe, describe_on_rig, described};
+
+/// A node of a run, to which faults happen.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct FaultyNode {
+    /// Its name.
+    pub name: String,
+    /// Its node-ID; 0 of canrig's own node.
+    pub id: u8,
+    /// Its part in the run.
+    pub part: Part,
+}
+
+/// The part of a node in a run, as far as faults tell nodes apart.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Part {
+    /// The manager.
+    Controller,
+    /// A drive.
+    Drive,
+    /// canrig's own node, which can stop the drives.
+    Bench,
+}
+
+/// A value of a fault.
+#[derive(Clone, Debug, PartialEq)]
+enum Value {
+    Number(f64),
+    Word(String),
+}
+
+/// A fault of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fault {
+    /// Its row.
+    pub kind: &'static Kind,
+    /// Its place among those of its kind in the file.
+    pub index: usize,
+    /// The node that fails, or whose part does; `None` where the bus or a plant does.
+    pub node: Option<FaultyNode>,
+    /// The plant that fails, where the file names it in place of a drive.
+    pub plant: Option<String>,
+    /// Its begin; `None` before the start of the scenario, if it is about how a node boots.
+    pub from_seconds: Option<f64>,
+    /// Its end; with the run if absent. What happens at an instant ends at that instant.
+    pub until_seconds: Option<f64>,
+    values: BTreeMap<&'static str, Value>,
+}
+
+impl Fault {
+    /// Its path in the document, which names its stream of random numbers.
+    #[must_use]
+    pub fn path(&self) -> String {
+        let Kind { group, name, .. } = self.kind;
+        format!("fault.{}.{name}.{}", group.name(), self.index)
+    }
+
+    /// A number of it.
+    ///
+    /// # Panics
+    /// Its kind has no such number, or one without a default that is not given.
+    #[must_use]
+    pub fn number(&self, key: &str) -> f64 {
+        let number = self.optional(key);
+        number.unwrap_or_else(|| panic!("{} has no number `{key}`", self.kind.heading()))
+    }
+
+    /// A number of it that may be left out.
+    #[must_use]
+    pub fn optional(&self, key: &str) -> Option<f64> {
+        match self.values.get(key)? {
+            Value::Number(number) => Some(*number),
+            Value::Word(_) => None,
+        }
+    }
+
+    /// A whole number of it that may be left out.
+    #[must_use]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the loader has checked that it is whole and in the range of its kind"
+    )]
+    pub fn whole(&self, key: &str) -> Option<u32> {
+        self.optional(key).map(|number| number as u32)
+    }
+
+    /// Whether this word stands at a key of it.
+    #[must_use]
+    pub fn says(&self, key: &str, word: &str) -> bool {
+        matches!(self.values.get(key), Some(Value::Word(said)) if said == word)
+    }
+
+    /// Whether it acts at a scenario time.
+    #[must_use]
+    pub fn acts_at(&self, time_seconds: f64) -> bool {
+        self.from_seconds.is_some_and(|from| time_seconds >= from)
+            && self.until_seconds.is_none_or(|end| time_seconds < end)
+    }
+
+    /// Whether it happens to a part of the controller.
+    #[must_use]
+    pub fn is_at_controller(&self) -> bool {
+        self.is_at(Part::Controller)
+    }
+
+    fn is_at(&self, part: Part) -> bool {
+        self.node.as_ref().is_some_and(|node| node.part == part)
+    }
+
+    /// Whether it happens to a drive with this node-ID, or to the plant that the drive moves.
+    #[must_use]
+    pub fn is_at_drive(&self, node_id: u8, plant: &str) -> bool {
+        match &self.node {
+            Some(node) => node.part == Part::Drive && node.id == node_id,
+            None => self.plant.as_deref().is_some_and(|name| name == plant),
+        }
+    }
+
+    /// Whether it is one of the loop with this drive: it happens to the drive, or to nothing of another one.
+    #[must_use]
+    pub fn is_of_loop(&self, drive_node_id: u8, plant: &str) -> bool {
+        let is_elsewhere = self.is_at(Part::Drive) || self.plant.is_some();
+        !is_elsewhere || self.is_at_drive(drive_node_id, plant)
+    }
+
+    /// What happens, for people; among several drives it says to which.
+    #[must_use]
+    pub fn text(&self, are_drives_named: bool) -> String {
+        let (group, name) = (self.kind.group, self.kind.name.replace('_', " "));
+        let whose = match (&self.node, &self.plant) {
+            (Some(node), _) => Some(node.name.as_str()),
+            (None, plant) => plant.as_deref(),
+        };
+        match (group, whose) {
+            (Group::Node, Some(whose)) => format!("fault: {whose} {name}"),
+            (Group::Bus, _) | (_, None) => format!("fault: {} {name}", group.name()),
+            (_, Some(whose)) if are_drives_named => {
+                format!("fault: {whose} {} {name}", group.name())
+            }
+            (_, Some(_)) => format!("fault: {} {name}", group.name()),
+        }
+    }
+}
+
+/// The faults of a run, in the order of [`KINDS`] and of the file. All loops of a run share them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Faults(Arc<[Fault]>);
+
+impl Faults {
+    /// All faults.
+    pub fn iter(&self) -> std::slice::Iter<'_, Fault> {
+        self.0.iter()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Those of a kind.
+    pub fn of<'a>(&'a self, kind: &'a str) -> impl Iterator<Item = &'a Fault> {
+        self.iter().filter(move |fault| fault.kind.name == kind)
+    }
+
+    /// Those of a group.
+    pub fn in_group(&self, group: Group) -> impl Iterator<Item = &Fault> {
+        self.iter().filter(move |fault| fault.kind.group == group)
+    }
+
+    /// Those at the controller.
+    #[must_use]
+    pub fn at_controller(&self) -> Self {
+        self.only(Fault::is_at_controller)
+    }
+
+    /// Those at a drive with this node-ID, and at the plant that it moves.
+    #[must_use]
+    pub fn at_drive(&self, node_id: u8, plant: &str) -> Self {
+        self.only(|fault| fault.is_at_drive(node_id, plant))
+    }
+
+    /// Those of the loop with this drive.
+    #[must_use]
+    pub fn of_loop(&self, drive_node_id: u8, plant: &str) -> Self {
+        self.only(|fault| fault.is_of_loop(drive_node_id, plant))
+    }
+
+    fn only(&self, is_one: impl Fn(&Fault) -> bool) -> Self {
+        Self(self.iter().filter(|fault| is_one(fault)).cloned().collect())
+    }
+
+    /// Whether one of a kind acts at a scenario time.
+    #[must_use]
+    pub fn any_acts(&self, kind: &str, time_seconds: f64) -> bool {
+        self.of(kind).any(|fault| fault.acts_at(time_seconds))
+    }
+}

@@ -2,10 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use serde_json::Value;
-
-use super::{Faults, Touch};
-use crate::{Scenario, schema};
+use super::*;
+use crate::Scenario;
 
 fn parse(tables: &str) -> Result<Scenario, Vec<String>> {
     let text = format!(
@@ -16,81 +14,54 @@ fn parse(tables: &str) -> Result<Scenario, Vec<String>> {
     parsed.map_err(|error| error.problems().iter().map(ToString::to_string).collect())
 }
 
-/// The definition that a schema refers to.
-fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
-    let target = schema["allOf"].get(0).unwrap_or(schema);
-    let pointer = target["$ref"].as_str().map(|pointer| &pointer[1..]);
-    pointer.map_or(target, |pointer| root.pointer(pointer).unwrap())
-}
-
-/// Each group and kind of the schema, with the least table of the kind.
-fn kinds() -> Vec<(String, String, String)> {
-    let root = schema::schema_of::<Faults>();
-    let mut kinds = Vec::new();
-    for (group, schema) in root["properties"].as_object().unwrap() {
-        let all = resolved(&root, schema)["properties"].as_object().unwrap();
-        for (kind, schema) in all {
-            let fault = resolved(&root, &schema["items"]);
-            let required = fault["required"].as_array().unwrap().iter();
-            let mut keys: Vec<&str> = required.map(|key| key.as_str().unwrap()).collect();
-            if kind == "ageing" {
-                keys.push("until_seconds");
-            }
-            let values = keys.iter().map(|key| {
-                let schema = resolved(&root, &fault["properties"][key]);
-                let value = match (&schema["oneOf"], schema["type"].as_str()) {
-                    (Value::Array(words), _) => words[0]["const"].to_string(),
-                    (_, Some("integer")) => schema["minimum"].as_u64().unwrap().to_string(),
-                    _ if *key == "until_seconds" => "1.0".to_owned(),
-                    _ => format!("{:.1}", schema["minimum"].as_f64().unwrap()),
-                };
-                format!("{key} = {value}\n")
-            });
-            let table = format!("[[fault.{group}.{kind}]]\n{}", values.collect::<String>());
-            kinds.push((group.clone(), kind.clone(), table));
-        }
-    }
-    kinds
+/// The least table of a kind.
+fn least(kind: &Kind) -> String {
+    let times = match kind.time {
+        Time::Lasts => "from_seconds = 0.0\n",
+        Time::Ends => "from_seconds = 0.0\nuntil_seconds = 1.0\n",
+        Time::Instant => "at_seconds = 0.0\n",
+        Time::Boot => "",
+    };
+    let required = kind.keys.iter();
+    let required = required.filter(|key| matches!(key.need, Need::Required));
+    let values = required.map(|key| match key.form {
+        Form::Number(min, _) => format!("{} = {min:.1}\n", key.name),
+        Form::Whole(min, _) => format!("{} = {min}\n", key.name),
+        Form::Word(words) => format!("{} = \"{}\"\n", key.name, words[0].0),
+        Form::Node | Form::Station => format!("{} = \"controller\"\n", key.name),
+    });
+    format!("{}\n{times}{}", kind.heading(), values.collect::<String>())
 }
 
 #[test]
-fn every_kind_is_a_window_with_its_name() {
-    let kinds = kinds();
-    assert!(kinds.len() >= 31, "{} kinds", kinds.len());
-    for (group, kind, table) in kinds {
+fn every_kind_is_read_with_its_name_and_written_again() {
+    assert!(KINDS.len() >= 31, "{} kinds", KINDS.len());
+    for kind in KINDS {
+        let table = least(kind);
         let scenario = parse(&table).unwrap_or_else(|problems| panic!("{table}: {problems:?}"));
-        let windows = scenario.fault.windows();
-        assert_eq!(windows.len(), 1, "{group}.{kind}");
+        let faults = Vec::from_iter(scenario.faults.iter());
+        assert_eq!(faults.len(), 1, "{table}");
+        assert_eq!(faults[0].kind.name, kind.name);
+        let is_behind_the_drive = ![Group::Bus, Group::Node].contains(&kind.group);
         assert_eq!(
-            (windows[0].place.group, windows[0].place.kind),
-            (&*group, &*kind)
+            kind.touch == Touch::Nothing,
+            is_behind_the_drive || kind.name == "duplicate",
+            "{table}"
         );
-        let touches_none = matches!(windows[0].touch, Touch::Nothing);
-        let is_behind_the_drive = !["bus", "node"].contains(&&*group);
-        let touches_none_expected = is_behind_the_drive || kind == "duplicate";
-        assert_eq!(touches_none, touches_none_expected, "{group}.{kind}");
-        assert!(!scenario.fault.is_empty());
-        let text = toml::to_string(&scenario.fault).unwrap();
-        assert!(text.contains(&format!("[[{group}.{kind}]]")), "{text}");
+        let again = Scenario::parse(&scenario.to_text().unwrap(), "t.toml", |_| unreachable!());
+        assert_eq!(again.unwrap().faults, scenario.faults, "{table}");
     }
 }
 
 #[test]
 fn every_kind_says_where_it_acts_or_its_group_does() {
-    let root = schema::schema_of::<Faults>();
-    let groups = root["properties"].as_object().unwrap();
-    for (group, schema) in groups {
-        let text = |schema: &Value| {
-            schema["description"]
-                .as_str()
-                .unwrap_or_default()
-                .to_owned()
-        };
-        let of_group = text(schema) + &text(resolved(&root, schema));
-        let kinds = resolved(&root, schema)["properties"].as_object().unwrap();
+    for kind in KINDS {
         let is_said = |text: &str| text.contains("bus.log");
-        let all_say = kinds.values().all(|kind| is_said(&text(kind)));
-        assert!(is_said(&of_group) || all_say, "{group}");
+        assert!(
+            is_said(kind.text) || is_said(kind.group.text()),
+            "{}",
+            kind.name
+        );
     }
 }
 
@@ -149,7 +120,6 @@ fn what_makes_no_sense_is_refused() {
 
 #[test]
 fn kinds_have_different_names() {
-    let kinds = kinds();
-    let names: BTreeSet<_> = kinds.iter().map(|(_, kind, _)| kind).collect();
-    assert_eq!(names.len(), kinds.len());
+    let names: BTreeSet<_> = KINDS.iter().map(|kind| kind.name).collect();
+    assert_eq!(names.len(), KINDS.len());
 }

@@ -22,9 +22,9 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::own::leads_all;
-use crate::rig::nodes::{NodeKind, Rig};
+use crate::rig::nodes::Rig;
 use crate::schema;
-use units::InUnit;
+pub(crate) use units::InUnit;
 
 /// The law of all loops.
 const ALL: &str = "all";
@@ -53,13 +53,8 @@ const EXPECT: &str = "expect";
 /// What the nodes of a loop are called in a scenario of one drive.
 const DRIVE: &str = "drive";
 const CONTROLLER: &str = "controller";
-/// canrig's own node, which no rig file names.
-const BENCH: &str = "bench";
-/// Faults that may name a plant in place of a node.
-const OF_PLANT: &str = "fault.plant.";
-const PLANT: &str = "plant";
-/// Keys that name a node.
-const OF_NODES: [&str; 3] = ["node", "sender", "receiver"];
+/// The key that names a node.
+const NODE: &str = "node";
 
 /// The number of the format of scenarios with several loops.
 const SCHEMA: &str = "2";
@@ -147,12 +142,9 @@ impl<'text> Splitter<'_, 'text> {
         }
         tree.insert(key("controller"), self.law(name)?);
         tree.insert(key("plant"), self.plant(name, &span));
-        let sections = match self.is_led(name) {
-            true => &["fault"][..],
-            false => &["reference", "disturbance", "fault"],
-        };
-        for section in sections {
-            let section: &'static str = section;
+        let is_led = self.is_led(name);
+        let sections = ["reference", "disturbance"].into_iter();
+        for section in sections.filter(|_| !is_led) {
             if let Some(value) = self.root().get(section) {
                 let mut kept = value.clone();
                 self.keep(kept.get_mut(), name, section);
@@ -284,7 +276,7 @@ impl<'text> Splitter<'_, 'text> {
         ))
     }
 
-    /// Keeps the entries of the arrays that are for this loop, however deep the arrays are: `reference.step`, `fault.sensor.stuck`.
+    /// Keeps the entries of the arrays that are for this loop, such as `reference.step`.
     fn keep(&self, value: &mut DeValue<'text>, name: &str, path: &str) {
         match value {
             DeValue::Table(table) => {
@@ -312,53 +304,20 @@ impl<'text> Splitter<'_, 'text> {
         let DeValue::Table(table) = entry.get_mut() else {
             return Some(entry);
         };
-        // A fault is of a node.
-        if path.starts_with("reference.")
-            && let Some(wanted) = table.remove("loop")
-        {
-            return (wanted.get_ref().as_str() == Some(name)).then_some(entry);
-        }
-        let is_named = path.starts_with("fault.node.") || path.starts_with("fault.bus.");
-        let is_only_drive = self.rig.loops.len() == 1;
-        let mut is_of_loop = path.starts_with("fault.bus.")
-            || is_only_drive
-            || path.starts_with("reference.") && self.is_only_loop()
-            || path.starts_with("disturbance.") && self.is_only_loop();
-        // A fault of a plant is one of all drives that move it, each with what it finds of it.
-        if path.starts_with(OF_PLANT)
-            && let Some(plant) = table.remove(PLANT)
-        {
-            let own = self.rig.plant_of(self.drive(name));
-            return (own.is_some() && plant.get_ref().as_str() == own).then_some(entry);
-        }
-        for key in OF_NODES {
-            let Some(value) = table.get_mut(key) else {
-                continue;
+        if path.starts_with("reference.") {
+            return match table.remove("loop") {
+                Some(wanted) => (wanted.get_ref().as_str() == Some(name)).then_some(entry),
+                None => self.is_only_loop().then_some(entry),
             };
-            let node = value.get_ref().as_str().unwrap_or_default();
-            let role = match is_bench(node, path) {
-                true => Some(BENCH),
-                false => self.role(node, name),
-            };
-            is_of_loop = role.is_some();
-            match role {
-                Some(role) if is_named && !is_of_drive_alone(path) => {
-                    *value.get_mut() = DeValue::String(role.into());
-                }
-                _ => drop(table.remove(key)),
+        }
+        let is_of_loop = match table.remove(NODE) {
+            Some(node) => {
+                let node = node.get_ref().as_str().unwrap_or_default();
+                self.rig.acts_on(node, self.drive(name))
             }
-        }
+            None => self.rig.loops.len() == 1 || self.is_only_loop(),
+        };
         is_of_loop.then_some(entry)
-    }
-
-    /// What a node is to a loop; none for a node of another one.
-    fn role(&self, node: &str, name: &str) -> Option<&'static str> {
-        let kind = self.rig.node.get(node)?.kind;
-        match kind {
-            NodeKind::Controller => Some(CONTROLLER),
-            NodeKind::Drive => (node == self.drive(name)).then_some(DRIVE),
-            NodeKind::Io => self.rig.acts_on(node, self.drive(name)).then_some(DRIVE),
-        }
     }
 
     /// Loops and nodes that the scenario names and the rig does not have.
@@ -369,7 +328,6 @@ impl<'text> Splitter<'_, 'text> {
         for (section, by, known) in [
             ("reference", "loop", &loops),
             ("disturbance", "node", &nodes),
-            ("fault", "node", &nodes),
         ] {
             if let Some(value) = self.root().get(section) {
                 self.look(value, section, by, known, &mut problems);
@@ -463,51 +421,19 @@ impl<'text> Splitter<'_, 'text> {
         by: &str,
         known: &[&str],
     ) -> Option<Problem> {
-        let plant = table.get(PLANT).filter(|_| path.starts_with(OF_PLANT));
-        if let Some(named) = plant {
-            let known = Vec::from_iter(self.rig.plant.keys().map(String::as_str));
-            let name = named.get_ref().as_str().unwrap_or_default();
-            return (!known.contains(&name)).then(|| {
-                let message = format!("the rig has no plant `{name}`");
-                let label = meant_or_known(name, &known);
-                self.scenario
-                    .problem(&format!("{path}.{PLANT}"), message, label)
-            });
-        }
-        let keys = if by == "node" {
-            &OF_NODES[..]
-        } else {
-            &["loop"]
-        };
-        let Some((by, named)) = keys.iter().find_map(|key| Some((key, table.get(*key)?))) else {
-            let is_only_drive = self.rig.loops.len() == 1;
-            let is_clear = match path {
-                path if path.starts_with("fault.bus.") => true,
-                path if path.starts_with("fault.") => is_only_drive,
-                _ => self.is_only_loop(),
-            };
+        let Some(named) = table.get(by) else {
             let message = format!("for which {by}?");
             let label = format!("`{by}` is missing; known are: {}", known.join(", "));
-            return (!is_clear).then(|| self.scenario.problem(path, message, label));
+            return (!self.is_only_loop()).then(|| self.scenario.problem(path, message, label));
         };
         let name = named.get_ref().as_str().unwrap_or_default();
-        (!known.contains(&name) && !is_bench(name, path)).then(|| {
+        (!known.contains(&name)).then(|| {
             let message = format!("the rig has no {by} `{name}`");
             let label = meant_or_known(name, known);
             self.scenario
                 .problem(&format!("{path}.{by}"), message, label)
         })
     }
-}
-
-/// Whether a fault of the bus is that of canrig's own node.
-fn is_bench(node: &str, path: &str) -> bool {
-    path.starts_with("fault.bus.") && node == BENCH
-}
-
-/// Faults of a drive that a scenario of one drive need not name.
-fn is_of_drive_alone(path: &str) -> bool {
-    ["fault.node.wrong_identity", "fault.node.wrong_node_id"].contains(&path)
 }
 
 /// Puts what a scenario says in place of what the rig file says, down to the last table.

@@ -20,6 +20,8 @@ use crate::wiring::{LedBy, LoopOfRig, Plausible, Wiring};
 /// The largest node-ID of an emulated node. Its second SDO channel and its truth frames have identifiers that are the first
 /// ones of nodes 32 and 64 further on.
 pub const EMULATED_NODE_ID_MAX: u8 = 0x1F;
+/// Node-ID of the controller.
+pub const CONTROLLER_NODE_ID: u8 = 0x01;
 /// More nodes than that have no node-ID.
 pub const NODES_MAX: usize = 127;
 /// Loops for which the controller has objects and identifiers.
@@ -149,6 +151,7 @@ impl Rig {
         let outputs = outputs.unwrap_or_default();
         let beside = self.drives_beside(drive);
         Wiring {
+            drive_node_id: node.node_id,
             plant: self.plant_of(drive).unwrap_or_default().to_owned(),
             input: amplifier_port(node).unwrap_or_default(),
             output: name_of(sensor.port.as_deref()).unwrap_or_default(),

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::{entries, schema_of};
+use crate::fault;
 use crate::loops::Contours;
 use crate::own;
 use crate::port::Unit;
@@ -11,16 +12,7 @@ use crate::scenario::Scenario;
 
 /// Tables whose entries say for which loop they are, and those that say for which node.
 const OF_LOOPS: &str = "Reference";
-const OF_NODES: [&str; 6] = [
-    "Disturbance",
-    "BusFaults",
-    "NodeFaults",
-    "SensorFaults",
-    "AmplifierFaults",
-    "PlantFaults",
-];
-/// Keys that name a node already, each with what it names in a scenario of one drive.
-const NAMING: [&str; 3] = ["node", "sender", "receiver"];
+const OF_NODES: &str = "Disturbance";
 /// Definitions with names of positions besides those of set-points and of faults of the sensor: limits, and laws with gains.
 const WITH_UNITS: [&str; 3] = ["Expect", "Pid", "PidPair"];
 /// What a loop's name is for.
@@ -28,7 +20,9 @@ const ALL: &str = "all";
 
 /// The schema of scenarios on any rig.
 pub(super) fn of_loops() -> Value {
-    let mut schema = with_units(with_names(schema_of::<Scenario>()));
+    let mut schema = with_names(schema_of::<Scenario>());
+    fault::describe_on_rig(&mut schema);
+    let mut schema = with_units(schema);
     let laws = properties(&schema, "Controller");
     let limits = with_contours(&mut schema);
     let models = plants(&mut schema);
@@ -183,41 +177,22 @@ fn without_range(property: &mut Value) {
 
 /// Lets entries name their loop or their node, and the scenario its rig.
 fn with_names(mut schema: Value) -> Value {
-    for (table, key, text) in [(
-        OF_LOOPS,
-        "loop",
-        "The loop; needed where there are several.",
-    )]
-    .into_iter()
-    .chain(OF_NODES.map(|table| {
+    for (table, key, text) in [
         (
-            table,
+            OF_LOOPS,
+            "loop",
+            "The loop; needed where there are several.",
+        ),
+        (
+            OF_NODES,
             "node",
             "The node; needed where there are several drives.",
-        )
-    })) {
-        for entry in entries(&schema, table) {
-            let properties = &mut schema["definitions"][entry]["properties"];
-            let is_named = NAMING.iter().any(|name| properties.get(name).is_some());
-            if !is_named || key == "loop" {
-                properties[key] = json!({"description": text, "type": "string"});
-            }
-        }
-    }
-    for entry in entries(&schema, "PlantFaults") {
-        schema["definitions"][entry]["properties"]["plant"] = json!({
-            "description": "The plant, in place of the node: what each of its drives finds of it fails.",
-            "type": "string",
-        });
-    }
-    for (definition, text) in [
-        ("Node", "The name of a node."),
-        (
-            "Station",
-            "The name of a node; `bench` is canrig's own node.",
         ),
     ] {
-        schema["definitions"][definition] = json!({"description": text, "type": "string"});
+        for entry in entries(&schema, table) {
+            let properties = &mut schema["definitions"][entry]["properties"];
+            properties[key] = json!({"description": text, "type": "string"});
+        }
     }
     let of_rig = json!({
         "description": "The rig file beside this one; the SMA actuator if absent.",

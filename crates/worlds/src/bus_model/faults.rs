@@ -6,14 +6,11 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::SignalMissing;
-use dbc::loops::LoopPlace;
+use dbc::loops::seed_of_drive;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
-use rig::plan::{ControlLoop, Plan};
-use scenario::fault::bus::{
-    self, BitError, Corrupt, Delay, Duplicate, Lose, OfFrames, Reorder, Station,
-};
-use scenario::fault::{Lasting, Place};
+use rig::plan::Plan;
+use scenario::fault::{Fault, FaultyNode, Group, Part};
 
 use super::error_state::{Activity, ErrorState};
 use crate::names::emulator_name;
@@ -44,40 +41,38 @@ pub(crate) enum Seat {
 }
 
 impl Seat {
-    /// What a loop that is there calls so. The drives of a plant share a CAN controller, which is the first one's.
-    fn new(station: Station, place: &LoopPlace, plan: &Plan) -> Self {
-        match station {
-            Station::Controller => Self::Controller,
-            Station::Drive => Self::Drive(first_on_plant(place, plan)),
-            Station::Bench => Self::Bench,
+    /// That of a node. The drives of a plant share a CAN controller, which is the first one's.
+    fn new(node: &FaultyNode, plan: &Plan) -> Self {
+        match node.part {
+            Part::Controller => Self::Controller,
+            Part::Drive => {
+                let first = drives_beside(node.id, plan).into_iter().min();
+                Self::Drive(first.unwrap_or(node.id))
+            }
+            Part::Bench => Self::Bench,
         }
     }
 }
 
-/// The lowest node-ID of the drives that move the plant of a loop.
-fn first_on_plant(place: &LoopPlace, plan: &Plan) -> u8 {
-    let own = plan.loops.iter().find(|one| one.place == *place);
-    let ids = own.map(|own| beside(own, plan).map(|one| one.place.drive_node_id));
-    let first = ids.and_then(Iterator::min);
-    first.unwrap_or(place.drive_node_id)
-}
-
-/// The loops whose drives move the same plant, this one too.
-fn beside<'a>(own: &'a ControlLoop, plan: &'a Plan) -> impl Iterator<Item = &'a ControlLoop> {
-    let name = emulator_name(own);
-    plan.loops
+/// The node-IDs of the drives that move the plant of a drive, its own too.
+fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
+    let own = plan
+        .loops
         .iter()
-        .filter(move |one| emulator_name(one) == name)
-}
-
-fn shares_a_plant(own: &ControlLoop, plan: &Plan) -> bool {
-    beside(own, plan).count() > 1
+        .find(|one| one.place.drive_node_id == drive);
+    let beside = plan
+        .loops
+        .iter()
+        .filter(|one| own.is_some_and(|own| emulator_name(own) == emulator_name(one)));
+    beside.map(|one| one.place.drive_node_id).collect()
 }
 
 /// A fault that hits frames, with its random numbers.
 #[derive(Debug)]
-struct Hitting<F> {
-    fault: F,
+struct Hitting {
+    fault: Fault,
+    /// Only frames with this identifier.
+    identifier: Option<u16>,
     /// Whom; everybody without.
     seat: Option<Seat>,
     /// Of a drive that shares a CAN controller with others: its node-ID, by which its own frames are known.
@@ -87,38 +82,30 @@ struct Hitting<F> {
     burst_left: u32,
 }
 
-impl<F: OfFrames + Clone> Hitting<F> {
-    /// The faults of all loops, each once: those of a drive are its loop's, all others are in every loop.
-    fn all(plan: &Plan, kind: &'static str, of: impl Fn(&bus::BusFaults) -> &Vec<F>) -> Vec<Self> {
-        let mut hitting = Vec::new();
-        for (number, one) in plan.loops.iter().enumerate() {
-            let ControlLoop {
-                scenario, place, ..
-            } = one;
-            for (index, fault) in of(&scenario.fault.bus).iter().enumerate() {
-                let is_of_loop = fault.station() == Some(Station::Drive);
-                if number > 0 && !is_of_loop {
-                    continue;
-                }
-                let seed = match is_of_loop {
-                    true => place.seed(scenario.seed),
-                    false => scenario.seed,
-                };
-                let group = "bus";
-                hitting.push(Self {
-                    fault: fault.clone(),
-                    seat: fault
-                        .station()
-                        .map(|station| Seat::new(station, place, plan)),
-                    sender: is_of_loop
-                        .then_some(place.drive_node_id)
-                        .filter(|_| kind != LOSE && shares_a_plant(one, plan)),
-                    stream: Stream::for_fault(seed, &Place { group, kind, index }),
-                    burst_left: 0,
-                });
+impl Hitting {
+    /// The faults of a kind.
+    fn all(plan: &Plan, kind: &str) -> Vec<Self> {
+        let faults = plan.shared.faults.of(kind).cloned();
+        let hitting = faults.map(|fault| {
+            let node = fault.node.as_ref();
+            let drive = node
+                .filter(|node| node.part == Part::Drive)
+                .map(|node| node.id);
+            let shares_a_plant = |drive: &u8| drives_beside(*drive, plan).len() > 1;
+            let seed = match drive {
+                Some(drive) => seed_of_drive(plan.shared.seed, drive),
+                None => plan.shared.seed,
+            };
+            Self {
+                identifier: identifier(&fault),
+                seat: node.map(|node| Seat::new(node, plan)),
+                sender: drive.filter(|drive| kind != LOSE && shares_a_plant(drive)),
+                stream: Stream::for_fault(seed, &fault),
+                burst_left: 0,
+                fault,
             }
-        }
-        hitting
+        });
+        hitting.collect()
     }
 
     /// Whether this frame is hit; each matching frame is asked about once.
@@ -130,7 +117,7 @@ impl<F: OfFrames + Clone> Hitting<F> {
                 .is_some_and(|id| id & NODE_ID_BITS == u16::from(node_id))
         };
         if !self.fault.acts_at(time_seconds)
-            || !self.fault.identifier().is_none_or(is_meant)
+            || !self.identifier.is_none_or(is_meant)
             || !self.sender.is_none_or(is_its)
         {
             return false;
@@ -139,12 +126,17 @@ impl<F: OfFrames + Clone> Hitting<F> {
             self.burst_left -= 1;
             return true;
         }
-        let begins = self.stream.happens(self.fault.probability());
+        let begins = self.stream.happens(self.fault.number("probability"));
         if begins {
-            self.burst_left = self.fault.burst_frames().saturating_sub(1);
+            let burst = self.fault.whole("burst_frames").unwrap_or_default();
+            self.burst_left = burst.saturating_sub(1);
         }
         begins
     }
+}
+
+fn identifier(fault: &Fault) -> Option<u16> {
+    u16::try_from(fault.whole("identifier")?).ok()
 }
 
 /// A foreign node; all times are scenario times.
@@ -159,13 +151,14 @@ struct Foreign {
 }
 
 impl Foreign {
-    fn new(fault: &impl Lasting, identifier: u16, period_milliseconds: f64) -> Self {
-        let until = fault.end_seconds();
+    fn new(fault: &Fault) -> Self {
+        let (from, until) = (fault.from_seconds, fault.until_seconds);
+        let period_milliseconds = fault.optional("period_milliseconds");
         Self {
-            identifier,
-            from: Duration::from_secs_f64(fault.start_seconds()),
+            identifier: identifier(fault).unwrap_or_default(),
+            from: Duration::from_secs_f64(from.unwrap_or_default()),
             until: until.map_or(Duration::MAX, Duration::from_secs_f64),
-            period: Duration::from_secs_f64(period_milliseconds * 1e-3),
+            period: Duration::from_secs_f64(period_milliseconds.unwrap_or_default() * 1e-3),
             sent: 0,
         }
     }
@@ -187,12 +180,12 @@ impl Foreign {
 #[derive(Debug)]
 pub(crate) struct BusFaults {
     seats: Vec<Seat>,
-    lose: Vec<Hitting<Lose>>,
-    delay: Vec<Hitting<Delay>>,
-    duplicate: Vec<Hitting<Duplicate>>,
-    reorder: Vec<Hitting<Reorder>>,
-    corrupt: Vec<Hitting<Corrupt>>,
-    bit_error: Vec<Hitting<BitError>>,
+    lose: Vec<Hitting>,
+    delay: Vec<Hitting>,
+    duplicate: Vec<Hitting>,
+    reorder: Vec<Hitting>,
+    corrupt: Vec<Hitting>,
+    bit_error: Vec<Hitting>,
     foreign: Vec<Foreign>,
     /// Frames that each station's gateway keeps until the next one has overtaken them.
     held: Vec<Vec<CanFrame>>,
@@ -207,27 +200,19 @@ impl BusFaults {
     /// # Errors
     /// The database has no statusword, from which scenario time follows.
     pub(crate) fn new(plan: &Plan, seats: Vec<Seat>) -> Result<Option<Self>, SignalMissing> {
-        let mut loops = plan.loops.iter().map(|one| &one.scenario.fault.bus);
-        if loops.all(bus::BusFaults::is_empty) {
+        let faults = &plan.shared.faults;
+        if faults.in_group(Group::Bus).next().is_none() {
             return Ok(None);
         }
-        // Of no drive, so every loop has them.
-        let foreign = &plan.leading().scenario.fault.bus;
-        let babble = foreign
-            .babble
-            .iter()
-            .map(|fault| Foreign::new(fault, fault.identifier, 0.0));
-        let load = foreign.load.iter();
-        let load =
-            load.map(|fault| Foreign::new(fault, fault.identifier, fault.period_milliseconds));
+        let foreign = faults.of("babble").chain(faults.of("load"));
         Ok(Some(Self {
-            lose: Hitting::all(plan, LOSE, |faults| &faults.lose),
-            delay: Hitting::all(plan, "delay", |faults| &faults.delay),
-            duplicate: Hitting::all(plan, "duplicate", |faults| &faults.duplicate),
-            reorder: Hitting::all(plan, "reorder", |faults| &faults.reorder),
-            corrupt: Hitting::all(plan, "corrupt", |faults| &faults.corrupt),
-            bit_error: Hitting::all(plan, "bit_error", |faults| &faults.bit_error),
-            foreign: babble.chain(load).collect(),
+            lose: Hitting::all(plan, LOSE),
+            delay: Hitting::all(plan, "delay"),
+            duplicate: Hitting::all(plan, "duplicate"),
+            reorder: Hitting::all(plan, "reorder"),
+            corrupt: Hitting::all(plan, "corrupt"),
+            bit_error: Hitting::all(plan, "bit_error"),
+            foreign: foreign.map(Foreign::new).collect(),
             held: vec![Vec::new(); seats.len()],
             states: vec![ErrorState::default(); seats.len()],
             clock: ScenarioClock::new(plan.database())?,
@@ -268,13 +253,15 @@ impl BusFaults {
         let seat = self.seats[index];
         for corrupt in of_seat(&mut self.corrupt, seat) {
             if corrupt.hits(seconds, &frame) {
-                frame = inverted(&frame, corrupt.fault.inverted_bits, &mut corrupt.stream);
+                let bits = corrupt.fault.whole("inverted_bits").unwrap_or_default();
+                frame = inverted(&frame, bits, &mut corrupt.stream);
             }
         }
         let mut leaves = time;
         for delay in of_seat(&mut self.delay, seat) {
             if delay.hits(seconds, &frame) {
-                leaves += Duration::from_secs_f64(delay.fault.delay_milliseconds * 1e-3);
+                let seconds = delay.fault.number("delay_milliseconds") * 1e-3;
+                leaves += Duration::from_secs_f64(seconds);
             }
         }
         let mut copies = 1;
@@ -390,8 +377,8 @@ fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
 }
 
 /// The faults that hit a participant.
-fn of_seat<F>(faults: &mut [Hitting<F>], seat: Seat) -> impl Iterator<Item = &mut Hitting<F>> {
-    let is_meant = move |one: &&mut Hitting<F>| one.seat.is_none_or(|own| own == seat);
+fn of_seat(faults: &mut [Hitting], seat: Seat) -> impl Iterator<Item = &mut Hitting> {
+    let is_meant = move |one: &&mut Hitting| one.seat.is_none_or(|own| own == seat);
     faults.iter_mut().filter(is_meant)
 }
 

@@ -11,12 +11,14 @@ use toml::de::DeValue;
 use super::contours::read_contours;
 use super::sweep::read_sweep;
 use super::{SCHEMA, SCHEMA_OF_ONE, Splitter};
+use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
+use crate::fault::{self, Fault, Faults, NodesOfRun};
 use crate::file::read_text;
 use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::load::{
-    KIND, Objection, Reading, SCENARIO_BYTES_MAX, Texts, kind, nodes, none_of, parse_beside,
+    KIND, Objection, OfRun, Reading, SCENARIO_BYTES_MAX, Texts, kind, nodes, none_of, parse_beside,
     parse_recorded, reading,
 };
 use crate::loops::{Loops, OneLoop};
@@ -170,10 +172,23 @@ fn made(
     let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
     find_fmus(&rig, files, &rig_document, reading, read_file)?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
+    let (faults, mut problems) = fault::read(&files.scenario, NodesOfRun::Of(&rig));
     let read = |document: &mut Document<'_>, wiring: Wiring| {
-        Scenario::read(document, &mut *read_file, reading, &objections, wiring)
+        let faults = faults.clone();
+        let of_run = OfRun { wiring, faults };
+        Scenario::read(document, &mut *read_file, reading, &objections, of_run)
     };
-    let mut loops = read_loops(files, rig, &rig_document, read).map_err(fail)?;
+    let mut loops = match read_loops(files, rig, &rig_document, read) {
+        Ok(loops) => loops,
+        Err(found) => {
+            problems.extend(found);
+            return Err(fail(problems));
+        }
+    };
+    problems.extend(wrong_faults(files, &loops, &faults, reading));
+    if !problems.is_empty() {
+        return Err(fail(problems));
+    }
     loops.sheets = sheets;
     if matches!(reading, Reading::ToPlay) {
         let sweep = read_sweep(&files.scenario, &loops.rig).map_err(fail)?;
@@ -188,6 +203,29 @@ fn made(
         Some(objection) => Err(nodes::fail(name, vec![objection.problem(&rig_document)])),
         None => Ok(loops),
     }
+}
+
+/// Faults at times that the run has not, and those that mean nothing to their plants.
+fn wrong_faults(
+    files: &Files<'_>,
+    loops: &Loops<Scenario>,
+    faults: &Faults,
+    reading: Reading,
+) -> Vec<Problem> {
+    let scenarios = || loops.loops.iter().map(|one| &one.scenario);
+    let duration_seconds = scenarios().next().map(|one| one.duration_seconds);
+    let document = &files.scenario;
+    let mut problems = check::faults(document, faults, duration_seconds.unwrap_or_default());
+    // Which faults mean something to a plant from outside, only the bench knows that played it.
+    let is_known = |one: &&Scenario| one.plant.own.is_none() || matches!(reading, Reading::ToPlay);
+    let plant_of = |fault: &Fault| {
+        let is_at =
+            |one: &&Scenario| fault.is_at_drive(one.wiring.drive_node_id, &one.wiring.plant);
+        let at = scenarios().find(is_at).filter(is_known);
+        at.map(|one| &one.plant)
+    };
+    problems.extend(check::faults_of_plants(document, faults, plant_of));
+    problems
 }
 
 /// Finds the FMUs of plants, whose hashes then are among what was read. Of a recording neither file nor hash need be there.

@@ -83,6 +83,12 @@ fn load_files(scenario: &str, rig: &str) -> Result<Loops<Scenario>, ScenarioErro
     loaded.map(|(loops, _)| loops)
 }
 
+/// How many faults of a kind a loop has.
+fn own(one: &OneLoop<Scenario>, kind: &str) -> usize {
+    let own = one.scenario.own_faults();
+    own.filter(|fault| fault.kind.name == kind).count()
+}
+
 #[test]
 fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     let loops = load_text(SCENARIO, RIG).unwrap();
@@ -108,11 +114,11 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     assert_eq!((load(x), load(y)), (Some(0.3), Some(0.5)));
     assert_eq!(x.scenario.plant.sensor.resolution_bits, 16);
     assert_eq!(y.scenario.plant.sensor.resolution_bits, 12);
-    assert_eq!(x.scenario.fault.sensor.noise.len(), 0);
-    assert_eq!(y.scenario.fault.sensor.noise.len(), 1);
+    assert_eq!(own(x, "noise"), 0);
+    assert_eq!(own(y, "noise"), 1);
     // What happens to the controller happens to all loops.
-    assert_eq!(x.scenario.fault.node.hang.len(), 2);
-    assert_eq!(y.scenario.fault.node.hang.len(), 1);
+    assert_eq!(own(x, "hang"), 2);
+    assert_eq!(own(y, "hang"), 1);
     assert!(
         x.scenario
             .expect
@@ -720,8 +726,8 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
     assert!(angle.scenario.controller.pid_pair.is_some());
     assert!(extensor.scenario.controller.open_loop.is_some());
     assert!(extensor.scenario.reference.is_empty());
-    assert_eq!(angle.scenario.fault.sensor.offset.len(), 0);
-    assert_eq!(extensor.scenario.fault.sensor.offset.len(), 1);
+    assert_eq!(own(angle, "offset"), 0);
+    assert_eq!(own(extensor, "offset"), 1);
 }
 
 #[test]
@@ -801,5 +807,65 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     ] {
         let error = load_text(JOINT, &JOINT_RIG.replacen(right, wrong, 1)).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
+    }
+}
+
+/// A wire beside the motors of the two axes.
+const MIXED: &str = "[plant.wire.sma]\n[node.w]\nkind = \"drive\"\nnode_id = 0x14\n\
+    amplifier = { port = \"wire.current_amperes\", rated = 1.0, min = 0.0, max = 1.0 }\nsensor.port = \"wire.position_metres\"\n\
+    [loop.w]\nfeedback = \"w.position\"\ndrives = [\"w\"]\n";
+const HOLD: &str =
+    "[[reference.hold]]\nloop = \"w\"\nat_seconds = 1.0\nposition_millimetres = 20.0\n";
+
+#[test]
+fn a_fault_of_a_plant_is_held_against_the_plant_of_its_drive() {
+    let rig = format!("{RIG}{MIXED}");
+    let ageing = |whose: &str| {
+        let fault =
+            format!("[[fault.plant.ageing]]\n{whose}\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n");
+        SCENARIO.replace(
+            "[[fault.sensor.noise]]",
+            &format!("{HOLD}{fault}[[fault.sensor.noise]]"),
+        )
+    };
+    for whose in ["node = \"w\"", "plant = \"wire\""] {
+        let loops = load_text(&ageing(whose), &rig).unwrap();
+        let counts = loops.loops.iter().map(|one| own(one, "ageing"));
+        assert_eq!(Vec::from_iter(counts), [1, 0, 0], "{whose}");
+    }
+    for (whose, said) in [
+        ("node = \"x\"", "cannot happen to the plant `dc_motor`"),
+        (
+            "plant = \"gantry_y\"",
+            "cannot happen to the plant `dc_motor`",
+        ),
+        ("node = \"z\"", "the rig has no node `z`"),
+        ("plant = \"gantry_z\"", "the rig has no plant `gantry_z`"),
+        ("", "for which node?"),
+    ] {
+        let said_of = load_text(&ageing(whose), &rig).unwrap_err();
+        assert!(!said_of.contains(" problems"), "{said_of}");
+        assert!(said_of.contains(said), "{whose}: {said_of}");
+    }
+}
+
+#[test]
+fn a_fault_happens_to_a_node_that_can_have_it() {
+    for (fault, said) in [
+        ("[[fault.sensor.stuck]]\nnode = \"controller\"", "no drive"),
+        (
+            "[[fault.node.hang]]\nnode = \"module\"",
+            "faults happen to drives and the controller",
+        ),
+        (
+            "[[fault.node.hang]]\nnode = \"bench\"",
+            "the rig has no node `bench`",
+        ),
+    ] {
+        let fault = format!("{fault}\nfrom_seconds = 1.0\n[[fault.sensor.noise]]");
+        let scenario = SCENARIO.replace("[[fault.sensor.noise]]", &fault);
+        let module = "[node.module]\nkind = \"io\"\nnode_id = 0x11\noutputs = { load = \"gantry_x.added_load_kilograms\" }\n";
+        let said_of = load_text(&scenario, &format!("{RIG}{module}")).unwrap_err();
+        assert!(said_of.contains(said), "{said_of}");
     }
 }

@@ -16,10 +16,10 @@ const PER_METRE: &str = "per_metre";
 const UNITS: [&str; 3] = ["millimetres", "degrees", "revolutions"];
 
 /// The names of one loop.
-pub(super) struct InUnit<'a> {
-    pub(super) source: &'a Source,
-    pub(super) unit: &'a Unit,
-    pub(super) of_loop: &'a str,
+pub(crate) struct InUnit<'a> {
+    pub(crate) source: &'a Source,
+    pub(crate) unit: &'a Unit,
+    pub(crate) of_loop: &'a str,
 }
 
 impl InUnit<'_> {
@@ -27,7 +27,7 @@ impl InUnit<'_> {
     ///
     /// # Errors
     /// The first name that ends in another unit than the loop's.
-    pub(super) fn rename(&self, tree: &mut DeTable<'_>) -> Result<(), Problem> {
+    pub(crate) fn rename(&self, tree: &mut DeTable<'_>) -> Result<(), Problem> {
         for (key, value) in tree.iter_mut() {
             let section: &str = key.get_ref();
             if SECTIONS.contains(&section) {

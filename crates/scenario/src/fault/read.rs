@@ -1,0 +1,335 @@
+//! Reads the faults of a scenario: each with the node to which it happens.
+
+use std::collections::BTreeMap;
+
+use toml::Spanned;
+use toml::de::{DeArray, DeTable, DeValue};
+
+use super::{Fault, Faults, FaultyNode, Form, Group, KINDS, Key, Kind, Need, Part, Time, Value};
+use crate::document::Document;
+use crate::error::Problem;
+use crate::load::{InUnit, in_unit};
+use crate::nearest::meant_or_known;
+use crate::port::Unit;
+use crate::rig::nodes::{CONTROLLER_NODE_ID, NodeKind, Rig};
+use crate::schema;
+use crate::structure::{self, number};
+
+const FAULT: &str = "fault";
+const PLANT: &str = "plant";
+const BENCH: &str = "bench";
+/// Node-ID of the drive of the rig that ships.
+const DRIVE_NODE_ID: u8 = 0x10;
+
+/// The nodes to which faults can happen.
+#[derive(Clone, Copy)]
+pub(crate) enum NodesOfRun<'a> {
+    /// The controller and the drive of a scenario that names no rig.
+    OfOneDrive,
+    /// Those of a rig.
+    Of(&'a Rig),
+}
+
+impl NodesOfRun<'_> {
+    fn find(self, name: &str) -> Option<FaultyNode> {
+        let node = |id, part| FaultyNode {
+            name: name.to_owned(),
+            id,
+            part,
+        };
+        match (self, name) {
+            (_, BENCH) => Some(node(0, Part::Bench)),
+            (Self::OfOneDrive, "controller") => Some(node(CONTROLLER_NODE_ID, Part::Controller)),
+            (Self::OfOneDrive, "drive") => Some(node(DRIVE_NODE_ID, Part::Drive)),
+            (Self::OfOneDrive, _) => None,
+            (Self::Of(rig), name) => {
+                let found = rig.node.get(name)?;
+                let part = match found.kind {
+                    NodeKind::Controller => Part::Controller,
+                    NodeKind::Drive => Part::Drive,
+                    NodeKind::Io => return None,
+                };
+                Some(node(found.node_id, part))
+            }
+        }
+    }
+
+    /// The only drive.
+    fn only_drive(self) -> Option<FaultyNode> {
+        match self {
+            Self::OfOneDrive => self.find("drive"),
+            Self::Of(rig) => {
+                let is_drive = |name: &&String| rig.node[*name].kind == NodeKind::Drive;
+                let mut drives = rig.node.keys().filter(is_drive);
+                let only = drives.next().filter(|_| drives.next().is_none())?;
+                self.find(only)
+            }
+        }
+    }
+
+    /// The unit of the positions of a drive.
+    fn unit_of(self, drive: &str) -> Unit {
+        match self {
+            Self::OfOneDrive => Unit::Millimetres,
+            Self::Of(rig) => rig.wiring_of(drive).unit,
+        }
+    }
+}
+
+/// The faults of a document, and what is wrong with them. What has another form than the schema says is left out: whoever checks
+/// that has said so.
+pub(crate) fn read(document: &Document<'_>, nodes: NodesOfRun<'_>) -> (Faults, Vec<Problem>) {
+    let reader = Reader { document, nodes };
+    let mut problems = Vec::new();
+    if matches!(nodes, NodesOfRun::Of(_)) {
+        problems.extend(reader.shape());
+    }
+    let mut faults = Vec::new();
+    for kind in KINDS {
+        let path = format!("{FAULT}.{}.{}", kind.group.name(), kind.name);
+        let entries = document.spanned(&path).map(Spanned::get_ref);
+        let entries = entries.and_then(DeValue::as_array);
+        for (index, entry) in entries.into_iter().flatten().enumerate() {
+            match reader.fault(kind, index, entry) {
+                Ok(fault) => faults.extend(fault),
+                Err(found) => problems.extend(found),
+            }
+        }
+    }
+    (Faults(faults.into()), problems)
+}
+
+struct Reader<'a, 'text> {
+    document: &'a Document<'text>,
+    nodes: NodesOfRun<'a>,
+}
+
+impl<'text> Reader<'_, 'text> {
+    /// What the schema says of groups and kinds, without that which stands in their arrays.
+    fn shape(&self) -> Vec<Problem> {
+        let section = self.document.root().get_key_value(FAULT);
+        let section = section.map(|(key, value)| (key.clone(), value.clone()));
+        let mut tree: DeTable<'text> = section.into_iter().collect();
+        for kinds in tree.iter_mut().flat_map(|(_, groups)| tables(groups)) {
+            for (_, entries) in tables(kinds.1) {
+                if let DeValue::Array(entries) = entries.get_mut() {
+                    *entries = DeArray::new();
+                }
+            }
+        }
+        self.check(tree)
+    }
+
+    fn check(&self, tree: DeTable<'text>) -> Vec<Problem> {
+        let document = self.document.with_root(tree);
+        structure::check(&document, "the scenario", &schema::FAULTS_ON_RIG)
+    }
+
+    fn fault(
+        &self,
+        kind: &'static Kind,
+        index: usize,
+        entry: &Spanned<DeValue<'text>>,
+    ) -> Result<Option<Fault>, Vec<Problem>> {
+        let path = format!("{FAULT}.{}.{}.{index}", kind.group.name(), kind.name);
+        let DeValue::Table(table) = entry.get_ref() else {
+            return Ok(None);
+        };
+        let plant = self.plant(kind, &path, table).map_err(one)?;
+        let node = match plant {
+            Some(_) => None,
+            None => self.node(kind, &path, table).map_err(one)?,
+        };
+        let table = match self.nodes {
+            NodesOfRun::OfOneDrive => table.clone(),
+            NodesOfRun::Of(_) => self.in_own_unit(kind, entry, node.as_ref())?,
+        };
+        let values = kind.keys.iter().filter(|key| !is_of_node(key));
+        let mut read = BTreeMap::new();
+        for key in values {
+            match (value(key, &table), key.need) {
+                (Some(value), _) => drop(read.insert(key.name, value)),
+                (None, Need::Required) => return Ok(None),
+                (None, _) => {}
+            }
+        }
+        let seconds = |key: &str| table.get(key).and_then(|value| number(value.get_ref()));
+        let (from_seconds, until_seconds) = match kind.time {
+            Time::Lasts | Time::Ends => (seconds("from_seconds"), seconds("until_seconds")),
+            Time::Instant => (seconds("at_seconds"), seconds("at_seconds")),
+            Time::Boot => (None, None),
+        };
+        if kind.time != Time::Boot && from_seconds.is_none() {
+            return Ok(None);
+        }
+        Ok(Some(Fault {
+            kind,
+            index,
+            node,
+            plant,
+            from_seconds,
+            until_seconds,
+            values: read,
+        }))
+    }
+
+    /// The plant that a fault names in place of a drive.
+    fn plant(
+        &self,
+        kind: &Kind,
+        path: &str,
+        table: &DeTable<'_>,
+    ) -> Result<Option<String>, Problem> {
+        let named = table.get(PLANT).filter(|_| kind.group == Group::Plant);
+        let (NodesOfRun::Of(rig), Some(named)) = (self.nodes, named) else {
+            return Ok(None);
+        };
+        let name = named.get_ref().as_str().unwrap_or_default();
+        if rig.plant.contains_key(name) {
+            return Ok(Some(name.to_owned()));
+        }
+        let known = Vec::from_iter(rig.plant.keys().map(String::as_str));
+        let (message, label) = (
+            format!("the rig has no plant `{name}`"),
+            meant_or_known(name, &known),
+        );
+        Err(self
+            .document
+            .problem(&format!("{path}.{PLANT}"), message, label))
+    }
+
+    /// The node to which a fault happens; `None` where it happens to the bus, or the schema finds fault with the name.
+    fn node(
+        &self,
+        kind: &Kind,
+        path: &str,
+        table: &DeTable<'_>,
+    ) -> Result<Option<FaultyNode>, Problem> {
+        let key = match kind.node_key() {
+            Some(key) => key.name,
+            None if kind.is_of_a_drive() => "node",
+            None => return Ok(None),
+        };
+        let Some(named) = table.get(key) else {
+            let only = self.nodes.only_drive();
+            if !kind.is_of_a_drive() {
+                return Ok(None);
+            }
+            let NodesOfRun::Of(rig) = self.nodes else {
+                return Ok(only);
+            };
+            let known = Vec::from_iter(rig.node.keys().map(String::as_str));
+            let message = "for which node?";
+            let label = format!("`node` is missing; known are: {}", known.join(", "));
+            return match only {
+                Some(only) => Ok(Some(only)),
+                None => Err(self.document.problem(path, message, label)),
+            };
+        };
+        let name = named.get_ref().as_str().unwrap_or_default();
+        let is_possible = |node: &FaultyNode| match node.part {
+            Part::Bench => kind.group == Group::Bus,
+            Part::Controller => !kind.is_of_a_drive(),
+            Part::Drive => true,
+        };
+        if let Some(node) = self.nodes.find(name).filter(is_possible) {
+            return Ok(Some(node));
+        }
+        let NodesOfRun::Of(rig) = self.nodes else {
+            return Ok(None);
+        };
+        let path = format!("{path}.{key}");
+        let heading = kind.heading();
+        let (message, label) = match rig.node.get(name).map(|node| node.kind) {
+            Some(NodeKind::Io) => (
+                format!("{heading} cannot happen to `{name}`"),
+                "an io node; faults happen to drives and the controller".to_owned(),
+            ),
+            Some(_) => (
+                format!("{heading} cannot happen to `{name}`"),
+                "no drive".to_owned(),
+            ),
+            None => {
+                let known = Vec::from_iter(rig.node.keys().map(String::as_str));
+                (
+                    format!("the rig has no {key} `{name}`"),
+                    meant_or_known(name, &known),
+                )
+            }
+        };
+        Err(self.document.problem(&path, message, label))
+    }
+
+    /// An entry with the names of positions in millimetres, checked as such.
+    fn in_own_unit(
+        &self,
+        kind: &Kind,
+        entry: &Spanned<DeValue<'text>>,
+        node: Option<&FaultyNode>,
+    ) -> Result<DeTable<'text>, Vec<Problem>> {
+        let name = |name: &'static str| Spanned::new(entry.span(), name.into());
+        let array = DeValue::Array([entry.clone()].into_iter().collect());
+        let kinds = [(name(kind.name), Spanned::new(entry.span(), array))];
+        let kinds = DeValue::Table(kinds.into_iter().collect());
+        let groups = [(name(kind.group.name()), Spanned::new(entry.span(), kinds))];
+        let groups = DeValue::Table(groups.into_iter().collect());
+        let section = [(name(FAULT), Spanned::new(entry.span(), groups))];
+        let mut tree: DeTable<'text> = section.into_iter().collect();
+        let drive = node.filter(|node| node.part == Part::Drive);
+        let unit = drive.map_or(Unit::Millimetres, |node| self.nodes.unit_of(&node.name));
+        if let (Some(drive), NodesOfRun::Of(rig)) = (drive, self.nodes) {
+            let units = InUnit {
+                source: &self.document.source,
+                unit: &unit,
+                of_loop: &rig.wiring_of(&drive.name).of_loop,
+            };
+            units.rename(&mut tree).map_err(one)?;
+        }
+        let problems = in_unit(self.check(tree.clone()), &unit);
+        if !problems.is_empty() {
+            return Err(problems);
+        }
+        let path = format!("{FAULT}.{}.{}.0", kind.group.name(), kind.name);
+        let document = self.document.with_root(tree);
+        let table = document.spanned(&path).map(Spanned::get_ref);
+        Ok(table
+            .and_then(DeValue::as_table)
+            .cloned()
+            .unwrap_or_default())
+    }
+}
+
+fn one(problem: Problem) -> Vec<Problem> {
+    vec![problem]
+}
+
+fn is_of_node(key: &Key) -> bool {
+    matches!(key.form, Form::Node | Form::Station)
+}
+
+/// The entries of a table.
+fn tables<'a, 'text>(
+    value: &'a mut Spanned<DeValue<'text>>,
+) -> impl Iterator<
+    Item = (
+        &'a Spanned<toml::de::DeString<'text>>,
+        &'a mut Spanned<DeValue<'text>>,
+    ),
+> {
+    let table = match value.get_mut() {
+        DeValue::Table(table) => Some(table),
+        _ => None,
+    };
+    table.into_iter().flat_map(DeTable::iter_mut)
+}
+
+/// The value of a key, or its default.
+fn value(key: &Key, table: &DeTable<'_>) -> Option<Value> {
+    match (table.get(key.name).map(Spanned::get_ref), key.need) {
+        (Some(DeValue::String(word)), _) => Some(Value::Word(word.to_string())),
+        (Some(value), _) => number(value).map(Value::Number),
+        (None, Need::Default(number)) => Some(Value::Number(number)),
+        (None, Need::DefaultWord(word)) => Some(Value::Word(word.to_owned())),
+        (None, Need::Required | Need::Optional) => None,
+    }
+}

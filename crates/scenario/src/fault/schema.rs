@@ -1,0 +1,262 @@
+//! The JSON Schema of `[fault]`, made of the table of faults, and its text.
+
+use serde::ser::{Error as _, Serialize, Serializer};
+use serde_json::{Map, Value, json};
+
+use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time};
+use crate::TIME_SECONDS_MAX;
+
+/// Entries of an array at most.
+const ENTRIES_MAX: usize = 100;
+const TEXT: &str = "Injected faults, by where they act; the nodes do not know of them. Each kind says where it acts and whether `bus.log` shows it.";
+
+/// Puts `[fault]` into the schema of scenarios of one drive.
+pub(crate) fn describe(schema: &mut Value) {
+    add(schema, false);
+}
+
+/// As [`describe`], for scenarios on a rig, whose nodes and plants have names of their own.
+pub(crate) fn describe_on_rig(schema: &mut Value) {
+    add(schema, true);
+}
+
+/// The schema of `[fault]` on a rig as the only section.
+pub(crate) fn described() -> Value {
+    let mut schema = json!({"type": "object", "properties": {}, "definitions": {}});
+    add(&mut schema, true);
+    schema
+}
+
+fn add(schema: &mut Value, is_on_rig: bool) {
+    let of_kinds = KINDS
+        .iter()
+        .map(|kind| (definition(kind), of_kind(kind, is_on_rig)));
+    let of_groups = Group::ALL.map(|group| (of_group(group), kinds_of(group)));
+    let groups = Group::ALL.map(|group| {
+        let described = reference_to(&of_group(group), group.text());
+        (group.name().to_owned(), described)
+    });
+    let faults = json!({
+        "description": TEXT,
+        "type": "object",
+        "properties": Map::from_iter(groups),
+        "additionalProperties": false,
+    });
+    let choices = KINDS.iter().flat_map(|kind| kind.keys);
+    let choices = choices.filter_map(|key| {
+        let (definition, words) = choice(key, is_on_rig)?;
+        let words = words
+            .iter()
+            .map(|(word, text)| json!({"const": word, "description": text, "type": "string"}));
+        Some((definition, json!({"oneOf": Vec::from_iter(words)})))
+    });
+    let all = [("Faults".to_owned(), faults)];
+    if let Some(definitions) = schema["definitions"].as_object_mut() {
+        definitions.extend(of_kinds.chain(of_groups).chain(choices).chain(all));
+    }
+    schema["properties"]["fault"] = reference_to("Faults", TEXT);
+}
+
+/// The name of a group's definition.
+fn of_group(group: Group) -> String {
+    format!("{}Faults", capitalised(group.name()))
+}
+
+/// The name of a kind's definition.
+fn definition(kind: &Kind) -> String {
+    let words = kind.name.split('_').map(capitalised);
+    format!("{}Fault", words.collect::<String>())
+}
+
+fn capitalised(word: &str) -> String {
+    let (first, rest) = word.split_at(1);
+    format!("{}{rest}", first.to_ascii_uppercase())
+}
+
+fn reference(definition: &str) -> Value {
+    json!({"$ref": format!("#/definitions/{definition}")})
+}
+
+fn reference_to(definition: &str, text: &str) -> Value {
+    json!({"allOf": [reference(definition)], "description": text})
+}
+
+/// The words among which a key chooses, with the name of their definition.
+fn choice(key: &Key, is_on_rig: bool) -> Option<(String, &'static [(&'static str, &'static str)])> {
+    match key.form {
+        Form::Word(words) => Some((capitalised(key.name), words)),
+        Form::Node if !is_on_rig => Some(("Node".to_owned(), &NODES[..2])),
+        Form::Station if !is_on_rig => Some(("Station".to_owned(), &NODES)),
+        _ => None,
+    }
+}
+
+fn kinds_of(group: Group) -> Value {
+    let kinds = KINDS.iter().filter(|kind| kind.group == group);
+    let arrays = kinds.map(|kind| {
+        let array = json!({
+            "description": kind.text,
+            "type": "array",
+            "items": reference(&definition(kind)),
+            "maxItems": ENTRIES_MAX,
+        });
+        (kind.name.to_owned(), array)
+    });
+    json!({
+        "description": group.text(),
+        "type": "object",
+        "properties": Map::from_iter(arrays),
+        "additionalProperties": false,
+    })
+}
+
+fn of_kind(kind: &Kind, is_on_rig: bool) -> Value {
+    let mut properties = times(kind.time);
+    let mut required = match kind.time {
+        Time::Lasts | Time::Ends => vec!["from_seconds"],
+        Time::Instant => vec!["at_seconds"],
+        Time::Boot => Vec::new(),
+    };
+    for key in kind.keys {
+        properties.insert(key.name.to_owned(), of_key(key, is_on_rig));
+        required.extend(matches!(key.need, Need::Required).then_some(key.name));
+    }
+    if is_on_rig && kind.is_of_a_drive() {
+        let node = name("The drive; needed where there are several.");
+        properties.insert("node".to_owned(), node);
+    }
+    if is_on_rig && kind.group == Group::Plant {
+        let plant = name("The plant, in place of one of its drives.");
+        properties.insert("plant".to_owned(), plant);
+    }
+    json!({
+        "description": kind.text,
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": false,
+    })
+}
+
+fn times(time: Time) -> Map<String, Value> {
+    let seconds = |text: &str| {
+        json!({
+            "description": text,
+            "type": "number",
+            "format": "double",
+            "minimum": 0.0,
+            "maximum": TIME_SECONDS_MAX,
+        })
+    };
+    let until = match time {
+        Time::Ends => "When the fault ends.",
+        _ => "When the fault ends; with the run if absent.",
+    };
+    let keys = match time {
+        Time::Lasts | Time::Ends => vec![
+            ("from_seconds", "When the fault begins."),
+            ("until_seconds", until),
+        ],
+        Time::Instant => vec![("at_seconds", "When it happens.")],
+        Time::Boot => Vec::new(),
+    };
+    let keys = keys.into_iter();
+    keys.map(|(key, text)| (key.to_owned(), seconds(text)))
+        .collect()
+}
+
+fn name(text: &str) -> Value {
+    json!({"description": text, "type": "string"})
+}
+
+fn of_key(key: &Key, is_on_rig: bool) -> Value {
+    let mut schema = match key.form {
+        Form::Number(min, max) => {
+            json!({"type": "number", "format": "double", "minimum": min, "maximum": max})
+        }
+        Form::Whole(min, max) => {
+            json!({"type": "integer", "format": "uint32", "minimum": min, "maximum": max})
+        }
+        Form::Word(_) | Form::Node | Form::Station => match choice(key, is_on_rig) {
+            Some((definition, _)) => json!({"allOf": [reference(&definition)]}),
+            None => json!({"type": "string"}),
+        },
+    };
+    schema["description"] = match (key.form, is_on_rig) {
+        (Form::Station, true) => {
+            let text = key.text.trim_end_matches('.');
+            format!("{text}: the name of a node; `bench` is canrig's own node.").into()
+        }
+        _ => key.text.into(),
+    };
+    match key.need {
+        Need::Default(number) if matches!(key.form, Form::Whole(..)) => {
+            #[expect(clippy::cast_possible_truncation, reason = "a whole number")]
+            let whole = number as i64;
+            schema["default"] = whole.into();
+        }
+        Need::Default(number) => schema["default"] = number.into(),
+        Need::DefaultWord(word) => schema["default"] = word.into(),
+        Need::Required | Need::Optional => {}
+    }
+    schema
+}
+
+static NODES: [(&str, &str); 3] = [
+    ("controller", "The controller, node 0x01."),
+    (
+        "drive",
+        "The drive, node 0x10, with the actuator and the disturbance module.",
+    ),
+    ("bench", "canrig's own node, which can stop the drive."),
+];
+
+impl Serialize for Faults {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut groups = toml::Table::new();
+        for fault in self.iter() {
+            let group = groups.entry(fault.kind.group.name());
+            let group = group.or_insert_with(|| toml::Table::new().into());
+            let table = toml::Value::try_from(table(fault)).map_err(S::Error::custom)?;
+            let array = group.as_table_mut().map(|kinds| {
+                let array = kinds.entry(fault.kind.name);
+                array.or_insert_with(|| Vec::<toml::Value>::new().into())
+            });
+            if let Some(toml::Value::Array(entries)) = array {
+                entries.push(table);
+            }
+        }
+        groups.serialize(serializer)
+    }
+}
+
+/// A fault as it stands in a scenario of one drive.
+fn table(fault: &Fault) -> toml::Table {
+    let mut table = toml::Table::new();
+    let mut set = |key: &str, value: toml::Value| drop(table.insert(key.to_owned(), value));
+    for (key, value) in &fault.values {
+        let form = fault.kind.keys.iter().find(|row| row.name == *key);
+        let is_whole = form.is_some_and(|row| matches!(row.form, Form::Whole(..)));
+        match (value, fault.whole(key)) {
+            (super::Value::Word(word), _) => set(key, word.clone().into()),
+            (_, Some(whole)) if is_whole => set(key, i64::from(whole).into()),
+            (super::Value::Number(number), _) => set(key, (*number).into()),
+        }
+    }
+    if let (Some(key), Some(node)) = (fault.kind.node_key(), &fault.node) {
+        set(key.name, node.name.clone().into());
+    }
+    let times = match fault.kind.time {
+        Time::Lasts | Time::Ends => [
+            ("from_seconds", fault.from_seconds),
+            ("until_seconds", fault.until_seconds),
+        ],
+        Time::Instant | Time::Boot => [("at_seconds", fault.from_seconds), ("", None)],
+    };
+    for (key, seconds) in times {
+        if let Some(seconds) = seconds {
+            set(key, seconds.into());
+        }
+    }
+    table
+}
