@@ -1,4 +1,4 @@
-//! The laws that scenarios can choose, by name: those that ship, and those that a bench of somebody else's brings.
+//! The laws that scenarios can choose, by name: those of [`laws`](crate::laws), and those that a bench of somebody else's brings.
 
 use std::sync::OnceLock;
 
@@ -12,22 +12,9 @@ use scenario::registration::{InvalidOwn, register};
 use scenario::wiring::{LoopOfRig, Wiring};
 
 use crate::law::{AnyLaw, Law};
-use crate::open_loop::OpenLoop;
-use crate::pid::Pid;
-use crate::pid_pair::PidPair;
-use crate::sliding_mode::SlidingMode;
-use crate::sliding_mode_paper::SlidingModePaper;
+use crate::laws::SHIPPED;
 use crate::terms::described;
 use crate::wired_law::wires;
-
-/// The laws that ship.
-const SHIPPED: [LawRow; 5] = [
-    LawRow::of::<SlidingMode>(),
-    LawRow::of::<SlidingModePaper>(),
-    LawRow::of::<Pid>(),
-    LawRow::of::<PidPair>(),
-    LawRow::of::<OpenLoop>(),
-];
 
 /// A law that a scenario can choose by the table that has its name.
 #[derive(Clone, Copy)]
@@ -206,6 +193,7 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
 mod tests {
     use super::*;
     use crate::law::{Cycle, Port, one_loop};
+    use crate::laws::pid::Pid;
     use scenario::controller;
 
     #[test]

@@ -5,7 +5,7 @@
 //! SDO, leads it by a law's current commands in RPDO1, publishes the law's terms in its own TPDOs, and stops the drive when
 //! something is wrong.
 //!
-//! [`law`] says what a law is, [`catalogue`] lists those that ship and those that a bench from outside brings.
+//! [`law`] says what a law is, [`laws`] has those that ship, [`catalogue`] finds them and those that a bench from outside brings.
 //!
 //! It does not know: the true plant (its model is nominal), disturbances, faults and limits of the scenario, and in which
 //! world it runs. The platform is named in `main.rs` only.
@@ -16,19 +16,15 @@ mod cause;
 mod error;
 mod filtered_position;
 pub mod law;
+pub mod laws;
 mod manager;
 pub mod mode;
 pub mod node;
 mod node_ids;
 pub mod nominal_model;
 pub mod observer;
-pub mod open_loop;
-pub mod pid;
-pub mod pid_pair;
 mod plausibility;
 pub mod reference_filter;
-pub mod sliding_mode;
-pub mod sliding_mode_paper;
 mod terms;
 #[cfg(test)]
 mod test_rig;

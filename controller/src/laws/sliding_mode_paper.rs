@@ -2,12 +2,12 @@
 
 use scenario::controller::SlidingModePaper as Config;
 
+use super::sliding_mode::{Surface, command, terms};
 use crate::law::{Cycle, Law, LoopReads, Ports, one_loop};
 use crate::nominal_model::{
     Branch, BranchCurve, MARTENSITE_FRACTION_MIN, NominalModel, State as ModelState,
 };
 use crate::reference_filter::{self, CriticallyDamped, JerkRange, Point, ReferenceFilter};
-use crate::sliding_mode::{Surface, command, terms};
 
 /// The law's constants.
 #[derive(Clone, Debug)]
