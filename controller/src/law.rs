@@ -74,7 +74,7 @@ pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
     let range = [-CURRENT_AMPERES_MAX, CURRENT_AMPERES_MAX];
     let drives = 0..L::DRIVES.unwrap_or_default();
     let currents = drives.map(|place| Port::output(&loop_output(place), range));
-    let inputs = LOOP_INPUTS.map(|name| Port::input(name, [f64::NEG_INFINITY, f64::INFINITY]));
+    let inputs = LOOP_INPUTS.map(|(name, _)| Port::input(name, [f64::NEG_INFINITY, f64::INFINITY]));
     Ports {
         inputs: inputs.into(),
         outputs: currents.chain(terms).collect(),

@@ -1,7 +1,7 @@
 //! A law that is wired to the loops of a rig: what it reads of them, where its currents go, and the objects of its terms.
 
 use canopen::ObjectDictionary;
-use scenario::law_ports::{LawWires, Quantity, Reading, Writing, WrongPort};
+use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading, Writing, WrongPort};
 use scenario::port::Port;
 use scenario::wiring::Wiring;
 
@@ -9,8 +9,8 @@ use crate::error::ControllerError;
 use crate::law::{AnyLaw, Cycle, sound_current};
 use crate::terms::TermObjects;
 
-/// What a loop brings to a cycle of a law, in the order of [`Quantity::ALL`].
-pub(crate) type Seen = [f64; Quantity::ALL.len()];
+/// What a loop brings to a cycle of a law, in the order of the [`Quantity`]s.
+pub(crate) type Seen = [f64; LOOP_INPUTS.len()];
 
 /// Where a current goes.
 #[derive(Clone, Copy, Debug)]

@@ -51,19 +51,8 @@ impl Law for Pid {
     }
 
     fn ports(&self) -> Ports {
-        one_loop::<Self>([
-            Port::position_term("reference_position_millimetres")
-                .with_comment("Set-point that the law follows."),
-            Port::position_term("reference_velocity_millimetres_per_second")
-                .with_comment("Velocity of the set-point."),
-            Port::position_term("estimated_velocity_millimetres_per_second")
-                .with_comment("Velocity of the filtered position."),
-            Port::flag("saturation_upper_limit")
-                .with_comment("The law wants more than the largest current."),
-            Port::flag("saturation_lower_limit")
-                .with_comment("The law wants less than the smallest current."),
-            Port::flag("saturation_on_stop").with_comment("The position is 0 or below."),
-        ])
+        let on_stop = Port::flag("saturation_on_stop").with_comment("The position is 0 or below.");
+        one_loop::<Self>(terms().into_iter().chain([on_stop]))
     }
 
     fn start(&self) -> State {
@@ -92,6 +81,20 @@ impl Law for Pid {
             flag(state.position.latest() <= 0.0),
         ]);
     }
+}
+
+/// Terms of the PID laws.
+pub(super) fn terms() -> [Port; 5] {
+    [
+        Port::position_term("reference_position_millimetres")
+            .with_comment("Set-point that the law follows."),
+        Port::position_term("reference_velocity_millimetres_per_second")
+            .with_comment("Velocity of the set-point."),
+        Port::position_term("estimated_velocity_millimetres_per_second")
+            .with_comment("Velocity of the filtered position."),
+        Port::flag("saturation_upper_limit").with_comment("The law wants more than there is."),
+        Port::flag("saturation_lower_limit").with_comment("The law wants less than there is."),
+    ]
 }
 
 #[cfg(test)]

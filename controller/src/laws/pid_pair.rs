@@ -3,9 +3,10 @@
 
 use scenario::controller::PidPair as Config;
 
+use super::pid::terms;
 use crate::filtered_position::FilteredPosition;
 use crate::law::{
-    CURRENT_AMPERES_MAX, Cycle, Law, LoopReads, Port, Ports, flag, limited_current, one_loop,
+    CURRENT_AMPERES_MAX, Cycle, Law, LoopReads, Ports, flag, limited_current, one_loop,
 };
 
 /// The gains.
@@ -41,18 +42,7 @@ impl Law for PidPair {
     }
 
     fn ports(&self) -> Ports {
-        one_loop::<Self>([
-            Port::position_term("reference_position_millimetres")
-                .with_comment("Set-point that the law follows."),
-            Port::position_term("reference_velocity_millimetres_per_second")
-                .with_comment("Velocity of the set-point."),
-            Port::position_term("estimated_velocity_millimetres_per_second")
-                .with_comment("Velocity of the filtered position."),
-            Port::flag("saturation_upper_limit")
-                .with_comment("The law wants more than both drives can."),
-            Port::flag("saturation_lower_limit")
-                .with_comment("The law wants less than both drives can."),
-        ])
+        one_loop::<Self>(terms())
     }
 
     fn start(&self) -> State {

@@ -20,13 +20,19 @@ const ACCELERATION: &str = "_per_second_squared";
 
 /// Inputs of a law of one loop, in the order of the [`Quantity`]s. Positions are in the unit that the law sees: metres, or the unit of
 /// a loop in another one than millimetres.
-pub const LOOP_INPUTS: [&str; 6] = [
-    "position",
-    "set_point",
-    "set_point_per_second",
-    "set_point_per_second_squared",
-    "set_point_per_second_cubed",
-    "set_point_has_exact_derivatives",
+pub const LOOP_INPUTS: [(&str, Quantity); 6] = [
+    ("position", Quantity::Position),
+    ("set_point", Quantity::SetPoint),
+    ("set_point_per_second", Quantity::SetPointVelocity),
+    (
+        "set_point_per_second_squared",
+        Quantity::SetPointAcceleration,
+    ),
+    ("set_point_per_second_cubed", Quantity::SetPointJerk),
+    (
+        "set_point_has_exact_derivatives",
+        Quantity::HasExactDerivatives,
+    ),
 ];
 
 /// Name of the output of a law of one loop that commands the drive at this place of the loop, from 0 on.
@@ -53,18 +59,6 @@ pub enum Quantity {
     SetPointJerk,
     /// 1 where the derivatives of the set-point are exact, else 0.
     HasExactDerivatives,
-}
-
-impl Quantity {
-    /// All of them, in their order.
-    pub const ALL: [Self; LOOP_INPUTS.len()] = [
-        Self::Position,
-        Self::SetPoint,
-        Self::SetPointVelocity,
-        Self::SetPointAcceleration,
-        Self::SetPointJerk,
-        Self::HasExactDerivatives,
-    ];
 }
 
 /// What an input of a law reads.
@@ -183,30 +177,29 @@ impl LawWires {
 
 /// The drive of a loop that an output commands; none where it is a term.
 fn drive_of(output: &str) -> Option<usize> {
-    let (place, unit) = output.strip_prefix(CURRENT)?.rsplit_once('_').unzip();
-    match (place, unit.unwrap_or(output)) {
-        (Some(place), AMPERES) => place
-            .parse::<usize>()
-            .ok()?
-            .checked_sub(1)
-            .filter(|it| *it > 0),
-        _ => (output == loop_output(0)).then_some(0),
+    match output.strip_prefix(CURRENT)?.strip_suffix(AMPERES)? {
+        "" => Some(0),
+        place => {
+            let number: usize = place.strip_suffix('_')?.parse().ok()?;
+            number.checked_sub(1).filter(|place| *place > 0)
+        }
     }
 }
 
 fn reading_of_loop(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
-    let place = LOOP_INPUTS.iter().position(|name| *name == port.name);
-    let quantity = place.map(|place| Quantity::ALL[place]).ok_or_else(|| {
+    let mut inputs = LOOP_INPUTS.iter();
+    let Some((_, quantity)) = inputs.find(|(name, _)| *name == port.name) else {
         let message = format!("a law of one loop cannot read `{}`", port.name);
-        wrong(message, meant_or_known(&port.name, &LOOP_INPUTS))
-    })?;
+        let known = LOOP_INPUTS.map(|(name, _)| name);
+        return Err(wrong(message, meant_or_known(&port.name, &known)));
+    };
     let factor = match quantity {
         Quantity::HasExactDerivatives => 1.0,
         _ => inside,
     };
     Ok(Reading {
         of_loop: 0,
-        quantity,
+        quantity: *quantity,
         factor,
     })
 }
@@ -534,7 +527,8 @@ mod tests {
             Port::position_term("reference_millimetres"),
             Port::term("gain"),
         ];
-        let mut ports = ports(&LOOP_INPUTS, &["current_amperes", "current_2_amperes"]);
+        let inputs = LOOP_INPUTS.map(|(name, _)| name);
+        let mut ports = ports(&inputs, &["current_amperes", "current_2_amperes"]);
         ports.outputs.extend(terms);
         let factors = |unit| {
             let wires = LawWires::of_one(&ports, &unit).unwrap();
