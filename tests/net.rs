@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Parser;
-use controller::catalogue::{OwnLaw, register_laws};
+use controller::catalogue::{LawRow, register_laws};
 use fmu::description::Version;
 use plant_emulator::catalogue::{OwnPlant, register_plants};
 use runner::commands::simulate::{SimulateArgs, simulate};
@@ -323,7 +323,7 @@ fn simulate_outside() {
     let Ok(words) = std::env::var(OUTSIDE) else {
         return;
     };
-    register_laws(vec![OwnLaw::with_ports::<my_law::MyLaw>()]).unwrap();
+    register_laws(vec![LawRow::of::<my_law::MyLaw>()]).unwrap();
     register_plants(vec![OwnPlant::with_ports::<my_plant::MyPlant>()]).unwrap();
     let words = ["simulate", "--output"].into_iter().chain(words.lines());
     let _ = simulate(&Outside::parse_from(words).simulate);

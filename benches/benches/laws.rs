@@ -1,34 +1,33 @@
-//! How many instructions one cycle of each control law takes, its explanation included.
+//! How many instructions one cycle of each control law takes, its terms included.
 
 use std::hint::black_box;
 
-use canrig_benches::{Cycle, law_in_a_hold, limit};
-use controller::law::{Command, Law};
+use canrig_benches::{HeldLaw, law_in_a_hold, limit};
 use gungraun::prelude::*;
 use scenario::controller::{Controller, CurrentRamp, OpenLoop, Pid, SlidingMode, SlidingModePaper};
 
-fn sliding_mode() -> (Law, Cycle) {
+fn sliding_mode() -> HeldLaw {
     law_in_a_hold(&Controller {
         sliding_mode: Some(SlidingMode::default()),
         ..Controller::default()
     })
 }
 
-fn sliding_mode_paper() -> (Law, Cycle) {
+fn sliding_mode_paper() -> HeldLaw {
     law_in_a_hold(&Controller {
         sliding_mode_paper: Some(SlidingModePaper::default()),
         ..Controller::default()
     })
 }
 
-fn pid() -> (Law, Cycle) {
+fn pid() -> HeldLaw {
     law_in_a_hold(&Controller {
         pid: Some(Pid::default()),
         ..Controller::default()
     })
 }
 
-fn open_loop() -> (Law, Cycle) {
+fn open_loop() -> HeldLaw {
     let ramp = CurrentRamp {
         from_seconds: 0.0,
         until_seconds: 10.0,
@@ -43,32 +42,31 @@ fn open_loop() -> (Law, Cycle) {
     })
 }
 
-fn cycle((mut law, cycle): (Law, Cycle)) -> (Law, Command) {
-    let command = black_box(cycle).step(&mut law);
-    (law, command)
+fn cycle(held: HeldLaw) -> HeldLaw {
+    black_box(held).step()
 }
 
 #[library_benchmark(config = limit(4200))]
 #[bench::hold(sliding_mode())]
-fn sliding_mode_cycle(start: (Law, Cycle)) -> (Law, Command) {
+fn sliding_mode_cycle(start: HeldLaw) -> HeldLaw {
     cycle(start)
 }
 
 #[library_benchmark(config = limit(1500))]
 #[bench::hold(sliding_mode_paper())]
-fn sliding_mode_paper_cycle(start: (Law, Cycle)) -> (Law, Command) {
+fn sliding_mode_paper_cycle(start: HeldLaw) -> HeldLaw {
     cycle(start)
 }
 
 #[library_benchmark(config = limit(365))]
 #[bench::hold(pid())]
-fn pid_cycle(start: (Law, Cycle)) -> (Law, Command) {
+fn pid_cycle(start: HeldLaw) -> HeldLaw {
     cycle(start)
 }
 
 #[library_benchmark(config = limit(330))]
 #[bench::hold(open_loop())]
-fn open_loop_cycle(start: (Law, Cycle)) -> (Law, Command) {
+fn open_loop_cycle(start: HeldLaw) -> HeldLaw {
     cycle(start)
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Node};
 use controller::catalogue;
-use controller::law::{Command, Law, Measurement};
+use controller::law::{AnyLaw, Cycle, LoopReads};
 use gungraun::{Callgrind, EventKind, LibraryBenchmarkConfig};
 use plant_emulator::PlantEmulator;
 use plant_emulator::ports::CURRENT;
@@ -27,30 +27,27 @@ pub fn limit(instructions: u64) -> LibraryBenchmarkConfig {
     config
 }
 
-/// What a law receives in one cycle.
-#[derive(Clone, Copy)]
-pub struct Cycle {
-    measurement: Measurement,
-    set_point: SetPoint,
+/// A law, and what it receives in one cycle.
+pub struct HeldLaw {
+    law: AnyLaw,
+    cycle: Cycle,
+    reads: LoopReads,
+    /// What it has written.
+    pub writes: Vec<f64>,
 }
 
-impl Cycle {
-    fn new(number: u32, measured_metres: f64, wanted_metres: f64) -> Self {
-        Self {
-            measurement: Measurement {
-                scenario_time_seconds: f64::from(number) * PERIOD.as_secs_f64(),
-                position_metres: measured_metres,
-            },
-            set_point: SetPoint {
-                position_metres: wanted_metres,
-                ..SetPoint::default()
-            },
-        }
-    }
-
+impl HeldLaw {
     /// The law's answer.
-    pub fn step(&self, law: &mut Law) -> Command {
-        law.step(&self.measurement, &self.set_point, PERIOD.as_secs_f64())
+    #[must_use]
+    pub fn step(mut self) -> Self {
+        let Self {
+            law,
+            cycle,
+            reads,
+            writes,
+        } = &mut self;
+        law.step(cycle, &reads.values(), writes);
+        self
     }
 }
 
@@ -59,14 +56,35 @@ impl Cycle {
 /// # Panics
 /// When the table holds no law, or the law takes the load to rest on its stop.
 #[must_use]
-pub fn law_in_a_hold(controller: &Controller) -> (Law, Cycle) {
-    let mut law = catalogue::law(controller).expect("the table holds one law");
+pub fn law_in_a_hold(controller: &Controller) -> HeldLaw {
+    let law = catalogue::law(controller).expect("the table holds one law");
+    let outputs = &law.ports().outputs;
+    let on_stop = (outputs.iter()).position(|port| port.name == "saturation_on_stop");
+    let hold = |position_metres| LoopReads {
+        position_metres: 0.025,
+        set_point: SetPoint {
+            position_metres,
+            ..SetPoint::default()
+        },
+    };
+    let mut held = HeldLaw {
+        writes: vec![0.0; outputs.len()],
+        law,
+        cycle: Cycle {
+            scenario_time_seconds: 0.0,
+            period_seconds: PERIOD.as_secs_f64(),
+        },
+        reads: hold(0.025),
+    };
     for number in 0..1000 {
-        let command = Cycle::new(number, 0.025, 0.025).step(&mut law);
-        let on_stop = command.explanation.saturation.on_stop;
+        held.cycle.scenario_time_seconds = f64::from(number) * PERIOD.as_secs_f64();
+        held = held.step();
+        let on_stop = on_stop.is_some_and(|place| held.writes[place] > 0.0);
         assert!(number < 10 || !on_stop, "the load has lifted");
     }
-    (law, Cycle::new(1000, 0.025, 0.026))
+    held.cycle.scenario_time_seconds = 1.0;
+    held.reads = hold(0.026);
+    held
 }
 
 /// The rig with its drive, and the time of its latest event.

@@ -5,9 +5,8 @@ use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
 use clap::Parser;
-use controller::catalogue::{InvalidOwnLaw, OwnLaw, register_laws};
-use controller::law::{ControlLaw, LawOfSeveral};
-use controller::law_with_ports::LawWithPorts;
+use controller::catalogue::{InvalidOwnLaw, LawRow, register_laws};
+use controller::law::Law;
 use plant_emulator::catalogue::{InvalidOwnPlant, OwnPlant, register_plants};
 use plant_emulator::plant::Plant;
 use plant_emulator::ports::PlantWithPorts;
@@ -31,7 +30,7 @@ const OPEN_FILES: u64 = 64;
 pub struct Bench {
     plants: Vec<OwnPlant>,
     models: Vec<OwnModel>,
-    laws: Vec<OwnLaw>,
+    laws: Vec<LawRow>,
 }
 
 /// Why a bench cannot begin: its author's mistake, not its user's.
@@ -65,21 +64,9 @@ impl Bench {
         self
     }
 
-    /// A law of several drives more, which scenarios choose by a table `[controller.NAME]`.
-    pub fn law_of_several<L: LawOfSeveral>(mut self) -> Self {
-        self.laws.push(OwnLaw::of_several::<L>());
-        self
-    }
-
-    /// A law of all loops of a rig more, which scenarios choose by a table `[controller.all.NAME]`.
-    pub fn law_with_ports<L: LawWithPorts>(mut self) -> Self {
-        self.laws.push(OwnLaw::with_ports::<L>());
-        self
-    }
-
-    /// A law more, which scenarios choose by a table `[controller.NAME]`.
-    pub fn law<L: ControlLaw>(mut self) -> Self {
-        self.laws.push(OwnLaw::of::<L>());
+    /// A law more, which scenarios choose by a table `[controller.NAME]`, or `[controller.all.NAME]` if it leads all loops of a rig.
+    pub fn law<L: Law>(mut self) -> Self {
+        self.laws.push(LawRow::of::<L>());
         self
     }
 
@@ -114,12 +101,12 @@ impl Bench {
     }
 
     fn register(self) -> Result<(), InvalidBench> {
-        if self.plants.is_empty() && self.laws.is_empty() {
+        register_laws(self.laws)?;
+        if self.plants.is_empty() {
             return Ok(());
         }
         register_plants(self.plants)?;
         export::register(self.models);
-        register_laws(self.laws)?;
         catalogue().check().map_err(InvalidBench::Signals)
     }
 }

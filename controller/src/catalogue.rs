@@ -1,20 +1,46 @@
-//! The laws that scenarios can choose, by name: those that ship, and those that a bench of somebody else's brings.
+//! The laws that scenarios can choose, by name: those of [`laws`](crate::laws), and those that a bench of somebody else's brings.
 
 use std::sync::OnceLock;
 
-use dbc::{LAW_TERMS_MAX, LawTerm};
-use scenario::controller::Controller;
-use scenario::own::{Own, OwnTable, Section, is_name};
+use dbc::{LawTerm, layout};
+use scenario::Objection;
+use scenario::controller::{Controller, is_of_format};
+use scenario::law_ports::{LawWires, WrongPort, terms_of_one};
+use scenario::own::{OwnTable, Section, defaults, is_name};
+use scenario::port::{Ports, Unit};
 use scenario::registration::{InvalidOwn, register};
+use scenario::wiring::{LoopOfRig, Wiring};
 
-use crate::law::{ControlLaw, Law, LawOfSeveral};
-use crate::law_with_ports::{JointLaw, LawWithPorts, Ports};
-use crate::nominal_model::NominalModel;
-use crate::open_loop::OpenLoop;
-use crate::pid::Pid;
-use crate::pid_pair::PidPair;
-use crate::sliding_mode::SlidingMode;
-use crate::sliding_mode_paper::SlidingModePaper;
+use crate::law::{AnyLaw, Law};
+use crate::laws::SHIPPED;
+use crate::terms::described;
+use crate::wired_law::wires;
+
+/// A law that a scenario can choose by the table that has its name.
+#[derive(Clone, Copy)]
+pub struct LawRow {
+    name: &'static str,
+    table: fn() -> OwnTable,
+    make: fn(&Controller) -> Result<AnyLaw, LawError>,
+    /// The ports of a law of one loop, by the parameters that an empty table stands for; `None` where some must be given.
+    ports: fn() -> Option<Ports>,
+}
+
+impl LawRow {
+    /// The law `L`.
+    #[must_use]
+    pub const fn of<L: Law>() -> Self {
+        Self {
+            name: L::NAME,
+            table: || OwnTable::new::<L::Config>(L::NAME).leading(L::DRIVES),
+            make: |controller| Ok(controller.with_parameters(AnyLaw::of::<L>)?),
+            ports: || {
+                let config = L::DRIVES.and_then(|_| defaults::<L::Config>().ok());
+                config.map(|config| L::new(&config).ports())
+            },
+        }
+    }
+}
 
 /// Why a `[controller]` table selects no law.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
@@ -22,65 +48,12 @@ pub enum LawError {
     /// No table or several.
     #[error("the [controller] table must hold exactly one law, found {0}")]
     NotExactlyOne(usize),
-    /// A law from outside that nobody registered.
+    /// A law that nobody registered.
     #[error("there is no control law `{0}`")]
     Unknown(String),
-    /// A law that leads all loops, where one of one loop is wanted.
-    #[error("the control law `{0}` leads all loops of a rig")]
-    WithPorts(String),
-    /// The table of a law from outside is that of another one.
+    /// The table of a law is that of another one.
     #[error("controller: {0}")]
     Parameters(#[from] toml::de::Error),
-}
-
-/// A law from outside, with the table that it has in a scenario.
-pub struct OwnLaw {
-    name: &'static str,
-    terms: Vec<LawTerm>,
-    table: OwnTable,
-    make: Make,
-}
-
-/// What makes a law of its table.
-#[derive(Clone, Copy)]
-enum Make {
-    OfLoop(fn(&Own) -> Result<Law, LawError>),
-    WithPorts(fn(&Own) -> Result<JointLaw, LawError>),
-}
-
-impl OwnLaw {
-    /// The law `L`.
-    #[must_use]
-    pub fn of<L: ControlLaw>() -> Self {
-        Self {
-            name: L::NAME,
-            terms: L::TERMS.iter().map(|term| term.described()).collect(),
-            table: OwnTable::new::<L::Config>(L::NAME),
-            make: Make::OfLoop(|own| Ok(Law::of::<L>(&own.parameters()?))),
-        }
-    }
-
-    /// The law `L`, which leads all loops of a rig.
-    #[must_use]
-    pub fn with_ports<L: LawWithPorts>() -> Self {
-        Self {
-            name: L::NAME,
-            terms: Vec::new(),
-            table: OwnTable::new::<L::Config>(L::NAME).leading_all(),
-            make: Make::WithPorts(|own| Ok(JointLaw::of::<L>(&own.parameters()?))),
-        }
-    }
-
-    /// The law `L`, which leads several drives.
-    #[must_use]
-    pub fn of_several<L: LawOfSeveral>() -> Self {
-        Self {
-            name: L::NAME,
-            terms: L::TERMS.iter().map(|term| term.described()).collect(),
-            table: OwnTable::new::<L::Config>(L::NAME).leading(L::DRIVES),
-            make: Make::OfLoop(|own| Ok(Law::of_several::<L>(&own.parameters()?))),
-        }
-    }
 }
 
 /// Why a law from outside cannot be registered.
@@ -89,157 +62,138 @@ pub enum InvalidOwnLaw {
     /// Its table cannot be one.
     #[error(transparent)]
     Table(#[from] InvalidOwn),
-    /// Too many terms.
-    #[error("the law `{law}` has {count} terms of its own (limit {LAW_TERMS_MAX})")]
-    TooManyTerms {
+    /// Its ports stand for nothing, or it has too many terms.
+    #[error("the law `{law}`: {wrong}")]
+    Port {
         /// The law.
         law: &'static str,
-        /// How many.
-        count: usize,
-    },
-    /// A term without a name of its own.
-    #[error(
-        "the term `{term}` of the law `{law}` needs a name of its own: at most 64 small letters, digits and underscores"
-    )]
-    Term {
-        /// The law.
-        law: &'static str,
-        /// The term.
-        term: String,
+        /// What is wrong.
+        wrong: WrongPort,
     },
 }
 
-/// A law from outside that was registered.
-struct Registered {
-    name: &'static str,
-    terms: Vec<LawTerm>,
-    make: Make,
-}
+static OWN: OnceLock<Vec<LawRow>> = OnceLock::new();
 
-static OWN: OnceLock<Vec<Registered>> = OnceLock::new();
-
-/// Registers the laws from outside, once and before any scenario is read.
+/// Registers the laws from outside, once and before any scenario is read, and those that ship and that the format of scenarios does not
+/// have.
 ///
 /// # Errors
-/// One of them has a name, parameters or terms that it cannot have.
-pub fn register_laws(laws: Vec<OwnLaw>) -> Result<(), InvalidOwnLaw> {
+/// One of them has a name, parameters or ports that it cannot have.
+pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidOwnLaw> {
     laws.iter().try_for_each(check)?;
-    let (laws, tables) = laws
-        .into_iter()
-        .map(|law| {
-            let OwnLaw {
-                name,
-                terms,
-                table,
-                make,
-            } = law;
-            (Registered { name, terms, make }, table)
-        })
-        .unzip();
-    register(Section::Controller, tables)?;
+    let shipped = SHIPPED.iter().filter(|row| !is_of_format(row.name));
+    let tables = shipped.chain(&laws).map(|row| (row.table)());
+    let tables = Vec::from_iter(tables);
+    if !tables.is_empty() {
+        register(Section::Controller, tables)?;
+    }
     OWN.set(laws)
         .map_err(|_| InvalidOwnLaw::Table(InvalidOwn::RegisteredAlready))
 }
 
-/// Whether the bus can carry a law's terms.
-fn check(law: &OwnLaw) -> Result<(), InvalidOwnLaw> {
-    let count = law.terms.len();
-    if count > LAW_TERMS_MAX {
-        return Err(InvalidOwnLaw::TooManyTerms {
-            law: law.name,
-            count,
+/// Whether the bus can carry what a law of one loop writes.
+fn check(row: &LawRow) -> Result<(), InvalidOwnLaw> {
+    let Some(ports) = (row.ports)() else {
+        return Ok(());
+    };
+    let wires = LawWires::of_one(&ports, &Unit::Millimetres);
+    let terms = || Vec::from_iter(terms_of_one(&ports).map(described));
+    let checked = wires.and_then(|_| check_terms(&terms()));
+    let law = row.name;
+    checked.map_err(|wrong| InvalidOwnLaw::Port { law, wrong })
+}
+
+/// Whether terms have names of columns, and room in the frames of a loop.
+fn check_terms(terms: &[LawTerm]) -> Result<(), WrongPort> {
+    if let Some(term) = terms.iter().find(|term| !is_name(&term.name)) {
+        return Err(WrongPort {
+            message: format!("a term cannot be called `{}`", term.name),
+            label: "a name has at most 64 small letters, digits and underscores, and begins with a letter"
+                .to_owned(),
         });
     }
-    for (place, term) in law.terms.iter().enumerate() {
-        let mut before = law.terms[..place].iter();
-        if !is_name(&term.name) || before.any(|other| other.name == term.name) {
-            return Err(InvalidOwnLaw::Term {
-                law: law.name,
-                term: term.name.clone(),
-            });
-        }
+    match layout(terms) {
+        Some(_) => Ok(()),
+        None => Err(WrongPort {
+            message: format!("{} terms of one loop", terms.len()),
+            label: "its four frames have room for 32 bytes, which are 8 terms of 32 bits"
+                .to_owned(),
+        }),
     }
-    Ok(())
-}
-
-fn registered() -> &'static [Registered] {
-    OWN.get().map_or(&[], Vec::as_slice)
-}
-
-/// The laws of one loop from outside, each with its terms; those that ship have none of their own.
-pub fn own_laws() -> impl Iterator<Item = (&'static str, &'static [LawTerm])> {
-    let of_loop = registered().iter();
-    let of_loop = of_loop.filter(|law| matches!(law.make, Make::OfLoop(_)));
-    of_loop.map(|law| (law.name, law.terms.as_slice()))
-}
-
-/// The ports of the law that a `[controller]` table chooses; none where it is a law of one loop, or its table is wrong.
-#[must_use]
-pub fn law_ports(controller: &Controller) -> Option<Ports> {
-    let law = joint_law(controller)?.ok()?;
-    Some(law.ports().clone())
-}
-
-/// The law with ports that a `[controller]` table chooses, before its first cycle; none where it is a law of one loop.
-pub fn joint_law(controller: &Controller) -> Option<Result<JointLaw, LawError>> {
-    let own = controller.own.as_ref()?;
-    match find(own.name())?.make {
-        Make::WithPorts(make) => Some(make(own)),
-        Make::OfLoop(_) => None,
-    }
-}
-
-fn find(name: &str) -> Option<&'static Registered> {
-    registered().iter().find(|law| law.name == name)
 }
 
 /// The one law in a scenario's `[controller]` table, before its first cycle.
 ///
 /// # Errors
 /// The table holds none or several, or one that nobody registered.
-pub fn law(controller: &Controller) -> Result<Law, LawError> {
-    let shipped = [
-        (controller.sliding_mode.as_ref()).map(Law::of::<SlidingMode>),
-        (controller.sliding_mode_paper.as_ref()).map(Law::of::<SlidingModePaper>),
-        controller.pid.as_ref().map(Law::of::<Pid>),
-        (controller.pid_pair.as_ref()).map(Law::of_several::<PidPair>),
-        controller.open_loop.as_ref().map(Law::of::<OpenLoop>),
-    ];
-    let own = controller.own.as_ref().map(own_law).transpose()?;
-    let mut laws = shipped.into_iter().chain([own]).flatten();
-    match (laws.next(), laws.count()) {
-        (Some(law), 0) => Ok(law),
-        (first, others) => Err(LawError::NotExactlyOne(
-            usize::from(first.is_some()) + others,
-        )),
-    }
+pub fn law(controller: &Controller) -> Result<AnyLaw, LawError> {
+    let mut names = controller.law_names();
+    let name = match (names.next(), names.count()) {
+        (Some(name), 0) => name,
+        (first, others) => {
+            let count = usize::from(first.is_some()) + others;
+            return Err(LawError::NotExactlyOne(count));
+        }
+    };
+    let own = OWN.get().map_or(&[][..], Vec::as_slice);
+    let row = SHIPPED.iter().chain(own).find(|row| row.name == name);
+    let row = row.ok_or_else(|| LawError::Unknown(name.to_owned()))?;
+    (row.make)(controller)
 }
 
-/// The law in a `[controller]` table by whose model of the plant the load can be lifted nowhere; none where there is no such law.
+/// The terms that the law of a `[controller]` table publishes for the drive that is wired like this.
 #[must_use]
-pub fn law_that_lifts_nothing(controller: &Controller) -> Option<&'static str> {
-    let [full, paper] = [
-        (controller.sliding_mode.as_ref()).map(|law| (SlidingMode::NAME, &law.nominal_model)),
-        (controller.sliding_mode_paper.as_ref())
-            .map(|law| (SlidingModePaper::NAME, &law.nominal_model)),
-    ];
-    let (name, model) = full.or(paper)?;
-    let lifts = NominalModel::new(model).set_point_metres_max() > 0.0;
-    (!lifts).then_some(name)
+pub fn terms(controller: &Controller, wiring: &Wiring) -> Vec<LawTerm> {
+    law(controller).map_or_else(|_| Vec::new(), |law| law.terms(wiring))
 }
 
-fn own_law(own: &Own) -> Result<Law, LawError> {
-    let name = || own.name().to_owned();
-    let law = find(own.name()).ok_or_else(|| LawError::Unknown(name()))?;
-    match law.make {
-        Make::OfLoop(make) => make(own),
-        Make::WithPorts(_) => Err(LawError::WithPorts(name())),
+/// What is wrong with the law of a `[controller]` table: its parameters, or its ports at the drive that is wired like this. Of a law of
+/// all loops it is said for the first one only.
+#[must_use]
+pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
+    let law = law(controller).ok()?;
+    let name = controller.law_name();
+    if let Some((parameter, reason)) = law.objection() {
+        let words = parameter.replace('_', " ");
+        return Some(Objection {
+            path: format!("controller.{name}.{parameter}"),
+            message: format!("the {words} of `{name}` makes no physical sense"),
+            label: reason,
+            help: None,
+        });
     }
+    let is_of_all = law.drives().is_none();
+    let objection = |message: String, label: String, help: Option<String>| Objection {
+        path: format!("controller.{name}"),
+        message,
+        label,
+        help,
+    };
+    match wiring.loops.first() {
+        None if is_of_all => {
+            let message = format!("the law `{name}` needs a rig file");
+            let label = "it leads the loops of a rig".to_owned();
+            let help = "write schema = 2, rig = \"FILE.toml\" and [controller.all.LAW]";
+            return Some(objection(message, label, Some(help.to_owned())));
+        }
+        Some(first) if is_of_all && first.name != wiring.of_loop => return None,
+        _ => {}
+    }
+    let mut each = wiring.loops.iter();
+    let of_each = |one: &LoopOfRig| check_terms(&law.terms_of(one));
+    let checked = wires(&law, wiring).and_then(|_| match is_of_all {
+        true => each.try_for_each(of_each),
+        false => check_terms(&law.terms(wiring)),
+    });
+    let WrongPort { message, label } = checked.err()?;
+    Some(objection(message, label, None))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::law::{Cycle, Port, one_loop};
+    use crate::laws::pid::Pid;
     use scenario::controller;
 
     #[test]
@@ -259,34 +213,67 @@ mod tests {
         assert_eq!(law(&two).unwrap_err(), LawError::NotExactlyOne(2));
     }
 
+    /// A law with so many terms.
+    #[derive(Debug)]
+    struct Talkative<const TERMS: usize>;
+
+    impl<const TERMS: usize> Law for Talkative<TERMS> {
+        const NAME: &'static str = "talkative";
+        type Config = controller::OpenLoop;
+        type State = ();
+
+        fn new(_: &Self::Config) -> Self {
+            Self
+        }
+
+        fn ports(&self) -> Ports {
+            one_loop::<Self>((0..TERMS).map(|number| Port::term(&format!("x{number}"))))
+        }
+
+        fn start(&self) {}
+
+        fn step(&self, (): &mut (), _: &Cycle, _: &[f64], _: &mut [f64]) {}
+    }
+
     #[test]
     fn a_law_that_the_bus_cannot_carry_is_refused() {
-        let of = |names: &[&str]| OwnLaw {
-            terms: (names.iter())
-                .map(|name| LawTerm {
-                    name: (*name).to_owned(),
-                    unit: String::new(),
-                    comment: String::new(),
-                })
-                .collect(),
-            ..OwnLaw::of::<Pid>()
-        };
-        assert_eq!(check(&of(&["a", "b", "c", "d", "e", "f"])), Ok(()));
-        let seven = ["a", "b", "c", "d", "e", "f", "g"];
-        assert!(matches!(
-            check(&of(&seven)),
-            Err(InvalidOwnLaw::TooManyTerms { count: 7, .. })
-        ));
-        for names in [["a", "a"], ["a", "µ"]] {
-            assert!(matches!(
-                check(&of(&names)),
-                Err(InvalidOwnLaw::Term { .. })
-            ));
+        assert_eq!(check(&LawRow::of::<Talkative<8>>()), Ok(()));
+        let refused = check(&LawRow::of::<Talkative<9>>()).unwrap_err();
+        assert!(
+            refused
+                .to_string()
+                .starts_with("the law `talkative`: 9 terms of one loop")
+        );
+        for name in ["µ", "A", ""] {
+            let term = described((name, &Port::term("x")));
+            assert!(check_terms(&[term]).is_err(), "{name}");
         }
         // It is there already.
         assert!(matches!(
-            register_laws(vec![OwnLaw::of::<Pid>()]),
+            register_laws(vec![LawRow::of::<Pid>()]),
             Err(InvalidOwnLaw::Table(_))
         ));
+    }
+
+    #[test]
+    fn the_shipped_frames_are_those_of_the_wire_under_sliding_mode() {
+        let sliding_mode = Controller {
+            sliding_mode: Some(controller::SlidingMode::default()),
+            ..Controller::default()
+        };
+        let terms = terms(&sliding_mode, &Wiring::default());
+        let shipped = dbc::Database::shipped();
+        let composed = shipped.with_terms(&terms);
+        for (ours, theirs) in composed.messages().iter().zip(shipped.messages()) {
+            assert_eq!(ours, theirs);
+        }
+        assert_eq!(composed.messages().len(), shipped.messages().len());
+    }
+
+    #[test]
+    fn every_shipped_law_has_ports_that_the_bus_can_carry() {
+        for row in &SHIPPED {
+            assert_eq!(check(row), Ok(()), "{}", row.name);
+        }
     }
 }

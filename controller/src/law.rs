@@ -1,10 +1,15 @@
-//! What every control law is: a configuration, a state, and a pure step.
+//! What every control law is: constants, a state, ports, and a pure step.
 
 use std::fmt;
 
 use dbc::LawTerm;
+use scenario::law_ports::{LOOP_INPUTS, loop_output, terms_of, terms_of_one};
 use scenario::own::Parameters;
+pub use scenario::port::{Port, Ports, Width};
 use scenario::reference::SetPoint;
+use scenario::wiring::{LoopOfRig, Wiring};
+
+use crate::terms::described;
 
 /// Largest current in A; commands lie between 0, or what a law's table says, and this.
 pub const CURRENT_AMPERES_MAX: f64 = 1.0;
@@ -12,329 +17,201 @@ pub const CURRENT_AMPERES_MAX: f64 = 1.0;
 /// Largest `u = i²` in A².
 pub const SQUARED_CURRENT_MAX: f64 = CURRENT_AMPERES_MAX * CURRENT_AMPERES_MAX;
 
-/// What the controller knows of the plant in a cycle.
+/// When a law steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Measurement {
+pub struct Cycle {
     /// Time since the start of the scenario.
     pub scenario_time_seconds: f64,
-    /// Position as sampled by the drive; not finite when this cycle brought none.
-    pub position_metres: f64,
+    /// Time since the cycle before.
+    pub period_seconds: f64,
 }
 
-/// What a law commands, and why.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Command {
-    /// Current for the next cycle, at most [`CURRENT_AMPERES_MAX`], in whole thousandths.
-    pub current_amperes: f64,
-    /// The terms behind it.
-    pub explanation: Explanation,
-}
-
-/// The terms of the shipped laws worth recording; zero where a law has no such term.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Explanation {
-    /// Filtered reference position (0x2200).
-    pub reference_position_metres: f64,
-    /// Filtered reference velocity (0x2201).
-    pub reference_velocity_metres_per_second: f64,
-    /// Estimated wire temperature (0x2202).
-    pub estimated_temperature_celsius: f64,
-    /// Estimated martensite fraction (0x2203).
-    pub estimated_martensite_fraction: f64,
-    /// Estimated velocity (0x2204).
-    pub estimated_velocity_metres_per_second: f64,
-    /// Sliding variable `s` (0x2205).
-    pub sliding_variable_metres_per_second_squared: f64,
-    /// Where the command or the load is limited (0x2206).
-    pub saturation: Saturation,
-    /// How far the law backs off since it rings, from 0 to 1 (0x2206).
-    pub caution: f64,
-    /// Part of `u = i²` that keeps the state on the sliding surface (0x2207).
-    pub equivalent_part_square_amperes: f64,
-    /// Part of `u = i²` that drives the state to the sliding surface (0x2208).
-    pub switching_part_square_amperes: f64,
-}
-
-impl Explanation {
-    /// The same with positions in another unit.
-    pub(crate) fn times(self, factor: f64) -> Self {
-        Self {
-            reference_position_metres: self.reference_position_metres * factor,
-            reference_velocity_metres_per_second: self.reference_velocity_metres_per_second
-                * factor,
-            estimated_velocity_metres_per_second: self.estimated_velocity_metres_per_second
-                * factor,
-            ..self
-        }
-    }
-}
-
-/// Limits reached in a cycle.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub struct Saturation {
-    /// The law asked for more than the largest current.
-    pub at_upper_limit: bool,
-    /// The law asked for less than the smallest current.
-    pub at_lower_limit: bool,
-    /// The load rests on the stop.
-    pub on_stop: bool,
-}
-
-impl Saturation {
-    /// As in object 0x2206: bit 0 upper limit, bit 1 lower limit, bit 2 on the stop.
-    #[must_use]
-    pub fn bits(self) -> u8 {
-        u8::from(self.at_upper_limit)
-            | u8::from(self.at_lower_limit) << 1
-            | u8::from(self.on_stop) << 2
-    }
-}
-
-/// A control law: a table of the scenario in, constants in `self`, memory in `State`, a command out.
+/// A control law: a table of the scenario in, constants in `self`, memory in `State`, and a step from values that it reads to values
+/// that it writes.
 ///
-/// The controller node owns the rest: the drive, SYNC, set-point, missing and implausible positions, and the objects in
-/// which the [`Explanation`] or the law's own [`Term`]s are published. An observer is the law's own: its state is a part of
-/// `State`.
-pub trait ControlLaw: fmt::Debug + Send + 'static {
+/// A law of one loop has the ports of [`one_loop`]. A law of all loops of a rig names what it reads and writes. An input is
+/// `LOOP.position_UNIT`, which is not a number in a cycle that brought no position; `LOOP.set_point_UNIT`, and with `_per_second` and
+/// `_per_second_squared` behind it the set-point's derivatives; `DRIVE.position_UNIT` of a further drive. An output is
+/// `DRIVE.current_amperes`, one for each drive, or a term of the law's own, `LOOP.NAME`, which is recorded among the signals of that
+/// loop. The law states the unit in the name; the controller converts.
+///
+/// The controller node owns the rest: the drives, SYNC, set-points, missing and implausible positions, and the objects in which the
+/// terms are published. An observer is the law's own: its state is a part of `State`.
+pub trait Law: fmt::Debug + Send + 'static {
     /// Its name, and that of its table in a scenario.
     const NAME: &'static str;
+    /// How many drives of its loop it leads; `None` for a law of all loops of a rig.
+    const DRIVES: Option<usize> = Some(1);
     /// Its parameters: what a scenario's table is read into.
     type Config: Parameters;
     /// What it remembers from cycle to cycle. `Copy` owns nothing on the heap.
     type State: Copy + fmt::Debug + Send;
 
-    /// Terms of its own that are worth recording, at most [`LAW_TERMS_MAX`](dbc::LAW_TERMS_MAX), every 10th cycle. A law
-    /// with any publishes the reference only of its [`Explanation`]: they take the place of the rest.
-    const TERMS: &'static [Term<Self::State>] = &[];
-
     /// Works out the constants.
     fn new(config: &Self::Config) -> Self;
+
+    /// What it reads and writes. A current is limited to the range of its port. The terms are sent every 10th cycle, in at most four
+    /// frames.
+    fn ports(&self) -> Ports;
+
+    /// What makes no physical sense of the parameters: the parameter, and why.
+    fn objection(&self) -> Option<(&'static str, String)> {
+        None
+    }
 
     /// The memory before the first cycle.
     fn start(&self) -> Self::State;
 
-    /// Computes the command that acts from the next cycle on. Allocates nothing; finite for any measurement.
-    fn step(
-        &self,
-        state: &mut Self::State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command;
+    /// Writes what acts from the next cycle on, in the order of the outputs, from values in the order of the inputs. It is called once
+    /// per cycle, when the last of the positions that it reads has come, or at the end of a cycle that lacked one. It allocates
+    /// nothing, and writes finite values for any that it reads.
+    fn step(&self, state: &mut Self::State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]);
 }
 
-/// A term of a law's own: a real number of 32 bits on the bus.
-#[derive(Debug)]
-pub struct Term<S> {
-    /// Its name in recording and report; the unit is its end.
-    pub name: &'static str,
-    /// The unit; empty for a number without one.
-    pub unit: &'static str,
-    /// What it is.
-    pub comment: &'static str,
-    /// Reads it after a step.
-    pub value: fn(&S) -> f64,
+/// The ports of a law of one loop: it reads [`LoopReads`], and writes a current for each drive that it leads, and its terms.
+#[must_use]
+pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
+    let range = [-CURRENT_AMPERES_MAX, CURRENT_AMPERES_MAX];
+    let drives = 0..L::DRIVES.unwrap_or_default();
+    let currents = drives.map(|place| Port::output(&loop_output(place), range));
+    let inputs = LOOP_INPUTS.map(|(name, _)| Port::input(name, [f64::NEG_INFINITY, f64::INFINITY]));
+    Ports {
+        inputs: inputs.into(),
+        outputs: currents.chain(terms).collect(),
+    }
 }
 
-impl<S> Term<S> {
-    /// As the bus has it.
-    pub(crate) fn described(&self) -> LawTerm {
-        LawTerm {
-            name: self.name.to_owned(),
-            unit: self.unit.to_owned(),
-            comment: self.comment.to_owned(),
+/// What a law of one loop reads.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LoopReads {
+    /// Position as sampled by the drive, in metres or the loop's own unit; not finite when this cycle brought none.
+    pub position_metres: f64,
+    /// Set-point, in the same unit.
+    pub set_point: SetPoint,
+}
+
+impl LoopReads {
+    /// From values in the order of [`one_loop`].
+    #[must_use]
+    #[inline]
+    pub fn of(reads: &[f64]) -> Self {
+        let [position, wanted, velocity, acceleration, jerk, exact] =
+            reads.try_into().unwrap_or_default();
+        Self {
+            position_metres: position,
+            set_point: SetPoint {
+                position_metres: wanted,
+                velocity_metres_per_second: velocity,
+                acceleration_metres_per_second_squared: acceleration,
+                jerk_metres_per_second_cubed: jerk,
+                has_exact_derivatives: exact > 0.0,
+            },
         }
     }
-}
 
-/// A control law of a loop with several drives; as [`ControlLaw`], with a current for each of them.
-pub trait LawOfSeveral: fmt::Debug + Send + 'static {
-    /// Its name, and that of its table in a scenario.
-    const NAME: &'static str;
-    /// How many drives it leads.
-    const DRIVES: usize;
-    /// Its parameters: what a scenario's table is read into.
-    type Config: Parameters;
-    /// What it remembers from cycle to cycle.
-    type State: Copy + fmt::Debug + Send;
-
-    /// As [`ControlLaw::TERMS`].
-    const TERMS: &'static [Term<Self::State>] = &[];
-
-    /// Works out the constants.
-    fn new(config: &Self::Config) -> Self;
-
-    /// The memory before the first cycle.
-    fn start(&self) -> Self::State;
-
-    /// Writes the currents that act from the next cycle on, in the order of the loop's drives, and says why. The measurement is
-    /// that of the first drive. Allocates nothing; finite for any measurement.
-    fn step(
-        &self,
-        state: &mut Self::State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-        currents_amperes: &mut [f64],
-    ) -> Explanation;
-}
-
-/// A law of one drive as one of several.
-#[derive(Debug)]
-struct Alone<L>(L);
-
-impl<L: ControlLaw> LawOfSeveral for Alone<L> {
-    const NAME: &'static str = L::NAME;
-    const DRIVES: usize = 1;
-    type Config = L::Config;
-    type State = L::State;
-    const TERMS: &'static [Term<L::State>] = L::TERMS;
-
-    fn new(config: &L::Config) -> Self {
-        Self(L::new(config))
-    }
-
-    fn start(&self) -> L::State {
-        self.0.start()
-    }
-
+    /// Values in the order of [`one_loop`].
+    #[must_use]
     #[inline]
-    fn step(
-        &self,
-        state: &mut L::State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-        currents_amperes: &mut [f64],
-    ) -> Explanation {
-        let command = (self.0).step(state, measurement, set_point, period_seconds);
-        currents_amperes[0] = command.current_amperes;
-        command.explanation
+    pub fn values(&self) -> [f64; LOOP_INPUTS.len()] {
+        let set_point = &self.set_point;
+        [
+            self.position_metres,
+            set_point.position_metres,
+            set_point.velocity_metres_per_second,
+            set_point.acceleration_metres_per_second_squared,
+            set_point.jerk_metres_per_second_cubed,
+            f64::from(u8::from(set_point.has_exact_derivatives)),
+        ]
     }
 }
 
-/// A law with its memory and the currents of its latest step.
+/// A law with its memory.
 #[derive(Debug)]
-struct Running<L: LawOfSeveral> {
+struct Running<L: Law> {
     law: L,
     state: L::State,
-    currents_amperes: Vec<f64>,
 }
 
 /// A law with its memory, whichever it is.
 trait Step: fmt::Debug + Send {
-    fn step(
-        &mut self,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command;
+    fn objection(&self) -> Option<(&'static str, String)>;
 
-    /// The current of one more drive that it leads, from 1 on, after the latest step.
-    fn further_amperes(&self, place: usize) -> f64;
-
-    fn terms(&self) -> Vec<LawTerm>;
-
-    fn terms_count(&self) -> usize;
-
-    fn term_value(&self, place: usize) -> f64;
+    fn step(&mut self, cycle: &Cycle, reads: &[f64], writes: &mut [f64]);
 }
 
-impl<L: LawOfSeveral> Step for Running<L> {
-    fn step(
-        &mut self,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command {
-        let currents = &mut self.currents_amperes;
-        let explanation = self.law.step(
-            &mut self.state,
-            measurement,
-            set_point,
-            period_seconds,
-            currents,
-        );
-        Command {
-            current_amperes: currents.first().copied().unwrap_or_default(),
-            explanation,
-        }
+impl<L: Law> Step for Running<L> {
+    fn objection(&self) -> Option<(&'static str, String)> {
+        self.law.objection()
     }
 
-    fn further_amperes(&self, place: usize) -> f64 {
-        let current = self.currents_amperes.get(place);
-        current.copied().unwrap_or_default()
-    }
-
-    fn terms(&self) -> Vec<LawTerm> {
-        L::TERMS.iter().map(Term::described).collect()
-    }
-
-    fn terms_count(&self) -> usize {
-        L::TERMS.len()
-    }
-
-    fn term_value(&self, place: usize) -> f64 {
-        (L::TERMS[place].value)(&self.state)
+    fn step(&mut self, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        self.law.step(&mut self.state, cycle, reads, writes);
     }
 }
 
-/// What the controller node runs.
+/// A law that the controller node runs.
 #[derive(Debug)]
-pub struct Law(Box<dyn Step>);
+pub struct AnyLaw {
+    ports: Ports,
+    drives: Option<usize>,
+    step: Box<dyn Step>,
+}
 
-impl Law {
+impl AnyLaw {
     /// A law with these constants, before its first cycle.
     #[must_use]
-    pub fn of<L: ControlLaw>(config: &L::Config) -> Self {
-        Self::of_several::<Alone<L>>(config)
-    }
-
-    /// As [`Law::of`], for a law that leads several drives.
-    #[must_use]
-    pub fn of_several<L: LawOfSeveral>(config: &L::Config) -> Self {
+    pub fn of<L: Law>(config: &L::Config) -> Self {
         let law = L::new(config);
-        Self(Box::new(Running {
-            state: law.start(),
-            law,
-            currents_amperes: vec![0.0; L::DRIVES],
-        }))
-    }
-
-    /// The current of one more drive that the law leads, after the latest step; `place` counts the loop's drives, the first one is
-    /// 0.
-    #[must_use]
-    pub fn further_amperes(&self, place: usize) -> f64 {
-        sound_current(self.0.further_amperes(place))
-    }
-
-    /// Its own terms, in their order.
-    #[must_use]
-    pub fn terms(&self) -> Vec<LawTerm> {
-        self.0.terms()
-    }
-
-    /// The values of its own terms after the latest step, in their order. Allocates nothing.
-    pub fn term_values(&self) -> impl Iterator<Item = f64> {
-        (0..self.0.terms_count()).map(|place| self.0.term_value(place))
-    }
-
-    /// Computes the command that acts from the next cycle on. Allocates nothing; finite for any measurement.
-    pub fn step(
-        &mut self,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command {
-        let command = self.0.step(measurement, set_point, period_seconds);
-        Command {
-            current_amperes: sound_current(command.current_amperes),
-            ..command
+        Self {
+            ports: law.ports(),
+            drives: L::DRIVES,
+            step: Box::new(Running {
+                state: law.start(),
+                law,
+            }),
         }
+    }
+
+    /// What it reads and writes.
+    #[must_use]
+    pub fn ports(&self) -> &Ports {
+        &self.ports
+    }
+
+    /// How many drives of its loop it leads; `None` for a law of all loops.
+    #[must_use]
+    pub fn drives(&self) -> Option<usize> {
+        self.drives
+    }
+
+    /// What makes no physical sense of its parameters: the parameter, and why.
+    #[must_use]
+    pub fn objection(&self) -> Option<(&'static str, String)> {
+        self.step.objection()
+    }
+
+    /// The terms that it publishes for the loop of a drive.
+    #[must_use]
+    pub fn terms(&self, wiring: &Wiring) -> Vec<LawTerm> {
+        match (self.drives, wiring.own_loop()) {
+            (Some(_), _) => terms_of_one(&self.ports).map(described).collect(),
+            (None, Some(own)) => self.terms_of(own),
+            (None, None) => Vec::new(),
+        }
+    }
+
+    /// The terms of a law of all loops that it publishes for this one.
+    pub(crate) fn terms_of(&self, of_loop: &LoopOfRig) -> Vec<LawTerm> {
+        terms_of(&self.ports, of_loop).map(described).collect()
+    }
+
+    /// Writes what acts from the next cycle on. Allocates nothing.
+    pub fn step(&mut self, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        self.step.step(cycle, reads, writes);
     }
 }
 
-/// A law from outside may ask for anything; what is no current at all is none.
+/// A law may ask for anything; what is no current at all is none.
 pub(crate) fn sound_current(current_amperes: f64) -> f64 {
     if current_amperes.is_nan() {
         return 0.0;
@@ -361,16 +238,10 @@ pub fn limited_current_from(amperes_min: f64, current_amperes: f64) -> f64 {
     f64::from(thousandths) / 1000.0
 }
 
-/// The current of a wanted `u = i²`, and which limit it met.
+/// 1 for true, 0 for false: what a law writes to a flag.
 #[must_use]
-pub fn current_of(squared_current: f64) -> (f64, Saturation) {
-    let current = limited_current(libm::sqrt(squared_current.max(0.0)));
-    let saturation = Saturation {
-        at_upper_limit: squared_current > SQUARED_CURRENT_MAX,
-        at_lower_limit: squared_current < 0.0,
-        on_stop: false,
-    };
-    (current, saturation)
+pub fn flag(is_set: bool) -> f64 {
+    f64::from(u8::from(is_set))
 }
 
 #[cfg(test)]
@@ -380,7 +251,7 @@ mod tests {
     use proptest::prelude::*;
     use scenario::controller::{self, Controller};
 
-    fn all_laws() -> [Controller; 4] {
+    fn all_laws() -> [Controller; 5] {
         let none = Controller::default();
         [
             Controller {
@@ -393,6 +264,10 @@ mod tests {
             },
             Controller {
                 pid: Some(controller::Pid::default()),
+                ..none.clone()
+            },
+            Controller {
+                pid_pair: Some(controller::PidPair::default()),
                 ..none.clone()
             },
             Controller {
@@ -410,67 +285,6 @@ mod tests {
         assert_eq!(limited_current(0.56789), 0.568);
     }
 
-    /// Asks for whatever stands as the target, and publishes it.
-    #[derive(Debug)]
-    struct Wild;
-
-    impl ControlLaw for Wild {
-        const NAME: &'static str = "wild";
-        type Config = controller::OpenLoop;
-        type State = f64;
-        const TERMS: &'static [Term<f64>] = &[Term {
-            name: "wish_amperes",
-            unit: "A",
-            comment: "What it asks for.",
-            value: |state| *state,
-        }];
-
-        fn new(_: &Self::Config) -> Self {
-            Self
-        }
-
-        fn start(&self) -> f64 {
-            0.0
-        }
-
-        fn step(&self, state: &mut f64, _: &Measurement, wish: &SetPoint, _: f64) -> Command {
-            *state = wish.position_metres;
-            Command {
-                current_amperes: wish.position_metres,
-                ..Command::default()
-            }
-        }
-    }
-
-    #[test]
-    fn whatever_a_law_asks_for_a_current_comes_out_and_the_wish_is_published() {
-        let mut law = Law::of::<Wild>(&controller::OpenLoop::default());
-        assert_eq!(law.terms()[0].name, "wish_amperes");
-        let wishes = [0.1234567, 7.0, -7.0, f64::INFINITY, f64::NAN];
-        for (wish, current) in wishes.into_iter().zip([0.123, 1.0, -1.0, 1.0, 0.0]) {
-            let set_point = SetPoint {
-                position_metres: wish,
-                ..SetPoint::default()
-            };
-            let command = law.step(&Measurement::default(), &set_point, 1e-3);
-            assert_eq!(command.current_amperes, current);
-            let published: Vec<u64> = law.term_values().map(f64::to_bits).collect();
-            assert_eq!(published, [wish.to_bits()]);
-        }
-    }
-
-    fn is_sound(command: &Command) -> bool {
-        let terms = &command.explanation;
-        (0.0..=CURRENT_AMPERES_MAX).contains(&command.current_amperes)
-            && terms.reference_position_metres.is_finite()
-            && terms.estimated_temperature_celsius.is_finite()
-            && (0.0..=1.0).contains(&terms.estimated_martensite_fraction)
-            && terms.estimated_velocity_metres_per_second.is_finite()
-            && terms.sliding_variable_metres_per_second_squared.is_finite()
-            && terms.equivalent_part_square_amperes.is_finite()
-            && terms.switching_part_square_amperes.is_finite()
-    }
-
     fn any_position() -> impl Strategy<Value = f64> {
         prop_oneof![
             8 => 0.0..0.06_f64,
@@ -482,20 +296,25 @@ mod tests {
 
     proptest! {
         #[test]
-        fn commands_are_sound_for_any_measurement(
+        fn what_a_law_writes_is_finite_and_a_current_for_any_measurement(
             positions in prop::collection::vec(any_position(), 1..300),
             target in -0.1..0.1_f64,
         ) {
             for controller in all_laws() {
                 let mut law = law(&controller).unwrap();
+                let mut writes = vec![0.0; law.ports().outputs.len()];
+                let drives = law.drives().unwrap();
                 for (cycle, &position_metres) in positions.iter().enumerate() {
-                    let measurement = Measurement {
-                        scenario_time_seconds: f64::from(u16::try_from(cycle).unwrap()) * 1e-3,
-                        position_metres,
-                    };
                     let set_point = SetPoint { position_metres: target, ..SetPoint::default() };
-                    let command = law.step(&measurement, &set_point, 1e-3);
-                    prop_assert!(is_sound(&command), "{command:?}");
+                    let reads = LoopReads { position_metres, set_point };
+                    let cycle = Cycle {
+                        scenario_time_seconds: f64::from(u16::try_from(cycle).unwrap()) * 1e-3,
+                        period_seconds: 1e-3,
+                    };
+                    law.step(&cycle, &reads.values(), &mut writes);
+                    prop_assert!(writes.iter().all(|value| value.is_finite()), "{writes:?}");
+                    let mut currents = writes[..drives].iter();
+                    prop_assert!(currents.all(|it| (0.0..=CURRENT_AMPERES_MAX).contains(it)));
                 }
             }
         }

@@ -2,10 +2,10 @@
 //!
 //! Comes in: what a controller may know of a scenario (`ControllerView`), a rig file with its drive's EDS if the drive is not
 //! the emulated one, and the frames of the drive. Goes out: a [`ControllerNode`], which finds the drive, configures it by
-//! SDO, leads it by a law's current commands in RPDO1, explains each command in its own TPDOs, and stops the drive when
+//! SDO, leads it by a law's current commands in RPDO1, publishes the law's terms in its own TPDOs, and stops the drive when
 //! something is wrong.
 //!
-//! [`law`] says what a law of one loop is, [`law_with_ports`] one of all loops, [`catalogue`] lists those that ship and those that a bench from outside brings.
+//! [`law`] says what a law is, [`laws`] has those that ship, [`catalogue`] finds them and those that a bench from outside brings.
 //!
 //! It does not know: the true plant (its model is nominal), disturbances, faults and limits of the scenario, and in which
 //! world it runs. The platform is named in `main.rs` only.
@@ -14,25 +14,21 @@
 pub mod catalogue;
 mod cause;
 mod error;
-mod explanation;
 mod filtered_position;
 pub mod law;
-pub mod law_with_ports;
+pub mod laws;
 mod manager;
 pub mod mode;
 pub mod node;
 mod node_ids;
 pub mod nominal_model;
 pub mod observer;
-pub mod open_loop;
-pub mod pid;
-pub mod pid_pair;
 mod plausibility;
 pub mod reference_filter;
-pub mod sliding_mode;
-pub mod sliding_mode_paper;
+mod terms;
 #[cfg(test)]
 mod test_rig;
+mod wired_law;
 
 pub use error::ControllerError;
 pub use node::ControllerNode;

@@ -4,18 +4,18 @@
 //! next SYNC: one cycle of delay. Scenario time 0 is the first SYNC after every drive's latest statusword said Operation
 //! enabled.
 //!
-//! [`sequence`] leads from the search for the drives to their stop, [`control_loop`] is what runs in between, [`drive`] is
-//! what each loop moves, and [`application`] is what calls them.
+//! [`sequence`] leads from the search for the drives to their stop, [`control_loop`] and [`leading_law`] are what runs in between,
+//! [`drive`] is what each loop moves, and [`application`] is what calls them.
 
 mod application;
 mod control_loop;
 mod drive;
+mod leading_law;
 mod phase;
 mod sequence;
 mod statistics;
 #[cfg(test)]
 mod tests;
-mod together;
 
 use std::ops::RangeInclusive;
 use std::time::Duration;
@@ -24,30 +24,26 @@ use canopen::object_dictionary::Entry;
 use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
 use dbc::LawTerm;
 use scenario::ControllerView;
-use scenario::controller::OpenLoop as ProfileOfNone;
-use scenario::law_ports::terms_of;
 use scenario::loops::OneLoop;
 use scenario::plant::SMA_ACTUATOR;
-use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
 use scenario::rig::{Limits, RigDrive, RigFile, Timeouts};
 
 use crate::catalogue;
 use crate::error::ControllerError;
-use crate::explanation::{self, ExplanationObjects};
-use crate::law::Law;
-use crate::law_with_ports::{Ports, WiredLaw};
+use crate::law::AnyLaw;
 use crate::node_ids::{CONTROLLER, DISTURBANCE};
-use crate::open_loop::OpenLoop;
 use crate::plausibility::Plausibility;
+use crate::terms;
+use crate::wired_law::{Seen, WiredLaw};
 use control_loop::ControlLoop;
 pub use drive::ENABLE_TIME;
 use drive::LedDrive;
+use leading_law::LeadingLaw;
 use phase::Phase;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
 pub use statistics::Statistics;
-use together::Together;
 
 /// The parameters of SDO clients (CiA 301, 7.5.2.33).
 const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
@@ -114,54 +110,52 @@ impl ControllerNode {
         // All are begun at once, when the last is ready.
         let bring_up = plans.iter().map(|plan| plan.timeouts.bring_up());
         let bring_up = bring_up.max().unwrap_or_default();
-        let together = law_of_all(&plans)?;
-        let laws = plans.iter().map(|plan| match together {
-            Some(_) => Ok(Law::of::<OpenLoop>(&ProfileOfNone::default())),
-            None => catalogue::law(&plan.view.controller),
-        });
-        let laws = laws.collect::<Result<Vec<_>, _>>()?;
-        let terms = laws.iter().zip(&plans).map(|(law, plan)| match &together {
-            Some(together) => terms_of_loop(together.ports(), plan.view),
-            None => law.terms(),
-        });
-        let terms = Vec::from_iter(terms);
+        let laws = laws_of(&plans)?;
+        let mut terms = vec![Vec::new(); plans.len()];
+        for (law, places) in &laws {
+            for place in places {
+                let is_further = law.drives().is_some() && places.first() != Some(place);
+                if !is_further {
+                    terms[*place] = law.terms(&plans[*place].view.wiring);
+                }
+            }
+        }
         let drives = plans.iter().map(|plan| plan.drive.node_id());
         let dictionary = dictionary(&terms, &Vec::from_iter(drives), &io_nodes)?;
-        let further = further_drives(&plans);
-        let loops = plans.into_iter().zip(laws).enumerate();
-        let loops = loops.map(|(place, (plan, law))| {
+        let laws = laws.into_iter().map(|(law, places)| {
+            let wiring = &plans[places[0]].view.wiring;
+            let law = WiredLaw::new(law, &places, wiring, &dictionary)?;
+            Ok(LeadingLaw::new(law, places))
+        });
+        let laws = laws.collect::<Result<_, ControllerError>>()?;
+        let loops = plans.into_iter().map(|plan| {
             let view = plan.view;
             let is_wire = view.plant == SMA_ACTUATOR;
-            let unit = &view.wiring.unit;
-            Ok(ControlLoop {
+            let limits = plan
+                .limits
+                .map(|limits| LimitWatch::new(limits, sync_period).in_unit(&view.wiring.unit));
+            let plausibility = Plausibility::new(&view.wiring, is_wire);
+            ControlLoop {
                 drive: LedDrive::new(
                     plan.drive,
                     sync_period,
                     &plan.timeouts,
-                    plan.limits
-                        .map(|limits| LimitWatch::new(limits, sync_period).in_unit(unit)),
-                    Plausibility::new(&view.wiring, is_wire),
+                    limits,
+                    plausibility,
                 ),
-                law_units_per_metre: match unit {
-                    Unit::Millimetres => 1.0,
-                    _ => 1e3,
-                },
                 missing_max: plan.timeouts.missing_positions_cycles.into(),
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
-                explanation: ExplanationObjects::find(&dictionary, terms[place].len(), place)?,
-                law,
-                further: further[place].clone(),
-                is_led: view.wiring.led_by.is_some() || together.is_some(),
                 sync_period,
                 has_position: false,
-                position_metres: f64::NAN,
+                seen: Seen::default(),
+                scenario_time_seconds: 0.0,
                 missing: 0,
-            })
+            }
         });
         let controller = Controller {
-            loops: loops.collect::<Result<_, ControllerError>>()?,
-            together: together.map(Together::new),
+            loops: loops.collect(),
+            laws,
             io_nodes,
             sync_period,
             bring_up,
@@ -180,45 +174,31 @@ impl ControllerNode {
     }
 }
 
-/// The law with ports that leads all loops, wired to them; none where each has its own.
-fn law_of_all(plans: &[LoopPlan<'_>]) -> Result<Option<WiredLaw>, ControllerError> {
-    let mut found = plans.iter().filter_map(|plan| {
-        let law = catalogue::joint_law(&plan.view.controller)?;
-        Some((law, &plan.view.wiring.loops))
-    });
-    let Some((law, loops)) = found.next() else {
-        return Ok(None);
-    };
-    Ok(Some(WiredLaw::new(law?, loops)?))
+/// The laws, each with the places of the loops that it leads: one for all, or for each loop one that leads its further drives too.
+fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, ControllerError> {
+    let mut laws = Vec::new();
+    let leaders = plans.iter().enumerate();
+    for (place, plan) in leaders.filter(|(_, plan)| plan.view.wiring.led_by.is_none()) {
+        let law = catalogue::law(&plan.view.controller)?;
+        if law.drives().is_none() {
+            return Ok(vec![(law, (0..plans.len()).collect())]);
+        }
+        let places = [place].into_iter().chain(further_drives(plans, plan));
+        laws.push((law, places.collect()));
+    }
+    Ok(laws)
 }
 
-/// What a law of all loops publishes for one of them.
-fn terms_of_loop(ports: &Ports, view: &ControllerView) -> Vec<LawTerm> {
-    let Some(own) = view.wiring.own_loop() else {
-        return Vec::new();
-    };
-    let terms = terms_of(ports, own);
-    let terms = terms.map(|(name, port)| LawTerm {
-        name: name.to_owned(),
-        unit: port.symbol.clone(),
-        comment: port.comment.clone(),
+/// The places of the loops that stand for the further drives of a loop, in their order.
+fn further_drives(plans: &[LoopPlan<'_>], leader: &LoopPlan<'_>) -> Vec<usize> {
+    let own_id = leader.drive.node_id().get();
+    let led = plans.iter().enumerate().filter_map(|(place, plan)| {
+        let by = plan.view.wiring.led_by?;
+        (by.first == own_id).then_some((by.place, place))
     });
-    terms.collect()
-}
-
-/// For each loop the places of those that stand for the further drives which its law leads, in their order.
-fn further_drives(plans: &[LoopPlan<'_>]) -> Vec<Vec<usize>> {
-    let of_leader = |leader: &LoopPlan<'_>| {
-        let own_id = leader.drive.node_id().get();
-        let led = plans.iter().enumerate().filter_map(|(place, plan)| {
-            let by = plan.view.wiring.led_by?;
-            (by.first == own_id).then_some((by.place, place))
-        });
-        let mut led = Vec::from_iter(led);
-        led.sort_unstable();
-        Vec::from_iter(led.into_iter().map(|(_, place)| place))
-    };
-    plans.iter().map(of_leader).collect()
+    let mut led = Vec::from_iter(led);
+    led.sort_unstable();
+    led.into_iter().map(|(_, place)| place).collect()
 }
 
 /// A loop that is to be closed.
@@ -261,7 +241,8 @@ impl<'a> LoopPlan<'a> {
     }
 }
 
-/// The parameters of an SDO client for each of these nodes, to which the controller talks, in place of those of the shipped rig.
+/// The objects of the data sheet less those of its law, with the parameters of an SDO client for each of these nodes, to which the
+/// controller talks, in place of those of the shipped rig.
 fn with_clients(
     shipped: &ObjectDictionary,
     servers: impl Iterator<Item = NodeId>,
@@ -269,8 +250,9 @@ fn with_clients(
     let mut dictionary = ObjectDictionary::new();
     let (clients, others): (Vec<_>, Vec<_>) =
         (shipped.entries().iter()).partition(|entry| SDO_CLIENTS.contains(&entry.index));
+    let others = others.into_iter();
     others
-        .into_iter()
+        .filter(|entry| !terms::is_of_law(entry.index))
         .for_each(|entry| dictionary.insert(entry.clone()));
     let mut once = Vec::new();
     for server in servers {
@@ -297,9 +279,9 @@ fn with_clients(
     dictionary
 }
 
-/// The controller's objects, with those that explain the law of each loop, by its own terms.
+/// The controller's objects, with those of the terms of each loop.
 fn dictionary(
-    laws: &[Vec<LawTerm>],
+    loops: &[Vec<LawTerm>],
     drives: &[NodeId],
     io_nodes: &[NodeId],
 ) -> Result<ObjectDictionary, ControllerError> {
@@ -310,15 +292,15 @@ fn dictionary(
     let watch = dictionary.find(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
     let watch = watch.map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
     let watch = dictionary.entry(watch).clone();
-    for (place, terms) in laws.iter().enumerate() {
-        explanation::declare(&mut dictionary, &shipped, terms, place);
+    for (place, terms) in loops.iter().enumerate() {
+        terms::declare(&mut dictionary, &shipped, terms, place);
         let mut entry = watch.clone();
         entry.sub_index = watch_entry(place);
         dictionary.insert(entry);
     }
-    if laws.len() > 1 {
-        let count = watch_entry(laws.len() - 1);
-        explanation::set_default(&mut dictionary, CONSUMER_HEARTBEAT_TIME, 0, &[count]);
+    if loops.len() > 1 {
+        let count = watch_entry(loops.len() - 1);
+        terms::set_default(&mut dictionary, CONSUMER_HEARTBEAT_TIME, 0, &[count]);
         // The data sheet watches the module of the shipped rig, whose node-ID may be a drive's here.
         let time = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
         let time = time.unwrap_or_default() & u32::from(u16::MAX);
@@ -326,7 +308,7 @@ fn dictionary(
             .first()
             .map_or(0, |id| u32::from(id.get()) << 16 | time);
         let watch = watch.to_le_bytes();
-        explanation::set_default(
+        terms::set_default(
             &mut dictionary,
             CONSUMER_HEARTBEAT_TIME,
             IO_WATCH_ENTRY,

@@ -444,6 +444,13 @@ impl NominalModel {
         self.holding_position(MARTENSITE_FRACTION_MIN).max(0.0)
     }
 
+    /// What makes no physical sense of a law's parameter `nominal_model`: a wire that lifts its load nowhere.
+    pub(crate) fn objection(&self) -> Option<(&'static str, String)> {
+        let reason = "a wire as soft or a load as heavy as here is lifted nowhere";
+        let lifts = self.set_point_metres_max() > 0.0;
+        (!lifts).then(|| ("nominal_model", reason.to_owned()))
+    }
+
     /// True where the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).
     #[must_use]
     #[inline]

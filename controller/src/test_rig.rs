@@ -4,11 +4,17 @@ use scenario::controller::{Controller, NominalModel as ModelConfig};
 use scenario::reference::SetPoint;
 
 use crate::catalogue::law;
-use crate::law::{Command, Measurement};
+use crate::law::{Cycle, LoopReads};
 use crate::nominal_model::NominalModel;
 
 /// Cycle of the rig.
 pub(crate) const PERIOD_SECONDS: f64 = 1e-3;
+
+/// One cycle of a law without a clock.
+pub(crate) const CYCLE: Cycle = Cycle {
+    scenario_time_seconds: 0.0,
+    period_seconds: PERIOD_SECONDS,
+};
 
 /// One step of the rig's 10-bit converter over 60 mm.
 pub(crate) const SENSOR_STEP_METRES: f64 = 0.06 / 1024.0;
@@ -27,12 +33,24 @@ pub(crate) fn hold(position_metres: f64) -> SetPoint {
 }
 
 /// One cycle as recorded.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Row {
     pub(crate) time_seconds: f64,
     pub(crate) position_metres: f64,
     pub(crate) temperature_celsius: f64,
-    pub(crate) command: Command,
+    /// What the law wrote, by the names of its outputs.
+    writes: Vec<(String, f64)>,
+}
+
+impl Row {
+    pub(crate) fn term(&self, name: &str) -> f64 {
+        let mut writes = self.writes.iter();
+        writes.find(|(output, _)| output == name).unwrap().1
+    }
+
+    pub(crate) fn current_amperes(&self) -> f64 {
+        self.term("current_amperes")
+    }
 }
 
 /// Runs a law on a plant of these parameters.
@@ -45,23 +63,32 @@ pub(crate) fn run(
     let mut law = law(controller).unwrap();
     let plant = NominalModel::new(plant);
     let mut state = plant.start();
+    let mut writes = vec![0.0; law.ports().outputs.len()];
     let mut current = 0.0;
     let mut rows = Vec::new();
     let mut time_seconds = 0.0;
     while time_seconds < seconds {
-        let measurement = Measurement {
-            scenario_time_seconds: time_seconds,
+        let reads = LoopReads {
             position_metres: sampled(state.position_metres),
+            set_point: set_point(time_seconds),
         };
-        let command = law.step(&measurement, &set_point(time_seconds), PERIOD_SECONDS);
+        let cycle = Cycle {
+            scenario_time_seconds: time_seconds,
+            ..CYCLE
+        };
+        law.step(&cycle, &reads.values(), &mut writes);
+        let outputs = law.ports().outputs.iter();
         rows.push(Row {
             time_seconds,
-            position_metres: measurement.position_metres,
+            position_metres: reads.position_metres,
             temperature_celsius: state.temperature_celsius,
-            command,
+            writes: outputs
+                .zip(&writes)
+                .map(|(port, value)| (port.name.clone(), *value))
+                .collect(),
         });
         state = plant.advance(&state, current * current, PERIOD_SECONDS);
-        current = command.current_amperes;
+        current = writes[0];
         time_seconds += PERIOD_SECONDS;
     }
     rows

@@ -1,19 +1,19 @@
-//! The frames of the rig with a law that has terms of its own: they stand in place of those of the sliding-mode law.
+//! The frames in which the controller publishes the terms of a law.
 
-use crate::coding::{ByteOrder, Coding, Kind, Scale};
-use crate::database::{Database, Signal};
+use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
+use crate::database::{Database, Message, Signal};
+use crate::loops::TERMS_EVERY_CYCLES;
+use crate::signals::LAW_MESSAGES;
 
-/// Messages that hold a law's own terms, in this order; TPDO1 keeps the reference that every law follows.
-const MESSAGES: [&str; 3] = ["controller_tpdo2", "controller_tpdo3", "controller_tpdo4"];
-/// Terms in a message.
-const TERMS_IN_MESSAGE: usize = 2;
-const BITS: u8 = 32;
 /// Object of the first term; the others follow.
-pub const LAW_TERMS_OBJECT: u16 = 0x2210;
-/// Most terms that a law may have of its own: what fits TPDO2 to TPDO4.
-pub const LAW_TERMS_MAX: usize = MESSAGES.len() * TERMS_IN_MESSAGE;
+pub const LAW_TERMS_OBJECT: u16 = 0x2200;
+const MESSAGE_BITS: u8 = 64;
+const BYTE: u8 = 8;
+/// COB-ID of the controller's TPDO1, and its distance from the next one's (CiA 301, 7.3.5).
+const FIRST_COB_ID: u32 = 0x181;
+const COB_ID_DISTANCE: usize = 0x100;
 
-/// A term of a law's own: a real number of 32 bits.
+/// A term of a law.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LawTerm {
     /// Name; the unit is its end.
@@ -22,58 +22,120 @@ pub struct LawTerm {
     pub unit: String,
     /// What it is.
     pub comment: String,
+    /// Its bits: 8, 16 or 32, or fewer than 8.
+    pub bits: u8,
+    /// What the bits are.
+    pub kind: Kind,
+    /// Counts of one unit.
+    pub counts_per_unit: f64,
+    /// Lowest and highest value.
+    pub range: Range,
+}
+
+/// An object that holds a term, or several that share a byte.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct TermObject {
+    /// Place of its TPDO, from 0.
+    pub message: usize,
+    /// Its first bit there.
+    pub start_bit: u8,
+    /// Its bits.
+    pub bits: u8,
+    /// Places of its terms, each with its first bit in the object.
+    pub terms: Vec<(usize, u8)>,
+}
+
+/// Lays out terms in objects, and these in TPDOs of 8 bytes, in their order. `None` where they need more than the controller has.
+#[must_use]
+pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
+    let mut objects: Vec<TermObject> = Vec::new();
+    let (mut message, mut end, mut shared) = (0, 0, 0);
+    for (place, term) in terms.iter().enumerate() {
+        let is_part = term.bits < BYTE;
+        if let Some(object) = objects.last_mut().filter(|_| is_part && shared > 0)
+            && shared + term.bits <= BYTE
+        {
+            object.terms.push((place, shared));
+            shared += term.bits;
+            continue;
+        }
+        shared = if is_part { term.bits } else { 0 };
+        let bits = term.bits.max(BYTE);
+        if end + bits > MESSAGE_BITS {
+            (message, end) = (message + 1, 0);
+        }
+        objects.push(TermObject {
+            message,
+            start_bit: end,
+            bits,
+            terms: vec![(place, 0)],
+        });
+        end += bits;
+    }
+    (message < LAW_MESSAGES.len()).then_some(objects)
 }
 
 impl Database {
-    /// The same with a law that has these terms: two in each of `controller_tpdo2` to `controller_tpdo4`, of which only
-    /// those are left that hold one. A law without own terms changes nothing.
+    /// The same with a law that has these terms, in `controller_tpdo1` to `controller_tpdo4`. Of these only those are there that hold
+    /// one.
     #[must_use]
-    pub fn with_law(&self, terms: &[LawTerm]) -> Self {
-        if terms.is_empty() {
-            return self.clone();
-        }
-        let mut messages = self.messages().to_vec();
-        for (place, name) in MESSAGES.into_iter().enumerate() {
-            let first = place * TERMS_IN_MESSAGE;
-            let terms = terms.iter().enumerate().skip(first).take(TERMS_IN_MESSAGE);
-            for message in messages.iter_mut().filter(|message| message.name == name) {
-                let receivers = message.signals[0].receivers.clone();
-                let signals = terms
-                    .clone()
-                    .zip([0, BITS])
-                    .map(|((number, term), start_bit)| Signal {
-                        receivers: receivers.clone(),
-                        ..signal(number, term, start_bit)
-                    });
-                message.signals = signals.collect();
-                message.length_bytes = message.signals.iter().map(|_| BITS / 8).sum();
-                "Own terms of the law, every 10th SYNC.".clone_into(&mut message.comment);
-            }
-        }
-        messages.retain(|message| {
-            !MESSAGES.contains(&message.name.as_str()) || !message.signals.is_empty()
-        });
-        Self::from_messages(messages)
+    pub fn with_terms(&self, terms: &[LawTerm]) -> Self {
+        let objects = layout(terms).unwrap_or_default();
+        let others = self.messages().iter();
+        let others = others.filter(|message| !LAW_MESSAGES.contains(&message.name.as_str()));
+        let places = 0..LAW_MESSAGES.len();
+        let own = places.map(|place| message(place, terms, &objects));
+        let own = own.filter(|message| !message.signals.is_empty());
+        Self::from_messages(others.cloned().chain(own).collect())
     }
 }
 
-fn signal(number: usize, term: &LawTerm, start_bit: u8) -> Signal {
+fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
+    let numbered = (LAW_TERMS_OBJECT..).zip(objects);
+    let own = numbered.filter(|(_, object)| object.message == place);
+    let length_bits: u8 = own.clone().map(|(_, object)| object.bits).sum();
+    let signals = own.flat_map(|(number, object)| {
+        let terms = (object.terms.iter()).map(|(term, bit)| (&terms[*term], bit));
+        terms.map(move |(term, bit)| signal(number, term, object.start_bit + bit))
+    });
+    Message {
+        name: LAW_MESSAGES[place].to_owned(),
+        raw_id: (FIRST_COB_ID..)
+            .step_by(COB_ID_DISTANCE)
+            .nth(place)
+            .unwrap_or_default(),
+        length_bytes: length_bits / BYTE,
+        sender: Some("controller".to_owned()),
+        cycle_time_milliseconds: TERMS_EVERY_CYCLES.into(),
+        comment: format!(
+            "TPDO{} of the controller, every {TERMS_EVERY_CYCLES}th SYNC: terms of the law.",
+            place + 1
+        ),
+        signals: signals.collect(),
+    }
+}
+
+fn signal(object: u16, term: &LawTerm, start_bit: u8) -> Signal {
+    let factor = 1.0 / term.counts_per_unit;
     Signal {
         name: term.name.clone(),
         unit: term.unit.clone(),
         coding: Coding {
             start_bit,
-            length_bits: BITS,
+            length_bits: term.bits,
             byte_order: ByteOrder::LittleEndian,
-            kind: Kind::Float32,
-            factor: 1.0,
+            kind: term.kind,
+            factor,
             offset: 0.0,
-            range: None,
-            scale: Scale::new(1.0),
+            range: Some(term.range),
+            scale: Scale::new(factor),
         },
-        labels: Vec::new(),
-        receivers: Vec::new(),
-        object: format!("0x{:04X}:00", usize::from(LAW_TERMS_OBJECT) + number),
+        labels: match term.bits {
+            1 => vec![(0, "no".to_owned()), (1, "yes".to_owned())],
+            _ => Vec::new(),
+        },
+        receivers: vec!["bench".to_owned()],
+        object: format!("0x{object:04X}:00"),
         comment: term.comment.clone(),
     }
 }
@@ -83,18 +145,29 @@ mod tests {
     use super::*;
     use canopen::CanFrame;
 
-    fn terms(names: &[&str]) -> Vec<LawTerm> {
-        let term = |name: &&str| LawTerm {
-            name: (*name).to_owned(),
+    fn term(name: &str, bits: u8, kind: Kind) -> LawTerm {
+        LawTerm {
+            name: name.to_owned(),
             unit: "A".to_owned(),
             comment: String::new(),
-        };
-        names.iter().map(term).collect()
+            bits,
+            kind,
+            counts_per_unit: 1.0,
+            range: Range {
+                minimum: 0.0,
+                maximum: 1.0,
+            },
+        }
+    }
+
+    fn real(name: &str) -> LawTerm {
+        term(name, 32, Kind::Float32)
     }
 
     #[test]
-    fn terms_stand_in_place_of_those_of_the_sliding_mode_law() {
-        let database = Database::shipped().with_law(&terms(&["a", "b", "c"]));
+    fn terms_stand_one_behind_the_other() {
+        let terms = ["a", "b", "c"].map(real);
+        let database = Database::shipped().with_terms(&terms);
         let value = -0.125_f32;
         let mut bytes = [0; 8];
         bytes[4..].copy_from_slice(&value.to_le_bytes());
@@ -102,19 +175,46 @@ mod tests {
             let signal = database.signal(path).unwrap();
             signal.decode(&CanFrame::new(id, bytes))
         };
-        assert_eq!(decode("controller_tpdo2.b", 0x281, &bytes), Some(-0.125));
-        let third = decode("controller_tpdo3.c", 0x381, &value.to_le_bytes());
+        assert_eq!(decode("controller_tpdo1.b", 0x181, &bytes), Some(-0.125));
+        let third = decode("controller_tpdo2.c", 0x281, &value.to_le_bytes());
         assert_eq!(third, Some(-0.125));
-        assert!(database.message("controller_tpdo4").is_none());
-        let reference = "controller_tpdo1.reference_position_millimetres";
-        assert!(database.signal(reference).is_some());
-        let object = &database.definition("controller_tpdo3.c").unwrap().object;
-        assert_eq!(object, "0x2212:00");
+        assert!(database.message("controller_tpdo3").is_none());
+        let object = &database.definition("controller_tpdo2.c").unwrap().object;
+        assert_eq!(object, "0x2202:00");
     }
 
     #[test]
-    fn a_law_without_own_terms_has_the_shipped_frames() {
-        let shipped = Database::shipped();
-        assert_eq!(&shipped.with_law(&[]), shipped);
+    fn small_terms_share_a_byte_as_far_as_it_goes() {
+        let flag = |name| term(name, 1, Kind::Unsigned);
+        let five = |name| term(name, 5, Kind::Unsigned);
+        let terms = [real("a"), flag("b"), five("c"), five("d"), real("e")];
+        let objects = layout(&terms).unwrap();
+        let places = Vec::from_iter(objects.iter().map(|it| (it.message, it.start_bit, it.bits)));
+        assert_eq!(places, [(0, 0, 32), (0, 32, 8), (0, 40, 8), (1, 0, 32)]);
+        assert_eq!(objects[1].terms, [(1, 0), (2, 1)]);
+        let database = Database::shipped().with_terms(&terms);
+        let coding = database.definition("controller_tpdo1.c").unwrap().coding;
+        assert_eq!((coding.start_bit, coding.length_bits), (33, 5));
+        assert_eq!(
+            database.message("controller_tpdo1").unwrap().length_bytes,
+            6
+        );
+    }
+
+    #[test]
+    fn more_than_four_frames_of_terms_are_refused() {
+        let reals = |count| Vec::from_iter((0..count).map(|number| real(&format!("x{number}"))));
+        assert!(layout(&reals(8)).is_some());
+        assert_eq!(layout(&reals(9)), None);
+    }
+
+    #[test]
+    fn a_law_without_terms_has_no_frames() {
+        let database = Database::shipped().with_terms(&[]);
+        assert!(
+            LAW_MESSAGES
+                .iter()
+                .all(|name| database.message(name).is_none())
+        );
     }
 }

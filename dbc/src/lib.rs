@@ -46,7 +46,7 @@ pub use database::{
     Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,
 };
 pub use error::{DbcError, SignalMissing};
-pub use law::{LAW_TERMS_MAX, LAW_TERMS_OBJECT, LawTerm};
+pub use law::{LAW_TERMS_OBJECT, LawTerm, TermObject, layout};
 pub use plant::PlantSignal;
 
 /// The frames of the rig (`sma_actuator.dbc`).

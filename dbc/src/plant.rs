@@ -13,9 +13,8 @@ const TPDO3_OFFSET: u32 = 0x100;
 /// Signals before the true position in TPDO2.
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
-const CONTROLLER_EMERGENCY: &str = "controller_emergency";
-/// What the shipped DBC says of a wire, and what is said of another plant.
-const LABELS_WITHOUT_WIRE: [(&str, &str); 2] = [
+/// What the shipped DBC says of a wire in the controller's emergencies, and what is said of another plant.
+const WORDS_OF_A_WIRE: [(&str, &str); 2] = [
     (
         "position changes faster than the wire moves",
         "position changes faster than the plant moves",
@@ -70,7 +69,13 @@ impl Database {
             messages.push(tpdo3);
         }
         if !signals.iter().any(|signal| signal.name == WIRE_TEMPERATURE) {
-            messages.iter_mut().for_each(relabel_without_wire);
+            let signals = messages.iter_mut().flat_map(|message| &mut message.signals);
+            for (_, label) in signals.flat_map(|signal| &mut signal.labels) {
+                let mut words = WORDS_OF_A_WIRE.iter();
+                if let Some((_, of_a_plant)) = words.find(|(of_a_wire, _)| label == of_a_wire) {
+                    (*of_a_plant).clone_into(label);
+                }
+            }
         }
         Self::from_messages(messages)
     }
@@ -130,23 +135,6 @@ impl Database {
             message
         });
         Self::from_messages(messages.collect())
-    }
-}
-
-/// Says what the controller's emergencies mean of a plant that is no wire.
-fn relabel_without_wire(message: &mut Message) {
-    if message.name != CONTROLLER_EMERGENCY {
-        return;
-    }
-    let labels = message
-        .signals
-        .iter_mut()
-        .flat_map(|signal| &mut signal.labels);
-    for (_, label) in labels {
-        let mut all = LABELS_WITHOUT_WIRE.iter();
-        if let Some((_, of_a_plant)) = all.find(|(of_a_wire, _)| label == of_a_wire) {
-            (*of_a_plant).clone_into(label);
-        }
     }
 }
 
@@ -222,7 +210,7 @@ mod tests {
     fn an_emergency_speaks_of_a_wire_only_where_there_is_one() {
         let labels = |signals: &[PlantSignal]| {
             let database = Database::with_plant(signals);
-            let message = database.message(CONTROLLER_EMERGENCY).unwrap();
+            let message = database.message("controller_emergency").unwrap();
             let labels = message.signals.iter().flat_map(|signal| &signal.labels);
             Vec::from_iter(labels.map(|(_, label)| label.clone()))
         };
@@ -231,11 +219,8 @@ mod tests {
             labels(&[signal(WIRE_TEMPERATURE, 0.0)]),
             labels(&[signal("a", 0.0)]),
         );
-        assert_eq!(
-            (count(&wire), count(&motor)),
-            (LABELS_WITHOUT_WIRE.len(), 0)
-        );
-        for (_, text) in LABELS_WITHOUT_WIRE {
+        assert_eq!((count(&wire), count(&motor)), (WORDS_OF_A_WIRE.len(), 0));
+        for (_, text) in WORDS_OF_A_WIRE {
             assert!(motor.iter().any(|label| label == text), "{text}");
         }
     }

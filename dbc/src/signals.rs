@@ -46,8 +46,9 @@ pub const COLUMN_MESSAGES: [&str; 9] = [
 ];
 
 /// Messages that not every rig has: a plant or a law with few signals of its own needs fewer.
-pub const OPTIONAL_MESSAGES: [&str; 4] = [
+pub const OPTIONAL_MESSAGES: [&str; 5] = [
     OTHER_PLANT_SIGNALS,
+    "controller_tpdo1",
     "controller_tpdo2",
     "controller_tpdo3",
     "controller_tpdo4",
@@ -81,11 +82,16 @@ pub fn plant_signals(database: &Database) -> impl Iterator<Item = &Signal> {
     signals.filter(|signal| !signal.name.starts_with(TRUE_POSITION_IN))
 }
 
-/// Terms of a law from outside; the shipped laws use the same messages for those of the sliding-mode law.
-const LAW_MESSAGES: [&str; 3] = ["controller_tpdo2", "controller_tpdo3", "controller_tpdo4"];
+/// Messages that hold the terms of a law, in this order.
+pub const LAW_MESSAGES: [&str; 4] = [
+    "controller_tpdo1",
+    "controller_tpdo2",
+    "controller_tpdo3",
+    "controller_tpdo4",
+];
 
-/// The terms of a law from outside, where the database is that of such a law.
-pub fn own_law_signals(database: &Database) -> impl Iterator<Item = &Signal> {
+/// The terms of the law.
+pub fn law_signals(database: &Database) -> impl Iterator<Item = &Signal> {
     let messages = LAW_MESSAGES.into_iter();
     messages
         .filter_map(|name| database.message(name))

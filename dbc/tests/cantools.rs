@@ -29,7 +29,7 @@ fn written() -> [(&'static str, Database); 4] {
     [
         ("shipped.dbc", shipped.clone()),
         ("dc_motor.dbc", with_dc_motor()),
-        ("own_law.dbc", shipped.with_law(&own_terms())),
+        ("own_law.dbc", shipped.with_terms(&own_terms())),
         ("rig.dbc", of_rig()),
     ]
 }
@@ -73,6 +73,13 @@ fn own_terms() -> Vec<LawTerm> {
         name: name.to_owned(),
         unit: "A".to_owned(),
         comment: "Before\nclipping.".to_owned(),
+        bits: 32,
+        kind: Kind::Float32,
+        counts_per_unit: 1.0,
+        range: Range {
+            minimum: -3.402_823_5e38,
+            maximum: 3.402_823_5e38,
+        },
     };
     names.map(term).to_vec()
 }

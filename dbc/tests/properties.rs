@@ -73,6 +73,13 @@ fn law_terms() -> impl Strategy<Value = Vec<LawTerm>> {
                 name,
                 unit,
                 comment,
+                bits: 32,
+                kind: Kind::Float32,
+                counts_per_unit: 1.0,
+                range: Range {
+                    minimum: -1e9,
+                    maximum: 1e9,
+                },
             });
         terms.collect()
     })
@@ -153,7 +160,7 @@ impl Change {
             Self::CycleTime(index, milliseconds) => {
                 database.with_cycle_time(name(index), *milliseconds)
             }
-            Self::Law(terms) => database.with_law(terms),
+            Self::Law(terms) => database.with_terms(terms),
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use canopen::cia402::Command as DriveCommand;
 use canopen::emcy::{EmergencyMessage, ErrorCode};
 use canopen::nmt::{NmtCommand, NmtState, NodeId};
 use canopen::sync::Sync;
@@ -69,11 +68,12 @@ impl Application for Controller {
                     Ok(())
                 }
                 Phase::Running(cycle) => {
-                    one.on_sample(services, cycle.number, &feedback)
-                        .map(|has_commanded| match has_commanded {
-                            true => self.command_further(services, place),
-                            false => self.command_together(services, cycle.number),
-                        })
+                    let outcome = one.on_sample(services, cycle.number, &feedback);
+                    outcome.map(|has_position| {
+                        if has_position {
+                            self.lead(services, cycle.number);
+                        }
+                    })
                 }
                 _ => Ok(()),
             };
@@ -180,30 +180,10 @@ impl Application for Controller {
 }
 
 impl Controller {
-    /// Commands the further drives that the law of a loop leads.
-    fn command_further(&mut self, services: &mut Services, leader: usize) {
-        let controlword = DriveCommand::EnableOperation.controlword();
-        for number in 0..self.loops[leader].further.len() {
-            let led = self.loops[leader].further[number];
-            let current_amperes = self.loops[leader].law.further_amperes(number + 1);
-            let drive = &mut self.loops[led].drive;
-            drive.command(services, controlword, current_amperes);
-        }
-    }
-
-    /// Commands all drives by the law that leads them together, once the last position of the cycle has come.
-    fn command_together(&mut self, services: &mut Services, number: u64) {
-        let Some(together) = &mut self.together else {
-            return;
-        };
-        if !together.is_due(&self.loops) {
-            return;
-        }
-        together.step(services, &self.loops, number);
-        let controlword = DriveCommand::EnableOperation.controlword();
-        for (place, one) in self.loops.iter_mut().enumerate() {
-            let current_amperes = together.current_amperes(place);
-            one.drive.command(services, controlword, current_amperes);
+    /// Lets the law step whose last position of the cycle has come.
+    fn lead(&mut self, services: &mut Services, number: u64) {
+        for law in &mut self.laws {
+            law.lead(services, &mut self.loops, number);
         }
     }
 
@@ -213,11 +193,11 @@ impl Controller {
         let skipped = overruns - cycle.overruns;
         self.statistics.sync_overruns += skipped;
         self.statistics.cycles += 1;
-        if let Some(together) = &mut self.together {
-            together.end_cycle(services, &self.loops, cycle.number, skipped);
+        for law in &mut self.laws {
+            law.end_cycle(services, &mut self.loops, cycle.number, skipped);
         }
         for one in &mut self.loops {
-            let had_position = one.end_cycle(services, cycle.number, skipped);
+            let had_position = one.end_cycle(skipped);
             self.statistics.missing_positions += u64::from(!had_position);
         }
         self.phase = Phase::Running(Cycle {

@@ -1,37 +1,30 @@
-//! A loop: the set-point, the law that follows it, and the drive that the law moves.
+//! A loop: the set-point, and the drive that follows it, led by a law.
 
 use std::time::Duration;
 
 use canopen::Services;
-use canopen::cia402::{Command as DriveCommand, State};
+use canopen::cia402::State;
 use scenario::reference::{SetPoint, Trajectory};
 use scenario::rig::drive::Feedback;
 
 use super::drive::{LedDrive, state_words};
 use crate::cause::Cause;
-use crate::explanation::ExplanationObjects;
-use crate::law::{Law, Measurement};
+use crate::law::LoopReads;
+use crate::wired_law::Seen;
 
 /// One of the loops that the controller closes.
 #[derive(Debug)]
 pub(super) struct ControlLoop {
     pub(super) drive: LedDrive,
-    pub(super) law: Law,
     pub(super) trajectory: Trajectory,
     /// False in open loop, where the trajectory is 0 throughout.
     pub(super) has_set_point: bool,
-    pub(super) explanation: ExplanationObjects,
     pub(super) sync_period: Duration,
-    /// A law sees metres or, in a loop of another unit, that unit; inside the bench positions are in thousands of it.
-    pub(super) law_units_per_metre: f64,
-    /// The places of the loops that stand for the further drives which its law leads, in their order.
-    pub(super) further: Vec<usize>,
-    /// Whether the law of another loop, or of all loops, leads its drive.
-    pub(super) is_led: bool,
     /// The drive's position of the present cycle has come.
     pub(super) has_position: bool,
-    /// That position, or the one before it.
-    pub(super) position_metres: f64,
+    /// What a law reads of the cycle at which it was looked last, and the scenario time of that.
+    pub(super) seen: Seen,
+    pub(super) scenario_time_seconds: f64,
     /// Cycles without a position in a row.
     pub(super) missing: u64,
     /// The most of them.
@@ -42,9 +35,9 @@ pub(super) struct ControlLoop {
 pub(super) type Failure = (Cause, String);
 
 impl ControlLoop {
-    /// Ends a cycle, and lives through so many that were skipped, so that the law's model keeps pace with the plant. True if
-    /// there was a position.
-    pub(super) fn end_cycle(&mut self, services: &mut Services, number: u64, skipped: u64) -> bool {
+    /// Ends a cycle, and so many that were skipped, so that what is known of the drive keeps pace with it. True if there was a
+    /// position.
+    pub(super) fn end_cycle(&mut self, skipped: u64) -> bool {
         let cycles = f64::from(u32::try_from(skipped).unwrap_or(u32::MAX)) + 1.0;
         let elapsed_seconds = cycles * self.sync_period.as_secs_f64();
         let drive = &mut self.drive;
@@ -53,14 +46,6 @@ impl ControlLoop {
             .advance(elapsed_seconds, drive.current_amperes);
         let had_position = self.has_position;
         self.missing += u64::from(!had_position);
-        if !self.is_led {
-            if !had_position {
-                self.step(services, self.reference(number), f64::NAN);
-            }
-            for passed in 1..=skipped.min(self.missing_max) {
-                self.step(services, self.reference(number + passed), f64::NAN);
-            }
-        }
         self.has_position = false;
         had_position
     }
@@ -85,11 +70,10 @@ impl ControlLoop {
         Err((implausible.unwrap_or(Cause::NoPosition), text))
     }
 
-    /// The drive's sample of a cycle: the law's turn. A second one in a cycle is late or forged and passed over. True if the law has
-    /// commanded.
+    /// The drive's sample of a cycle. A second one in a cycle is late or forged and passed over. True if it brought the position.
     pub(super) fn on_sample(
         &mut self,
-        services: &mut Services,
+        services: &Services,
         number: u64,
         feedback: &Feedback,
     ) -> Result<bool, Failure> {
@@ -108,19 +92,12 @@ impl ControlLoop {
         if let Some(violation) = limits.and_then(|limits| limits.check(services.now(), feedback)) {
             return Err((Cause::RigLimit, violation.to_string()));
         }
-        let reference = self.reference(number);
-        if !self.is_plausible(feedback.position_metres, &reference.1)? {
-            return Ok(false);
+        let set_point = self.look(number, feedback.position_metres);
+        self.has_position = self.is_plausible(feedback.position_metres, &set_point)?;
+        if self.has_position {
+            self.missing = 0;
         }
-        (self.has_position, self.missing) = (true, 0);
-        if self.is_led {
-            self.position_metres = feedback.position_metres;
-            return Ok(false);
-        }
-        let current_amperes = self.step(services, reference, feedback.position_metres);
-        let controlword = DriveCommand::EnableOperation.controlword();
-        self.drive.command(services, controlword, current_amperes);
-        Ok(true)
+        Ok(self.has_position)
     }
 
     fn is_plausible(
@@ -148,33 +125,17 @@ impl ControlLoop {
         }
     }
 
-    /// Scenario time of a cycle, and its set-point.
-    pub(super) fn reference(&self, number: u64) -> (f64, SetPoint) {
+    /// What a law reads of a cycle in which this position came. Returns the set-point.
+    pub(super) fn look(&mut self, number: u64, position_metres: f64) -> SetPoint {
         let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
         let time = Duration::from_nanos(period_nanoseconds.saturating_mul(number));
-        let time_seconds = time.as_secs_f64();
-        (time_seconds, self.trajectory.at(time_seconds))
-    }
-
-    /// One step of the law; the command in amperes.
-    fn step(
-        &mut self,
-        services: &mut Services,
-        (scenario_time_seconds, set_point): (f64, SetPoint),
-        position_metres: f64,
-    ) -> f64 {
-        let factor = self.law_units_per_metre;
-        let measurement = Measurement {
-            scenario_time_seconds,
-            position_metres: position_metres * factor,
+        self.scenario_time_seconds = time.as_secs_f64();
+        let set_point = self.trajectory.at(self.scenario_time_seconds);
+        let reads = LoopReads {
+            position_metres,
+            set_point,
         };
-        let set_point = set_point.times(factor);
-        let period_seconds = self.sync_period.as_secs_f64();
-        let command = self.law.step(&measurement, &set_point, period_seconds);
-        let terms = command.explanation.times(1.0 / factor);
-        let own = self.law.term_values();
-        self.explanation
-            .store(services.dictionary_mut(), &terms, own);
-        command.current_amperes
+        self.seen = reads.values();
+        set_point
     }
 }

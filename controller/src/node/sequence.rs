@@ -8,9 +8,9 @@ use canopen::nmt::{NmtCommand, NodeId};
 
 use super::control_loop::ControlLoop;
 use super::drive::LedDrive;
+use super::leading_law::LeadingLaw;
 use super::phase::{DrivePhase, Phase};
 use super::statistics::Statistics;
-use super::together::Together;
 use crate::cause::Cause;
 use crate::manager::Outcome;
 
@@ -28,8 +28,8 @@ const WATCH_TIME: u32 = 0xFFFF;
 #[derive(Debug)]
 pub(super) struct Controller {
     pub(super) loops: Vec<ControlLoop>,
-    /// The law that leads all of them, where they have none of their own.
-    pub(super) together: Option<Together>,
+    /// The law of each loop, or the one that leads all.
+    pub(super) laws: Vec<LeadingLaw>,
     /// The fan and load modules.
     pub(super) io_nodes: Vec<NodeId>,
     pub(super) sync_period: Duration,

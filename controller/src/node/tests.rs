@@ -385,7 +385,7 @@ fn time_zero_is_the_first_sync_after_operation_enabled_and_commands_follow_the_s
 }
 
 #[test]
-fn each_sync_brings_one_command_and_every_tenth_the_explanation() {
+fn each_sync_brings_one_command_and_every_tenth_the_terms() {
     let mut bus = Bus::new(CLOSED_LOOP);
     bus.run_until_running();
     let from = bus.now + MILLISECOND / 2;
@@ -393,8 +393,8 @@ fn each_sync_brings_one_command_and_every_tenth_the_explanation() {
     let syncs = bus.frames(0x080, from);
     assert_eq!(syncs.len(), 1000);
     assert_eq!(bus.frames(0x210, from).len(), 1000);
-    for id in [0x181, 0x281, 0x381, 0x481] {
-        assert_eq!(bus.frames(id, from).len(), 100, "{id:#x}");
+    for (id, count) in [(0x181, 100), (0x281, 100), (0x381, 0), (0x481, 0)] {
+        assert_eq!(bus.frames(id, from).len(), count, "{id:#x}");
     }
     let counters: Vec<u8> = syncs.iter().map(|frame| frame.data()[0]).collect();
     assert!(counters.windows(2).all(|pair| pair[1] == pair[0] % 240 + 1));
@@ -684,7 +684,7 @@ fn late_ticks_skip_syncs_and_keep_scenario_time() {
 }
 
 #[test]
-fn the_explanation_is_in_the_objects_of_the_dbc() {
+fn the_terms_are_in_the_objects_of_the_dbc() {
     let mut bus = Bus::new(CLOSED_LOOP);
     bus.run_until_running();
     bus.run_for(500 * MILLISECOND);

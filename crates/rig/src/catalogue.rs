@@ -3,9 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use dbc::{Database, LAW_TERMS_MAX, LawTerm, PlantSignal, Range};
-use scenario::controller::Controller;
-use scenario::law_ports::{LawWires, terms_of};
+use dbc::{Database, LawTerm, PlantSignal, Range};
 use scenario::plant::SMA_ACTUATOR;
 use scenario::port::{Port, Ports, Unit};
 use scenario::wiring::IoOutput;
@@ -16,116 +14,121 @@ use crate::external::{External, ExternalNode};
 use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
-use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES};
+use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES, plant_signals};
 
-/// Why a scenario's plant makes no physical sense.
-type FindPlantObjection = fn(&Scenario) -> Option<Objection>;
+/// Why a scenario's plant, or its law, makes no sense.
+type FindObjection = fn(&Scenario) -> Option<Objection>;
 
 /// The ports of a scenario's plant; none for a plant that nobody knows here, or that cannot be made.
 type FindPorts = fn(&Scenario) -> Option<Ports>;
 
-/// The ports of the law that leads all loops of a scenario's rig; none for a law of one loop.
-type FindLawPorts = fn(&Controller) -> Option<Ports>;
+/// The terms that a scenario's law publishes; none for a law that nobody knows here.
+type FindTerms = fn(&Scenario) -> Vec<LawTerm>;
 
 /// The plants and laws that scenarios may choose.
 ///
 /// It knows them by what they put on the bus, not by their code: who plays them hands in the rest.
 pub struct Catalogue {
     /// Plants of one axis, of which a drive always publishes the same.
-    pairs: Vec<Pair>,
-    /// The laws from outside, each with its terms.
-    laws: Vec<(String, Vec<LawTerm>)>,
-    plant_objection: FindPlantObjection,
+    plants: Vec<(String, Vec<PlantSignal>)>,
+    plant_objection: FindObjection,
     find_ports: FindPorts,
-    find_law_ports: FindLawPorts,
-    /// What other pairs of plants and laws put on the bus, as far as they were asked for.
-    others: Mutex<Vec<(Key, Arc<Frames>)>>,
+    law_objection: FindObjection,
+    /// `None` where all laws are taken to publish what the shipped DBC has.
+    find_terms: Option<FindTerms>,
+    /// What plants and laws put on the bus, as far as it was asked for.
+    frames: Mutex<Vec<(Key, Arc<Frames>)>>,
 }
 
-/// By what the frames of two pairs differ.
+/// By what the frames of plants and laws differ.
 #[derive(PartialEq)]
 struct Key {
     signals: Vec<PlantSignal>,
-    terms: Vec<LawTerm>,
+    terms: Option<Vec<LawTerm>>,
     outputs: Vec<IoOutput>,
     unit: Unit,
 }
 
 impl Catalogue {
-    /// The plants of one axis and the laws from outside, each by its name with what it says on the bus; the shipped laws share
-    /// their frames. `plant_objection` says why a scenario's plant makes no physical sense, and `find_ports` which ports it has.
+    /// The plants of one axis, each by its name with what it says on the bus. `plant_objection` says why a scenario's plant makes no
+    /// physical sense, and `find_ports` which ports it has. All laws publish what the shipped DBC has.
     #[must_use]
     pub fn new<'a>(
         plants: impl Iterator<Item = (&'a str, &'a [PlantSignal])>,
-        own_laws: impl Iterator<Item = (&'a str, &'a [LawTerm])>,
-        plant_objection: FindPlantObjection,
+        plant_objection: FindObjection,
         find_ports: FindPorts,
     ) -> Self {
-        let own = own_laws.map(|(name, terms)| (name.to_owned(), terms.to_vec()));
-        let own = Vec::from_iter(own);
-        let shipped = (None, &[][..]);
-        let named = own.iter();
-        let named = named.map(|(name, terms)| (Some(name.as_str()), terms.as_slice()));
-        let laws = Vec::from_iter([shipped].into_iter().chain(named));
-        let pairs = plants.flat_map(|(plant, signals)| {
-            let pairs = laws.iter().map(move |(law, terms)| Pair {
-                plant: plant.to_owned(),
-                law: law.map(str::to_owned),
-                frames: Arc::new(Frames::new(signals, terms)),
-            });
-            pairs.collect::<Vec<_>>()
-        });
         Self {
-            pairs: pairs.collect(),
-            laws: own,
+            plants: plants
+                .map(|(name, signals)| (name.to_owned(), signals.to_vec()))
+                .collect(),
             plant_objection,
             find_ports,
-            find_law_ports: |_| None,
-            others: Mutex::default(),
+            law_objection: |_| None,
+            find_terms: None,
+            frames: Mutex::default(),
         }
     }
 
-    /// The same with laws that lead all loops of a rig, by what finds their ports.
+    /// The same with laws, by the terms that they publish, and by what says why a scenario's law makes no sense.
     #[must_use]
-    pub fn with_laws_of_all(self, find_law_ports: FindLawPorts) -> Self {
+    pub fn with_laws(self, find_terms: FindTerms, law_objection: FindObjection) -> Self {
         Self {
-            find_law_ports,
+            find_terms: Some(find_terms),
+            law_objection,
             ..self
         }
     }
 
-    /// The SMA actuator under the shipped laws, by the DBC that ships: enough to read its recordings without any plant's code.
+    /// The SMA actuator under the sliding-mode law, by the DBC that ships: enough to read its recordings without any plant's code.
     #[must_use]
     pub fn shipped() -> Self {
-        let pair = Pair {
-            plant: SMA_ACTUATOR.to_owned(),
-            law: None,
-            frames: Arc::new(Frames::from_database(Arc::new(Database::shipped().clone()))),
-        };
-        Self {
-            pairs: vec![pair],
-            laws: Vec::new(),
-            plant_objection: |_| None,
-            find_ports: |_| None,
-            find_law_ports: |_| None,
-            others: Mutex::default(),
-        }
+        let wire = plant_signals(Database::shipped()).map(|signal| PlantSignal {
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            comment: signal.comment.clone(),
+            resolution: signal.coding.factor,
+            range: signal.coding.range.unwrap_or(Range {
+                minimum: 0.0,
+                maximum: 1.0,
+            }),
+        });
+        let wire = Vec::from_iter(wire);
+        let plants = [(SMA_ACTUATOR, wire.as_slice())];
+        Self::new(plants.into_iter(), |_| None, |_| None)
     }
 
     /// What a scenario's plant and law put on the bus.
     #[must_use]
     pub fn frames(&self, scenario: &Scenario) -> Arc<Frames> {
-        let law = scenario.controller.own.as_ref().map(|own| own.name());
+        let key = Key {
+            signals: self.signals(scenario),
+            terms: self.find_terms.map(|find| find(scenario)),
+            outputs: self.outputs(scenario),
+            unit: scenario.wiring.unit.clone(),
+        };
+        // What is half done there is still right.
+        let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, frames)) = known.iter().find(|(other, _)| *other == key) {
+            return Arc::clone(frames);
+        }
+        let frames = Frames::in_unit(&key.signals, key.terms.as_deref(), &key.unit);
+        let frames = Arc::new(frames.with_outputs(&key.outputs));
+        known.push((key, Arc::clone(&frames)));
+        frames
+    }
+
+    /// What the drive of a scenario publishes of its plant.
+    fn signals(&self, scenario: &Scenario) -> Vec<PlantSignal> {
         let wiring = &scenario.wiring;
         let is_plain = wiring.record.is_none()
             && wiring.outputs.is_empty()
             && wiring.unit == Unit::Millimetres;
         let plant = scenario.plant.name();
-        let mut all = self.pairs.iter();
-        let pair = all.find(|pair| is_plain && pair.plant == plant && pair.law.as_deref() == law);
-        match pair {
-            Some(pair) => Arc::clone(&pair.frames),
-            None => self.other_frames(scenario, law),
+        let mut plants = self.plants.iter();
+        match plants.find(|(name, _)| is_plain && name == plant) {
+            Some((_, signals)) => signals.clone(),
+            None => self.published(scenario).unwrap_or_default(),
         }
     }
 
@@ -135,54 +138,12 @@ impl Catalogue {
         (self.find_ports)(scenario)
     }
 
-    /// What the drive of a scenario publishes of its plant.
+    /// What a drive publishes that does not always publish the same.
     fn published(&self, scenario: &Scenario) -> Option<Vec<PlantSignal>> {
         let ports = self.ports(scenario)?;
         let recorded = scenario.wiring.recorded(&ports).ok()?;
-        Some(
-            recorded
-                .into_iter()
-                .map(|(_, port)| signal_of(port))
-                .collect(),
-        )
-    }
-
-    /// Those of a plant whose drive does not always publish the same; made once.
-    fn other_frames(&self, scenario: &Scenario, law: Option<&str>) -> Arc<Frames> {
-        let key = Key {
-            signals: self.published(scenario).unwrap_or_default(),
-            terms: self.terms(scenario, law),
-            outputs: self.outputs(scenario),
-            unit: scenario.wiring.unit.clone(),
-        };
-        // What is half done there is still right.
-        let mut others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, frames)) = others.iter().find(|(other, _)| *other == key) {
-            return Arc::clone(frames);
-        }
-        let frames = Frames::in_unit(&key.signals, &key.terms, &key.unit);
-        let frames = Arc::new(frames.with_outputs(&key.outputs));
-        others.push((key, Arc::clone(&frames)));
-        frames
-    }
-
-    /// What the law of a scenario says of itself in the frames of its loop.
-    fn terms(&self, scenario: &Scenario, law: Option<&str>) -> Vec<LawTerm> {
-        let mut laws = self.laws.iter();
-        if let Some((_, terms)) = laws.find(|(name, _)| Some(name.as_str()) == law) {
-            return terms.clone();
-        }
-        let ports = law.and_then(|_| (self.find_law_ports)(&scenario.controller));
-        let (Some(ports), Some(own)) = (ports, scenario.wiring.own_loop()) else {
-            return Vec::new();
-        };
-        let terms = terms_of(&ports, own);
-        let terms = terms.map(|(name, port)| LawTerm {
-            name: name.to_owned(),
-            unit: port.symbol.clone(),
-            comment: port.comment.clone(),
-        });
-        terms.collect()
+        let signals = recorded.into_iter().map(|(_, port)| signal_of(port));
+        Some(signals.collect())
     }
 
     /// The outputs of the io node of a scenario's plant, besides fan and load.
@@ -211,30 +172,6 @@ impl Catalogue {
         })
     }
 
-    /// What is wrong with the ports of a law that leads all loops; said of the first loop only.
-    fn law_objection(&self, scenario: &Scenario) -> Option<Objection> {
-        let ports = (self.find_law_ports)(&scenario.controller)?;
-        let law = scenario.controller.law_name();
-        let objection = |message: String, label: String, help: Option<String>| Objection {
-            path: format!("controller.{law}"),
-            message,
-            label,
-            help,
-        };
-        let wiring = &scenario.wiring;
-        let Some(first) = wiring.loops.first() else {
-            let message = format!("the law `{law}` needs a rig file");
-            let label = "it leads the loops of a rig".to_owned();
-            let help = "write schema = 2, rig = \"FILE.toml\" and [controller.all.LAW]";
-            return Some(objection(message, label, Some(help.to_owned())));
-        };
-        if first.name != wiring.of_loop {
-            return None;
-        }
-        let wrong = LawWires::new(&ports, &wiring.loops, LAW_TERMS_MAX).err()?;
-        Some(objection(wrong.message, wrong.label, None))
-    }
-
     /// What only a bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense. The
     /// names are collected only where the scenario has some.
     #[must_use]
@@ -247,7 +184,7 @@ impl Catalogue {
         }
         let mut objections = SignalNames::objections(scenario, || frames.names());
         objections.extend(plant);
-        objections.extend(self.law_objection(scenario));
+        objections.extend((self.law_objection)(scenario));
         objections.extend(self.output_objection(scenario));
         objections.extend(two_columns(&frames.database, scenario));
         objections
@@ -267,12 +204,20 @@ impl Catalogue {
         Some(Objection { path, ..objection })
     }
 
-    /// Refuses a pair of a plant and a law with two signals that would be one column of `signals.csv`.
+    /// Refuses a plant with two signals that would be one column of `signals.csv`.
     ///
     /// # Errors
     /// The first two of them, in words.
     pub fn check(&self) -> Result<(), String> {
-        self.pairs.iter().try_for_each(Pair::check)
+        self.plants.iter().try_for_each(|(plant, signals)| {
+            let database = Database::with_plant(signals).with_terms(&[]);
+            match name_of_two_columns(&database) {
+                None => Ok(()),
+                Some(name) => Err(format!(
+                    "with the plant `{plant}` two signals are called `{name}`"
+                )),
+            }
+        })
     }
 }
 
@@ -281,33 +226,11 @@ fn is_wired_fmu(scenario: &Scenario) -> bool {
     scenario.plant.fmu.is_some() && !scenario.wiring.input.is_empty()
 }
 
-/// A plant and a law that a scenario may choose together.
-struct Pair {
-    plant: String,
-    /// None for the shipped laws, which share their frames.
-    law: Option<String>,
-    frames: Arc<Frames>,
-}
-
-impl Pair {
-    fn check(&self) -> Result<(), String> {
-        match name_of_two_columns(&self.frames.database) {
-            None => Ok(()),
-            Some(name) => Err(format!(
-                "with the plant `{}` and the law `{}` two signals are called `{name}`",
-                self.plant,
-                self.law.as_deref().unwrap_or("sliding_mode"),
-            )),
-        }
-    }
-}
-
-/// A term of a law of all loops that is called like another column of its loop.
+/// A term of a law that is called like another column of its loop.
 fn two_columns(database: &Database, scenario: &Scenario) -> Option<Objection> {
-    let own = scenario.controller.own.as_ref()?;
     let name = name_of_two_columns(database)?;
     Some(Objection {
-        path: format!("controller.{}", own.name()),
+        path: format!("controller.{}", scenario.controller.law_name()),
         message: format!("two signals are called `{name}`"),
         label: "one is a term of this law: give it another name".to_owned(),
         help: None,
@@ -329,8 +252,8 @@ pub fn name_of_two_columns(database: &Database) -> Option<&str> {
 /// What the frames of the bus mean: those of a plant and a law, or those of a recording.
 #[derive(Debug)]
 pub struct Frames {
-    /// The terms of a law from outside; none for the shipped ones.
-    law_terms: Vec<LawTerm>,
+    /// The terms of the law; `None` where they are in the database already.
+    law_terms: Option<Vec<LawTerm>>,
     /// The unit of the loop; that of a recording is in its frames already.
     unit: Unit,
     /// The outputs of the io node besides fan and load; none of a recording.
@@ -343,16 +266,16 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn new(signals: &[PlantSignal], terms: &[LawTerm]) -> Self {
-        Self::in_unit(signals, terms, &Unit::Millimetres)
-    }
-
     /// The frames of a drive whose positions are in this unit.
-    fn in_unit(signals: &[PlantSignal], terms: &[LawTerm], unit: &Unit) -> Self {
-        let database = Database::with_plant(signals).with_law(terms);
+    fn in_unit(signals: &[PlantSignal], terms: Option<&[LawTerm]>, unit: &Unit) -> Self {
+        let database = Database::with_plant(signals);
+        let database = match terms {
+            Some(terms) => database.with_terms(terms),
+            None => database,
+        };
         let database = in_unit(&database, unit, true);
         Self {
-            law_terms: terms.to_vec(),
+            law_terms: terms.map(<[_]>::to_vec),
             unit: unit.clone(),
             ..Self::from_database(Arc::new(database))
         }
@@ -384,7 +307,7 @@ impl Frames {
     /// The frames of a database, whoever sent them.
     pub(crate) fn from_database(database: Arc<Database>) -> Self {
         Self {
-            law_terms: Vec::new(),
+            law_terms: None,
             unit: Unit::Millimetres,
             outputs: Vec::new(),
             database,
@@ -400,8 +323,11 @@ impl Frames {
         external: &External,
     ) -> Arc<Database> {
         if let Some(rig) = rig {
-            let database = rig.database.with_law(&self.law_terms);
-            let database = in_unit(&database, &self.unit, false);
+            let database = match &self.law_terms {
+                Some(terms) => &rig.database.with_terms(terms),
+                None => &*rig.database,
+            };
+            let database = in_unit(database, &self.unit, false);
             return Arc::new(database.with_silent_of(&self.database, &TRUTH_MESSAGES));
         }
         if !external.has(ExternalNode::Drive) {
@@ -444,6 +370,7 @@ fn in_unit(database: &Database, unit: &Unit, is_emulated: bool) -> Database {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dbc::Kind;
 
     fn signal(name: &str) -> PlantSignal {
         PlantSignal {
@@ -458,25 +385,46 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_pairs_of_plants_and_laws_have_frames_of_their_own() {
-        let motor = [signal("spring_force_newtons")];
-        let plants = [("sma_actuator", &[][..]), ("dc_motor", &motor[..])];
-        let term = LawTerm {
+    fn sum() -> LawTerm {
+        LawTerm {
             name: "sum".to_owned(),
             unit: String::new(),
             comment: String::new(),
-        };
-        let terms = [term];
-        let laws = [("mine", &terms[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), laws.into_iter(), |_| None, |_| None);
-        assert_eq!(catalogue.pairs.len(), 4);
+            bits: 32,
+            kind: Kind::Float32,
+            counts_per_unit: 1.0,
+            range: Range {
+                minimum: -1e9,
+                maximum: 1e9,
+            },
+        }
+    }
+
+    #[test]
+    fn plants_and_laws_have_frames_of_their_own() {
+        let motor = [signal("spring_force_newtons")];
+        let plants = [("sma_actuator", &[][..]), ("dc_motor", &motor[..])];
+        let catalogue = Catalogue::new(plants.into_iter(), |_| None, |_| None);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let frames = catalogue.frames(&scenario);
         assert!(frames.names().find("spring_force_newtons").is_ok());
         assert!(frames.names().find("sum").is_err());
-        assert!(frames.law_terms.is_empty());
+        assert!(
+            frames
+                .names()
+                .find("sliding_variable_metres_per_second_squared")
+                .is_ok()
+        );
+        let catalogue = catalogue.with_laws(|_| vec![sum()], |_| None);
+        let frames = catalogue.frames(&scenario);
+        assert!(frames.names().find("sum").is_ok());
+        assert!(
+            frames
+                .names()
+                .find("sliding_variable_metres_per_second_squared")
+                .is_err()
+        );
     }
 
     #[test]
@@ -485,16 +433,12 @@ mod tests {
             "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
              position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n",
         );
-        let term = LawTerm {
-            name: "sum".to_owned(),
-            unit: String::new(),
-            comment: String::new(),
-        };
-        let frames = Frames::new(&[signal("a"), signal("b"), signal("c")], &[term]);
+        let signals = [signal("a"), signal("b"), signal("c")];
+        let frames = Frames::in_unit(&signals, Some(&[sum()]), &Unit::Millimetres);
         let database = frames.database_with(Some(&rig.unwrap()), &External::default());
         let names = SignalNames::new(&database, &data_sheet::rig_data_sheets());
         assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
-        assert_eq!(names.find("sum"), Ok("controller_tpdo2.sum"));
+        assert_eq!(names.find("sum"), Ok("controller_tpdo1.sum"));
         assert!(names.find("wire_temperature_celsius").is_err());
         let messages = |database: &Database| {
             let names = database.messages().iter().map(|message| &message.name);
@@ -511,8 +455,8 @@ mod tests {
     fn two_signals_of_one_name_are_refused() {
         let double = [signal("position_millimetres")];
         let plants = [("mine", &double[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), [].into_iter(), |_| None, |_| None);
-        let refused = "with the plant `mine` and the law `sliding_mode` two signals are called `position_millimetres`";
+        let catalogue = Catalogue::new(plants.into_iter(), |_| None, |_| None);
+        let refused = "with the plant `mine` two signals are called `position_millimetres`";
         assert_eq!(catalogue.check(), Err(refused.to_owned()));
     }
 }

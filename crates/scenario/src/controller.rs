@@ -1,13 +1,12 @@
 //! The `[controller]` table: which law, with which gains. Fields are the law's `Config`, units last.
 
+use std::any::Any;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::left_out::is_zero;
-use crate::own::{self, Own};
-
-/// Name of the law for two drives that pull against each other.
-const PID_PAIR: &str = "pid_pair";
+use crate::own::{self, Own, Parameters, defaults};
 
 /// The control law; exactly one of these tables.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -35,19 +34,50 @@ pub struct Controller {
 }
 
 impl Controller {
+    /// The names of the laws that have a table.
+    pub fn law_names(&self) -> impl Iterator<Item = &str> {
+        let own = self.own.as_ref().map(|own| own.name());
+        let laws = LAWS.iter().zip(self.tables());
+        let chosen = laws.filter_map(|((name, _), table)| table.map(|_| *name));
+        chosen.chain(own)
+    }
+
     /// The name of the law's table.
     #[must_use]
     pub fn law_name(&self) -> &str {
-        let laws = [
-            (self.sliding_mode.is_some(), "sliding_mode"),
-            (self.sliding_mode_paper.is_some(), "sliding_mode_paper"),
-            (self.pid.is_some(), "pid"),
-            (self.pid_pair.is_some(), PID_PAIR),
-            (self.open_loop.is_some(), "open_loop"),
-        ];
-        let chosen = laws.into_iter().find(|(is_chosen, _)| *is_chosen);
-        let own = self.own.as_ref().map(Own::name);
-        chosen.map(|(_, name)| name).or(own).unwrap_or("none")
+        self.law_names().next().unwrap_or("none")
+    }
+
+    /// What is made of the law's parameters.
+    ///
+    /// # Errors
+    /// They are those of another law.
+    pub fn with_parameters<P: Parameters, T>(
+        &self,
+        make: impl FnOnce(&P) -> T,
+    ) -> Result<T, toml::de::Error> {
+        let of_format = self.tables().into_iter().flatten();
+        match of_format.filter_map(|table| table.downcast_ref()).next() {
+            Some(parameters) => Ok(make(parameters)),
+            None => {
+                let parameters = self.own.as_ref().map_or_else(defaults, Own::parameters);
+                Ok(make(&parameters?))
+            }
+        }
+    }
+
+    /// The tables, in the order of [`LAWS`].
+    fn tables(&self) -> [Option<&dyn Any>; LAWS.len()] {
+        fn of<T: Any>(table: &Option<T>) -> Option<&dyn Any> {
+            table.as_ref().map(|table| table as &dyn Any)
+        }
+        [
+            of(&self.sliding_mode),
+            of(&self.sliding_mode_paper),
+            of(&self.pid),
+            of(&self.pid_pair),
+            of(&self.open_loop),
+        ]
     }
 }
 
@@ -245,16 +275,28 @@ impl Default for PidPair {
     }
 }
 
-/// The laws that ship and lead one drive.
-const OF_ONE_DRIVE: [&str; 4] = ["sliding_mode", "sliding_mode_paper", "pid", "open_loop"];
+/// The laws whose tables the format has, each with how many drives it leads.
+const LAWS: [(&str, usize); 5] = [
+    ("sliding_mode", 1),
+    ("sliding_mode_paper", 1),
+    ("pid", 1),
+    ("pid_pair", 2),
+    ("open_loop", 1),
+];
+
+/// Whether the format has the table of a law; those of others are registered.
+#[must_use]
+pub fn is_of_format(law: &str) -> bool {
+    LAWS.iter().any(|(name, _)| *name == law)
+}
 
 /// How many drives a law leads, by the name of its table; none where that is not known, or its ports say so.
 #[must_use]
 pub fn drives_led_by(law: &str) -> Option<usize> {
-    match law {
-        PID_PAIR => Some(2),
-        law if OF_ONE_DRIVE.contains(&law) => Some(1),
-        law => own::drives_led_by(law),
+    let of_format = LAWS.iter().find(|(name, _)| *name == law);
+    match of_format {
+        Some((_, drives)) => Some(*drives),
+        None => own::drives_led_by(law),
     }
 }
 

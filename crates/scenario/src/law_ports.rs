@@ -1,5 +1,6 @@
-//! What the ports of a law stand for: `LOOP.position_UNIT` and `LOOP.set_point_UNIT` that it reads, `DRIVE.current_amperes` that it
-//! writes, and its own terms, `LOOP.NAME`, which are recorded.
+//! What the ports of a law stand for. A law of one loop reads `position` and `set_point` and writes `current_amperes`. A law of all
+//! loops reads `LOOP.position_UNIT` and `LOOP.set_point_UNIT` and writes `DRIVE.current_amperes`. What else one writes is a term of its
+//! own, which is recorded.
 
 use crate::nearest::meant_or_known;
 use crate::own::is_name;
@@ -17,7 +18,33 @@ const CURRENT: &str = "current_";
 const VELOCITY: &str = "_per_second";
 const ACCELERATION: &str = "_per_second_squared";
 
-/// A quantity that a law reads.
+/// Inputs of a law of one loop, in the order of the [`Quantity`]s. Positions are in the unit that the law sees: metres, or the unit of
+/// a loop in another one than millimetres.
+pub const LOOP_INPUTS: [(&str, Quantity); 6] = [
+    ("position", Quantity::Position),
+    ("set_point", Quantity::SetPoint),
+    ("set_point_per_second", Quantity::SetPointVelocity),
+    (
+        "set_point_per_second_squared",
+        Quantity::SetPointAcceleration,
+    ),
+    ("set_point_per_second_cubed", Quantity::SetPointJerk),
+    (
+        "set_point_has_exact_derivatives",
+        Quantity::HasExactDerivatives,
+    ),
+];
+
+/// Name of the output of a law of one loop that commands the drive at this place of the loop, from 0 on.
+#[must_use]
+pub fn loop_output(place: usize) -> String {
+    match place {
+        0 => format!("{CURRENT}{AMPERES}"),
+        place => format!("{CURRENT}{}_{AMPERES}", place + 1),
+    }
+}
+
+/// A quantity of a loop that a law reads.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Quantity {
     /// What the loop's drive measured; not a number in a cycle that brought no position.
@@ -28,6 +55,10 @@ pub enum Quantity {
     SetPointVelocity,
     /// The set-point's second derivative.
     SetPointAcceleration,
+    /// The set-point's third derivative.
+    SetPointJerk,
+    /// 1 where the derivatives of the set-point are exact, else 0.
+    HasExactDerivatives,
 }
 
 /// What an input of a law reads.
@@ -52,7 +83,22 @@ pub enum Writing {
         factor: f64,
     },
     /// To the terms of the loop at this place.
-    Term(usize),
+    Term {
+        /// The place of the loop.
+        of_loop: usize,
+        /// What one that the law writes is in the unit of the term's name.
+        factor: f64,
+    },
+}
+
+impl Writing {
+    /// The place of its loop.
+    #[must_use]
+    pub fn of_loop(&self) -> usize {
+        match self {
+            Self::Current { of_loop, .. } | Self::Term { of_loop, .. } => *of_loop,
+        }
+    }
 }
 
 /// What all ports of a law stand for, in their order.
@@ -75,39 +121,106 @@ pub struct WrongPort {
 }
 
 impl LawWires {
-    /// Finds what the ports of a law stand for among the loops of a rig. A loop has room for so many terms.
+    /// Finds what the ports of a law of all loops stand for.
     ///
     /// # Errors
     /// The first port that stands for nothing, or is there twice; a drive that gets no command.
-    pub fn new(ports: &Ports, loops: &[LoopOfRig], terms_max: usize) -> Result<Self, WrongPort> {
-        let Ports { inputs, outputs } = ports;
-        for ports in [inputs, outputs] {
-            each_once(ports)?;
-        }
-        let inputs = inputs.iter().map(|port| reading(port, loops));
-        let inputs = inputs.collect::<Result<_, _>>()?;
-        let written = outputs.iter().map(|port| writing(port, loops));
-        let written = written.collect::<Result<Vec<_>, _>>()?;
-        each_drive_once(outputs, &written, loops)?;
-        for (place, one) in loops.iter().enumerate() {
-            let is_its = |writing: &&Writing| **writing == Writing::Term(place);
-            let count = written.iter().filter(is_its).count();
-            if count > terms_max {
-                let message = format!("{count} terms of the loop `{}`", one.name);
-                return Err(wrong(
-                    message,
-                    format!("its frames have room for {terms_max}"),
-                ));
+    pub fn of_all(ports: &Ports, loops: &[LoopOfRig]) -> Result<Self, WrongPort> {
+        let reading = |port: &Port| reading(port, loops);
+        let writing = |port: &Port| writing(port, loops);
+        let wires = Self::found(ports, reading, writing)?;
+        each_drive_once(&ports.outputs, &wires.outputs, loops)?;
+        Ok(wires)
+    }
+
+    /// Finds what the ports of a law of one loop stand for. The places of the outputs are those of the loop's drives.
+    ///
+    /// # Errors
+    /// As [`LawWires::of_all`].
+    pub fn of_one(ports: &Ports, unit: &Unit) -> Result<Self, WrongPort> {
+        // The law sees metres or the loop's unit.
+        let inside = match unit {
+            Unit::Millimetres => 1.0,
+            _ => UNITS_INSIDE,
+        };
+        let reading = |port: &Port| reading_of_loop(port, inside);
+        let writing = |port: &Port| Ok(writing_of_loop(port, inside));
+        let wires = Self::found(ports, reading, writing)?;
+        let is_first = |writing: &Writing| matches!(writing, Writing::Current { of_loop: 0, .. });
+        match wires.outputs.iter().any(is_first) {
+            true => Ok(wires),
+            false => {
+                let message = "the law commands no drive".to_owned();
+                let label = format!("it has no output `{}`", loop_output(0));
+                Err(wrong(message, label))
             }
         }
+    }
+
+    fn found(
+        ports: &Ports,
+        reading: impl Fn(&Port) -> Result<Reading, WrongPort>,
+        writing: impl Fn(&Port) -> Result<Writing, WrongPort>,
+    ) -> Result<Self, WrongPort> {
+        each_once(&ports.inputs)?;
+        each_once(&ports.outputs)?;
         Ok(Self {
-            inputs,
-            outputs: written,
+            inputs: ports.inputs.iter().map(reading).collect::<Result<_, _>>()?,
+            outputs: ports
+                .outputs
+                .iter()
+                .map(writing)
+                .collect::<Result<_, _>>()?,
         })
     }
 }
 
-/// The terms that a law writes for a loop, each with its name there.
+/// The drive of a loop that an output commands; none where it is a term.
+fn drive_of(output: &str) -> Option<usize> {
+    match output.strip_prefix(CURRENT)?.strip_suffix(AMPERES)? {
+        "" => Some(0),
+        place => {
+            let number: usize = place.strip_suffix('_')?.parse().ok()?;
+            number.checked_sub(1).filter(|place| *place > 0)
+        }
+    }
+}
+
+fn reading_of_loop(port: &Port, inside: f64) -> Result<Reading, WrongPort> {
+    let mut inputs = LOOP_INPUTS.iter();
+    let Some((_, quantity)) = inputs.find(|(name, _)| *name == port.name) else {
+        let message = format!("a law of one loop cannot read `{}`", port.name);
+        let known = LOOP_INPUTS.map(|(name, _)| name);
+        return Err(wrong(message, meant_or_known(&port.name, &known)));
+    };
+    let factor = match quantity {
+        Quantity::HasExactDerivatives => 1.0,
+        _ => inside,
+    };
+    Ok(Reading {
+        of_loop: 0,
+        quantity: *quantity,
+        factor,
+    })
+}
+
+fn writing_of_loop(port: &Port, inside: f64) -> Writing {
+    match drive_of(&port.name) {
+        Some(of_loop) => Writing::Current {
+            of_loop,
+            factor: 1.0,
+        },
+        None => Writing::Term {
+            of_loop: 0,
+            factor: match port.is_of_position {
+                true => UNITS_INSIDE / inside,
+                false => 1.0,
+            },
+        },
+    }
+}
+
+/// The terms that a law of all loops writes for one of them, each with its name there.
 pub fn terms_of<'a>(
     ports: &'a Ports,
     of_loop: &'a LoopOfRig,
@@ -117,6 +230,13 @@ pub fn terms_of<'a>(
         let is_its = owner == of_loop.name || owner == of_loop.drive;
         (is_its && amperes_of(name).is_none()).then_some((name, port))
     })
+}
+
+/// The terms that a law of one loop writes.
+pub fn terms_of_one(ports: &Ports) -> impl Iterator<Item = (&str, &Port)> {
+    let is_term = |port: &&Port| matches!(writing_of_loop(port, 1.0), Writing::Term { .. });
+    let terms = ports.outputs.iter().filter(is_term);
+    terms.map(|port| (port.name.as_str(), port))
 }
 
 fn wrong(message: String, label: String) -> WrongPort {
@@ -223,7 +343,10 @@ fn writing(port: &Port, loops: &[LoopOfRig]) -> Result<Writing, WrongPort> {
     let (of_loop, name) = owner(port, loops)?;
     Ok(match amperes_of(name) {
         Some(factor) => Writing::Current { of_loop, factor },
-        None => Writing::Term(of_loop),
+        None => Writing::Term {
+            of_loop,
+            factor: 1.0,
+        },
     })
 }
 
@@ -293,7 +416,7 @@ mod tests {
     ];
 
     fn wired(inputs: &[&str]) -> Result<Vec<(usize, Quantity, f64)>, String> {
-        let wires = LawWires::new(&ports(inputs, &CURRENTS), &loops(), 6);
+        let wires = LawWires::of_all(&ports(inputs, &CURRENTS), &loops());
         let wires = wires.map_err(|wrong| wrong.to_string())?;
         let inputs = wires.inputs.into_iter();
         Ok(inputs
@@ -329,7 +452,7 @@ mod tests {
         let mut outputs = Vec::from(CURRENTS);
         outputs.push("lift.current_error_amperes");
         let ports = ports(&[], &outputs);
-        let wires = LawWires::new(&ports, &loops(), 6).unwrap();
+        let wires = LawWires::of_all(&ports, &loops()).unwrap();
         let milli = Writing::Current {
             of_loop: 1,
             factor: 1e-3,
@@ -342,7 +465,10 @@ mod tests {
                     of_loop: 2,
                     factor: 1.0
                 },
-                Writing::Term(2)
+                Writing::Term {
+                    of_loop: 2,
+                    factor: 1.0
+                }
             ]
         );
         let loops = loops();
@@ -370,9 +496,9 @@ mod tests {
     }
 
     #[test]
-    fn each_drive_gets_one_command_and_each_loop_so_many_terms() {
+    fn each_drive_gets_one_command() {
         let said = |outputs: &[&str]| {
-            let wires = LawWires::new(&ports(&[], outputs), &loops(), 2);
+            let wires = LawWires::of_all(&ports(&[], outputs), &loops());
             wires.unwrap_err().to_string()
         };
         assert_eq!(
@@ -384,18 +510,59 @@ mod tests {
             said(&with(&["angle.current_amperes"])),
             "the law commands the drive `flexor` twice: by `flexor.current_amperes` and by `angle.current_amperes`"
         );
-        assert_eq!(
-            said(&with(&["lift.a", "lift.b", "lift.c"])),
-            "3 terms of the loop `lift`: its frames have room for 2"
-        );
         assert!(said(&with(&["lift.a", "lift.a"])).contains("is there twice"));
         let mut backwards = ports(&[], &CURRENTS);
         backwards.outputs[0].range = [1.0, 0.0];
-        let said = LawWires::new(&backwards, &loops(), 6).unwrap_err();
+        let said = LawWires::of_all(&backwards, &loops()).unwrap_err();
         assert!(
             said.message
                 .contains("`flexor.current_amperes` has a range"),
             "{said}"
+        );
+    }
+
+    #[test]
+    fn a_law_of_one_loop_sees_metres_or_the_unit_of_its_loop() {
+        let terms = [
+            Port::position_term("reference_millimetres"),
+            Port::term("gain"),
+        ];
+        let inputs = LOOP_INPUTS.map(|(name, _)| name);
+        let mut ports = ports(&inputs, &["current_amperes", "current_2_amperes"]);
+        ports.outputs.extend(terms);
+        let factors = |unit| {
+            let wires = LawWires::of_one(&ports, &unit).unwrap();
+            let read = Vec::from_iter(wires.inputs.iter().map(|reading| reading.factor));
+            (read, wires.outputs)
+        };
+        let current = |of_loop| Writing::Current {
+            of_loop,
+            factor: 1.0,
+        };
+        let term = |factor| Writing::Term { of_loop: 0, factor };
+        let (read, written) = factors(Unit::Millimetres);
+        assert_eq!(read, [1.0; 6]);
+        assert_eq!(written, [current(0), current(1), term(1e3), term(1.0)]);
+        let (read, written) = factors(Unit::Degrees);
+        assert_eq!(read, [1e3, 1e3, 1e3, 1e3, 1e3, 1.0]);
+        assert_eq!(written, [current(0), current(1), term(1.0), term(1.0)]);
+        let names = terms_of_one(&ports).map(|(name, _)| name);
+        assert_eq!(Vec::from_iter(names), ["reference_millimetres", "gain"]);
+    }
+
+    #[test]
+    fn a_law_of_one_loop_reads_that_loop_and_commands_its_first_drive() {
+        let said = |inputs: &[&str], outputs: &[&str]| {
+            let wires = LawWires::of_one(&ports(inputs, outputs), &Unit::Millimetres);
+            wires.unwrap_err().to_string()
+        };
+        assert_eq!(
+            said(&["positon"], &["current_amperes"]),
+            "a law of one loop cannot read `positon`: did you mean `position`?"
+        );
+        assert_eq!(
+            said(&[], &["current_2_amperes"]),
+            "the law commands no drive: it has no output `current_amperes`"
         );
     }
 }

@@ -20,9 +20,17 @@ const NAME_CHARACTERS_MAX: usize = 64;
 
 /// What a plant's or a law's parameters must be: what a scenario's table is read into, and described by. The schema gives
 /// types and ranges, `serde(default)` the defaults, `serde(deny_unknown_fields)` what does not belong there.
-pub trait Parameters: DeserializeOwned + JsonSchema {}
+pub trait Parameters: DeserializeOwned + JsonSchema + 'static {}
 
-impl<T: DeserializeOwned + JsonSchema> Parameters for T {}
+impl<T: DeserializeOwned + JsonSchema + 'static> Parameters for T {}
+
+/// The parameters that an empty table stands for.
+///
+/// # Errors
+/// One of them has no default.
+pub fn defaults<P: Parameters>() -> Result<P, toml::de::Error> {
+    toml::Table::new().try_into()
+}
 
 /// Which of a scenario's tables holds the plant's or the law's own.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -89,7 +97,7 @@ pub struct OwnTable {
     name: &'static str,
     /// Faults of `[[fault.plant.…]]` that mean something to the plant.
     faults: &'static [&'static str],
-    /// Of a law: how many drives it leads; none for a law with ports, which says so by them.
+    /// Of a law: how many drives of its loop it leads; none for a law that leads all loops.
     drives: Option<usize>,
     schema: Value,
     check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
@@ -114,17 +122,9 @@ impl OwnTable {
         Self { faults, ..self }
     }
 
-    /// The same for a law that leads so many drives.
+    /// The same for a law that leads so many drives of its loop; `None` for one that leads all loops.
     #[must_use]
-    pub fn leading(self, drives: usize) -> Self {
-        let drives = Some(drives);
-        Self { drives, ..self }
-    }
-
-    /// The same for a law with ports, which leads all loops.
-    #[must_use]
-    pub fn leading_all(self) -> Self {
-        let drives = None;
+    pub fn leading(self, drives: Option<usize>) -> Self {
         Self { drives, ..self }
     }
 
@@ -181,12 +181,12 @@ pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
     find(Section::Plant, plant).map_or(&[], |table| table.faults)
 }
 
-/// How many drives a law from outside leads; none where that is not known, or its ports say so.
+/// How many drives a law from outside leads; none where that is not known, or it leads all loops.
 pub(crate) fn drives_led_by(law: &str) -> Option<usize> {
     find(Section::Controller, law)?.drives
 }
 
-/// Whether a law from outside has ports, and so leads all loops.
+/// Whether a law from outside leads all loops.
 pub(crate) fn leads_all(law: &str) -> bool {
     find(Section::Controller, law).is_some_and(|table| table.drives.is_none())
 }

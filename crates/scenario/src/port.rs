@@ -25,7 +25,24 @@ impl fmt::Display for Direction {
     }
 }
 
-/// A named quantity of a plant, in the unit in which the plant computes.
+/// Form of a law's term on the bus.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Width {
+    /// Real number of 32 bits.
+    Real32,
+    /// Two's complement of 8, 16 or 32 bits, in the port's steps.
+    Signed(u8),
+    /// Unsigned number of up to 8, 16 or 32 bits, in the port's steps. Those below 8 bits share a byte.
+    Unsigned(u8),
+}
+
+/// Largest real number of 32 bits.
+const REAL_MAX: f64 = 3.402_823_5e38;
+/// A position on the bus is in thousandths of its unit, in 32 bits.
+const POSITION_STEPS: f64 = 1e3;
+const POSITION_RANGE: [f64; 2] = [-2_147_483.648, 2_147_483.647];
+
+/// A named quantity of a plant or a law, in the unit in which that computes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Port {
     /// Its name, whose end is the unit: `"flexor_current_amperes"`.
@@ -42,8 +59,12 @@ pub struct Port {
     pub range: [f64; 2],
     /// What acts while nobody drives it.
     pub at_rest: f64,
-    /// Steps of one unit where the port is published in 16 bits: 100 for a resolution of 0.01.
+    /// Steps of one unit where the port is published as an integer: 100 for a resolution of 0.01.
     pub steps_per_unit: f64,
+    /// Form of a law's term on the bus.
+    pub width: Width,
+    /// A term that the law writes in the unit in which it reads its loop's position, whatever the name says.
+    pub is_of_position: bool,
 }
 
 impl Port {
@@ -70,6 +91,40 @@ impl Port {
             range,
             at_rest: 0.0,
             steps_per_unit: steps_for(range),
+            width: Width::Real32,
+            is_of_position: false,
+        }
+    }
+
+    /// A term of a law: an output that is recorded, in 32 bits. Its unit is the end of its name.
+    #[must_use]
+    pub fn term(name: &str) -> Self {
+        Self::output(name, [-REAL_MAX, REAL_MAX])
+    }
+
+    /// A term of a law that is 0 or 1, in one bit.
+    #[must_use]
+    pub fn flag(name: &str) -> Self {
+        Self::output(name, [0.0, 1.0]).counted(Width::Unsigned(1), 1.0)
+    }
+
+    /// A term of a law that is a position of its loop, or a derivative of one. The law writes it in the unit in which it reads the
+    /// position. The name says millimetres, and in a loop of another unit that unit.
+    #[must_use]
+    pub fn position_term(name: &str) -> Self {
+        let port = Self::output(name, POSITION_RANGE).counted(Width::Signed(32), POSITION_STEPS);
+        Self {
+            is_of_position: true,
+            ..port
+        }
+    }
+
+    /// The same published in this form, in so many steps of one unit.
+    #[must_use]
+    pub fn counted(self, width: Width, steps_per_unit: f64) -> Self {
+        Self {
+            width,
+            ..self.in_steps(steps_per_unit)
         }
     }
 
@@ -113,12 +168,12 @@ impl Port {
     }
 }
 
-/// The ports of a plant that was made of its parameters.
+/// The ports of a plant or a law that was made of its parameters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ports {
-    /// What acts on it, in the order of the plant.
+    /// What acts on it, or what it reads, in its order.
     pub inputs: Vec<Port>,
-    /// What is seen of it, in the order of the plant.
+    /// What is seen of it, or what it writes, in its order.
     pub outputs: Vec<Port>,
 }
 

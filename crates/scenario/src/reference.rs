@@ -160,21 +160,6 @@ pub struct SetPoint {
     pub has_exact_derivatives: bool,
 }
 
-impl SetPoint {
-    /// The same in another unit.
-    #[must_use]
-    pub fn times(self, factor: f64) -> Self {
-        Self {
-            position_metres: self.position_metres * factor,
-            velocity_metres_per_second: self.velocity_metres_per_second * factor,
-            acceleration_metres_per_second_squared: self.acceleration_metres_per_second_squared
-                * factor,
-            jerk_metres_per_second_cubed: self.jerk_metres_per_second_cubed * factor,
-            ..self
-        }
-    }
-}
-
 /// A set-point made ready to be asked once per cycle.
 ///
 /// The piece that started last wins; before the first piece the set-point is 0, the stop on which the load rests.

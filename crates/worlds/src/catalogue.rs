@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use controller::catalogue::{law_ports, law_that_lifts_nothing, own_laws};
+use controller::catalogue as laws;
 use plant_emulator::{InvalidEmulator, catalogue as plants};
 use scenario::{Objection, Scenario};
 
@@ -18,24 +18,15 @@ pub fn catalogue() -> &'static Catalogue {
         let of_one_axis = plants::kinds();
         let of_one_axis = of_one_axis.filter_map(|kind| Some((kind.name(), kind.signals()?)));
         let find_ports = |scenario: &Scenario| plants::ports(scenario).ok();
-        let catalogue = Catalogue::new(of_one_axis, own_laws(), objection, find_ports);
-        catalogue.with_laws_of_all(law_ports)
+        let find_terms = |scenario: &Scenario| laws::terms(&scenario.controller, &scenario.wiring);
+        let catalogue = Catalogue::new(of_one_axis, plant_objection, find_ports);
+        catalogue.with_laws(find_terms, law_objection)
     });
     &CATALOGUE
 }
 
-fn objection(scenario: &Scenario) -> Option<Objection> {
-    plant_objection(scenario).or_else(|| law_objection(scenario))
-}
-
 fn law_objection(scenario: &Scenario) -> Option<Objection> {
-    let law = law_that_lifts_nothing(&scenario.controller)?;
-    Some(Objection {
-        path: format!("controller.{law}.nominal_model"),
-        message: format!("the nominal model of `{law}` makes no physical sense"),
-        label: "a wire as soft or a load as heavy as here is lifted nowhere".to_owned(),
-        help: None,
-    })
+    laws::objection(&scenario.controller, &scenario.wiring)
 }
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
@@ -93,7 +84,7 @@ mod tests {
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
             let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-            objection(&scenario).map(|objection| objection.path)
+            law_objection(&scenario).map(|objection| objection.path)
         };
         for law in ["sliding_mode", "sliding_mode_paper"] {
             assert_eq!(objection(law, "28e9"), None);

@@ -1,7 +1,6 @@
 //! my_law: PI control with anti-windup. Put your law in its place.
 
-use controller::law::{Command, ControlLaw, Explanation, Measurement, Term};
-use scenario::reference::SetPoint;
+use controller::law::{Cycle, Law, LoopReads, Port, Ports, one_loop};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -35,34 +34,17 @@ pub struct MyLaw {
     config: Config,
 }
 
-/// What the law remembers. Its own terms are read from here after each step.
+/// What the law remembers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
     position_metres: f64,
-    proportional_amperes: f64,
     integral_amperes: f64,
 }
 
-impl ControlLaw for MyLaw {
+impl Law for MyLaw {
     const NAME: &'static str = "my_law";
     type Config = Config;
     type State = State;
-
-    /// What the controller sends of the law every 10th cycle: names in recording, report and `[[expect.signal]]`.
-    const TERMS: &'static [Term<State>] = &[
-        Term {
-            name: "proportional_part_amperes",
-            unit: "A",
-            comment: "Proportional part of the current.",
-            value: |state| state.proportional_amperes,
-        },
-        Term {
-            name: "integral_part_amperes",
-            unit: "A",
-            comment: "Integral part of the current.",
-            value: |state| state.integral_amperes,
-        },
-    ];
 
     fn new(config: &Config) -> Self {
         Self {
@@ -70,35 +52,40 @@ impl ControlLaw for MyLaw {
         }
     }
 
+    /// The law's own terms are sent every 10th cycle: names in recording, report and `[[expect.signal]]`.
+    fn ports(&self) -> Ports {
+        one_loop::<Self>([
+            Port::term("proportional_part_amperes")
+                .with_comment("Proportional part of the current."),
+            Port::term("integral_part_amperes").with_comment("Integral part of the current."),
+        ])
+    }
+
     fn start(&self) -> State {
         State::default()
     }
 
-    fn step(
-        &self,
-        state: &mut State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command {
+    fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        let LoopReads {
+            position_metres,
+            set_point,
+        } = LoopReads::of(reads);
         // A cycle may bring no position; then the last one holds.
-        if measurement.position_metres.is_finite() {
-            state.position_metres = measurement.position_metres;
+        if position_metres.is_finite() {
+            state.position_metres = position_metres;
         }
         let error = set_point.position_metres - state.position_metres;
-        state.proportional_amperes = self.config.proportional_amperes_per_metre * error;
-        let step = self.config.integral_amperes_per_metre_second * error * period_seconds;
+        let proportional = self.config.proportional_amperes_per_metre * error;
+        let step = self.config.integral_amperes_per_metre_second * error * cycle.period_seconds;
         // The integral goes no further than a current can, so it does not wind up.
         state.integral_amperes = (state.integral_amperes + step).clamp(0.0, CURRENT_AMPERES_MAX);
-        let current = state.proportional_amperes + state.integral_amperes;
-        Command {
-            current_amperes: current.clamp(0.0, CURRENT_AMPERES_MAX),
-            explanation: Explanation {
-                reference_position_metres: set_point.position_metres,
-                reference_velocity_metres_per_second: set_point.velocity_metres_per_second,
-                ..Explanation::default()
-            },
-        }
+        let current = proportional + state.integral_amperes;
+        // The current, then the terms in the order of the ports.
+        writes.copy_from_slice(&[
+            current.clamp(0.0, CURRENT_AMPERES_MAX),
+            proportional,
+            state.integral_amperes,
+        ]);
     }
 }
 
@@ -106,20 +93,21 @@ impl ControlLaw for MyLaw {
 mod tests {
     use super::*;
 
-    const PERIOD_SECONDS: f64 = 1e-3;
+    const CYCLE: Cycle = Cycle {
+        scenario_time_seconds: 0.0,
+        period_seconds: 1e-3,
+    };
 
-    /// One cycle at a position, on the way to 20 mm.
+    /// One cycle at a position, on the way to 20 mm: the current.
     fn step(law: &MyLaw, state: &mut State, position_metres: f64) -> f64 {
-        let measurement = Measurement {
+        let mut reads = LoopReads {
             position_metres,
-            ..Measurement::default()
+            ..LoopReads::default()
         };
-        let set_point = SetPoint {
-            position_metres: 0.02,
-            ..SetPoint::default()
-        };
-        law.step(state, &measurement, &set_point, PERIOD_SECONDS)
-            .current_amperes
+        reads.set_point.position_metres = 0.02;
+        let mut writes = [0.0; 3];
+        law.step(state, &CYCLE, &reads.values(), &mut writes);
+        writes[0]
     }
 
     #[test]

@@ -98,7 +98,7 @@ fn patches_in_words(own: &ControlLoop) -> Option<String> {
     (!words.is_empty()).then(|| words.join(" "))
 }
 
-/// The terms of the sliding-mode laws; the other shipped laws leave them 0.
+/// The terms of the sliding-mode laws; the other shipped laws have none of them.
 fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
     let mut sliding = of_signals(
         timeline,
@@ -137,7 +137,7 @@ fn of_own_terms<'a>(
     timeline: &'a Timeline,
     database: &'a Database,
 ) -> impl Iterator<Item = Plot<'a>> {
-    signals::own_law_signals(database).map(|term| {
+    signals::law_signals(database).map(|term| {
         let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
         let mut plot = of_signals(timeline, title(term), shown_unit(&term.unit), &drawn);
         plot.extent = Extent::Typical;

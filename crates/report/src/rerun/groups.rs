@@ -134,7 +134,7 @@ pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
         // A position that the loop does not follow is no second line beside its own.
         .filter(|it| plant.own.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
-    let terms = signals::own_law_signals(&own.database)
+    let terms = signals::law_signals(&own.database)
         .filter(|_| controller.own.is_some())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
@@ -238,7 +238,7 @@ mod tests {
             signal("flexor_tension_newtons", "N", ""),
         ];
         let plants = [("dc_motor", &signals[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), [].into_iter(), |_| None, |_| None);
+        let catalogue = Catalogue::new(plants.into_iter(), |_| None, |_| None);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &catalogue);

@@ -1,6 +1,6 @@
 //! my_law: PI control of two axes that carry one beam, which it keeps level. Put your law in its place.
 
-use controller::law_with_ports::{Cycle, LawWithPorts, Port};
+use controller::law::{Cycle, Law, Port, Ports};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -37,12 +37,10 @@ impl Default for Config {
     }
 }
 
-/// The law: what does not change from cycle to cycle, and its ports.
+/// The law: what does not change from cycle to cycle.
 #[derive(Clone, Debug)]
 pub struct MyLaw {
     config: Config,
-    inputs: [Port; 4],
-    outputs: [Port; 4],
 }
 
 /// What the law remembers of an axis.
@@ -52,41 +50,38 @@ pub struct Axis {
     integral_amperes: f64,
 }
 
-impl LawWithPorts for MyLaw {
+impl Law for MyLaw {
     const NAME: &'static str = "my_law";
+    /// It leads all loops of a rig, whose names are in its ports.
+    const DRIVES: Option<usize> = None;
     type Config = Config;
     type State = [Axis; 2];
 
     fn new(config: &Config) -> Self {
-        let [left, right] = &config.loops;
-        let read = |name: String| Port::input(&name, TRAVEL);
-        let command = |of: &str| Port::output(&format!("{of}.current_amperes"), CURRENT_RANGE);
-        let term = |of: &str| Port::output(&format!("{of}.integral_part_amperes"), CURRENT_RANGE);
         Self {
             config: config.clone(),
+        }
+    }
+
+    fn ports(&self) -> Ports {
+        let [left, right] = &self.config.loops;
+        let read = |name: String| Port::input(&name, TRAVEL);
+        let command = |of: &str| Port::output(&format!("{of}.current_amperes"), CURRENT_RANGE);
+        let term = |of: &str| {
+            Port::term(&format!("{of}.integral_part_amperes"))
+                .with_comment("Integral part of the current.")
+        };
+        Ports {
             // The end of a name is the unit in which the value comes.
-            inputs: [
+            inputs: vec![
                 read(format!("{left}.position_metres")),
                 read(format!("{right}.position_metres")),
                 read(format!("{left}.set_point_metres")),
                 read(format!("{right}.set_point_metres")),
             ],
             // A current for each drive; everything else is recorded.
-            outputs: [
-                command(left),
-                command(right),
-                term(left).with_comment("Integral part of the current."),
-                term(right).with_comment("Integral part of the current."),
-            ],
+            outputs: vec![command(left), command(right), term(left), term(right)],
         }
-    }
-
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
-    }
-
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
     }
 
     fn start(&self) -> [Axis; 2] {
@@ -94,8 +89,8 @@ impl LawWithPorts for MyLaw {
     }
 
     /// Values come and go in the order of the ports.
-    fn step(&self, state: &mut [Axis; 2], cycle: &Cycle, inputs: &[f64], outputs: &mut [f64]) {
-        let (positions, set_points) = inputs.split_at(2);
+    fn step(&self, state: &mut [Axis; 2], cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        let (positions, set_points) = reads.split_at(2);
         for (axis, position) in state.iter_mut().zip(positions) {
             // A cycle may bring no position; then the last one holds.
             if position.is_finite() {
@@ -105,7 +100,7 @@ impl LawWithPorts for MyLaw {
         let behind = state[1].position_metres - state[0].position_metres;
         let wanted_behind = set_points[1] - set_points[0];
         let levels = [behind - wanted_behind, wanted_behind - behind];
-        let (currents, terms) = outputs.split_at_mut(2);
+        let (currents, terms) = writes.split_at_mut(2);
         for (place, axis) in state.iter_mut().enumerate() {
             let error = set_points[place] - axis.position_metres;
             let gain = self.config.integral_amperes_per_metre_second;
@@ -131,9 +126,9 @@ mod tests {
 
     /// One cycle at these positions, on the way to 20 mm: the currents.
     fn step(law: &MyLaw, state: &mut [Axis; 2], [left, right]: [f64; 2]) -> [f64; 2] {
-        let mut outputs = [0.0; 4];
-        law.step(state, &CYCLE, &[left, right, 0.02, 0.02], &mut outputs);
-        [outputs[0], outputs[1]]
+        let mut writes = [0.0; 4];
+        law.step(state, &CYCLE, &[left, right, 0.02, 0.02], &mut writes);
+        [writes[0], writes[1]]
     }
 
     #[test]
@@ -173,6 +168,6 @@ mod tests {
             ..Config::default()
         };
         let law = MyLaw::new(&config);
-        assert_eq!(law.outputs()[1].name, "y.current_amperes");
+        assert_eq!(law.ports().outputs[1].name, "y.current_amperes");
     }
 }

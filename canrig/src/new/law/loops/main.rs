@@ -6,5 +6,5 @@ use canrig::Bench;
 use my_law::MyLaw;
 
 fn main() -> ExitCode {
-    Bench::new().law_with_ports::<MyLaw>().main()
+    Bench::new().law::<MyLaw>().main()
 }

@@ -2,11 +2,11 @@
 //! that of the second, and both have some current always, which makes them hold stiff (co-contraction).
 
 use scenario::controller::PidPair as Config;
-use scenario::reference::SetPoint;
 
+use super::pid::terms;
 use crate::filtered_position::FilteredPosition;
 use crate::law::{
-    CURRENT_AMPERES_MAX, Explanation, LawOfSeveral, Measurement, Saturation, limited_current,
+    CURRENT_AMPERES_MAX, Cycle, Law, LoopReads, Ports, flag, limited_current, one_loop,
 };
 
 /// The gains.
@@ -29,9 +29,9 @@ impl PidPair {
     }
 }
 
-impl LawOfSeveral for PidPair {
+impl Law for PidPair {
     const NAME: &'static str = "pid_pair";
-    const DRIVES: usize = 2;
+    const DRIVES: Option<usize> = Some(2);
     type Config = Config;
     type State = State;
 
@@ -41,21 +41,22 @@ impl LawOfSeveral for PidPair {
         }
     }
 
+    fn ports(&self) -> Ports {
+        one_loop::<Self>(terms())
+    }
+
     fn start(&self) -> State {
         State::default()
     }
 
-    fn step(
-        &self,
-        state: &mut State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-        currents_amperes: &mut [f64],
-    ) -> Explanation {
-        state.position.measure(measurement.position_metres);
+    fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        let LoopReads {
+            position_metres,
+            set_point,
+        } = LoopReads::of(reads);
+        state.position.measure(position_metres);
         let pole = self.config.derivative_filter_radians_per_second;
-        let velocity = state.position.velocity(pole, period_seconds);
+        let velocity = state.position.velocity(pole, cycle.period_seconds);
         let error = set_point.position_metres - state.position.latest();
         let output = self.config.proportional_amperes_per_metre * error + state.integral_amperes
             - self.config.derivative_ampere_seconds_per_metre * velocity;
@@ -63,47 +64,35 @@ impl LawOfSeveral for PidPair {
         let winds_up = (output >= max && error > 0.0) || (output <= -max && error < 0.0);
         if !winds_up && error.is_finite() {
             let gain = self.config.integral_amperes_per_metre_second;
-            state.integral_amperes += gain * error * period_seconds;
+            state.integral_amperes += gain * error * cycle.period_seconds;
         }
         let both = self.config.co_contraction_amperes;
-        for (current, wanted) in currents_amperes
-            .iter_mut()
-            .zip([both + output, both - output])
-        {
-            *current = limited_current(wanted);
-        }
-        Explanation {
-            reference_position_metres: set_point.position_metres,
-            reference_velocity_metres_per_second: set_point.velocity_metres_per_second,
-            estimated_velocity_metres_per_second: velocity,
-            saturation: Saturation {
-                at_upper_limit: output > max,
-                at_lower_limit: output < -max,
-                on_stop: false,
-            },
-            ..Explanation::default()
-        }
+        writes.copy_from_slice(&[
+            limited_current(both + output),
+            limited_current(both - output),
+            set_point.position_metres,
+            set_point.velocity_metres_per_second,
+            velocity,
+            flag(output > max),
+            flag(output < -max),
+        ]);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_rig::{CYCLE, hold};
 
-    fn currents(position: f64, wanted: f64) -> [f64; 2] {
+    fn currents(position_metres: f64, wanted: f64) -> [f64; 2] {
         let law = PidPair::new(&Config::default());
-        let mut state = law.start();
-        let measurement = Measurement {
-            scenario_time_seconds: 0.0,
-            position_metres: position,
+        let reads = LoopReads {
+            position_metres,
+            set_point: hold(wanted),
         };
-        let set_point = SetPoint {
-            position_metres: wanted,
-            ..SetPoint::default()
-        };
-        let mut currents = [0.0; 2];
-        law.step(&mut state, &measurement, &set_point, 1e-3, &mut currents);
-        currents
+        let mut writes = [0.0; 7];
+        law.step(&mut law.start(), &CYCLE, &reads.values(), &mut writes);
+        [writes[0], writes[1]]
     }
 
     #[test]

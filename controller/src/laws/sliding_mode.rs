@@ -4,11 +4,16 @@
 use scenario::controller::SlidingMode as Config;
 use scenario::reference::SetPoint;
 
-use crate::law::{Command, ControlLaw, Explanation, Measurement, SQUARED_CURRENT_MAX, current_of};
+use crate::law::{
+    Cycle, Law, LoopReads, Port, Ports, SQUARED_CURRENT_MAX, Width, flag, limited_current, one_loop,
+};
 use crate::mode::{self, Course, Modes};
 use crate::nominal_model::{LocalModel, NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
 use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter};
+
+/// How far the law backs off is published in so many steps.
+const BACK_OFF_STEPS: f64 = 31.0;
 
 /// The law's constants.
 #[derive(Clone, Debug)]
@@ -133,7 +138,7 @@ fn followable(local: &LocalModel<'_>, wanted: &WantedJerk, rises: bool) -> JerkR
     }
 }
 
-impl ControlLaw for SlidingMode {
+impl Law for SlidingMode {
     const NAME: &'static str = "sliding_mode";
     type Config = Config;
     type State = State;
@@ -159,6 +164,22 @@ impl ControlLaw for SlidingMode {
         }
     }
 
+    fn ports(&self) -> Ports {
+        let [estimates @ .., equivalent, switching] = terms();
+        let own = [
+            Port::flag("saturation_on_stop").with_comment("The load rests on its stop."),
+            Port::output("saturation_back_off", [0.0, BACK_OFF_STEPS])
+                .counted(Width::Unsigned(5), 1.0)
+                .with_comment("How far the law backs off since it rings; 31 is all the way."),
+        ];
+        let terms = estimates.into_iter().chain(own);
+        one_loop::<Self>(terms.chain([equivalent, switching]))
+    }
+
+    fn objection(&self) -> Option<(&'static str, String)> {
+        self.observer.model.objection()
+    }
+
     fn start(&self) -> State {
         State {
             mode: mode::State::default(),
@@ -169,29 +190,26 @@ impl ControlLaw for SlidingMode {
         }
     }
 
-    fn step(
-        &self,
-        state: &mut State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command {
+    fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        let LoopReads {
+            position_metres,
+            set_point,
+        } = LoopReads::of(reads);
+        let period_seconds = cycle.period_seconds;
         let model = &self.observer.model;
         let aim = &state.reference.point;
         let course = Course {
-            error_metres: measurement.position_metres - aim.position_metres,
+            error_metres: position_metres - aim.position_metres,
             velocity_metres_per_second: aim.velocity_metres_per_second,
             sliding_variable: state.sliding_variable,
-            sensor_jumps: self
-                .observer
-                .sensor_jumps(&state.observer, measurement.position_metres),
+            sensor_jumps: self.observer.sensor_jumps(&state.observer, position_metres),
         };
         let settings = self.modes.step(&mut state.mode, &course, period_seconds);
         let surface = self.surface.with_bandwidth(settings.bandwidth);
         self.observer.step(
             &mut state.observer,
             &settings,
-            measurement.position_metres,
+            position_metres,
             state.squared_current,
             period_seconds,
         );
@@ -203,14 +221,14 @@ impl ControlLaw for SlidingMode {
             .livelier(settings.liveliness);
         state.reference.notice_caution(settings.caution);
         let reference = if on_stop {
-            self.reference_on_stop(&mut state.reference, set_point, period_seconds)
+            self.reference_on_stop(&mut state.reference, &set_point, period_seconds)
         } else {
             self.reference(
                 &mut state.reference,
                 &surface,
                 &local,
                 &position,
-                set_point,
+                &set_point,
                 period_seconds,
             )
         };
@@ -222,18 +240,19 @@ impl ControlLaw for SlidingMode {
         } else {
             local.squared_current_for_jerk(wanted.equivalent + wanted.switching)
         };
-        let mut command = command(
+        let [estimates @ .., equivalent, switching] = command(
             &estimate,
             &reference,
             &wanted,
             local.squared_current_for_jerk(wanted.equivalent),
             squared_current,
         );
-        command.explanation.saturation.on_stop = on_stop;
-        command.explanation.caution = settings.caution;
         state.sliding_variable = wanted.sliding_variable;
-        state.squared_current = command.current_amperes * command.current_amperes;
-        command
+        state.squared_current = estimates[0] * estimates[0];
+        let (first, last) = writes.split_at_mut(estimates.len());
+        first.copy_from_slice(&estimates);
+        let back_off = BACK_OFF_STEPS * settings.caution;
+        last.copy_from_slice(&[flag(on_stop), back_off, equivalent, switching]);
     }
 }
 
@@ -246,30 +265,58 @@ fn point_of(model: &NominalModel, state: &ModelState) -> Point {
     }
 }
 
-/// The command for a wanted `u = i²`, with its explanation.
+/// Terms of both laws with a nominal model, in the order of what [`command`] returns behind the current.
+pub(crate) fn terms() -> [Port; 10] {
+    let term = Port::term;
+    [
+        Port::position_term("reference_position_millimetres")
+            .with_comment("Filtered reference position."),
+        Port::position_term("reference_velocity_millimetres_per_second")
+            .with_comment("Velocity of the filtered reference."),
+        Port::output("estimated_temperature_celsius", [-273.15, 327.67])
+            .counted(Width::Signed(16), 100.0)
+            .with_comment("Estimated wire temperature."),
+        Port::output("estimated_martensite_fraction", [0.0, 1.0])
+            .counted(Width::Unsigned(16), 50_000.0)
+            .with_comment("Estimated martensite fraction."),
+        Port::position_term("estimated_velocity_millimetres_per_second")
+            .with_comment("Estimated velocity of the load."),
+        term("sliding_variable_metres_per_second_squared")
+            .with_unit("metres_per_second_squared", "m/s^2")
+            .with_comment("Sliding variable s."),
+        Port::flag("saturation_upper_limit")
+            .with_comment("The law wants more than the largest current."),
+        Port::flag("saturation_lower_limit").with_comment("The law wants less than no current."),
+        term("equivalent_part_amperes_squared")
+            .with_unit("amperes_squared", "A^2")
+            .with_comment("Equivalent part of the squared current."),
+        term("switching_part_amperes_squared")
+            .with_unit("amperes_squared", "A^2")
+            .with_comment("Switching part of the squared current."),
+    ]
+}
+
+/// The current for a wanted `u = i²`, and the [`terms`].
 pub(crate) fn command(
     estimate: &ModelState,
     reference: &Reference,
     wanted: &WantedJerk,
     equivalent_part: f64,
     squared_current: f64,
-) -> Command {
-    let (current_amperes, saturation) = current_of(squared_current);
-    Command {
-        current_amperes,
-        explanation: Explanation {
-            reference_position_metres: reference.point.position_metres,
-            reference_velocity_metres_per_second: reference.point.velocity_metres_per_second,
-            estimated_temperature_celsius: estimate.temperature_celsius,
-            estimated_martensite_fraction: estimate.martensite_fraction,
-            estimated_velocity_metres_per_second: estimate.velocity_metres_per_second,
-            sliding_variable_metres_per_second_squared: wanted.sliding_variable,
-            saturation,
-            caution: 0.0,
-            equivalent_part_square_amperes: equivalent_part,
-            switching_part_square_amperes: squared_current - equivalent_part,
-        },
-    }
+) -> [f64; 11] {
+    [
+        limited_current(libm::sqrt(squared_current.max(0.0))),
+        reference.point.position_metres,
+        reference.point.velocity_metres_per_second,
+        estimate.temperature_celsius,
+        estimate.martensite_fraction,
+        estimate.velocity_metres_per_second,
+        wanted.sliding_variable,
+        flag(squared_current > SQUARED_CURRENT_MAX),
+        flag(squared_current < 0.0),
+        equivalent_part,
+        squared_current - equivalent_part,
+    ]
 }
 
 #[cfg(test)]
@@ -335,8 +382,8 @@ mod tests {
         let (settling, overshoot) = settling_and_overshoot(&rows, 0.0, 0.0, 0.025);
         assert!((0.35..0.43).contains(&settling), "{settling}");
         assert!(overshoot < 1.0, "{overshoot}");
-        assert!(rows[100].command.explanation.saturation.on_stop);
-        assert_eq!(rows[100].command.current_amperes, 1.0);
+        assert_eq!(rows[100].term("saturation_on_stop"), 1.0);
+        assert_eq!(rows[100].current_amperes(), 1.0);
     }
 
     #[test]
@@ -394,18 +441,18 @@ mod tests {
     #[test]
     fn a_load_that_shall_stay_on_the_stop_gets_no_current() {
         let rows = run(&controller(), &ModelConfig::default(), 0.5, |_| hold(0.0));
-        assert!(rows.iter().all(|row| row.command.current_amperes == 0.0));
+        assert!(rows.iter().all(|row| row.current_amperes() == 0.0));
     }
 
     #[test]
     fn parts_add_up_to_the_command() {
         for row in step_run(&ModelConfig::default()) {
-            let terms = row.command.explanation;
-            let sum = terms.equivalent_part_square_amperes + terms.switching_part_square_amperes;
-            let current = row.command.current_amperes;
+            let equivalent = row.term("equivalent_part_amperes_squared");
+            let sum = equivalent + row.term("switching_part_amperes_squared");
+            let current = row.current_amperes();
             assert!((current - libm::sqrt(sum.clamp(0.0, 1.0))).abs() <= 0.0005 + 1e-12);
-            assert_eq!(terms.saturation.at_upper_limit, sum > 1.0);
-            assert_eq!(terms.saturation.at_lower_limit, sum < 0.0);
+            assert_eq!(row.term("saturation_upper_limit"), flag(sum > 1.0));
+            assert_eq!(row.term("saturation_lower_limit"), flag(sum < 0.0));
         }
     }
 }

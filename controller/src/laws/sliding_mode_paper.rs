@@ -1,14 +1,13 @@
 //! Sliding mode as the paper has it: Eq. (12) to (14) with PAPER E3 to E5 and E9, derivatives by filtering the position.
 
 use scenario::controller::SlidingModePaper as Config;
-use scenario::reference::SetPoint;
 
-use crate::law::{Command, ControlLaw, Measurement};
+use super::sliding_mode::{Surface, command, terms};
+use crate::law::{Cycle, Law, LoopReads, Ports, one_loop};
 use crate::nominal_model::{
     Branch, BranchCurve, MARTENSITE_FRACTION_MIN, NominalModel, State as ModelState,
 };
 use crate::reference_filter::{self, CriticallyDamped, JerkRange, Point, ReferenceFilter};
-use crate::sliding_mode::{Surface, command};
 
 /// The law's constants.
 #[derive(Clone, Debug)]
@@ -45,7 +44,7 @@ impl SlidingModePaper {
     }
 }
 
-impl ControlLaw for SlidingModePaper {
+impl Law for SlidingModePaper {
     const NAME: &'static str = "sliding_mode_paper";
     type Config = Config;
     type State = State;
@@ -70,6 +69,14 @@ impl ControlLaw for SlidingModePaper {
         }
     }
 
+    fn ports(&self) -> Ports {
+        one_loop::<Self>(terms())
+    }
+
+    fn objection(&self) -> Option<(&'static str, String)> {
+        self.model.objection()
+    }
+
     fn start(&self) -> State {
         State {
             reference: reference_filter::State::default(),
@@ -80,19 +87,16 @@ impl ControlLaw for SlidingModePaper {
         }
     }
 
-    fn step(
-        &self,
-        state: &mut State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command {
-        if measurement.position_metres.is_finite() {
+    fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        let LoopReads {
+            position_metres,
+            set_point,
+        } = LoopReads::of(reads);
+        let period_seconds = cycle.period_seconds;
+        if position_metres.is_finite() {
             state.filtered = self.derivative_filter.advance(
                 &state.filtered,
-                measurement
-                    .position_metres
-                    .clamp(0.0, self.model.position_metres_max()),
+                position_metres.clamp(0.0, self.model.position_metres_max()),
                 period_seconds,
             );
         }
@@ -100,7 +104,7 @@ impl ControlLaw for SlidingModePaper {
         let acceleration = state.filtered.acceleration_metres_per_second_squared;
         let reference = self.reference_filter.step(
             &mut state.reference,
-            set_point,
+            &set_point,
             &JerkRange::UNLIMITED,
             period_seconds,
         );
@@ -111,13 +115,13 @@ impl ControlLaw for SlidingModePaper {
         if branch != state.curve.branch {
             state.curve = self.model.curve_through(&estimate, branch);
         }
-        command(
+        writes.copy_from_slice(&command(
             &estimate,
             &reference,
             &wanted,
             local.squared_current_for_jerk(wanted.equivalent),
             local.squared_current_for_jerk(jerk),
-        )
+        ));
     }
 }
 

@@ -5,8 +5,7 @@ use scenario::reference::SetPoint;
 
 use crate::filtered_position::FilteredPosition;
 use crate::law::{
-    CURRENT_AMPERES_MAX, Command, ControlLaw, Explanation, Measurement, Saturation,
-    limited_current_from,
+    CURRENT_AMPERES_MAX, Cycle, Law, LoopReads, Port, Ports, flag, limited_current_from, one_loop,
 };
 
 /// The gains.
@@ -40,7 +39,7 @@ impl Pid {
     }
 }
 
-impl ControlLaw for Pid {
+impl Law for Pid {
     const NAME: &'static str = "pid";
     type Config = Config;
     type State = State;
@@ -51,45 +50,57 @@ impl ControlLaw for Pid {
         }
     }
 
+    fn ports(&self) -> Ports {
+        let on_stop = Port::flag("saturation_on_stop").with_comment("The position is 0 or below.");
+        one_loop::<Self>(terms().into_iter().chain([on_stop]))
+    }
+
     fn start(&self) -> State {
         State::default()
     }
 
-    fn step(
-        &self,
-        state: &mut State,
-        measurement: &Measurement,
-        set_point: &SetPoint,
-        period_seconds: f64,
-    ) -> Command {
-        state.position.measure(measurement.position_metres);
+    fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+        let LoopReads {
+            position_metres,
+            set_point,
+        } = LoopReads::of(reads);
+        state.position.measure(position_metres);
         let pole = self.config.derivative_filter_radians_per_second;
-        let velocity = state.position.velocity(pole, period_seconds);
+        let velocity = state.position.velocity(pole, cycle.period_seconds);
         let error = set_point.position_metres - state.position.latest();
-        let current = self.proportional(state, set_point) + state.integral_amperes
+        let current = self.proportional(state, &set_point) + state.integral_amperes
             - self.config.derivative_ampere_seconds_per_metre * velocity;
-        self.integrate(state, error, current, period_seconds);
-        Command {
-            current_amperes: limited_current_from(self.config.current_amperes_min, current),
-            explanation: Explanation {
-                reference_position_metres: set_point.position_metres,
-                reference_velocity_metres_per_second: set_point.velocity_metres_per_second,
-                estimated_velocity_metres_per_second: velocity,
-                saturation: Saturation {
-                    at_upper_limit: current > CURRENT_AMPERES_MAX,
-                    at_lower_limit: current < self.config.current_amperes_min,
-                    on_stop: state.position.latest() <= 0.0,
-                },
-                ..Explanation::default()
-            },
-        }
+        self.integrate(state, error, current, cycle.period_seconds);
+        writes.copy_from_slice(&[
+            limited_current_from(self.config.current_amperes_min, current),
+            set_point.position_metres,
+            set_point.velocity_metres_per_second,
+            velocity,
+            flag(current > CURRENT_AMPERES_MAX),
+            flag(current < self.config.current_amperes_min),
+            flag(state.position.latest() <= 0.0),
+        ]);
     }
+}
+
+/// Terms of the PID laws.
+pub(super) fn terms() -> [Port; 5] {
+    [
+        Port::position_term("reference_position_millimetres")
+            .with_comment("Set-point that the law follows."),
+        Port::position_term("reference_velocity_millimetres_per_second")
+            .with_comment("Velocity of the set-point."),
+        Port::position_term("estimated_velocity_millimetres_per_second")
+            .with_comment("Velocity of the filtered position."),
+        Port::flag("saturation_upper_limit").with_comment("The law wants more than there is."),
+        Port::flag("saturation_lower_limit").with_comment("The law wants less than there is."),
+    ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_rig::{PERIOD_SECONDS, hold};
+    use crate::test_rig::{CYCLE, hold};
 
     fn law(proportional: f64, integral: f64, derivative: f64) -> Pid {
         Pid::new(&Config {
@@ -102,16 +113,14 @@ mod tests {
         })
     }
 
-    fn measured(position_metres: f64) -> Measurement {
-        Measurement {
-            scenario_time_seconds: 0.0,
+    fn step(law: &Pid, state: &mut State, position_metres: f64, target: f64) -> f64 {
+        let reads = LoopReads {
             position_metres,
-        }
-    }
-
-    fn step(law: &Pid, state: &mut State, position: f64, target: f64) -> f64 {
-        law.step(state, &measured(position), &hold(target), PERIOD_SECONDS)
-            .current_amperes
+            set_point: hold(target),
+        };
+        let mut writes = [0.0; 7];
+        law.step(state, &CYCLE, &reads.values(), &mut writes);
+        writes[0]
     }
 
     #[test]

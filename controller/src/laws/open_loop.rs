@@ -2,9 +2,8 @@
 
 use scenario::controller::OpenLoop as Config;
 use scenario::profile::Profile;
-use scenario::reference::SetPoint;
 
-use crate::law::{Command, ControlLaw, Measurement, limited_current};
+use crate::law::{Cycle, Law, Ports, limited_current, one_loop};
 
 /// The profile, ready to be asked every cycle.
 #[derive(Clone, Debug)]
@@ -12,7 +11,7 @@ pub struct OpenLoop {
     profile: Profile,
 }
 
-impl ControlLaw for OpenLoop {
+impl Law for OpenLoop {
     const NAME: &'static str = "open_loop";
     type Config = Config;
     type State = ();
@@ -23,21 +22,21 @@ impl ControlLaw for OpenLoop {
         }
     }
 
+    fn ports(&self) -> Ports {
+        one_loop::<Self>([])
+    }
+
     fn start(&self) {}
 
-    fn step(&self, (): &mut (), measurement: &Measurement, _: &SetPoint, _: f64) -> Command {
-        Command {
-            current_amperes: limited_current(
-                self.profile.current_at(measurement.scenario_time_seconds),
-            ),
-            ..Command::default()
-        }
+    fn step(&self, (): &mut (), cycle: &Cycle, _: &[f64], writes: &mut [f64]) {
+        writes[0] = limited_current(self.profile.current_at(cycle.scenario_time_seconds));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_rig::CYCLE;
     use scenario::controller::CurrentStep;
 
     #[test]
@@ -51,12 +50,13 @@ mod tests {
             ..Config::default()
         });
         let current = |scenario_time_seconds| {
-            let measurement = Measurement {
+            let cycle = Cycle {
                 scenario_time_seconds,
-                position_metres: f64::NAN,
+                ..CYCLE
             };
-            law.step(&mut (), &measurement, &SetPoint::default(), 1e-3)
-                .current_amperes
+            let mut writes = [0.0];
+            law.step(&mut (), &cycle, &[], &mut writes);
+            writes[0]
         };
         assert_eq!([current(0.5), current(1.0), current(2.5)], [0.0, 0.62, 1.0]);
     }

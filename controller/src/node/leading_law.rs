@@ -1,0 +1,97 @@
+//! A law that leads one loop or all: when it steps, and on what.
+
+use canopen::Services;
+use canopen::cia402::Command as DriveCommand;
+
+use super::control_loop::ControlLoop;
+use crate::law::Cycle;
+use crate::wired_law::WiredLaw;
+
+/// A law with the loops that it leads.
+#[derive(Debug)]
+pub(super) struct LeadingLaw {
+    law: WiredLaw,
+    /// The places of the loops of which it reads anything, or which it leads.
+    places: Vec<usize>,
+    /// The places of those without whose position it does not step.
+    waits_for: Vec<usize>,
+    /// It has stepped in the present cycle.
+    has_stepped: bool,
+}
+
+impl LeadingLaw {
+    pub(super) fn new(law: WiredLaw, places: Vec<usize>) -> Self {
+        Self {
+            waits_for: law.waits_for(),
+            law,
+            places,
+            has_stepped: false,
+        }
+    }
+
+    /// Whether the last position of the cycle has come, and the law has not stepped on it yet.
+    fn is_due(&self, loops: &[ControlLoop]) -> bool {
+        let mut waits_for = self.waits_for.iter();
+        !self.has_stepped && waits_for.all(|place| loops[*place].has_position)
+    }
+
+    /// Steps and commands the drives that it leads, if the last position of the cycle has come.
+    pub(super) fn lead(&mut self, services: &mut Services, loops: &mut [ControlLoop], number: u64) {
+        if !self.is_due(loops) {
+            return;
+        }
+        self.step(services, loops, number);
+        let controlword = DriveCommand::EnableOperation.controlword();
+        for (place, current_amperes) in self.law.currents_amperes() {
+            let drive = &mut loops[place].drive;
+            drive.command(services, controlword, current_amperes);
+        }
+    }
+
+    /// One step of the law, on the positions of the cycle that have come.
+    fn step(&mut self, services: &mut Services, loops: &mut [ControlLoop], number: u64) {
+        self.has_stepped = true;
+        for place in &self.places {
+            let one = &mut loops[*place];
+            if !one.has_position {
+                one.look(number, f64::NAN);
+            }
+        }
+        self.step_on_seen(services, loops);
+    }
+
+    fn step_on_seen(&mut self, services: &mut Services, loops: &[ControlLoop]) {
+        let Some(first) = self.places.first().map(|place| &loops[*place]) else {
+            return;
+        };
+        let cycle = Cycle {
+            scenario_time_seconds: first.scenario_time_seconds,
+            period_seconds: first.sync_period.as_secs_f64(),
+        };
+        let seen = |place: usize| &loops[place].seen;
+        self.law.step(&cycle, seen, services.dictionary_mut());
+    }
+
+    /// Ends a cycle, before the loops do, and lives through so many that were skipped, so that the law's model keeps pace with the
+    /// plant. A cycle that lacked a position is a step too, but commands nothing.
+    pub(super) fn end_cycle(
+        &mut self,
+        services: &mut Services,
+        loops: &mut [ControlLoop],
+        number: u64,
+        skipped: u64,
+    ) {
+        if !self.has_stepped {
+            self.step(services, loops, number);
+        }
+        let missing_max = self.waits_for.iter().map(|place| loops[*place].missing_max);
+        let missing_max = missing_max.max().unwrap_or_default();
+        for passed in 1..=skipped.min(missing_max) {
+            for place in &self.places {
+                loops[*place].look(number + passed, f64::NAN);
+            }
+            self.step_on_seen(services, loops);
+        }
+        self.has_stepped = false;
+    }
+}

@@ -1,0 +1,310 @@
+//! The terms of a law as objects, from 0x2200 on, from where the controller's TPDOs take them.
+
+use canopen::ObjectDictionary;
+use canopen::object_dictionary::{Access, DataType, Entry, Handle};
+use dbc::loops::law_offset;
+use dbc::{Kind, LAW_TERMS_OBJECT, LawTerm, Range, layout};
+use scenario::port::{Port, Width};
+
+use crate::error::ControllerError;
+
+/// First object of the communication parameters of the controller's TPDOs, of their mappings, and of the terms; and what is between
+/// those of a loop and those of the next one.
+const COMMUNICATION: u16 = 0x1800;
+const MAPPING: u16 = 0x1A00;
+const TPDOS_OF_LOOP: u16 = 4;
+const TERMS_OF_LOOP: u16 = 0x40;
+/// Where a TPDO has its COB-ID and its SYNC start value (CiA 301, 7.5.2.37).
+const COB_ID: u8 = 1;
+const SYNC_START: u8 = 6;
+
+/// Whether the controller has an object for its law alone.
+pub(crate) fn is_of_law(index: u16) -> bool {
+    let is_in = |first: u16, count: u16| (first..first + count).contains(&index);
+    is_in(COMMUNICATION, TPDOS_OF_LOOP)
+        || is_in(MAPPING, TPDOS_OF_LOOP)
+        || is_in(LAW_TERMS_OBJECT, TERMS_OF_LOOP)
+}
+
+/// The term of a port, by the name that it has in its loop.
+pub(crate) fn described((name, port): (&str, &Port)) -> LawTerm {
+    let (bits, kind, counts_per_unit) = match port.width {
+        Width::Real32 => (32, Kind::Float32, 1.0),
+        Width::Signed(bits) => (bits, Kind::Signed, port.steps_per_unit),
+        Width::Unsigned(bits) => (bits, Kind::Unsigned, port.steps_per_unit),
+    };
+    let [minimum, maximum] = port.range;
+    LawTerm {
+        name: name.to_owned(),
+        unit: port.symbol.clone(),
+        comment: port.comment.clone(),
+        bits,
+        kind,
+        counts_per_unit,
+        range: Range { minimum, maximum },
+    }
+}
+
+/// Puts the terms of a loop's law, and the TPDOs that take them, into the controller's dictionary. `shipped` is its data sheet, which
+/// has the parameters of the TPDOs.
+pub(crate) fn declare(
+    dictionary: &mut ObjectDictionary,
+    shipped: &ObjectDictionary,
+    terms: &[LawTerm],
+    place: usize,
+) {
+    let place = u16::try_from(place).unwrap_or(u16::MAX);
+    let objects = layout(terms).unwrap_or_default();
+    let first_object = LAW_TERMS_OBJECT + TERMS_OF_LOOP * place;
+    for (index, object) in (first_object..).zip(&objects) {
+        let term = &terms[object.terms[0].0];
+        let data_type = match (term.kind, object.bits) {
+            (Kind::Float32 | Kind::Float64, _) => DataType::Real32,
+            (Kind::Signed, 8) => DataType::Integer8,
+            (Kind::Signed, 16) => DataType::Integer16,
+            (Kind::Signed, _) => DataType::Integer32,
+            (Kind::Unsigned, 8) => DataType::Unsigned8,
+            (Kind::Unsigned, 16) => DataType::Unsigned16,
+            (Kind::Unsigned, _) => DataType::Unsigned32,
+        };
+        let start = vec![0; usize::from(object.bits / 8)];
+        let mut entry = Entry::new(index, 0, &term.name, data_type, Access::ReadOnly, start);
+        entry.is_pdo_mappable = true;
+        dictionary.insert(entry);
+    }
+    for (number, message) in (0..TPDOS_OF_LOOP).zip(0..) {
+        let numbered = (u32::from(first_object)..).zip(&objects);
+        let own = numbered.filter(|(_, object)| object.message == message);
+        let mapped = own.map(|(index, object)| index << 16 | u32::from(object.bits));
+        let mapped = Vec::from_iter(mapped);
+        if mapped.is_empty() {
+            continue;
+        }
+        for entry in shipped.entries() {
+            let default = match (entry.index, entry.sub_index) {
+                (index, sub) if index == COMMUNICATION + number => communication(entry, sub, place),
+                (index, 0) if index == MAPPING + number => mapped.len().to_le_bytes()[..1].to_vec(),
+                (index, sub) if index == MAPPING + number => {
+                    let object = mapped.get(usize::from(sub) - 1);
+                    object.copied().unwrap_or_default().to_le_bytes().to_vec()
+                }
+                _ => continue,
+            };
+            let index = entry.index + TPDOS_OF_LOOP * place;
+            dictionary.insert(with_default(entry, index, default));
+        }
+    }
+}
+
+/// A communication parameter of a TPDO of the first loop as that of another one.
+fn communication(entry: &Entry, sub_index: u8, place: u16) -> Vec<u8> {
+    let place = u8::try_from(place).unwrap_or(u8::MAX);
+    match sub_index {
+        COB_ID => {
+            let value = entry.decode_integer(&entry.default);
+            let number = u32::try_from(value).unwrap_or_default();
+            (number + law_offset(place)).to_le_bytes().to_vec()
+        }
+        // Each loop has cycles of its own (`LoopPlace::terms_cycle`).
+        SYNC_START => vec![place],
+        _ => entry.default.clone(),
+    }
+}
+
+fn with_default(entry: &Entry, index: u16, default: Vec<u8>) -> Entry {
+    let (data_type, access) = (entry.data_type, entry.access);
+    let mut twin = Entry::new(
+        index,
+        entry.sub_index,
+        &entry.name,
+        data_type,
+        access,
+        default,
+    );
+    twin.is_pdo_mappable = entry.is_pdo_mappable;
+    (twin.low_limit, twin.high_limit) = (entry.low_limit, entry.high_limit);
+    twin
+}
+
+/// Gives an object another default, and makes it its value.
+pub(crate) fn set_default(
+    dictionary: &mut ObjectDictionary,
+    index: u16,
+    sub_index: u8,
+    bytes: &[u8],
+) {
+    if let Ok(handle) = dictionary.find(index, sub_index) {
+        let twin = with_default(dictionary.entry(handle), index, bytes.to_vec());
+        dictionary.insert(twin);
+    }
+}
+
+/// The objects of a loop's terms in the dictionary, found once.
+#[derive(Clone, Debug)]
+pub(crate) struct TermObjects {
+    parts: Vec<Part>,
+    objects: Vec<(Handle, usize)>,
+}
+
+/// A term as a part of an object.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    /// The place among what the law writes.
+    output: usize,
+    /// The place of the object.
+    object: usize,
+    /// Its first bit in the object.
+    bit: u8,
+    encoding: Encoding,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Encoding {
+    Real32,
+    /// So many counts of one that the law writes, from the lowest to the highest.
+    Counts {
+        of_one: f64,
+        min: i64,
+        max: i64,
+    },
+}
+
+impl Encoding {
+    fn new(port: &Port, factor: f64) -> Self {
+        let steps = port.steps_per_unit;
+        match port.width {
+            Width::Real32 => Self::Real32,
+            Width::Signed(_) | Width::Unsigned(_) => Self::Counts {
+                of_one: steps * factor,
+                min: whole(port.range[0] * steps),
+                max: whole(port.range[1] * steps),
+            },
+        }
+    }
+
+    /// Bits of a value; one beyond the range is cut to its end.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a 32-bit number is wanted, and the range lets only those through that fit"
+    )]
+    fn bits(self, value: f64) -> u32 {
+        match self {
+            Self::Real32 => (value as f32).to_bits(),
+            Self::Counts { of_one, min, max } => whole(value * of_one).clamp(min, max) as u32,
+        }
+    }
+}
+
+/// The nearest whole number; 0 for not a number.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "`as` cuts to the ends of the type, which is what is wanted"
+)]
+fn whole(value: f64) -> i64 {
+    (value + 0.5_f64.copysign(value)) as i64
+}
+
+impl TermObjects {
+    /// The objects of a loop's terms, each of which has its place among what the law writes, and what one of that is in the unit of the
+    /// term's name.
+    pub(crate) fn find<'a>(
+        dictionary: &ObjectDictionary,
+        of_loop: usize,
+        terms: impl Iterator<Item = (usize, &'a Port, f64)>,
+    ) -> Result<Self, ControllerError> {
+        let terms = Vec::from_iter(terms);
+        let described = terms
+            .iter()
+            .map(|(_, port, _)| described((&port.name, port)));
+        let layout = layout(&Vec::from_iter(described)).unwrap_or_default();
+        let first = usize::from(LAW_TERMS_OBJECT) + usize::from(TERMS_OF_LOOP) * of_loop;
+        let (mut parts, mut objects) = (Vec::new(), Vec::new());
+        for (object, laid_out) in layout.iter().enumerate() {
+            let index = u16::try_from(first + object).unwrap_or(u16::MAX);
+            let handle = dictionary.find(index, 0);
+            let handle = handle.map_err(|_| ControllerError::NoObject(index))?;
+            objects.push((handle, usize::from(laid_out.bits / 8)));
+            parts.extend(laid_out.terms.iter().map(|(term, bit)| {
+                let (output, port, factor) = terms[*term];
+                Part {
+                    output,
+                    object,
+                    bit: *bit,
+                    encoding: Encoding::new(port, factor),
+                }
+            }));
+        }
+        Ok(Self { parts, objects })
+    }
+
+    /// Stores the terms. Allocates nothing.
+    pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, writes: &[f64]) {
+        let mut parts = self.parts.iter().peekable();
+        for (object, (handle, size)) in self.objects.iter().enumerate() {
+            let mut bits = 0;
+            while let Some(part) = parts.next_if(|part| part.object == object) {
+                bits |= part.encoding.bits(writes[part.output]) << part.bit;
+            }
+            let stored = dictionary.store(*handle, &bits.to_le_bytes()[..*size]);
+            debug_assert!(stored.is_ok(), "each was declared with this type");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use canopen::eds;
+
+    fn dictionary(ports: &[Port]) -> ObjectDictionary {
+        let terms = ports.iter().map(|port| described((&port.name, port)));
+        let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
+        let mut dictionary = ObjectDictionary::new();
+        declare(&mut dictionary, &shipped, &Vec::from_iter(terms), 0);
+        dictionary
+    }
+
+    #[test]
+    fn terms_are_mapped_in_their_order_and_an_empty_tpdo_is_not_there() {
+        let dictionary = dictionary(&["a", "b", "c"].map(Port::term));
+        let unsigned = |index, sub_index| dictionary.unsigned(index, sub_index);
+        assert_eq!(
+            [0, 1, 2].map(|sub| unsigned(0x1A00, sub).unwrap()),
+            [2, 0x2200_0020, 0x2201_0020]
+        );
+        let second = [0, 1, 2].map(|sub| unsigned(0x1A01, sub).unwrap());
+        assert_eq!(second, [1, 0x2202_0020, 0]);
+        assert_eq!(unsigned(0x1800, 1), Some(0x4000_0181));
+        assert_eq!((unsigned(0x1802, 1), unsigned(0x1A02, 0)), (None, None));
+        let third = dictionary.entry(dictionary.find(0x2202, 0).unwrap());
+        assert_eq!(
+            (third.name.as_str(), third.data_type),
+            ("c", DataType::Real32)
+        );
+    }
+
+    #[test]
+    fn values_are_rounded_and_cut_to_the_range_and_small_ones_share_a_byte() {
+        let ports = [
+            Port::output("celsius", [-100.0, 100.0]).counted(Width::Signed(16), 100.0),
+            Port::flag("hot"),
+            Port::output("level", [0.0, 31.0]).counted(Width::Unsigned(5), 1.0),
+            Port::position_term("reference_millimetres"),
+        ];
+        let mut dictionary = dictionary(&ports);
+        let terms = ports.iter().zip([1.0, 1.0, 1.0, 1e3]).enumerate();
+        let terms = terms.map(|(place, (port, factor))| (place, port, factor));
+        let objects = TermObjects::find(&dictionary, 0, terms).unwrap();
+        let mut stored = |writes: [f64; 4]| {
+            objects.store(&mut dictionary, &writes);
+            [0x2200, 0x2201, 0x2202].map(|index| dictionary.integer(index, 0).unwrap())
+        };
+        assert_eq!(stored([-20.125, 1.0, 30.6, 0.025]), [-2013, 63, 25_000]);
+        assert_eq!(
+            stored([1e9, 7.0, -1.0, f64::INFINITY]),
+            [10_000, 1, 2_147_483_647]
+        );
+        assert_eq!(stored([f64::NAN; 4]), [0, 0, 0]);
+    }
+}

@@ -1,0 +1,151 @@
+//! A law that is wired to the loops of a rig: what it reads of them, where its currents go, and the objects of its terms.
+
+use canopen::ObjectDictionary;
+use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading, Writing, WrongPort};
+use scenario::port::Port;
+use scenario::wiring::Wiring;
+
+use crate::error::ControllerError;
+use crate::law::{AnyLaw, Cycle, sound_current};
+use crate::terms::TermObjects;
+
+/// What a loop brings to a cycle of a law, in the order of the [`Quantity`]s.
+pub(crate) type Seen = [f64; LOOP_INPUTS.len()];
+
+/// Where a current goes.
+#[derive(Clone, Copy, Debug)]
+struct CurrentWire {
+    /// The place of the loop whose drive gets it.
+    place: usize,
+    /// The place among what the law writes; `None` for a drive that the law leaves without current.
+    output: Option<usize>,
+    range: [f64; 2],
+    /// Amperes of one that the law writes.
+    factor: f64,
+}
+
+/// A law that is wired to loops.
+#[derive(Debug)]
+pub(crate) struct WiredLaw {
+    law: AnyLaw,
+    readings: Vec<Reading>,
+    currents: Vec<CurrentWire>,
+    terms: Vec<TermObjects>,
+    reads: Vec<f64>,
+    writes: Vec<f64>,
+}
+
+impl WiredLaw {
+    /// A law of the drives at these places of the controller's loops, the first of which is wired like this. Its terms are in a
+    /// dictionary that has them.
+    pub(crate) fn new(
+        law: AnyLaw,
+        places: &[usize],
+        wiring: &Wiring,
+        dictionary: &ObjectDictionary,
+    ) -> Result<Self, ControllerError> {
+        let ports = law.ports();
+        let wires = wires(&law, wiring)?;
+        let readings = wires.inputs.iter().map(|reading| Reading {
+            of_loop: places[reading.of_loop],
+            ..*reading
+        });
+        let currents = (0..places.len()).map(|place| CurrentWire {
+            place: places[place],
+            ..current(place, &wires, &ports.outputs)
+        });
+        let terms = places.iter().enumerate().map(|(place, of_loop)| {
+            TermObjects::find(dictionary, *of_loop, terms(place, &wires, &ports.outputs))
+        });
+        Ok(Self {
+            readings: readings.collect(),
+            currents: currents.collect(),
+            terms: terms.collect::<Result<_, _>>()?,
+            reads: vec![0.0; ports.inputs.len()],
+            writes: vec![0.0; ports.outputs.len()],
+            law,
+        })
+    }
+
+    /// The places of the loops whose positions it reads; of those that it leads where it reads none.
+    pub(crate) fn waits_for(&self) -> Vec<usize> {
+        let positions = self.readings.iter();
+        let positions = positions.filter(|reading| reading.quantity == Quantity::Position);
+        let mut places = Vec::from_iter(positions.map(|reading| reading.of_loop));
+        if places.is_empty() {
+            places = self.currents.iter().map(|wire| wire.place).collect();
+        }
+        places.sort_unstable();
+        places.dedup();
+        places
+    }
+
+    /// A step of the law on what is seen of the loops, whose terms go into the dictionary. Allocates nothing.
+    pub(crate) fn step<'a>(
+        &mut self,
+        cycle: &Cycle,
+        seen: impl Fn(usize) -> &'a Seen,
+        dictionary: &mut ObjectDictionary,
+    ) {
+        for (value, reading) in self.reads.iter_mut().zip(&self.readings) {
+            *value = seen(reading.of_loop)[reading.quantity as usize] * reading.factor;
+        }
+        self.law.step(cycle, &self.reads, &mut self.writes);
+        for terms in &self.terms {
+            terms.store(dictionary, &self.writes);
+        }
+    }
+
+    /// The commands after the latest step, each with the place of its loop; what is no current at all is none.
+    pub(crate) fn currents_amperes(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.currents.iter().map(|wire| {
+            let value = wire.output.map_or(0.0, |output| self.writes[output]);
+            let [min, max] = wire.range;
+            let current = match value.is_nan() {
+                true => 0.0,
+                false => value.max(min).min(max) * wire.factor,
+            };
+            (wire.place, sound_current(current))
+        })
+    }
+}
+
+/// What the ports of a law stand for, at the drive that is wired like this.
+pub(crate) fn wires(law: &AnyLaw, wiring: &Wiring) -> Result<LawWires, WrongPort> {
+    match law.drives() {
+        Some(_) => LawWires::of_one(law.ports(), &wiring.unit),
+        None => LawWires::of_all(law.ports(), &wiring.loops),
+    }
+}
+
+fn current(place: usize, wires: &LawWires, outputs: &[Port]) -> CurrentWire {
+    let mut wired = wires.outputs.iter().zip(outputs).enumerate();
+    let found = wired.find_map(|(output, (writing, port))| match writing {
+        Writing::Current { of_loop, factor } if *of_loop == place => Some(CurrentWire {
+            place,
+            output: Some(output),
+            range: port.range,
+            factor: *factor,
+        }),
+        _ => None,
+    });
+    found.unwrap_or(CurrentWire {
+        place,
+        output: None,
+        range: [0.0, 0.0],
+        factor: 1.0,
+    })
+}
+
+/// The terms of a loop, each with its place among what the law writes, and what one of that is in the unit of the name.
+fn terms<'a>(
+    place: usize,
+    wires: &'a LawWires,
+    outputs: &'a [Port],
+) -> impl Iterator<Item = (usize, &'a Port, f64)> {
+    let wired = wires.outputs.iter().zip(outputs).enumerate();
+    wired.filter_map(move |(output, (writing, port))| match writing {
+        Writing::Term { of_loop, factor } if *of_loop == place => Some((output, port, *factor)),
+        _ => None,
+    })
+}
