@@ -5,7 +5,7 @@ use rig::plan::ControlLoop;
 use scenario::fault::node::Node;
 use scenario::fault::{FaultWindow, Touch};
 
-use super::Missing;
+use super::breaches::{Breach, Duty};
 
 /// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;
@@ -19,6 +19,7 @@ const CONTROLLER: &str = "controller";
 /// A stretch in which frames may be missing: those of a node, or of all.
 struct Touched {
     node: Option<Node>,
+    only_heartbeats: bool,
     from_seconds: f64,
     until_seconds: f64,
 }
@@ -68,14 +69,21 @@ impl ScenarioFaults {
         }
     }
 
-    /// Whether a fault explains that something begins to be missing in a stretch: it touches the frame, or the controller gives up
-    /// for it, and says so.
-    pub(super) fn explain(&self, missing: Missing, from: f64, until: f64) -> bool {
+    /// Whether a fault explains that something begins to be missing: it touches the frame, or the controller gives up for it, and says
+    /// so.
+    pub(super) fn explain(&self, breach: &Breach) -> bool {
+        let (node, from, until) = (
+            breach.duty.node(),
+            breach.from_seconds,
+            breach.until_seconds,
+        );
+        let is_heartbeat = matches!(breach.duty, Duty::Heartbeat(_));
         let is_near = |begins: f64, ends: f64| {
             until + TIME_TOLERANCE_SECONDS >= begins && from <= ends + self.reaction_seconds
         };
         let touches = |touched: &Touched| {
-            touched.node.is_none_or(|node| node == missing.sender())
+            touched.node.is_none_or(|touched| touched == node)
+                && (is_heartbeat || !touched.only_heartbeats)
                 && is_near(touched.from_seconds, touched.until_seconds)
         };
         let is_reported = |at: &f64| is_near(*at, *at);
@@ -93,21 +101,36 @@ fn span(fault: &FaultWindow) -> (f64, f64) {
 
 /// The frames of the loop's controller and drive that a fault of its own or of another loop touches. The drive of another one is not
 /// its drive.
-fn touched(fault: &FaultWindow, is_own: bool) -> Option<Touched> {
+fn touched(fault: &FaultWindow, is_own: bool) -> Vec<Touched> {
     let (from_seconds, until_seconds) = span(fault);
-    let (node, until_seconds) = match fault.touch {
-        Touch::Nothing => return None,
-        Touch::Of(Node::Drive) | Touch::Late(Some(Node::Drive), _) if !is_own => return None,
-        Touch::All => (None, until_seconds),
-        Touch::Of(node) => (Some(node), until_seconds),
-        Touch::Late(node, _) => (node, until_seconds),
-        // The others notice it at its begin.
-        Touch::HeartbeatsOf(Node::Controller) => (Some(Node::Drive), from_seconds),
-        Touch::HeartbeatsOf(Node::Drive) => (Some(Node::Controller), from_seconds),
-    };
-    Some(Touched {
+    let touched = |node, until_seconds| Touched {
         node,
+        only_heartbeats: false,
         from_seconds,
         until_seconds,
-    })
+    };
+    match fault.touch {
+        Touch::Nothing => Vec::new(),
+        Touch::Of(Node::Drive) | Touch::Late(Some(Node::Drive), _) if !is_own => Vec::new(),
+        Touch::All => vec![touched(None, until_seconds)],
+        Touch::Of(node) => vec![touched(Some(node), until_seconds)],
+        Touch::Late(node, _) => vec![touched(node, until_seconds)],
+        Touch::HeartbeatsOf(node) => {
+            let other = match node {
+                Node::Controller => Node::Drive,
+                Node::Drive => Node::Controller,
+            };
+            let heartbeats = Touched {
+                only_heartbeats: true,
+                ..touched(Some(node), until_seconds)
+            };
+            // The others notice it at its begin.
+            let noticed = touched(Some(other), from_seconds);
+            let is_of_this = is_own || node == Node::Controller;
+            [Some(noticed), is_of_this.then_some(heartbeats)]
+                .into_iter()
+                .flatten()
+                .collect()
+        }
+    }
 }
