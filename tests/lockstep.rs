@@ -294,6 +294,7 @@ fn in_folder(parent: &Path) -> runner::run::RunPlace<'_> {
         parent,
         is_long: false,
         overrides: &[],
+        is_strict: false,
     }
 }
 

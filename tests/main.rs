@@ -6,6 +6,7 @@
 )]
 
 mod allocation;
+mod attribution;
 mod book;
 mod checks;
 mod command_line;

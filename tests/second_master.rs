@@ -60,7 +60,7 @@ fn a_foreign_producer_of_sync_is_named_and_no_run_beside_it_passes() {
         let address = run.address.clone();
         let (code, text, run) = beside_a_producer(&address, || run.end());
         assert_eq!(code, Some(5), "{text}");
-        let reason = "inconclusive: a second master: 0x080 (SYNC, one every 100 ms), ";
+        let reason = "inconclusive: a second master: 0x080 (SYNC), ";
         assert!(text.contains(reason), "{text}");
         let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
         let (code, text, stderr) = output(replay.arg("replay").arg(run));
@@ -82,10 +82,9 @@ fn beside_a_real_drive_a_second_master_ends_the_run_without_current() {
         let address = run.address.clone();
         let (code, text, run) = beside_a_producer(&address, || run.end());
         stop(drive);
-        assert_eq!(code, Some(4), "{text}");
-        let place = run.parent().unwrap().parent().unwrap().join("swapped.toml");
-        let reason = format!("canrig: {}: a second master: 0x080 (SYNC", place.display());
-        assert!(text.contains(&reason), "{text}");
+        assert_eq!(code, Some(5), "{text}");
+        let reason = "inconclusive: a second master: 0x080 (SYNC";
+        assert!(text.contains(reason), "{text}");
         let log = fs::read_to_string(run.join("bus.log")).unwrap();
         // The foreign SYNC has no counter.
         let (_, foreign) = log.split_once(" 080#\n").expect("a foreign SYNC");

@@ -177,6 +177,7 @@ fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
         frames_dropped: report.frames_dropped,
         frames_delayed: report.frames_delayed,
         refused: scheduling.refusals().map(ToString::to_string).collect(),
+        sent: report.sent_frames().collect(),
         late: report
             .late
             .iter()

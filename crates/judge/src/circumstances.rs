@@ -1,8 +1,11 @@
 //! What is known of a run besides its frames.
 
 use recording::ending::EarlyEnd;
+use recording::latency::NodeReport;
+use recording::sources::Sent;
 use recording::stalls::Stall;
 use recording::unrecorded::Unrecorded;
+use rig::plan::LoopNode;
 
 /// What is known of a run besides its frames; the default is that of virtual time, and of somebody else's recording.
 #[derive(Clone, Debug, Default)]
@@ -13,4 +16,20 @@ pub struct Circumstances {
     pub ended_early: Option<EarlyEnd>,
     /// Where the machine held up what canrig started; nothing in virtual time.
     pub stalls: Vec<Stall>,
+    /// The frames that canrig's nodes sent in real time.
+    pub sent: Sent,
+    /// The reports of canrig's nodes in real time: of the controller, and of the emulators together.
+    pub reports: [Option<NodeReport>; 2],
+}
+
+impl Circumstances {
+    /// Whether a node of canrig's was done with each of its cycles in real time before the next one.
+    pub(crate) fn is_punctual(&self, node: LoopNode) -> bool {
+        let report = match node {
+            LoopNode::Controller => &self.reports[0],
+            LoopNode::Drive => &self.reports[1],
+        };
+        let is_punctual = |report: &NodeReport| report.ticks > 0 && report.overruns == 0;
+        report.as_ref().is_some_and(is_punctual)
+    }
 }

@@ -219,7 +219,7 @@ mod tests {
         let same = compared(whole, whole);
         assert_eq!((same.agrees, same.remarks.len()), (true, 0));
         // One cycle more or less is no difference, half of the run is.
-        let (shorter, half) = (whole.before(0.498), whole.before(0.25));
+        let (shorter, half) = (whole.piece(0..498), whole.piece(0..250));
         assert!(compared(whole, &shorter).agrees);
         for (a, b) in [(whole, &half), (&half, whole)] {
             let different = compared(a, b);

@@ -5,7 +5,7 @@ use scenario::events::Window;
 use scenario::loops::Contour;
 
 use crate::evidence::{Absence, Evidence, MetricValue, Observation, checked};
-use crate::metric::{Metric, leave_open};
+use crate::metric::Metric;
 
 /// The nearest point of the path is looked for among the set-points of so much time before and after the sample.
 const SEARCH_SECONDS: f64 = 0.5;
@@ -30,7 +30,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 }
 
 fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
-    let [first, others @ ..] = axes else {
+    let [first, ..] = axes else {
         return Vec::new();
     };
     let ends = axes.iter().map(|axis| axis.scenario.judged_end_seconds());
@@ -47,23 +47,13 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
         Some((axis, absence)) => (axis, none(absence)),
         None => (first, values(contour, axes, end_seconds)),
     };
-    // The decision knows of the stalls that the first loop missed cycles for.
-    let is_explained = !was_held_up(first) && others.iter().any(was_held_up);
     let rows = contour.rows().into_iter().zip(values);
     let rows = rows.map(|((name, limit), value)| {
         let mut row = Observation::from(value).metric(axis, name, limit);
-        if row.passed == Some(false) && row.value.is_some() && is_explained {
-            leave_open(&mut row);
-        }
         row.requirements.clone_from(&contour.requirements);
         row
     });
     rows.collect()
-}
-
-/// Whether a loop missed cycles because of the bench.
-fn was_held_up(axis: &Evidence<'_>) -> bool {
-    axis.misses().totals().first_stall().is_some()
 }
 
 /// Why there are no values.
@@ -76,8 +66,12 @@ fn none(absence: impl Into<Absence>) -> [MetricValue; 2] {
 fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [MetricValue; 2] {
     let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
     let mut errors = Errors::default();
-    contour_errors(contour, &timelines, end_seconds).for_each(|(_, error)| errors.add(error));
+    let is_left_out = |time: f64| axes.iter().any(|axis| axis.leaves_out(time, time));
+    contour_errors(contour, &timelines, end_seconds)
+        .filter(|(time, _)| !is_left_out(*time))
+        .for_each(|(_, error)| errors.add(error));
     match errors.count == 0.0 {
+        true if !axes.iter().all(Evidence::has_all) => none(Absence::left_out()),
         true => none("no sample of all axes in the window"),
         false => [errors.longest, errors.rms()].map(checked),
     }

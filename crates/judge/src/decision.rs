@@ -9,22 +9,24 @@ use recording::work::Way;
 use rig::plan::Plan;
 use scenario::metrics::is_of_traffic;
 
+use crate::attribution::breaches::Duty;
+use crate::attribution::cause::{Lasting, NamedCause, node_name};
+use crate::attribution::limits::open_limits;
+use crate::attribution::{Cause, Commands, Totals};
 use crate::circumstances::Circumstances;
-use crate::commands::missed_by_controller;
+use crate::duties::{
+    LATE_COMMANDS, MISSED_COMMANDS, MISSED_CYCLES, SYNC_PERIOD_ERROR, largest_period_error,
+    limited_max, percent_max,
+};
 use crate::evidence::Evidence;
-use crate::excuse::{Excuse, MISSED_CYCLES, open_commands};
 use crate::loops::whole;
 use crate::metric::{Metric, leave_open, not_judged};
 use crate::metrics::metrics;
-use crate::misses::excuse_of_end;
-use crate::quality::{cut_short, incomplete_recording, second_master};
+use crate::quality::{cut_short, incomplete_recording, two_sources};
 use crate::verdict::{Outcome, Verdict};
 
 /// Losses that a verdict lists at most.
 const LOSSES_MAX: usize = 20;
-/// With more cycles missed than this by the nodes, a run without a limit of its own fails; by the bench, control metrics
-/// decide nothing.
-const MISSED_CYCLES_PERCENT_MAX: f64 = 1.0;
 /// From this load on, a cycle that carries more than the others does not end in its time.
 const BUSY_BUS_PERCENT: f64 = 70.0;
 
@@ -34,14 +36,23 @@ const BUS_LOAD: &str = "bus_load_percent";
 /// More than any bus carries: 100 %, and some room for the stamps of short recordings.
 const LOAD_PERCENT_MAX: f64 = 101.0;
 
+/// An outcome, with its reason where the metrics do not show it, and the cause where a duty was not done.
+type Decision = (Outcome, Option<String>, Option<NamedCause>);
+
 /// Judges a run by the timelines of its loops. It takes as long as a way through the frames.
 #[must_use]
 pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances) -> Verdict {
     let loops = Vec::from_iter(plan.loops.iter().zip(timelines));
     let mut way = Way::new(loops.len() as u64);
-    let verdicts = loops.iter().map(|(own, timeline)| {
-        let evidence = Evidence::new(timeline, own, circumstances);
-        let verdict = judge_loop(plan, &evidence.among(&plan.shared.contours, &loops));
+    let end = circumstances.ended_early.as_ref();
+    let end = end.filter(|end| end.by == EndedBy::Node);
+    let evidence = loops.iter().map(|(own, timeline)| {
+        Evidence::new(timeline, own, circumstances).among(&plan.shared.contours, &loops)
+    });
+    let all = Vec::from_iter(evidence);
+    let broke_off = end.and_then(|end| broke_off(&all, end));
+    let verdicts = all.iter().map(|evidence| {
+        let verdict = judge_loop(plan, evidence, broke_off.as_ref());
         way.go(1);
         verdict
     });
@@ -49,10 +60,10 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
 }
 
 /// The verdict of one loop. The contours are among the rows of their first loop.
-fn judge_loop(plan: &Plan, evidence: &Evidence<'_>) -> Verdict {
+fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>) -> Verdict {
     let circumstances = evidence.circumstances;
     let mut metrics = metrics(evidence);
-    let (outcome, reason) = match &circumstances.ended_early {
+    let (outcome, reason, cause) = match &circumstances.ended_early {
         None => decide(evidence, &mut metrics),
         Some(end) => {
             // What a node kept from being seen is missed; of what the bench broke off only the traffic says something.
@@ -60,13 +71,15 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>) -> Verdict {
                 end.by == EndedBy::Node || is_of_traffic(&metric.name) && metric.value.is_some()
             };
             metrics.retain(is_kept);
-            decide_broken(evidence, end, &mut metrics)
+            let foreign = two_sources(evidence).filter(|_| end.by != EndedBy::User);
+            decide_broken(end, broke_off, foreign, &mut metrics)
         }
     };
     let unrecorded = &circumstances.unrecorded;
     Verdict {
         outcome,
         reason,
+        cause,
         frames_lost: unrecorded.frames_lost,
         fd_frames: unrecorded.fd_frames,
         ended_early: circumstances.ended_early.clone(),
@@ -79,95 +92,201 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>) -> Verdict {
     }
 }
 
-/// A run that broke off: what its traffic shows is reported, and what went wrong until then. A node's end is a failure, unless
-/// the machine stood still while the node was amiss; a bus that is loaded beyond its limit is a failed limit, with what came of
-/// it as the reason.
-fn decide_broken(
-    evidence: &Evidence<'_>,
-    end: &EarlyEnd,
-    metrics: &mut [Metric],
-) -> (Outcome, Option<String>) {
-    if let Some(reason) = overload(metrics) {
-        return (Outcome::Fail, Some(format!("{reason}; {end}")));
-    }
-    if end.by != EndedBy::Node {
-        return (Outcome::Incomplete, Some(end.to_string()));
-    }
-    match excuse_of_end(evidence.timeline, &evidence.circumstances.stalls, end) {
-        None => (Outcome::Fail, Some(end.to_string())),
-        Some(stall) => {
-            metrics.iter_mut().for_each(leave_open);
-            let stall = stall.words();
-            let reason = format!(
-                "{stall}, so the end of the run proves nothing ({end}); run it again or use --clock lockstep"
-            );
-            (Outcome::Inconclusive, Some(reason))
-        }
-    }
+/// The cause of a run that broke off.
+struct BrokeOff {
+    cause: NamedCause,
+    /// The host is why.
+    is_of_host: bool,
+    /// The end follows from it by the watch of another node.
+    is_before_end: bool,
 }
 
-/// A run that was played to its end, or a recording that ends somewhere. Opens the limits that the bench's misses explain.
-fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> (Outcome, Option<String>) {
+/// The earliest breach of all loops that lasts to the end which a node put to a run; else the end itself.
+fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
+    let lasting = all.iter().filter_map(|evidence| {
+        let lasting = Lasting::earliest(evidence, Some(end.at_seconds?))?;
+        Some((lasting, evidence))
+    });
+    let earliest =
+        lasting.min_by(|(one, _), (other, _)| one.from_seconds.total_cmp(&other.from_seconds));
+    if let Some((lasting, evidence)) = earliest {
+        let cause = lasting.named(evidence);
+        return Some(BrokeOff {
+            is_of_host: matches!(lasting.cause, Cause::Host(_)),
+            is_before_end: end.node.as_ref() != Some(&cause.node),
+            cause,
+        });
+    }
+    let is_of = |evidence: &&Evidence<'_>| {
+        let (controller, drive, _) = evidence.own.node_names();
+        end.node
+            .as_deref()
+            .is_some_and(|node| [controller, drive].contains(&node))
+    };
+    let evidence = all.iter().find(is_of).or(all.first())?;
+    let stall = evidence.stall_of_end(end);
+    Some(BrokeOff {
+        is_of_host: stall.is_some(),
+        is_before_end: false,
+        cause: match stall {
+            Some(stretch) => NamedCause::of_stall(evidence, &stretch, "end"),
+            None => NamedCause {
+                node: end.node.clone().unwrap_or_default(),
+                duty: "end".to_owned(),
+                at_seconds: end.since_seconds.or(end.at_seconds),
+                words: end.to_string(),
+            },
+        },
+    })
+}
+
+/// A run that broke off: what its traffic shows is reported, and what went wrong until then. A node's end is a failure, unless
+/// the host is why; a bus that is loaded beyond its limit is a failed limit, with what came of it as the reason.
+fn decide_broken(
+    end: &EarlyEnd,
+    broke_off: Option<&BrokeOff>,
+    foreign: Option<(String, NamedCause)>,
+    metrics: &mut [Metric],
+) -> Decision {
     if let Some(reason) = overload(metrics) {
-        return (Outcome::Fail, Some(reason));
+        return (Outcome::Fail, Some(format!("{reason}; {end}")), None);
+    }
+    if let Some((reason, cause)) = foreign {
+        metrics.iter_mut().for_each(leave_open);
+        let reason = format!("{reason}; {end}");
+        return (Outcome::Inconclusive, Some(reason), Some(cause));
+    }
+    let Some(broke_off) = broke_off else {
+        return (Outcome::Incomplete, Some(end.to_string()), None);
+    };
+    let cause = Some(broke_off.cause.clone());
+    let words = &broke_off.cause.words;
+    if broke_off.is_of_host {
+        metrics.iter_mut().for_each(leave_open);
+        let reason = format!(
+            "{words}, so the end of the run proves nothing ({end}); run it again or use --clock lockstep"
+        );
+        return (Outcome::Inconclusive, Some(reason), cause);
+    }
+    let reason = match broke_off.is_before_end {
+        true => format!("{words}; {end}"),
+        false => end.to_string(),
+    };
+    (Outcome::Fail, Some(reason), cause)
+}
+
+/// A run that was played to its end, or a recording that ends somewhere. Opens the limits that stalls explain.
+fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
+    if let Some(reason) = overload(metrics) {
+        return (Outcome::Fail, Some(reason), None);
     }
     // Of what somebody else led, nothing says anything of the nodes under test.
-    if let Some(reason) = second_master(evidence.timeline) {
-        return (Outcome::Inconclusive, Some(reason));
+    if let Some((reason, cause)) = two_sources(evidence) {
+        return (Outcome::Inconclusive, Some(reason), Some(cause));
     }
     let unrecorded = &evidence.circumstances.unrecorded;
     // What is missing in the log was not missing on the bus.
     let is_log_whole = unrecorded.strange_lines.is_none();
-    if let Some(reason) = missed_by_nodes(evidence).filter(|_| is_log_whole) {
-        return (Outcome::Fail, Some(reason));
+    if let Some((reason, cause)) = breached(evidence).filter(|_| is_log_whole) {
+        return (Outcome::Fail, Some(reason), Some(cause));
     }
     if let Some(reason) = incomplete_recording(unrecorded) {
-        return (Outcome::Inconclusive, Some(reason));
+        return (Outcome::Inconclusive, Some(reason), None);
     }
-    let of_commands = open_commands(evidence, metrics);
-    let excuse = Excuse::find(evidence, MISSED_CYCLES_PERCENT_MAX);
-    let excused = excuse.and_then(|excuse| excuse.open_limits(evidence, metrics));
-    let excused = excused.or(of_commands);
+    let opened = open_limits(evidence, metrics);
     let is_failed = |metric: &Metric| metric.passed == Some(false);
     if let Some(reason) = cut_short(evidence.timeline, evidence.own) {
-        (Outcome::Incomplete, Some(reason))
-    } else if metrics.iter().any(is_failed) {
-        (Outcome::Fail, None)
-    } else if excused.is_some() {
-        (Outcome::Inconclusive, excused)
-    } else {
-        match not_judged(metrics).or_else(|| unknown_load(metrics, unrecorded)) {
-            None => (Outcome::Pass, None),
-            reason => (Outcome::Inconclusive, reason),
-        }
+        return (Outcome::Incomplete, Some(reason), None);
     }
+    if metrics.iter().any(is_failed) {
+        return (Outcome::Fail, None, None);
+    }
+    let opened = opened.map(|reason| {
+        let stall = evidence.longest_stall();
+        let cause = stall.map(|stall| NamedCause::of_stall(evidence, &stall, "sync"));
+        (Outcome::Inconclusive, Some(reason), cause)
+    });
+    opened.unwrap_or_else(|| {
+        match not_judged(metrics).or_else(|| unknown_load(metrics, unrecorded)) {
+            None => (Outcome::Pass, None, None),
+            reason => (Outcome::Inconclusive, reason, None),
+        }
+    })
 }
 
-/// Why a run fails whose nodes left out too many cycles, or commands in them: more than the limit says, or than can be where it has
-/// none; or all from some time on to the end.
-fn missed_by_nodes(evidence: &Evidence<'_>) -> Option<String> {
-    let limit = (evidence.scenario.expect.limit(MISSED_CYCLES))
-        .and_then(|limit| limit.max)
-        .unwrap_or(MISSED_CYCLES_PERCENT_MAX);
-    let misses = evidence.misses();
-    let lost = evidence.circumstances.unrecorded.frames_lost;
-    let period_seconds = evidence.timeline.period_seconds;
-    let totals = misses.totals();
-    let reason = totals
-        .too_many_by_nodes(limit, lost)
-        .or_else(|| totals.silent_at_end(misses.due.saturating_sub(1), period_seconds, lost))
-        .or_else(|| missed_by_controller(evidence))?;
+/// Why a run fails whose nodes did not do their duties: too often for the limit of the scenario or, where it has none, for what can be;
+/// or not any more from some time on to the end.
+fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+    let cycles = evidence.attribution().cycles();
+    let of_commands = |commands: Commands, metric: &str| {
+        let max = limited_max(evidence, metric)?;
+        too_many(evidence, &commands.totals(evidence), max, commands.breach())
+    };
+    let (reason, cause) = too_many(evidence, cycles, percent_max(evidence, MISSED_CYCLES), None)
+        .or_else(|| of_commands(Commands::Missed, MISSED_COMMANDS))
+        .or_else(|| silent_at_end(evidence))
+        .or_else(|| of_commands(Commands::Late, LATE_COMMANDS))
+        .or_else(|| off_period(evidence))?;
     let load = evidence.timeline.bus_load_percent;
-    Some(match load > BUSY_BUS_PERCENT {
+    let reason = match load > BUSY_BUS_PERCENT {
         true => format!("{reason}; the bus is nearly full (load {load:.1} %)"),
         false => reason,
-    })
+    };
+    Some((reason, cause))
+}
+
+/// The duties that were not done too often, and the first of them.
+fn too_many(
+    evidence: &Evidence<'_>,
+    totals: &Totals,
+    max: f64,
+    breach: Option<&str>,
+) -> Option<(String, NamedCause)> {
+    let lost = evidence.circumstances.unrecorded.frames_lost;
+    let shares = totals.too_many(max, lost);
+    let words = shares.iter().map(|(duty, percent, first)| {
+        let node = node_name(evidence, duty.node());
+        let breach = breach.unwrap_or(duty.breach());
+        format!("{node}: {breach} in {percent:.2} % of the cycles, first at {first:.3} s")
+    });
+    let words = Vec::from_iter(words).join("; ");
+    let reason = format!("{words} (limit {max} %)");
+    let first = shares
+        .into_iter()
+        .min_by(|one, other| one.2.total_cmp(&other.2));
+    let (duty, _, at) = first?;
+    Some((reason, NamedCause::of_node(evidence, duty, at, words)))
+}
+
+/// The controller whose SYNC has another period than it should.
+fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+    let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
+    let (percent, at) = largest_period_error(evidence, false)?;
+    if percent <= max || evidence.attribution().is_by_fault(Duty::Sync, at) {
+        return None;
+    }
+    let node = node_name(evidence, Duty::Sync.node());
+    let words = format!("{node}: SYNC period wrong by {percent:.2} % on average until {at:.3} s");
+    let reason = format!("{words} (limit {max} %)");
+    Some((reason, NamedCause::of_node(evidence, Duty::Sync, at, words)))
+}
+
+/// The node that was silent at the end of what is judged.
+fn silent_at_end(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+    let lasting = Lasting::earliest(evidence, None)?;
+    if !matches!(lasting.cause, Cause::Node(_)) {
+        return None;
+    }
+    let cause = lasting.named(evidence);
+    let (node, breach, from) = (&cause.node, lasting.duty.breach(), lasting.from_seconds);
+    let reason = format!("{node}: {breach} from {from:.3} s to the end");
+    Some((reason, cause))
 }
 
 /// The reason of a verdict on a bus that is loaded beyond its limit, or beyond what any bus carries.
 fn overload(metrics: &[Metric]) -> Option<String> {
     let load = metrics.iter().find(|metric| metric.name == BUS_LOAD)?;
-    let percent = load.value.unwrap_or(f64::NAN);
+    let percent = load.value?;
     if percent > LOAD_PERCENT_MAX {
         return Some(format!(
             "the bus load is {percent:.1} %: no bus carries that at this bit rate, only a virtual one; send less, or raise [bus] bitrate_kilobits_per_second"

@@ -1,25 +1,27 @@
 //! How far a disturbance moves the position, and how long until it is back.
 
+use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest, worst};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest};
 
-/// A disturbance is watched this long after its end.
+/// A disturbance is watched this long after its end at least, and then until something else moves the loop.
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
 /// The largest deviation during a disturbance.
 pub(crate) fn maximum_deviation(evidence: &Evidence<'_>) -> Measurement {
-    worst_disturbance(evidence, deviation)
+    worst_disturbance(evidence, false, deviation)
 }
 
 /// The longest recovery from a disturbance.
 pub(crate) fn recovery_time(evidence: &Evidence<'_>) -> Measurement {
-    worst_disturbance(evidence, recovery)
+    worst_disturbance(evidence, true, recovery)
 }
 
 /// The largest value over all disturbances. Without a fan and load module on the bus there was none.
 fn worst_disturbance(
     evidence: &Evidence<'_>,
+    is_time: bool,
     metric: fn(&Evidence<'_>, Window) -> MetricValue,
 ) -> Measurement {
     if evidence.scenario.reference.is_empty() {
@@ -29,21 +31,41 @@ fn worst_disturbance(
     let end_seconds = evidence.scenario.judged_end_seconds();
     let windows = windows.iter().map(|disturbance| disturbance.window);
     let judged = windows.filter(|window| window.from_seconds < end_seconds);
-    let values = judged.map(|window| {
-        let until_seconds = window.until_seconds + AFTER_DISTURBANCE_SECONDS;
-        let window = Window {
+    let watched = Vec::from_iter(judged.map(|window| {
+        let least = window.until_seconds + AFTER_DISTURBANCE_SECONDS;
+        let until_seconds = least.max(calm_until(evidence, window.until_seconds));
+        Window {
             until_seconds: until_seconds.min(end_seconds),
             ..window
-        };
-        metric(evidence, window)
-    });
-    match worst(values) {
+        }
+    }));
+    let value = |evidence: &Evidence<'_>, _: &Window, window| metric(evidence, window);
+    match evidence.worst_event(&watched, |window| *window, is_time, value) {
         None => Measurement::Meaningless("no disturbance in the scenario".to_owned()),
         Some(_) if !evidence.timeline.has_fan => {
             Measurement::Unavailable("not available: no fan on the bus".to_owned())
         }
         Some(value) => value.into(),
     }
+}
+
+/// When, from a time on, the set-point first changes, or a disturbance or a fault first begins or ends.
+fn calm_until(evidence: &Evidence<'_>, from_seconds: f64) -> f64 {
+    let scenario = evidence.scenario;
+    let samples = || evidence.samples(evidence.whole());
+    let pairs = samples().zip(samples().skip(1));
+    let changed = pairs.filter(|(before, after)| !after.has_set_point_of(before));
+    let changed = changed.map(|(_, after)| after.time_seconds);
+    let disturbances = scenario.disturbance_windows();
+    let disturbances = disturbances.iter().map(|disturbance| disturbance.window);
+    let of_disturbances =
+        disturbances.flat_map(|window| [window.from_seconds, window.until_seconds]);
+    let of_faults = scenario
+        .own_faults()
+        .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
+    let edges = of_disturbances.chain(of_faults.flatten()).chain(changed);
+    let later = edges.filter(|time| *time > from_seconds + TIME_TOLERANCE_SECONDS);
+    later.fold(f64::INFINITY, f64::min)
 }
 
 fn deviation(evidence: &Evidence<'_>, window: Window) -> MetricValue {

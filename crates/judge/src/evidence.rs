@@ -4,19 +4,21 @@ use std::ops::Range;
 use std::rc::Rc;
 
 use dbc::signals::{POSITION, TRUE_POSITION, TRUTH_MESSAGES};
-use recording::ending::EndedBy;
+use recording::ending::{EarlyEnd, EndedBy};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use rig::plan::ControlLoop;
+use rig::plan::LoopNode;
 use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::Limit;
 use scenario::fault::Group;
 use scenario::loops::Contour;
 
+use crate::attribution::stalls::{Spans, Stretch, shadows};
+use crate::attribution::{Attribution, Commands};
 use crate::circumstances::Circumstances;
 use crate::metric::Metric;
-use crate::misses::Misses;
 use crate::quality::reaches;
 
 /// One of several loops.
@@ -32,11 +34,20 @@ pub(crate) struct Evidence<'a> {
     pub(crate) contours: &'a [Contour],
     /// All loops that were played at once, where they are judged together.
     pub(crate) loops: &'a [RecordedLoop<'a>],
-    misses: Rc<Misses<'a>>,
+    attribution: Rc<Attribution<'a>>,
+    /// The times that are left out, to see what is without what stalls explain.
+    left_out: Option<LeftOut>,
     /// The position that is judged: the measured one, or the true one beside it.
     position: &'a Series<f64>,
     /// Longest time between two samples of the position.
     pub(crate) silence_seconds_max: f64,
+}
+
+/// What stalls explain of a run.
+#[derive(Clone)]
+struct LeftOut {
+    times: Rc<Spans>,
+    only_long: bool,
 }
 
 /// A value, or why there is none.
@@ -48,13 +59,23 @@ pub(crate) struct Absence {
     pub(crate) reason: String,
     /// The stretch of time in which nothing came, where that is why.
     silence: Option<Window>,
+    /// All that it would be made of is explained by stalls.
+    is_left_out: bool,
 }
 
 impl Absence {
+    pub(crate) fn left_out() -> Self {
+        Self {
+            is_left_out: true,
+            ..Self::from("only in what stalls explain")
+        }
+    }
+
     pub(crate) fn unseen(reason: impl Into<String>, silence: Window) -> Self {
         Self {
             reason: reason.into(),
             silence: Some(silence),
+            is_left_out: false,
         }
     }
 
@@ -84,6 +105,7 @@ impl From<String> for Absence {
         Self {
             reason,
             silence: None,
+            is_left_out: false,
         }
     }
 }
@@ -173,11 +195,14 @@ impl Observation {
         if self.is_unavailable {
             return Metric::not_judged(name, only_emulated(), limit);
         }
+        let is_unseen = |absence: &Absence| {
+            absence.is_left_out
+                || absence
+                    .silence
+                    .is_some_and(|silence| evidence.is_of_the_bench(silence))
+        };
         match self.value {
-            Err(Absence {
-                reason,
-                silence: Some(silence),
-            }) if evidence.is_of_the_bench(silence) => Metric::not_judged(name, reason, limit),
+            Err(absence) if is_unseen(&absence) => Metric::not_judged(name, absence.reason, limit),
             value => {
                 let value = value.map_err(|absence| absence.reason);
                 Metric::new(name, value, limit).at(self.at_seconds)
@@ -185,6 +210,9 @@ impl Observation {
         }
     }
 }
+
+/// A position that is within a band for less than this may be passing through.
+pub(crate) const STAY_SECONDS: f64 = 0.1;
 
 /// Set-points that differ by less are the same: they are computed in metres and from sines, and rounding parts two of them.
 pub(crate) const SAME_MILLIMETRES_MAX: f64 = 1e-6;
@@ -224,7 +252,8 @@ impl<'a> Evidence<'a> {
             circumstances,
             contours: &[],
             loops: &[],
-            misses: Rc::new(Misses::new(timeline, own, circumstances)),
+            attribution: Rc::new(Attribution::new(timeline, own, circumstances)),
+            left_out: None,
             position: timeline.position(),
             silence_seconds_max: silence,
         }
@@ -243,12 +272,151 @@ impl<'a> Evidence<'a> {
     pub(crate) fn of_loop(&self, name: &str) -> Option<Self> {
         let mut loops = self.loops.iter();
         let (own, timeline) = loops.find(|(own, _)| own.name() == name)?;
-        Some(Self::new(timeline, own, self.circumstances).among(self.contours, self.loops))
+        let of_loop = Self::new(timeline, own, self.circumstances);
+        let of_loop = of_loop.among(self.contours, self.loops);
+        Some(match &self.left_out {
+            None => of_loop,
+            Some(left_out) => of_loop.rest(left_out.only_long),
+        })
     }
 
-    /// The cycles that were missed, and whose doing that was.
-    pub(crate) fn misses(&self) -> &Misses<'a> {
-        &self.misses
+    /// What explains the breaches of the loop.
+    pub(crate) fn attribution(&self) -> &Attribution<'a> {
+        &self.attribution
+    }
+
+    /// The stalls that explain breaches of the loop.
+    fn stalls(&self) -> Vec<Stretch> {
+        let mut stalls = self.attribution.cycles().stalls().to_vec();
+        for commands in [Commands::Missed, Commands::Late] {
+            stalls.extend_from_slice(commands.totals(self).stalls());
+        }
+        stalls
+    }
+
+    /// The longest stall that explains a breach of the loop.
+    pub(crate) fn longest_stall(&self) -> Option<Stretch> {
+        let stalls = self.stalls().into_iter();
+        stalls.max_by(|left, right| left.length().total_cmp(&right.length()))
+    }
+
+    /// The same without what stalls explain, or only the long ones.
+    pub(crate) fn rest(&self, only_long: bool) -> Self {
+        let times = shadows(&self.stalls(), self.timeline.period_seconds, only_long);
+        Self {
+            attribution: Rc::clone(&self.attribution),
+            left_out: Some(LeftOut {
+                times: Rc::new(times),
+                only_long,
+            }),
+            ..*self
+        }
+    }
+
+    /// The same with what stalls explain.
+    fn all(&self) -> Self {
+        Self {
+            attribution: Rc::clone(&self.attribution),
+            left_out: None,
+            ..*self
+        }
+    }
+
+    /// The worst value of some events, each in its window. Where some is left out, that of each until a stall touches it, from which on
+    /// it can only grow: a time that has not come by then is longer than that.
+    pub(crate) fn worst_event<E>(
+        &self,
+        events: &[E],
+        window: impl Fn(&E) -> Window,
+        is_time: bool,
+        value: impl Fn(&Self, &E, Window) -> MetricValue,
+    ) -> Option<MetricValue> {
+        let all = self.all();
+        let value = |event: &E| {
+            let whole = window(event);
+            let Some(until_seconds) = self.first_left_out(whole) else {
+                return value(&all, event, whole);
+            };
+            let cut = Window {
+                until_seconds,
+                ..whole
+            };
+            let longer_than = cut.until_seconds - cut.from_seconds - STAY_SECONDS;
+            match value(&all, event, cut) {
+                Ok(value) => Ok(value),
+                Err(absence) if is_time && absence.silence.is_none() && longer_than > 0.0 => {
+                    Ok(longer_than)
+                }
+                Err(_) => Err(Absence::left_out()),
+            }
+        };
+        worst(events.iter().map(value))
+    }
+
+    /// When some of a window begins to be left out.
+    fn first_left_out(&self, window: Window) -> Option<f64> {
+        let left_out = self.left_out.as_ref()?;
+        let begin = left_out
+            .times
+            .first_in(window.from_seconds, window.until_seconds)?;
+        Some(begin.max(window.from_seconds))
+    }
+
+    /// The stall that explains the end which a node put to the run: one that covers half of the time in which it was amiss, or that had
+    /// moved the loop.
+    pub(crate) fn stall_of_end(&self, end: &EarlyEnd) -> Option<Stretch> {
+        let until = end.at_seconds?;
+        let drive = self.own.node_names().1;
+        let node = match end.node.as_deref() == Some(drive) {
+            true => LoopNode::Drive,
+            false => LoopNode::Controller,
+        };
+        let from = end.since_seconds.unwrap_or(until);
+        self.attribution.stall(node, from, until)
+    }
+
+    /// Whether stalls that a node feels cover half of a stretch of time.
+    pub(crate) fn is_in_stall(
+        &self,
+        node: LoopNode,
+        from_seconds: f64,
+        until_seconds: f64,
+    ) -> bool {
+        let stall = self.attribution.stall(node, from_seconds, until_seconds);
+        stall.is_some()
+    }
+
+    /// Whether what stalls explain counts.
+    pub(crate) fn has_all(&self) -> bool {
+        self.left_out.is_none()
+    }
+
+    /// Whether some of a stretch of time is left out.
+    pub(crate) fn leaves_out(&self, from_seconds: f64, until_seconds: f64) -> bool {
+        let left_out = self.left_out.as_ref();
+        left_out.is_some_and(|left_out| left_out.times.touch(from_seconds, until_seconds))
+    }
+
+    /// The first stretch of a window without a sample that is longer than it may be, without what is left out.
+    pub(crate) fn first_silence(
+        &self,
+        times_seconds: impl Iterator<Item = f64>,
+        window: Window,
+        seconds_max: f64,
+    ) -> Option<Window> {
+        let silences = silences(times_seconds, window, seconds_max);
+        let left_out = |silence: &Window| {
+            let left_out = self.left_out.as_ref();
+            left_out.map_or(0.0, |left_out| {
+                let (from, until) = (silence.from_seconds, silence.until_seconds);
+                left_out.times.seconds_in(from, until)
+            })
+        };
+        let mut silences = silences.filter(|silence| {
+            let seconds = silence.until_seconds - silence.from_seconds - left_out(silence);
+            seconds > seconds_max + TIME_TOLERANCE_SECONDS
+        });
+        silences.next()
     }
 
     /// As the plant itself was; none where its sensor and it are sound, or it reports nothing of itself.
@@ -261,7 +429,8 @@ impl<'a> Evidence<'a> {
         let is_known = column.values.iter().any(|value| !value.is_nan());
         is_known.then_some(Self {
             position: &column.values,
-            misses: Rc::clone(&self.misses),
+            attribution: Rc::clone(&self.attribution),
+            left_out: self.left_out.clone(),
             ..*self
         })
     }
@@ -283,7 +452,7 @@ impl<'a> Evidence<'a> {
                 position_millimetres: *position,
             };
             let is_missing = measured.is_nan() || position.is_nan();
-            (!is_missing).then_some(sample)
+            (!is_missing && !self.leaves_out(*time, *time)).then_some(sample)
         })
     }
 
@@ -309,7 +478,7 @@ impl<'a> Evidence<'a> {
             return Err(self.no_position(window));
         }
         let times = self.samples(window).map(|sample| sample.time_seconds);
-        match first_silence(times, window, self.silence_seconds_max) {
+        match self.first_silence(times, window, self.silence_seconds_max) {
             Some(silence) => Err(Absence::silent(silence)),
             None => Ok(self.samples(window)),
         }
@@ -317,6 +486,14 @@ impl<'a> Evidence<'a> {
 
     /// Why a window is empty.
     pub(crate) fn no_position(&self, window: Window) -> Absence {
+        let silences = [].into_iter();
+        if !self.has_all()
+            && self
+                .first_silence(silences, window, self.silence_seconds_max)
+                .is_none()
+        {
+            return Absence::left_out();
+        }
         let reason = if self.position.iter().all(|position| position.is_nan()) {
             "no position in the recording".to_owned()
         } else {
@@ -344,7 +521,7 @@ impl<'a> Evidence<'a> {
     /// Whether a silence is the bench's doing, and not that of a node: the run broke off, its recording did, or every cycle in it
     /// was missed for a stall.
     fn is_of_the_bench(&self, silence: Window) -> bool {
-        self.is_cut_before(silence.until_seconds) || self.misses.are_of_the_bench_in(silence)
+        self.is_cut_before(silence.until_seconds) || self.attribution.is_of_the_host(silence)
     }
 
     /// Whether the bench or the user kept from being seen what came before a time.
@@ -416,23 +593,33 @@ pub(crate) fn first_silence(
     window: Window,
     seconds_max: f64,
 ) -> Option<Window> {
-    let mut from_seconds = window.from_seconds;
-    for until_seconds in times_seconds.chain([window.until_seconds]) {
-        if until_seconds - from_seconds > seconds_max + TIME_TOLERANCE_SECONDS {
-            return Some(Window {
-                from_seconds,
-                until_seconds,
-            });
-        }
-        from_seconds = until_seconds;
-    }
-    None
+    silences(times_seconds, window, seconds_max).next()
 }
 
-/// The largest value over all steps or disturbances; an error counts as worse than any value.
+/// The stretches of a window without a sample that are longer than they may be.
+fn silences(
+    times_seconds: impl Iterator<Item = f64>,
+    window: Window,
+    seconds_max: f64,
+) -> impl Iterator<Item = Window> {
+    let mut from_seconds = window.from_seconds;
+    let times = times_seconds.chain([window.until_seconds]);
+    times.filter_map(move |until_seconds| {
+        let silence = Window {
+            from_seconds,
+            until_seconds,
+        };
+        from_seconds = until_seconds;
+        let seconds = silence.until_seconds - silence.from_seconds;
+        (seconds > seconds_max + TIME_TOLERANCE_SECONDS).then_some(silence)
+    })
+}
+
+/// The largest value over all steps or disturbances; an error counts as worse than any value, but for what is left out.
 pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> Option<MetricValue> {
     values.reduce(|worst, value| match (worst, value) {
         (Ok(worst), Ok(value)) => Ok(f64::max(worst, value)),
+        (Err(absence), other) | (other, Err(absence)) if absence.is_left_out => other,
         (Err(reason), _) | (_, Err(reason)) => Err(reason),
     })
 }

@@ -4,6 +4,7 @@ use dbc::signals::TARGET_CURRENT;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
+use crate::attribution::breaches::begin_of;
 use crate::disturbances::recovery;
 use crate::evidence::{Absence, CycleSample, Evidence, Measurement, MetricValue, largest, mean};
 
@@ -50,6 +51,11 @@ fn ripple(evidence: &Evidence<'_>) -> MetricValue {
         );
     }
     evidence.seen(hold).map(drop)?;
+    if let Some(silence) = silence_of_commands(evidence, hold) {
+        let (from, until) = (silence.from_seconds, silence.until_seconds);
+        let reason = format!("no command from {from:.3} to {until:.3} s");
+        return Err(Absence::unseen(reason, silence));
+    }
     let currents = || currents_in(evidence, hold);
     if currents().next().is_none() {
         return Err("no commanded current in the hold".into());
@@ -117,8 +123,29 @@ fn last_change(evidence: &Evidence<'_>) -> f64 {
     changed.last().map_or(0.0, |(_, after)| after.time_seconds)
 }
 
+/// The first cycles of a window in a row without a command that are too many.
+fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window> {
+    let period = evidence.timeline.period_seconds;
+    let uncommanded = evidence.timeline.uncommanded.iter().copied();
+    let mut begun: Option<(u64, u64)> = None;
+    let mut silences = uncommanded.filter_map(|cycle| {
+        let (first, _) = begun
+            .filter(|(_, last)| last + 1 == cycle)
+            .unwrap_or((cycle, cycle));
+        begun = Some((first, cycle));
+        let silence = Window {
+            from_seconds: begin_of(first, period).max(window.from_seconds),
+            until_seconds: begin_of(cycle + 1, period).min(window.until_seconds),
+        };
+        evidence
+            .is_silence(silence.from_seconds, silence.until_seconds)
+            .then_some(silence)
+    });
+    silences.next()
+}
+
 /// What was commanded in the cycles of a window.
-fn currents_in<'a>(evidence: &Evidence<'a>, window: Window) -> impl Iterator<Item = f64> + use<'a> {
+fn currents_in(evidence: &Evidence<'_>, window: Window) -> impl Iterator<Item = f64> {
     let timeline = evidence.timeline;
     let name = TARGET_CURRENT.rsplit('.').next();
     let column = name.and_then(|name| timeline.column(name));
@@ -127,7 +154,7 @@ fn currents_in<'a>(evidence: &Evidence<'a>, window: Window) -> impl Iterator<Ite
     rows.filter(move |(time, current)| {
         let is_inside = **time >= window.from_seconds - TIME_TOLERANCE_SECONDS
             && **time < window.until_seconds - TIME_TOLERANCE_SECONDS;
-        is_inside && !current.is_nan()
+        is_inside && !current.is_nan() && !evidence.leaves_out(**time, **time)
     })
     .map(|(_, current)| *current)
 }

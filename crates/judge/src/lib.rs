@@ -11,21 +11,20 @@
 //! It does not know: which world made the recording, where it is stored, how a verdict is shown. Names, units and limits of
 //! the metrics stand in [`scenario::metrics`].
 
+mod attribution;
 mod chirp;
 mod circumstances;
-mod commands;
 pub mod comparison;
 mod contour;
 mod decision;
 mod disturbances;
+mod duties;
 mod evidence;
-mod excuse;
 mod harmonic;
 mod holds;
 mod loops;
 mod metric;
 mod metrics;
-mod misses;
 mod quality;
 mod reactions;
 mod sequences;
@@ -38,6 +37,7 @@ pub mod timing;
 mod timing_decision;
 pub mod verdict;
 
+pub use attribution::cause::NamedCause;
 pub use chirp::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
 pub use circumstances::Circumstances;
 pub use contour::contour_errors;

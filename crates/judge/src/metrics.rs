@@ -6,12 +6,10 @@ use scenario::events::Window;
 use scenario::expect::Limit;
 use scenario::metrics::{METRICS, Subject};
 
-use crate::evidence::{
-    Absence, Evidence, Measurement, MetricValue, first_silence, largest, mean, worst,
-};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, largest, mean, worst};
 use crate::metric::Metric;
 use crate::{
-    chirp, commands, contour, disturbances, holds, reactions, sequences, signals, sine, steps,
+    chirp, contour, disturbances, duties, holds, reactions, sequences, signals, sine, steps,
 };
 
 /// The steady state is the mean over this time before the end.
@@ -43,10 +41,10 @@ static MEASURES: &[(&str, Measure)] = &[
     }),
     ("current_ripple_amperes_rms", holds::current_ripple),
     ("hunting_millimetres", holds::hunting),
-    ("missed_cycles_percent", |evidence| {
-        missed_cycles(evidence).into()
-    }),
-    ("missed_commands_percent", commands::missed_commands),
+    ("missed_cycles_percent", duties::missed_cycles),
+    ("missed_commands_percent", duties::missed_commands),
+    ("late_commands_percent", duties::late_commands),
+    ("sync_period_error_percent", duties::sync_period_error),
     ("bus_load_percent", |evidence| {
         traffic(evidence.timeline.bus_load_percent).into()
     }),
@@ -168,34 +166,31 @@ fn current_rms(evidence: &Evidence<'_>) -> MetricValue {
     let end_seconds = whole.until_seconds - TIME_TOLERANCE_SECONDS;
     let rows = || {
         let rows = timeline.time_seconds.iter().zip(timeline.current());
-        rows.filter(|(time, current)| **time < end_seconds && !current.is_nan())
+        let rows = rows.filter(move |(time, current)| **time < end_seconds && !current.is_nan());
+        rows.filter(|(time, _)| !evidence.leaves_out(**time, **time))
     };
+    if rows().next().is_none() && !evidence.has_all() {
+        return Err(Absence::left_out());
+    }
     if rows().next().is_none() {
         let reason = "no current in the recording";
         return Err(Absence::unseen(reason, whole));
     }
     let times = rows().map(|(time, _)| *time);
-    if let Some(silence) = first_silence(times, whole, evidence.silence_seconds_max) {
+    if let Some(silence) = evidence.first_silence(times, whole, evidence.silence_seconds_max) {
         return Err(Absence::silent(silence));
     }
     mean(rows().map(|(_, current)| current.powi(2))).map(f64::sqrt)
-}
-
-/// Cycles that never began or in which the drive was silent, by all that were due.
-fn missed_cycles(evidence: &Evidence<'_>) -> MetricValue {
-    let misses = evidence.misses();
-    if misses.due == 0 {
-        let reason = "no cycle in the recording";
-        return Err(Absence::unseen(reason, evidence.whole()));
-    }
-    Ok(misses.totals().percent())
 }
 
 fn sync_interval(evidence: &Evidence<'_>) -> MetricValue {
     if evidence.timeline.zero_seconds.is_none() {
         return Err("the scenario never began".into());
     }
-    let longest = traffic(evidence.timeline.sync_interval_milliseconds_max)?;
+    let longest = match evidence.has_all() {
+        true => traffic(evidence.timeline.sync_interval_milliseconds_max)?,
+        false => duties::longest_interval_milliseconds(evidence),
+    };
     until_the_end(evidence)?;
     Ok(longest)
 }

@@ -4,7 +4,10 @@ use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use rig::plan::ControlLoop;
 
-use crate::misses::{FAULTY_END_SECONDS, is_recorded_to_its_end};
+use crate::attribution::cause::NamedCause;
+use crate::attribution::{FAULTY_END_SECONDS, is_recorded_to_its_end};
+use crate::evidence::Evidence;
+use crate::metric::rounded;
 
 /// Why a recording that ends before its scenario decides nothing.
 pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String> {
@@ -38,15 +41,19 @@ pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
     lost.or_else(|| unrecorded.strange_lines.clone())
 }
 
-/// Why nothing can be decided, when somebody else led the drive too.
-pub(crate) fn second_master(timeline: &Timeline) -> Option<String> {
-    let found = timeline
-        .second_masters
-        .iter()
-        .map(ToString::to_string)
-        .collect::<Vec<_>>()
-        .join("; ");
-    (!found.is_empty()).then(|| format!("a second master: {found}"))
+/// Why nothing can be decided, when somebody else sent what the nodes of the run send.
+pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+    let circumstances = evidence.circumstances;
+    let found = evidence.timeline.sources.found(&circumstances.sent);
+    let first = found.first()?;
+    let words = Vec::from_iter(found.iter().map(ToString::to_string)).join("; ");
+    let cause = NamedCause {
+        node: "foreign".to_owned(),
+        duty: first.duty.to_owned(),
+        at_seconds: Some(rounded(first.first_seconds)),
+        words: format!("a second master: {words}"),
+    };
+    Some((cause.words.clone(), cause))
 }
 
 /// The reason of a verdict on a recording with missing frames.

@@ -2,6 +2,7 @@
 //! of it has no value.
 
 use canopen::cia402::State;
+use dbc::signals::DISTURBANCE_MESSAGE;
 use recording::timeline::{Column, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::silence_seconds_max;
 use recording::truth::PlantTruth;
@@ -10,7 +11,7 @@ use scenario::events::Window;
 use scenario::expect::Emergency;
 
 use crate::disturbances::recovery;
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, first_silence, largest};
+use crate::evidence::{Absence, Evidence, Measurement, largest};
 
 /// Without current for so long counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
@@ -29,15 +30,37 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     if scenario.expect.of("temperature_celsius").is_none() && !scenario.has_own_faults() {
         return Measurement::NotAsked;
     }
-    let mut temperatures = temperatures(evidence.timeline).peekable();
+    if !evidence.has_all() && temperatures(evidence).next().is_none() {
+        return Err(Absence::left_out()).into();
+    }
+    let mut temperatures = temperatures(evidence).peekable();
     if temperatures.peek().is_none() {
         return Measurement::only_emulated();
     }
     let is_seen = match evidence.timeline.truth.is_empty() {
-        true => evidence.seen(evidence.run()).map(drop),
+        true => evidence
+            .seen(evidence.run())
+            .map(drop)
+            .and_then(|()| seen_temperature(evidence)),
         false => silence_of_truth(evidence).map_or(Ok(()), |silence| Err(silence_of(silence))),
     };
     is_seen.and_then(|()| largest(temperatures)).into()
+}
+
+/// # Errors
+/// The drive sent no temperature for too long.
+fn seen_temperature(evidence: &Evidence<'_>) -> Result<(), Absence> {
+    match evidence.timeline.temperature_silence {
+        Some((from, until)) if !evidence.leaves_out(from, until) => {
+            let silence = Window {
+                from_seconds: from,
+                until_seconds: until,
+            };
+            let reason = format!("no temperature from {from:.3} to {until:.3} s");
+            Err(Absence::unseen(reason, silence))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The first stretch from the plant's first message to the end in which it was silent.
@@ -58,7 +81,7 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
         .iter()
         .map(|truth| truth.time_seconds)
         .filter(|time| *time < window.until_seconds);
-    first_silence(times, window, silence_of_truth_seconds_max(evidence))
+    evidence.first_silence(times, window, silence_of_truth_seconds_max(evidence))
 }
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
@@ -75,17 +98,24 @@ fn silence_of(silence: Window) -> Absence {
 }
 
 /// The plant's own peaks, and the drive's view of the truth where the plant is silent.
-fn temperatures(timeline: &Timeline) -> impl Iterator<Item = f64> {
+fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
+    let timeline = evidence.timeline;
+    let counts = |time: &f64| !evidence.leaves_out(*time, *time);
     let peaks = timeline
         .truth
         .iter()
+        .filter(move |truth| counts(&truth.time_seconds))
         .map(|truth| truth.peak_temperature_celsius);
     let is_true = |column: &&Column| {
         column.name.ends_with(TEMPERATURE) && !column.name.starts_with(ESTIMATED)
     };
     let columns = timeline.columns.iter().filter(is_true);
-    let sampled = columns.flat_map(|column| column.values.iter());
-    let temperatures = peaks.chain(sampled.copied());
+    let sampled = columns.flat_map(move |column| {
+        let rows = timeline.time_seconds.iter().zip(&column.values);
+        rows.filter(move |(time, _)| counts(time))
+            .map(|(_, value)| *value)
+    });
+    let temperatures = peaks.chain(sampled);
     temperatures.filter(|temperature| !temperature.is_nan())
 }
 
@@ -97,8 +127,11 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
     }
     let is_unwanted = |text: &str| unwanted.iter().any(|part| text.contains(part.as_str()));
     let mut events = evidence.timeline.events.iter();
-    let found = events
-        .find(|event| event.time_seconds <= evidence.end_seconds() && is_unwanted(&event.text));
+    let found = events.find(|event| {
+        event.time_seconds <= evidence.end_seconds()
+            && is_unwanted(&event.text)
+            && !evidence.leaves_out(event.time_seconds, event.time_seconds)
+    });
     match found {
         Some(event) => Err(format!("there is \"{}\"", event.text).into()).into(),
         None if evidence.is_cut_before(evidence.scenario.duration_seconds) => {
@@ -125,12 +158,21 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     };
     let fault = first_fault_seconds(scenario).max(first.time_seconds);
     let silence_max = silence_of_truth_seconds_max(evidence);
-    let zero = zero_since(truth, fault, silence_max).map(|since| 1e3 * (since - fault));
-    zero.ok_or_else(|| match silence_of_truth(evidence) {
-        Some(silence) => silence_of(silence),
-        None => "current flows on".into(),
-    })
-    .into()
+    let window = Window {
+        from_seconds: fault,
+        until_seconds: f64::INFINITY,
+    };
+    let value = |evidence: &Evidence<'_>, _: &(), window: Window| {
+        let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
+        let zero = zero_since(&truth[..seen], fault, silence_max).map(|since| since - fault);
+        zero.ok_or_else(|| match silence_of_truth(evidence) {
+            Some(silence) => silence_of(silence),
+            None => "current flows on".into(),
+        })
+    };
+    let zero = evidence.worst_event(&[()], |()| window, true, value);
+    let zero = zero.unwrap_or_else(|| Err(Absence::left_out()));
+    zero.map(|seconds| 1e3 * seconds).into()
 }
 
 /// What the plant reports only where something can fail: a limit on it, put on a recording without faults, is not judged.
@@ -189,7 +231,21 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     if scenario.reference.is_empty() {
         return Measurement::Meaningless("no set-point".to_owned());
     }
-    recovery_after(evidence, last_fault_end_seconds(scenario)).into()
+    let Some(from_seconds) = last_fault_end_seconds(scenario) else {
+        return Err("a fault lasts to the end".into()).into();
+    };
+    let window = Window {
+        from_seconds,
+        ..evidence.run()
+    };
+    let value = |evidence: &Evidence<'_>, _: &(), window: Window| {
+        if window.from_seconds >= window.until_seconds {
+            return Err("not recovered".into());
+        }
+        recovery(evidence, window)
+    };
+    let recovered = evidence.worst_event(&[()], |()| window, true, value);
+    recovered.unwrap_or_else(|| Err(Absence::left_out())).into()
 }
 
 /// None where a fault lasts to the end.
@@ -205,18 +261,6 @@ fn last_fault_end_seconds(scenario: &Scenario) -> Option<f64> {
     Some(ends.into_iter().fold(0.0, f64::max))
 }
 
-fn recovery_after(evidence: &Evidence<'_>, fault_end_seconds: Option<f64>) -> MetricValue {
-    let from_seconds = fault_end_seconds.ok_or("a fault lasts to the end")?;
-    let window = Window {
-        from_seconds,
-        ..evidence.run()
-    };
-    if window.from_seconds >= window.until_seconds {
-        return Err("not recovered".into());
-    }
-    recovery(evidence, window)
-}
-
 /// 1 where the bench is safe at the end, else 0.
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     let scenario = evidence.scenario;
@@ -225,6 +269,10 @@ pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     }
     if evidence.timeline.truth.is_empty() {
         return Measurement::only_emulated();
+    }
+    let end = evidence.scenario.duration_seconds;
+    if evidence.leaves_out(end - END_SECONDS, end) {
+        return Err(Absence::left_out()).into();
     }
     if let Some(silence) = silence_at_end(evidence) {
         return Err(silence_of(silence)).into();
@@ -249,11 +297,8 @@ fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
         from_seconds: latest,
         until_seconds: end_seconds,
     };
-    first_silence(
-        [].into_iter(),
-        window,
-        silence_of_truth_seconds_max(evidence),
-    )
+    let seconds_max = silence_of_truth_seconds_max(evidence);
+    evidence.first_silence([].into_iter(), window, seconds_max)
 }
 
 /// No current in the wire at the end, and a drive that is not enabled, or silent.
@@ -268,7 +313,23 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
     };
     let from = last.time_seconds - END_SECONDS;
     let mut lately = before_end.filter(|truth| truth.time_seconds >= from);
-    !lately.any(is_heated) && !is_enabled_since(timeline, end.min(last.time_seconds) - END_SECONDS)
+    !lately.any(is_heated)
+        && !is_enabled_since(timeline, end.min(last.time_seconds) - END_SECONDS)
+        && !io_node_drives_current(evidence)
+}
+
+/// Whether the last command to the io node lets a current flow.
+fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
+    let message = evidence.own.database.message(DISTURBANCE_MESSAGE);
+    let mut currents = message
+        .into_iter()
+        .flat_map(|message| &message.signals)
+        .filter(|signal| signal.unit.ends_with('A'));
+    currents.any(|signal| {
+        let column = evidence.timeline.column(&signal.name);
+        let last = column.and_then(|column| column.values.last());
+        last.is_some_and(|value| !value.is_nan() && *value != 0.0)
+    })
 }
 
 /// Whether the drive reports Operation enabled in its last message after a time.

@@ -39,10 +39,17 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             }
         };
         let limit = limit_of(event, window);
+        let since = *before.as_ref().unwrap_or(&window.from_seconds);
+        let until = observation.at_seconds.unwrap_or(window.until_seconds);
+        let is_left_out = evidence.leaves_out(since, until);
         before = match (observation.at_seconds, before) {
             (Some(at), Ok(_)) => Ok(at),
             (None, Ok(_)) => Err(event.to_string()),
             (_, missing) => missing,
+        };
+        let observation = match is_left_out {
+            true => Observation::none(Absence::left_out()),
+            false => observation,
         };
         metrics.push(observation.metric(evidence, sequence.row_name(place), Some(limit)));
     }

@@ -25,7 +25,8 @@ fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> 
     let window = check.window(demand, evidence.scenario.duration_seconds);
     let limit = limit_of(demand, window);
     let observation = match evidence.trace(&check.name) {
-        Ok(trace) => observe(trace, window, demand, limit),
+        Ok(trace) if evidence.has_all() => observe(trace, window, demand, limit),
+        Ok(trace) => observe_rest(evidence, trace, window, demand, limit),
         Err(observation) => observation,
     };
     observation.metric(evidence, check.row_name(demand), Some(limit))
@@ -55,6 +56,43 @@ fn at_most(max: f64) -> Limit {
         min: None,
         max: Some(max),
     }
+}
+
+/// The same without what stalls explain: an arrival as a whole, of others each sample.
+fn observe_rest(
+    evidence: &Evidence<'_>,
+    trace: &SignalTrace,
+    window: Window,
+    demand: &Demand<'_>,
+    limit: Limit,
+) -> Observation {
+    if matches!(demand, Demand::Reaches(_)) {
+        let arrival = observe(trace, window, demand, limit);
+        let until = arrival.at_seconds.filter(|_| arrival.value.is_ok());
+        let until = until.unwrap_or(window.until_seconds);
+        return match evidence.leaves_out(window.from_seconds, until) {
+            true => Observation::none(Absence::left_out()),
+            false => arrival,
+        };
+    }
+    let is_kept = |one: &&SignalSample| !evidence.leaves_out(one.time_seconds, one.time_seconds);
+    let all = samples_in(&trace.samples, window);
+    let samples = Vec::from_iter(all.iter().filter(is_kept).copied());
+    if samples.is_empty() && !all.is_empty() {
+        return Observation::none(Absence::left_out());
+    }
+    let times = || samples.iter().map(|sample| sample.time_seconds);
+    let is_silence = |seconds_max: &f64| {
+        let silence = evidence.first_silence(times(), window, *seconds_max);
+        silence.is_some()
+    };
+    let rest = SignalTrace {
+        path: trace.path.clone(),
+        unit: trace.unit.clone(),
+        silence_seconds_max: trace.silence_seconds_max.filter(is_silence),
+        samples: samples.iter().copied().collect(),
+    };
+    observe(&rest, window, demand, limit)
 }
 
 fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limit) -> Observation {

@@ -1,38 +1,40 @@
 //! How the position follows the steps of the set-point.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use scenario::events::JudgedStep;
+use scenario::events::{JudgedStep, Window};
 
-use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MILLIMETRES_MAX, worst};
+use crate::evidence::{
+    Absence, Evidence, Measurement, MetricValue, SAME_MILLIMETRES_MAX, STAY_SECONDS,
+};
 use crate::metric::rounded;
 
 /// Half the width of the settling band, by the height of the step (PAPER, "Definitions").
 pub const SETTLING_BAND: f64 = 0.05;
-/// A position that is within the band for less than this may be passing through.
-const SETTLED_SECONDS: f64 = 0.1;
 
 /// The longest settling time.
 pub(crate) fn settling_time(evidence: &Evidence<'_>) -> Measurement {
-    worst_step(evidence, settling_time_of)
+    worst_step(evidence, true, settling_time_of)
 }
 
 /// The largest overshoot.
 pub(crate) fn overshoot(evidence: &Evidence<'_>) -> Measurement {
-    worst_step(evidence, overshoot_of)
+    worst_step(evidence, false, overshoot_of)
 }
 
 fn worst_step(
     evidence: &Evidence<'_>,
+    is_time: bool,
     metric: fn(&Evidence<'_>, &JudgedStep) -> MetricValue,
 ) -> Measurement {
     let steps = evidence.scenario.judged_steps();
-    let values = steps.iter().map(|step| {
-        metric(evidence, step).map_err(|absence| match steps.len() {
+    let value = |evidence: &Evidence<'_>, step: &JudgedStep, window: Window| {
+        let judged = JudgedStep { window, ..*step };
+        metric(evidence, &judged).map_err(|absence| match steps.len() {
             1 => absence,
-            _ => absence.of(&format!("step at {} s", step.window.from_seconds)),
+            _ => absence.of(&format!("step at {} s", window.from_seconds)),
         })
-    });
-    match worst(values) {
+    };
+    match evidence.worst_event(&steps, |step| step.window, is_time, value) {
         Some(value) => value.into(),
         None => Measurement::Meaningless("no step in the scenario".to_owned()),
     }
@@ -61,10 +63,10 @@ fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     }
     let settled_at = settled_at.ok_or("never settled")?;
     let stay_seconds = until_seconds - settled_at;
-    if stay_seconds < SETTLED_SECONDS - TIME_TOLERANCE_SECONDS {
+    if stay_seconds < STAY_SECONDS - TIME_TOLERANCE_SECONDS {
         let stay_seconds = rounded(stay_seconds);
         return Err(Absence::from(format!(
-            "the window ends {stay_seconds} s after the position entered the band; {SETTLED_SECONDS} s are needed"
+            "the window ends {stay_seconds} s after the position entered the band; {STAY_SECONDS} s are needed"
         )));
     }
     Ok(settled_at - step.window.from_seconds)

@@ -318,7 +318,7 @@ fn dying_frames(cycles: u32) -> Vec<Stamped> {
     let start = frames.last().unwrap().time;
     let end = Duration::from_millis(4002);
     let heartbeats = (1..)
-        .map(|number| start + number * Duration::from_millis(10))
+        .map(|number| start + number * Duration::from_millis(20))
         .take_while(|time| *time < end);
     let alive = CanFrame::new(0x710, &[5]);
     frames.extend(heartbeats.map(|time| Stamped::new(time, alive)));
@@ -666,6 +666,17 @@ fn what_the_nodes_leave_out_fails_the_run_whoever_lost_frames() {
     assert_eq!(verdict_of(&permits, &skipped, 0).outcome, Outcome::Pass);
 }
 
+/// Adds a command behind each position.
+fn answer_positions(frames: &mut Vec<Stamped>) {
+    let is_position = |one: &&Stamped| one.frame.standard_id() == Some(0x190);
+    let answers = frames.iter().filter(is_position).map(|position| {
+        let command = CanFrame::new(0x210, &[0x0F, 0, 0, 0]);
+        Stamped::new(position.time + Duration::from_micros(270), command)
+    });
+    frames.extend(Vec::from_iter(answers));
+    frames.sort_by_key(|stamped| stamped.time);
+}
+
 /// A step to 36 mm, 4 % too far, at 1.2 s, and cycles without a position in a stall of the machine.
 fn beside_a_stall(
     added: &str,
@@ -676,7 +687,9 @@ fn beside_a_stall(
     let is_missed = |cycle| missed.contains(&cycle);
     let position = |cycle| (!is_missed(cycle)).then(|| position(f64::from(cycle) / 1e3));
     let plan = Plan::new(scenario(added), &Catalogue::shipped());
-    let timelines = decode(frames(4000, position), &plan).unwrap();
+    let mut frames = frames(4000, position);
+    answer_positions(&mut frames);
+    let timelines = decode(&frames, &plan).unwrap();
     // The scenario begins at 1 ms.
     let (from, until) = (
         Duration::from_millis(1 + stall.0),
@@ -835,7 +848,7 @@ fn a_second_master_lets_nothing_pass_and_nothing_fail() {
         let verdict = verdict_of(&scenario(limits), &frames, 0);
         assert_eq!(verdict.outcome, Outcome::Inconclusive);
         let reason = verdict.reason.unwrap();
-        let expected = "a second master: 0x080 (SYNC, one every 1 ms), ";
+        let expected = "a second master: 0x080 (SYNC), ";
         assert!(reason.starts_with(expected), "{reason}");
     }
 }
@@ -884,4 +897,167 @@ fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
         assert_eq!((verdict.outcome, verdict.fd_frames), (outcome, 7));
         assert!(verdict.losses[0].starts_with("7 CAN FD frames on the bus"));
     }
+}
+
+#[test]
+fn a_stall_excuses_what_it_moved_and_nothing_later() {
+    let limit = "[expect]\nposition_millimetres_max = { max = 36.0 }\n";
+    let judged = |length: u32, at_seconds: f64, position: f64| {
+        let course = move |time: f64| match (time - at_seconds).abs() < 5e-4 {
+            true => position,
+            false => step_response(1.1)(time),
+        };
+        let stall = (1800, 1800 + u64::from(length));
+        beside_a_stall(limit, 1800..1800 + length - 1, stall, course).outcome
+    };
+    // A long one moves the loop until 0.5 s and 20 times its length after its end, however far.
+    assert_eq!(judged(25, 2.8, 60.0), Outcome::Inconclusive);
+    assert_eq!(judged(25, 2.9, 37.0), Outcome::Fail);
+    assert_eq!(judged(25, 1.7, 37.0), Outcome::Fail);
+    // A short one moves it only while it lasts, and by a tenth of the limit.
+    assert_eq!(judged(4, 1.803, 39.0), Outcome::Inconclusive);
+    assert_eq!(judged(4, 1.803, 40.0), Outcome::Fail);
+    assert_eq!(judged(4, 1.9, 39.0), Outcome::Fail);
+}
+
+#[test]
+fn a_step_that_a_stall_interrupts_takes_that_long_at_least() {
+    let judged = |max: f64| {
+        let limit = format!("[expect]\nsettling_time_seconds = {{ max = {max:.1} }}\n");
+        let late = |time: f64| if time < 2.5 { 10.0 } else { 35.0 };
+        beside_a_stall(&limit, 2000..2030, (2000, 2030), late).outcome
+    };
+    // It had not settled within 0.9 s, and so much is proven.
+    assert_eq!(judged(0.5), Outcome::Fail);
+    assert_eq!(judged(1.2), Outcome::Inconclusive);
+    assert_eq!(judged(1.6), Outcome::Pass);
+}
+
+/// The controller's heartbeat stops at 1 s, the drive goes silent for it, and the run ends.
+#[test]
+fn the_earliest_breach_is_the_cause() {
+    let mut all = frames(1300, |cycle| (cycle < 1200).then_some(10.0));
+    answer_positions(&mut all);
+    for beat in 0..100_u64 {
+        let time = Duration::from_micros(20_000 * beat + 500);
+        if beat < 50 {
+            all.push(Stamped::new(time, CanFrame::new(0x701, &[5])));
+        }
+        all.push(Stamped::new(time, CanFrame::new(0x710, &[5])));
+    }
+    all.sort_by_key(|stamped| stamped.time);
+    let judged = |frames: &[Stamped], stalls: Vec<Stall>| {
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let timelines = decode(frames, &plan).unwrap();
+        let circumstances = Circumstances {
+            ended_early: Some(EarlyEnd {
+                by: EndedBy::Node,
+                node: Some("drive".to_owned()),
+                since_seconds: Some(1.2),
+                at_seconds: Some(1.3),
+                what: "silent since 1.200 s".to_owned(),
+            }),
+            stalls,
+            ..Circumstances::default()
+        };
+        let verdict = judge(&plan, &timelines, &circumstances);
+        let cause = verdict.cause.unwrap();
+        (
+            verdict.outcome,
+            verdict.reason.unwrap(),
+            cause.node,
+            cause.duty,
+        )
+    };
+    let (outcome, reason, node, duty) = judged(&all, Vec::new());
+    let expected = "controller: no heartbeat from 1.000 s on; drive: silent since 1.200 s";
+    assert_eq!((outcome, reason.as_str()), (Outcome::Fail, expected));
+    assert_eq!((node.as_str(), duty.as_str()), ("controller", "heartbeat"));
+    // With all heartbeats the drive is the first.
+    let beats = (50..66).map(|beat| Duration::from_micros(20_000 * beat + 500));
+    all.extend(beats.map(|time| Stamped::new(time, CanFrame::new(0x701, &[5]))));
+    all.sort_by_key(|stamped| stamped.time);
+    let (outcome, reason, node, duty) = judged(&all, Vec::new());
+    let expected = "drive: silent since 1.200 s";
+    assert_eq!((outcome, reason.as_str()), (Outcome::Fail, expected));
+    assert_eq!((node.as_str(), duty.as_str()), ("drive", "position"));
+    // A stall explains it that covers half of the time, and no shorter one.
+    for (milliseconds, expected) in [(60, Outcome::Inconclusive), (40, Outcome::Fail)] {
+        let [from, until] = [1201, 1201 + milliseconds].map(Duration::from_millis);
+        let stall = Stall::new(from, until, Who::Machine, What::StoodStill);
+        let (outcome, reason, node, _) = judged(&all, vec![stall]);
+        assert_eq!(outcome, expected, "{reason}");
+        let is_host = outcome == Outcome::Inconclusive;
+        assert_eq!(node, if is_host { "host" } else { "drive" });
+    }
+}
+
+#[test]
+fn a_node_without_a_heartbeat_at_the_end_is_named() {
+    let mut all = frames(4000, |_| Some(10.0));
+    let beats = (0..150_u64).map(|beat| Duration::from_micros(20_000 * beat + 500));
+    all.extend(beats.map(|time| Stamped::new(time, CanFrame::new(0x710, &[5]))));
+    all.sort_by_key(|stamped| stamped.time);
+    let verdict = verdict_of(&scenario(""), &all, 0);
+    assert_eq!(verdict.outcome, Outcome::Fail);
+    let reason = "drive: no heartbeat from 3.000 s to the end";
+    assert_eq!(verdict.reason.as_deref(), Some(reason));
+}
+
+/// It passes, and says that this is worth nothing.
+#[test]
+fn a_run_in_which_nothing_is_limited_judges_nothing() {
+    let whole = frames(4000, |_| Some(10.0));
+    let judged = |limits: &str| verdict_of(&scenario(limits), &whole, 0);
+    let verdict = judged("");
+    assert_eq!(
+        (verdict.outcome, verdict.cause.is_none()),
+        (Outcome::Pass, true)
+    );
+    let remark = "nothing was limited, so nothing was judged";
+    assert_eq!(verdict.remark().as_deref(), Some(remark));
+    let limited = judged("[expect]\nposition_millimetres_max = { max = 36.0 }\n");
+    assert!(!limited.judged_nothing());
+    assert_eq!(limited.remark(), None);
+}
+
+#[test]
+fn ripple_needs_commands() {
+    let mut frames = commanded(step_response(1.0), |_| 0.5);
+    frames.retain(|stamped| {
+        let is_command = stamped.frame.standard_id() == Some(0x210);
+        !(is_command && (2500..2525).contains(&stamped.time.as_millis()))
+    });
+    let verdict = verdict_of(&scenario(RIPPLE), &frames, 0);
+    let remark = row(&verdict, "current_ripple_amperes_rms")
+        .remark
+        .clone()
+        .unwrap();
+    assert!(
+        remark.starts_with("no command from 2.499 to 2.52"),
+        "{remark}"
+    );
+}
+
+/// 10 ms after the band is left for the first time, and 5 s after the disturbance.
+#[test]
+fn a_slow_loop_is_watched_until_something_else_moves_it() {
+    let text = "schema = 1\nname = \"slow\"\nduration_seconds = 9.0\n[controller.sliding_mode]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+        [[disturbance.load]]\nat_seconds = 1.0\nadded_grams = 1.0\n";
+    let recovery = |added: &str| {
+        let text = format!("{text}{added}");
+        let slow = Scenario::parse(&text, "slow.toml", |_| unreachable!("no table")).unwrap();
+        let frames = frames(9000, |cycle| {
+            Some(if (5000..6000).contains(&cycle) {
+                11.0
+            } else {
+                10.0
+            })
+        });
+        value(&verdict_of(&slow, &frames, 0), "recovery_time_seconds")
+    };
+    assert_eq!(recovery(""), Some(5.0));
+    let step = "[[reference.step]]\nat_seconds = 4.5\nposition_millimetres = 10.5\n";
+    assert_eq!(recovery(step), Some(0.0));
 }

@@ -2,9 +2,9 @@
 
 use recording::stalls::Stall;
 use scenario::expect::Expect;
+use scenario::metrics::Metric as Row;
 
-use crate::commands::MISSED_COMMANDS_PERCENT_MAX;
-use crate::excuse::MISSED_COMMANDS;
+use crate::duties::MISSED_COMMANDS;
 use crate::metric::{Metric, leave_open, not_judged};
 use crate::timing::Timing;
 use crate::verdict::{Outcome, Verdict};
@@ -50,8 +50,8 @@ fn missed_commands_percent(verdict: &Verdict) -> f64 {
 
 /// Why a limit on the time to the command is not met by the commands that came.
 fn why_not_met(metric: &Metric, missed_percent: f64) -> Option<String> {
-    if missed_percent > MISSED_COMMANDS_PERCENT_MAX {
-        let limit = MISSED_COMMANDS_PERCENT_MAX;
+    let limit = Row::named(MISSED_COMMANDS).and_then(|row| row.default_max)?;
+    if missed_percent > limit {
         return Some(format!(
             "no command in {missed_percent:.2} % of the cycles (limit {limit} %)"
         ));

@@ -7,6 +7,7 @@ use rig::plan::Plan;
 use scenario::expect::Requirements;
 use serde::{Deserialize, Serialize};
 
+pub use crate::attribution::cause::NamedCause;
 pub use crate::metric::Metric;
 use crate::timing::Timing;
 
@@ -70,6 +71,9 @@ pub struct Verdict {
     /// Why, where the metrics do not show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// What the run came to grief by; none of one that passed, and of one that missed a limit while every node did its duties.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<NamedCause>,
     /// Frames that the recorder lost, which the frames of a recording do not show.
     #[serde(default, skip_serializing_if = "is_none")]
     pub frames_lost: u64,
@@ -103,6 +107,7 @@ impl Verdict {
             external: Vec::new(),
             outcome: Outcome::Incomplete,
             reason: Some(reason.to_owned()),
+            cause: None,
             frames_lost: 0,
             fd_frames: 0,
             ended_early: None,
@@ -121,6 +126,27 @@ impl Verdict {
             external: plan.external_names(),
             ..Self::incomplete(&shared.name, shared.seed, reason)
         }
+    }
+
+    /// Whether it passed although nothing was limited.
+    #[must_use]
+    pub fn judged_nothing(&self) -> bool {
+        self.outcome == Outcome::Pass && self.metrics.iter().all(|metric| metric.limit.is_none())
+    }
+
+    /// The words that belong beside the outcome: its reason, or what a run that passed does not show.
+    #[must_use]
+    pub fn remark(&self) -> Option<String> {
+        let nothing = "nothing was limited, so nothing was judged";
+        let is_distrusted = |timing: &Timing| !timing.distrust.is_empty();
+        let distrusted = self.timing.as_ref().is_some_and(is_distrusted);
+        let remarks = [
+            self.judged_nothing().then_some(nothing),
+            distrusted.then_some("the timing is not trusted"),
+        ];
+        let remarks = Vec::from_iter(remarks.into_iter().flatten()).join("; ");
+        let of_pass = self.outcome == Outcome::Pass && !remarks.is_empty();
+        self.reason.clone().or_else(|| of_pass.then_some(remarks))
     }
 
     /// Reads the text of `verdict.json`.

@@ -38,6 +38,9 @@ pub const LATE_MIN: Duration = Duration::from_micros(500);
 /// So often: a report with all of them fits a pipe, and a machine that is later more often says nothing new.
 const LATE_COUNT_MAX: usize = 1000;
 
+/// Identifiers of 11 bits.
+const STANDARD_IDS: usize = 1 << 11;
+
 /// What a loop has done.
 #[derive(Clone, Debug)]
 pub struct RunReport {
@@ -51,6 +54,8 @@ pub struct RunReport {
     pub frames_received: u64,
     /// Frames that the node sent.
     pub frames_sent: u64,
+    /// The same by standard identifier.
+    pub sent: Vec<u64>,
     /// Frames that were lost before the node could take them.
     pub frames_dropped: u64,
     /// Frames that waited for room in a full queue before they were sent.
@@ -61,6 +66,12 @@ pub struct RunReport {
 }
 
 impl RunReport {
+    /// The identifiers of which the node sent frames, each with their number.
+    pub fn sent_frames(&self) -> impl Iterator<Item = (u16, u64)> {
+        let counted = (0_u16..).zip(self.sent.iter().copied());
+        counted.filter(|(_, frames)| *frames > 0)
+    }
+
     fn new() -> Self {
         Self {
             ticks: 0,
@@ -69,6 +80,7 @@ impl RunReport {
                 .expect("constant bounds that the histogram takes"),
             frames_received: 0,
             frames_sent: 0,
+            sent: vec![0; STANDARD_IDS],
             frames_dropped: 0,
             frames_delayed: 0,
             late: Vec::with_capacity(LATE_COUNT_MAX),
@@ -304,6 +316,10 @@ impl Cycle<'_> {
         while let Some(frame) = self.node.next_frame() {
             self.bus.send(&frame)?;
             self.report.frames_sent += 1;
+            let identifier = frame.standard_id().map(usize::from);
+            if let Some(sent) = identifier.and_then(|id| self.report.sent.get_mut(id)) {
+                *sent += 1;
+            }
         }
         Ok(())
     }

@@ -12,6 +12,7 @@ use rig::plan::ControlLoop;
 use serde::{Deserialize, Serialize};
 
 use crate::log::Stamped;
+use crate::sources::Sent;
 use crate::stalls::Stall;
 
 /// Latencies above this count as this.
@@ -72,6 +73,9 @@ pub struct NodeReport {
     pub frames_delayed: u64,
     /// What the system refused: priority, locked memory.
     pub refused: Vec<String>,
+    /// The frames that the node sent, by identifier. The world takes them out into the run's own list.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sent: Vec<(u16, u64)>,
     /// Where the loop waited before a deadline and was woken late: deadline and waking up, in nanoseconds of the monotonic
     /// clock. The world takes them out into the run's stalls.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -93,6 +97,7 @@ impl NodeReport {
             frames_dropped: self.frames_dropped + other.frames_dropped,
             frames_delayed: self.frames_delayed + other.frames_delayed,
             refused: self.refused.into_iter().chain(new).collect(),
+            sent: self.sent.into_iter().chain(other.sent).collect(),
             late: self.late.into_iter().chain(other.late).collect(),
         }
     }
@@ -109,6 +114,8 @@ pub struct Host {
     pub wall_clock_step: Duration,
     /// Where the machine held the nodes up, in the order of time.
     pub stalls: Vec<Stall>,
+    /// The frames that canrig's nodes sent.
+    pub sent: Sent,
 }
 
 /// The latencies of all cycles.

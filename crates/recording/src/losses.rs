@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
+use rig::plan::LoopNode;
 use scenario::Scenario;
 
 use crate::events::{Event, Events, Level};
@@ -16,13 +17,41 @@ pub(crate) const PERIODS_MAX: u32 = 20;
 /// Periods without a heartbeat that count as a loss; the nodes wait as long (0x1016).
 const HEARTBEATS_MAX: u32 = 5;
 
+/// A time in which the heartbeat of a node did not come for longer than the others wait for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LostHeartbeat {
+    pub node: LoopNode,
+    /// Scenario time at which the first that is missing was due.
+    pub due_seconds: f64,
+    /// Scenario time at which the next came; infinite where none did.
+    pub back_seconds: f64,
+}
+
 /// One message that must keep coming.
 struct Watched {
     /// For people.
     what: String,
+    /// The node whose heartbeat it is, where the others stop without it.
+    heartbeat_of: Option<LoopNode>,
+    /// It says how warm the plant is, and nothing happens without it.
+    is_temperature: bool,
+    period: Duration,
     limit: Duration,
     /// In scenario time.
     last: Option<Duration>,
+}
+
+impl Watched {
+    /// The heartbeat that is missing since the last one, until a scenario time.
+    fn lost(&self, back_seconds: f64) -> Option<LostHeartbeat> {
+        // One that was never heard in the scenario is not missed.
+        let last = self.last.filter(|last| !last.is_zero())?;
+        Some(LostHeartbeat {
+            node: self.heartbeat_of?,
+            due_seconds: (last + self.period).as_secs_f64(),
+            back_seconds,
+        })
+    }
 }
 
 /// Watches from the start of the scenario to its end.
@@ -31,32 +60,39 @@ pub(crate) struct LossReader {
     end: Duration,
     /// By scenario time.
     events: Notes<Event>,
+    heartbeats: Vec<LostHeartbeat>,
+    temperature_silence: Option<(f64, f64)>,
 }
 
 impl LossReader {
     pub(crate) fn new(scenario: &Scenario, database: &Database, words: &NodeWords) -> Self {
         let (controller, drive, module) = (words.controller(), words.drive(), words.module());
-        let cyclic = PERIODS_MAX * scenario.bus.sync_period();
+        let cyclic_limit = PERIODS_MAX * scenario.bus.sync_period();
         let cyclic = [
             ("sync", format!("SYNC from {controller}")),
             ("drive_tpdo1", format!("position from {drive}")),
         ]
-        .map(|(name, what)| (name, what, Some(cyclic)));
+        .map(|(name, what)| (name, what, Some(cyclic_limit), None));
         let heartbeats = [
             (
                 "controller_heartbeat",
-                format!("heartbeat from {controller}"),
+                controller,
+                Some(LoopNode::Controller),
             ),
-            ("drive_heartbeat", format!("heartbeat from {drive}")),
-            ("disturbance_heartbeat", format!("heartbeat from {module}")),
+            ("drive_heartbeat", drive, Some(LoopNode::Drive)),
+            ("disturbance_heartbeat", module, None),
         ]
-        .map(|(name, what)| (name, what, None));
-        let regular = cyclic.into_iter().chain(heartbeats);
-        let watched = regular.filter_map(|(name, what, limit)| {
+        .map(|(name, from, node)| (name, format!("heartbeat from {from}"), None, node));
+        let temperature = ("drive_tpdo2", String::new(), Some(cyclic_limit), None);
+        let regular = cyclic.into_iter().chain(heartbeats).chain([temperature]);
+        let watched = regular.filter_map(|(name, what, limit, heartbeat_of)| {
             let message = database.message(name)?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let watched = Watched {
                 what,
+                heartbeat_of,
+                is_temperature: name == "drive_tpdo2",
+                period,
                 limit: limit.unwrap_or(HEARTBEATS_MAX * period),
                 last: None,
             };
@@ -66,6 +102,8 @@ impl LossReader {
             watched: watched.collect(),
             end: Duration::from_secs_f64(scenario.duration_seconds),
             events: Notes::default(),
+            heartbeats: Vec::new(),
+            temperature_silence: None,
         }
     }
 
@@ -82,28 +120,53 @@ impl LossReader {
         let Some(watched) = self.watched.get_mut(frame.raw_id()) else {
             return;
         };
-        let last = watched.last.replace(time).unwrap_or_default();
-        let silent = time.saturating_sub(last);
-        if silent > watched.limit {
+        let last = *watched.last.get_or_insert_default();
+        if time.saturating_sub(last) > watched.limit {
+            let silent = time.saturating_sub(last);
+            if watched.is_temperature {
+                let silence = (last.as_secs_f64(), time.as_secs_f64());
+                self.temperature_silence.get_or_insert(silence);
+                watched.last = Some(time);
+                return;
+            }
             let what = &watched.what;
             let text = format!("loss: no {what} for {} ms", silent.as_millis());
             let loss = Event::new(Level::Error, &text);
             self.events.add(last.as_secs_f64(), loss);
             let back = Event::new(Level::Info, &format!("{what} is back"));
             self.events.add(time.as_secs_f64(), back);
+            self.heartbeats.extend(watched.lost(time.as_secs_f64()));
         }
+        watched.last = Some(time);
     }
 
     /// All losses, those that last among them; `latest` is the scenario time of the last frame of all before the end.
     pub(crate) fn take_all(&mut self, latest: Duration) -> Events {
         for watched in self.watched.values() {
             let Some(last) = watched.last else { continue };
-            if latest.saturating_sub(last) > watched.limit {
+            if latest.saturating_sub(last) <= watched.limit {
+                continue;
+            }
+            if watched.is_temperature {
+                let silence = (last.as_secs_f64(), latest.as_secs_f64());
+                self.temperature_silence.get_or_insert(silence);
+            } else {
                 let text = format!("loss: no {} from here on", watched.what);
                 let loss = Event::new(Level::Error, &text);
                 self.events.add(last.as_secs_f64(), loss);
+                self.heartbeats.extend(watched.lost(f64::INFINITY));
             }
         }
         self.events.take_since(0.0)
+    }
+
+    /// The first stretch of time in which no temperature was sent, after [`LossReader::take_all`].
+    pub(crate) fn temperature_silence(&self) -> Option<(f64, f64)> {
+        self.temperature_silence
+    }
+
+    /// The heartbeats that did not come, after [`LossReader::take_all`].
+    pub(crate) fn take_heartbeats(&mut self) -> Vec<LostHeartbeat> {
+        std::mem::take(&mut self.heartbeats)
     }
 }

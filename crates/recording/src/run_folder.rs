@@ -38,6 +38,8 @@ pub mod file {
     pub const REPORT: &str = "report.html";
     /// Where the machine was late; only of runs in real time.
     pub const STALLS: &str = "stalls.csv";
+    /// The frames that canrig's nodes sent; only of runs in real time.
+    pub const SENT: &str = "sent.csv";
     /// What the frames mean, as a DBC.
     pub const FRAMES: &str = "frames.dbc";
     /// The rig file as it was used; only in runs on a rig.

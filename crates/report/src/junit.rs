@@ -38,6 +38,11 @@ fn run_case(class: &str, verdict: &Verdict) -> TestCase {
     let status = match verdict.outcome {
         // The rows say which limits were not met.
         Outcome::Fail if !reason.is_empty() => problem(NonSuccessKind::Failure, &reason),
+        Outcome::Pass if verdict.judged_nothing() => {
+            let mut skipped = TestCaseStatus::skipped();
+            skipped.set_message(verdict.remark().unwrap_or_default());
+            skipped
+        }
         Outcome::Pass | Outcome::Fail => TestCaseStatus::success(),
         Outcome::Inconclusive | Outcome::Incomplete => problem(NonSuccessKind::Error, &reason),
     };

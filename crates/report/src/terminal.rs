@@ -15,10 +15,19 @@ use recording::run_folder::file;
 #[must_use]
 pub fn verdict(verdict: &Verdict) -> String {
     let mut text = named_table(verdict);
-    if let Some(reason) = &verdict.reason {
-        text += &format!(": {reason}");
+    if let Some(remark) = verdict.remark() {
+        text += &format!(": {remark}");
     }
     text
+}
+
+/// A verdict in one line.
+#[must_use]
+pub fn line(verdict: &Verdict) -> String {
+    let remark = verdict
+        .remark()
+        .map_or_else(String::new, |remark| format!(": {remark}"));
+    format!("{}: {}{remark}", verdict.scenario, verdict.outcome.word())
 }
 
 fn named_table(verdict: &Verdict) -> String {
@@ -40,12 +49,9 @@ fn named_table(verdict: &Verdict) -> String {
 pub fn run(verdict: &Verdict, folder: &Path) -> String {
     let mut text = named_table(verdict);
     // Why a run broke off was printed as an error already.
-    if let Some(reason) = verdict
-        .reason
-        .as_ref()
-        .filter(|_| verdict.outcome != Outcome::Incomplete)
-    {
-        text += &format!(": {reason}");
+    let remark = verdict.remark();
+    if let Some(remark) = remark.filter(|_| verdict.outcome != Outcome::Incomplete) {
+        text += &format!(": {remark}");
     }
     text += &format!("\nrun folder  {}", folder.display());
     let recording = folder.join(file::RERUN);

@@ -88,6 +88,15 @@ pub struct NodeNames {
     pub disturbance: Option<String>,
 }
 
+/// One of the two nodes that close a loop.
+#[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
+pub enum LoopNode {
+    /// The controller.
+    Controller,
+    /// The drive.
+    Drive,
+}
+
 /// One loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
 #[derive(Clone, Debug)]
 pub struct ControlLoop {

@@ -39,6 +39,9 @@ pub struct PlayArgs {
     /// Print failures only
     #[arg(long, short, conflicts_with_all = ["json", "events"])]
     pub quiet: bool,
+    /// Fail a run that passes although nothing was limited
+    #[arg(long)]
+    pub strict: bool,
     /// Compress log and signals, and thin the recording for the viewer, of runs longer than this
     #[arg(long, value_name = "SECONDS", default_value_t = COMPRESS_ABOVE_SECONDS)]
     pub compress_above: f64,
@@ -245,6 +248,7 @@ fn play_one(
         parent: &args.output,
         is_long: shared.duration_seconds > args.compress_above,
         overrides: &args.values.overrides,
+        is_strict: args.strict,
     };
     let judged = run(plan, place, watch, queues, |folder, capture| {
         let played = stage.play(|| testbed.play(plan, folder, capture));

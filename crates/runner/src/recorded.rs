@@ -18,6 +18,7 @@ use recording::frames::Log;
 use recording::log::Unread;
 use recording::run_folder::{file, log_in, own_file};
 use recording::session::{FramesError, ReadError, read_plan};
+use recording::sources::Sent;
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline, events_of};
 use recording::unrecorded::Unrecorded;
@@ -135,6 +136,8 @@ pub struct Recorded {
     pub stored: Option<Verdict>,
     /// Where the machine held the nodes up; only a folder of a run in real time says it.
     pub stalls: Vec<Stall>,
+    /// The frames that canrig's nodes sent; only a folder of a run in real time says it.
+    pub sent: Sent,
     /// Whether it is a run folder.
     pub is_folder: bool,
     /// Whether it is the folder of a long run, whose log and signals are compressed.
@@ -193,12 +196,20 @@ impl Recorded {
             })?,
             false => Vec::new(),
         };
+        let sent = match is_folder {
+            true => Sent::read(folder).map_err(|source| RecordedError::Read {
+                path: folder.join(file::SENT),
+                source,
+            })?,
+            false => Sent::default(),
+        };
         Ok(Self {
             path: path.to_owned(),
             plan,
             log,
             stored,
             stalls,
+            sent,
             is_folder,
             is_long: log_path.ends_with(file::LONG_BUS_LOG),
         })
@@ -264,11 +275,19 @@ impl Recorded {
     fn verdict_of_frames(&self, timelines: &[Timeline]) -> Verdict {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
-        let by_node = ended_early.filter(|end| end.by == EndedBy::Node);
+        // Where the bench ended it for a second master, the frames show that.
+        let is_open = stored.is_some_and(|stored| stored.outcome == Outcome::Inconclusive);
+        let by_node = ended_early.filter(|end| end.by == EndedBy::Node || is_open);
         let circumstances = Circumstances {
             unrecorded: self.unrecorded(timelines),
             ended_early: by_node,
             stalls: self.stalls.clone(),
+            sent: self.sent.clone(),
+            reports: stored
+                .and_then(|stored| stored.timing.clone())
+                .map_or([None, None], |timing| {
+                    [timing.controller, timing.plant_emulator]
+                }),
         };
         judge::judge(&self.plan, timelines, &circumstances)
     }

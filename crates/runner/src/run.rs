@@ -42,6 +42,8 @@ pub struct RunPlace<'a> {
     pub is_long: bool,
     /// The values of the command line that are in the scenario.
     pub overrides: &'a [Override],
+    /// Whether a run fails that passes although nothing was limited.
+    pub is_strict: bool,
 }
 
 /// Why a run left no verdict.
@@ -110,6 +112,7 @@ pub fn run(
     }) = &ended
     {
         folder.write(file::STALLS, stalls::to_csv(&host.stalls).as_bytes())?;
+        folder.write(file::SENT, host.sent.to_csv().as_bytes())?;
         let timing = Timing::new(&frames, plan, host.clone())?;
         judge::judge_timing(&mut verdict, timing, expected_timing(plan), &host.stalls);
     }
@@ -128,6 +131,7 @@ pub fn run(
         // Perhaps while it was judged.
         _ if watch.is_interrupted() => Exit::Interrupted,
         Err(error) if error.is_before_start() => Exit::CannotStart,
+        _ if place.is_strict && verdict.judged_nothing() => Exit::VerdictFailed,
         _ => verdict.outcome.into(),
     };
     Ok(Judged {
@@ -197,6 +201,10 @@ pub fn verdict(
         unrecorded: unrecorded.clone(),
         ended_early,
         stalls: host.map(|host| host.stalls.clone()).unwrap_or_default(),
+        sent: host.map(|host| host.sent.clone()).unwrap_or_default(),
+        reports: host.map_or([None, None], |host| {
+            [host.controller.clone(), host.plant_emulator.clone()]
+        }),
     };
     judge::judge(plan, timelines, &circumstances)
 }

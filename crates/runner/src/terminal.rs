@@ -55,6 +55,9 @@ impl Terminal {
             let reason = judged.verdict.reason.as_deref().unwrap_or_default();
             print_error(&format!("canrig: {}: {reason}", path.display()));
         }
+        if self.quiet && judged.verdict.judged_nothing() && judged.exit == Exit::Pass {
+            print(&terminal::line(&judged.verdict));
+        }
         if !self.json && (!self.quiet || judged.exit != Exit::Pass) {
             print(&terminal::run(&judged.verdict, &judged.folder));
         }

@@ -18,8 +18,10 @@ pub struct Metric {
     pub subject: Subject,
     /// The part of a scenario without which it has no meaning.
     pub needs: Needs,
-    /// Whether it only grows as a run goes on, so that a value beyond its limit stays beyond it.
-    pub only_grows: bool,
+    /// What its value is made of, and so what a stall may have moved.
+    pub pieces: Pieces,
+    /// Its largest value for a node under test that is not canrig's, where the scenario has no limit.
+    pub default_max: Option<f64>,
     /// The form of its limit in `[expect]`.
     pub form: Form,
     /// Its description in the schema and in the book.
@@ -39,6 +41,17 @@ pub enum Subject {
     Bus,
     /// The plant and its events.
     Plant,
+}
+
+/// What the value of a metric is made of.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Pieces {
+    /// Single samples, cycles or events of the bus, of which one decides or all are counted.
+    Sample,
+    /// Steps, disturbances or faults, each from its begin to where its value is reached.
+    Event,
+    /// All samples of a window together.
+    Whole,
 }
 
 /// The part of a scenario without which a metric has no meaning.
@@ -87,16 +100,16 @@ pub static METRICS: &[Metric] = &[
     Metric {
         name: "settling_time_seconds",
         unit: "seconds",
-        only_grows: true,
         needs: Needs::Step,
+        pieces: Pieces::Event,
         text: "Time from a step to the first sample from which on the position stays within ± 5 % of the step's height.",
         ..POSITION
     },
     Metric {
         name: "overshoot_percent",
         unit: "percent",
-        only_grows: true,
         needs: Needs::Step,
+        pieces: Pieces::Event,
         text: "How far the position goes beyond the final set-point, in percent of the step's height.",
         ..POSITION
     },
@@ -142,24 +155,24 @@ pub static METRICS: &[Metric] = &[
     Metric {
         name: "maximum_deviation_millimetres",
         unit: "millimetres",
-        only_grows: true,
         needs: Needs::Disturbance,
-        text: "Largest deviation from the set-point from the start of a disturbance to 3 s after its end.",
+        pieces: Pieces::Event,
+        text: "Largest deviation from the set-point from the start of a disturbance until something else moves the loop, for 3 s after its end at least.",
         ..POSITION
     },
     Metric {
         name: "recovery_time_seconds",
         unit: "seconds",
-        only_grows: true,
         needs: Needs::Disturbance,
+        pieces: Pieces::Event,
         text: "Time from the start of a disturbance until the deviation stays within the recovery band.",
         ..POSITION
     },
     Metric {
         name: "position_millimetres_max",
         unit: "millimetres",
-        only_grows: true,
         needs: Needs::Nothing,
+        pieces: Pieces::Sample,
         text: "Largest position over the run.",
         ..POSITION
     },
@@ -185,13 +198,29 @@ pub static METRICS: &[Metric] = &[
     Metric {
         name: "missed_cycles_percent",
         unit: "percent",
+        default_max: Some(1.0),
         text: "Share of the cycles in which the drive sent no position.",
         ..CYCLES
     },
     Metric {
         name: "missed_commands_percent",
         unit: "percent",
+        default_max: Some(1.0),
         text: "Share of the cycles with a position for which the controller sent no command before the next position.",
+        ..CYCLES
+    },
+    Metric {
+        name: "late_commands_percent",
+        unit: "percent",
+        default_max: Some(5.0),
+        text: "Share of the cycles with a position whose command came after the next SYNC, and so acts a cycle late.",
+        ..CYCLES
+    },
+    Metric {
+        name: "sync_period_error_percent",
+        unit: "percent",
+        default_max: Some(2.0),
+        text: "Largest distance of the mean of 64 SYNC periods in a row from the SYNC period.",
         ..CYCLES
     },
     Metric {
@@ -203,19 +232,21 @@ pub static METRICS: &[Metric] = &[
     Metric {
         name: "sync_interval_milliseconds_max",
         unit: "milliseconds",
+        pieces: Pieces::Sample,
         text: "Longest time between two SYNCs: more than the period when the bus or the machine was late.",
         ..BUS
     },
     Metric {
         name: "temperature_celsius",
         unit: "celsius",
-        only_grows: true,
+        pieces: Pieces::Sample,
         text: "Highest temperature of what the current heats, wire or winding. Only the emulator knows it; a real drive does not.",
         ..PLANT
     },
     Metric {
         name: "no_event",
         form: List,
+        pieces: Pieces::Sample,
         text: "Texts that no event of the run may contain, such as \"emergency\".",
         ..PLANT
     },
@@ -224,15 +255,16 @@ pub static METRICS: &[Metric] = &[
         unit: "milliseconds",
         needs: Needs::Fault,
         form: AtMost(MILLISECONDS_MAX),
+        pieces: Pieces::Event,
         text: "Longest time from the start of the first fault until no current flows through the plant for 0.1 s at least.",
         ..PLANT
     },
     Metric {
         name: "recovers_within_seconds",
         unit: "seconds",
-        only_grows: true,
         needs: Needs::FaultAndSetPoint,
         form: AtMost(crate::TIME_SECONDS_MAX),
+        pieces: Pieces::Event,
         text: "Longest time from the end of the last fault until the deviation from the set-point stays within the recovery\nband.",
         ..POSITION
     },
@@ -240,6 +272,7 @@ pub static METRICS: &[Metric] = &[
         name: "safe_state",
         needs: Needs::Fault,
         form: Answer,
+        pieces: Pieces::Sample,
         text: "`true`: at the end no current flows, and the drive is disabled or silent. `false`: a current flows, or the drive is enabled.",
         ..PLANT
     },
@@ -247,6 +280,7 @@ pub static METRICS: &[Metric] = &[
         name: "emcy",
         needs: Needs::Fault,
         form: List,
+        pieces: Pieces::Event,
         text: "Emergencies that must be sent, each as node and code: \"drive 0x8130\".",
         ..PLANT
     },
@@ -258,12 +292,16 @@ const POSITION: Metric = Metric {
     unit: "",
     subject: Subject::Position,
     needs: Needs::SetPoint,
-    only_grows: false,
+    pieces: Pieces::Whole,
+    default_max: None,
     form: TwoSided,
     text: "",
 };
 const CURRENT: Metric = of(Subject::Current);
-const CYCLES: Metric = of(Subject::Cycles);
+const CYCLES: Metric = Metric {
+    pieces: Pieces::Sample,
+    ..of(Subject::Cycles)
+};
 const BUS: Metric = of(Subject::Bus);
 const PLANT: Metric = of(Subject::Plant);
 
@@ -373,12 +411,6 @@ pub fn is_of_bus(row: &str) -> bool {
 #[must_use]
 pub fn is_of_traffic(row: &str) -> bool {
     Metric::named(row).is_some_and(Metric::is_of_traffic)
-}
-
-/// Whether a row of a verdict is a metric that only grows as a run goes on.
-#[must_use]
-pub fn only_grows(row: &str) -> bool {
-    Metric::named(row).is_some_and(|metric| metric.only_grows)
 }
 
 /// Whether the value of a metric means yes: the bench is safe, none of the events happened, every emergency came. None for

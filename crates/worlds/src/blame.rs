@@ -141,9 +141,11 @@ impl<'a> Seen<'a> {
         Some(micros / 1e6)
     }
 
-    /// Scenario time; the recording's where the scenario never began.
+    /// Scenario time; since the first frame where the scenario never began.
     fn stamp(&self, time: Duration) -> f64 {
-        self.seconds(time).unwrap_or(time.as_secs_f64())
+        let begin = self.frames.first().map_or(time, |first| first.time);
+        let since_begin = time.saturating_sub(begin).as_secs_f64();
+        self.seconds(time).unwrap_or(since_begin)
     }
 
     fn end_of_recording(&self) -> Option<Duration> {

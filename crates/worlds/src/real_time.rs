@@ -13,7 +13,7 @@ use crate::child::NodeProcess;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
 use crate::fmu_plant::more_patience;
-use crate::names::{CONTROLLER, DRIVE, emulator_names};
+use crate::names::{BENCH, CONTROLLER, DRIVE, emulator_names};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, runtime};
@@ -23,6 +23,7 @@ use crate::stalls::StallRecorder;
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
 use recording::run_folder::RunFolder;
+use recording::sources::{Sent, SentFrames};
 use rig::external::ExternalNode;
 use rig::plan::{ControlLoop, Plan};
 
@@ -83,6 +84,10 @@ pub fn play(
     if let Err(second_master @ WorldError::SecondMaster(_)) = end {
         return Err(second_master);
     }
+    let by_bench = ended
+        .as_ref()
+        .map(|report| Vec::from_iter(report.sent_frames()));
+    let by_bench = by_bench.unwrap_or_default();
     let end = match ended {
         Err(RunError::Node(violation)) => Err(WorldError::Violation {
             drive: bench.violating_drive().unwrap_or(DRIVE).to_owned(),
@@ -98,6 +103,7 @@ pub fn play(
         controller.late.clear();
     }
     let stalls = stalls.finish(connection, &mut reports);
+    let sent = sent(plan, &mut reports, by_bench);
     let end = end.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))?;
     let controller = reports.remove(CONTROLLER);
     Ok(Played {
@@ -107,8 +113,38 @@ pub fn play(
             plant_emulator: reports.into_values().reduce(NodeReport::beside),
             wall_clock_step: connection.wall_clock_step(),
             stalls,
+            sent,
         }),
     })
+}
+
+/// The frames that canrig's nodes sent: those that report it. Of a controller that a fault kills, the report is that of the last process
+/// only, which says nothing. What the bench sends the controller sends too, so without its report that says nothing either.
+fn sent(
+    plan: &Plan,
+    reports: &mut BTreeMap<String, NodeReport>,
+    by_bench: Vec<(u16, u64)>,
+) -> Sent {
+    let is_killed = plan.shared.faults.of("crash").next().is_some();
+    let nodes = reports.iter_mut().map(|(name, report)| {
+        let sent = std::mem::take(&mut report.sent);
+        (name.as_str(), sent)
+    });
+    let nodes =
+        nodes.filter(|(name, frames)| !frames.is_empty() && (!is_killed || *name != CONTROLLER));
+    let mut nodes = Vec::from_iter(nodes);
+    if nodes.iter().any(|(name, _)| *name == CONTROLLER) {
+        nodes.push((BENCH, by_bench));
+    }
+    let mut sent = Vec::new();
+    for (node, frames) in nodes {
+        sent.extend(frames.into_iter().map(|(identifier, frames)| SentFrames {
+            node: node.to_owned(),
+            identifier,
+            frames,
+        }));
+    }
+    Sent(sent)
 }
 
 /// Starts the nodes that are not external, the manager last.

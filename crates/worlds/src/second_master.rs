@@ -1,8 +1,9 @@
 //! Whether anybody else leads beside a real drive, while a scenario is played in real time.
 
 use dbc::SignalMissing;
+use dbc::scenario_clock::ScenarioClock;
 use recording::capture::Capture;
-use recording::masters::MasterWatch;
+use recording::sources::{Sent, SourceReader};
 use rig::external::ExternalNode;
 use rig::plan::{ControlLoop, Plan};
 
@@ -10,7 +11,8 @@ use crate::error::WorldError;
 
 /// Watches what is recorded, by its stamps: the bench itself may be late.
 pub(super) struct SecondMasterWatch {
-    drives: Vec<MasterWatch>,
+    clock: ScenarioClock,
+    drives: Vec<SourceReader>,
     taken: usize,
 }
 
@@ -18,29 +20,34 @@ impl SecondMasterWatch {
     /// A watch beside each real drive.
     pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let is_real = |one: &&ControlLoop| one.external.has(ExternalNode::Drive);
-        let watch =
-            |one: &ControlLoop| MasterWatch::new(&one.scenario, &one.database, &one.external);
-        let drives = plan.loops.iter().filter(is_real).map(watch);
         Ok(Self {
-            drives: drives.collect::<Result<_, _>>()?,
+            clock: ScenarioClock::new(plan.database())?,
+            drives: (plan.loops.iter().filter(is_real))
+                .map(SourceReader::new)
+                .collect(),
             taken: 0,
         })
     }
 
-    /// Takes what was recorded until now.
+    /// Takes what was recorded until now. No node has reported yet how much it sent.
     ///
     /// # Errors
     /// Somebody else leads.
     pub(super) fn check(&mut self, capture: &Capture<'_>) -> Result<(), WorldError> {
-        let new = capture.since(&mut self.taken);
-        for drive in &mut self.drives {
-            for stamped in new {
-                drive.on_frame(stamped.time, &stamped.frame);
-            }
-            if let Some(found) = drive.found().first() {
-                return Err(WorldError::SecondMaster(found.to_string()));
+        for stamped in capture.since(&mut self.taken) {
+            self.clock.on_frame(stamped.time, &stamped.frame);
+            let scenario_time = self.clock.scenario_time(stamped.time);
+            for drive in &mut self.drives {
+                drive.on_frame(stamped.time, scenario_time, &stamped.frame);
             }
         }
-        Ok(())
+        let mut found = self.drives.iter().flat_map(|drive| {
+            let found = drive.sources().found(&Sent::default());
+            found.into_iter().next()
+        });
+        match found.next() {
+            Some(found) => Err(WorldError::SecondMaster(found.to_string())),
+            None => Ok(()),
+        }
     }
 }

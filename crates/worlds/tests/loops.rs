@@ -8,6 +8,7 @@ use canopen::CanFrame;
 use dbc::scenario_clock::ScenarioClock;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
+use recording::sources::Sent;
 use recording::timeline::{Timeline, decode};
 use rig::plan::{ControlLoop, Plan, check_rig};
 use worlds::End;
@@ -193,7 +194,8 @@ fn two_axes_draw_a_circle() {
     for axis in [x, y] {
         assert_eq!(axis.missed_cycles_percent(), 0.0);
         assert!(axis.emergencies.is_empty());
-        assert_eq!(axis.second_masters, []);
+        let found = axis.sources.found(&Sent::default());
+        assert_eq!(found, []);
     }
     let radius_errors = x.position().iter().zip(y.position()).zip(&x.time_seconds);
     let errors = radius_errors.filter(|(_, time)| (8.0..20.9).contains(*time));

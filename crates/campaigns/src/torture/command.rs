@@ -288,6 +288,7 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
         parent: output,
         is_long: false,
         overrides: &[],
+        is_strict: false,
     };
     let folder = RefCell::new(output.to_owned());
     let judged = caught(|| {

@@ -132,7 +132,8 @@ impl Drawn {
     fn expectations(&self) -> String {
         let mut text =
             "[expect]\nno_event = [\"emergency\"]\ntemperature_celsius = { max = 60.0 }\nhunting_millimetres = { max = 0.25 }\n\
-             missed_commands_percent = { max = 5.0 }\n\
+             missed_commands_percent = { max = 5.0 }\nlate_commands_percent = { max = 5.0 }\n\
+             sync_period_error_percent = { max = 2.0 }\n\
              current_ripple_amperes_rms = { max = 0.25 }\n"
                 .to_owned();
         if let Some(until) = self.judged_until {

@@ -186,7 +186,15 @@ impl Plain<'_> {
             add(name, value);
         }
         let loads = self.drawn.loads.iter().filter(|at| **at < self.end);
-        let spans: Vec<Span> = loads.map(|at| (*at, (at + 3.0).min(self.end))).collect();
+        let next_edge = |at: f64| {
+            let later = self
+                .edges()
+                .into_iter()
+                .filter(|edge| *edge > at + TOLERANCE);
+            later.fold(f64::INFINITY, f64::min)
+        };
+        let until = |at: f64| (at + 3.0).max(next_edge(at)).min(self.end);
+        let spans: Vec<Span> = loads.map(|at| (*at, until(*at))).collect();
         if !spans.is_empty() {
             let deviations = spans.iter().map(|span| self.deviation_max(*span));
             add("maximum_deviation_millimetres", worst(deviations.collect()));
@@ -253,6 +261,9 @@ impl Plain<'_> {
             return None;
         }
         self.seen(hold)?;
+        if self.has_no_commands(hold) {
+            return None;
+        }
         let mut latest = None;
         let mut commands = Vec::new();
         for cycle in &self.drawn.cycles {
@@ -410,7 +421,13 @@ impl Plain<'_> {
         let served = self.within(self.whole()).len();
         let missed = 100.0 * (due - served) as f64 / due as f64;
         rows.insert("missed_cycles_percent".to_owned(), Some(missed));
-        rows.insert("missed_commands_percent".to_owned(), self.missed_commands());
+        let (lacking, late) = (self.lacking_commands(), self.late_commands());
+        for (name, cycles) in [("missed", lacking), ("late", late)] {
+            let share = self.share_of_commands(&cycles);
+            rows.insert(format!("{name}_commands_percent"), share);
+        }
+        let error = self.sync_period_error();
+        rows.insert("sync_period_error_percent".to_owned(), error);
         let before_end = |micros: &u64| *micros as f64 / 1e6 < self.end;
         let syncs: Vec<u64> = self
             .drawn
@@ -430,43 +447,91 @@ impl Plain<'_> {
         rows.insert("bus_load_percent".to_owned(), self.bus_load());
     }
 
-    /// Cycles with a position that no command follows before the next position, by all with a position. The last of them has waited
-    /// for a period at the end.
-    fn missed_commands(&self) -> Option<f64> {
-        self.seen(self.whole())?;
+    /// Whether so many cycles in a row lack their command that they are a silence.
+    fn has_no_commands(&self, span: Span) -> bool {
+        let lacking = self.lacking_commands();
+        let runs = lacking.chunk_by(|before, after| before + 1 == *after);
+        let lengths = runs.map(|run| {
+            let from = (f64::from(run[0]) * PERIOD_SECONDS).max(span.0);
+            let until = (f64::from(run[run.len() - 1] + 1) * PERIOD_SECONDS).min(span.1);
+            until - from
+        });
+        lengths
+            .into_iter()
+            .any(|length| length > SILENCE_SECONDS + TOLERANCE)
+    }
+
+    /// The position of each cycle and the commands, in the order of time: the cycle of a position, or of the SYNC before a command.
+    fn answers(&self) -> Vec<(f64, u32, bool)> {
+        let cycles = self.drawn.cycles.iter().flat_map(|cycle| {
+            let at = |micros: u64| (cycle.micros + micros) as f64 / 1e6;
+            let position = cycle.sent.map(|_| (at(130), cycle.number, true));
+            let command = cycle.command.map(|_| (at(390), cycle.number, false));
+            [position, command]
+        });
+        let answers = cycles.flatten();
+        answers
+            .filter(|(time, ..)| *time < self.drawn.duration())
+            .collect()
+    }
+
+    /// The cycles with a position that no command follows before the next position. The last of them has waited for a period at the
+    /// end.
+    fn lacking_commands(&self) -> Vec<u32> {
         let frames = self.drawn.frames();
-        let answers = frames
-            .iter()
-            .filter(|(_, frame)| [0x190, 0x210].map(Some).contains(&frame.standard_id()));
-        let answers: Vec<(f64, bool)> = answers
-            .map(|(micros, frame)| {
-                (
-                    scenario_seconds(*micros),
-                    frame.standard_id() == Some(0x190),
-                )
-            })
-            .filter(|(time, _)| (0.0..self.drawn.duration()).contains(time))
-            .collect();
         let last_frame = frames
             .iter()
             .map(|(micros, _)| scenario_seconds(*micros))
             .filter(|time| *time <= self.drawn.duration() + TOLERANCE)
             .fold(0.0, f64::max);
-        let positions = answers
+        let answers = self.answers();
+        let positions = answers.iter().enumerate().filter(|(_, answer)| answer.2);
+        let lacking = positions.filter(|(place, (time, ..))| match answers.get(place + 1) {
+            Some((.., is_position)) => *is_position,
+            None => last_frame - time >= PERIOD_SECONDS - TOLERANCE,
+        });
+        lacking.map(|(_, (_, cycle, _))| *cycle).collect()
+    }
+
+    /// The cycles whose command comes behind another SYNC, 2 ms after its position at least.
+    fn late_commands(&self) -> Vec<u32> {
+        let answers = self.answers();
+        let pairs = answers.windows(2).filter(|pair| pair[0].2 && !pair[1].2);
+        let late = pairs.filter(|pair| pair[1].1 > pair[0].1 && pair[1].0 - pair[0].0 >= 0.002);
+        late.map(|pair| pair[0].1).collect()
+    }
+
+    /// Such cycles, by all with a position.
+    fn share_of_commands(&self, cycles: &[u32]) -> Option<f64> {
+        self.seen(self.whole())?;
+        let is_judged = |number: &u32| is_in(f64::from(*number) * PERIOD_SECONDS, self.whole());
+        let sent = self
+            .drawn
+            .cycles
             .iter()
-            .enumerate()
-            .filter(|(_, (_, is_position))| *is_position);
-        let positions = positions.zip(self.drawn.cycles.iter().filter(|one| one.sent.is_some()));
-        let judged = positions
-            .filter(|(_, cycle)| is_in(f64::from(cycle.number) * PERIOD_SECONDS, self.whole()));
-        let is_lacking: Vec<bool> = judged
-            .map(|((place, (time, _)), _)| match answers.get(place + 1) {
-                Some((_, is_position)) => *is_position,
-                None => last_frame - time >= PERIOD_SECONDS - TOLERANCE,
-            })
+            .filter(|cycle| cycle.sent.is_some());
+        let due = sent.filter(|cycle| is_judged(&cycle.number)).count();
+        let counted = cycles.iter().filter(|cycle| is_judged(cycle)).count();
+        Some(100.0 * counted as f64 / due as f64)
+    }
+
+    /// The mean of 64 SYNC periods in a row, none of which is longer than one and a half, that is farthest from the period.
+    fn sync_period_error(&self) -> Option<f64> {
+        let cycles = self.drawn.cycles.iter();
+        let times: Vec<f64> = cycles
+            .map(|cycle| cycle.micros as f64 / 1e6)
+            .filter(|time| *time < self.end - TOLERANCE)
             .collect();
-        let lacking = is_lacking.iter().filter(|is_lacking| **is_lacking).count();
-        Some(100.0 * lacking as f64 / is_lacking.len() as f64)
+        let windows = times.windows(65).filter(|window| {
+            window
+                .windows(2)
+                .all(|pair| pair[1] - pair[0] <= 1.5 * PERIOD_SECONDS)
+        });
+        let errors = windows.map(|window| {
+            let mean = (window[64] - window[0]) / 64.0;
+            100.0 * (mean / PERIOD_SECONDS - 1.0).abs()
+        });
+        errors.reduce(f64::max)
     }
 
     /// Bits behind the first SYNC by the time to the last frame before the end; at 1 Mbit/s a bit takes 1 µs.

@@ -17,6 +17,9 @@ struct Silence {
     cycles: u32,
 }
 
+/// A command that comes with the next SYNC is late from so long after its position on: adapters on USB carry frames in bundles.
+const LATE_MIN: Duration = Duration::from_millis(2);
+
 /// Follows positions and commands. Each command is that of one cycle: of the one whose position waits for it or, where none waits, of
 /// the latest one before its position. A cycle lacks its command where none came before the drive's next position.
 pub(super) struct CommandReader {
@@ -32,6 +35,8 @@ pub(super) struct CommandReader {
     /// The cycle whose position waits for a command, with the position's scenario time.
     waiting: Option<(u64, Duration)>,
     lacking: SeriesWriter<u64>,
+    /// The cycles whose command acts a cycle later than it should: it came after the next SYNC.
+    late: SeriesWriter<u64>,
     silence: Option<Silence>,
 }
 
@@ -55,6 +60,7 @@ impl CommandReader {
             is_early: false,
             waiting: None,
             lacking: SeriesWriter::default(),
+            late: SeriesWriter::default(),
             silence: None,
         })
     }
@@ -62,6 +68,7 @@ impl CommandReader {
     /// Keeps so many cycles in memory at most.
     pub(super) fn keep(&mut self, cycles: usize) {
         self.lacking.keep(cycles);
+        self.late.keep(cycles);
     }
 
     /// A cycle begins.
@@ -73,18 +80,25 @@ impl CommandReader {
     #[inline]
     pub(super) fn on_frame(&mut self, id: u32, time: Duration, is_late: bool) {
         if id == self.command_id {
-            self.on_command();
+            self.on_command(time);
         } else if id == self.position_id && !is_late {
             self.on_position(time);
         }
     }
 
-    fn on_command(&mut self) {
-        let Some((_, has_position)) = self.cycle else {
+    fn on_command(&mut self, time: Duration) {
+        let Some((number, has_position)) = self.cycle else {
             return;
         };
-        let answers = self.waiting.take().is_some();
-        self.is_early |= !answers && !has_position;
+        match self.waiting.take() {
+            Some((answered, since))
+                if answered < number && time.saturating_sub(since) >= LATE_MIN =>
+            {
+                self.late.push(answered);
+            }
+            Some(_) => {}
+            None => self.is_early |= !has_position,
+        }
         self.silence = None;
     }
 
@@ -120,6 +134,11 @@ impl CommandReader {
         });
         let lacking = self.lacking.take(self.lacking.len());
         (lacking, loss.into_iter().collect())
+    }
+
+    /// All cycles whose command came a whole cycle late.
+    pub(super) fn take_late(&mut self) -> Series<u64> {
+        self.late.take(self.late.len())
     }
 }
 

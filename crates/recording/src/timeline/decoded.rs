@@ -1,6 +1,7 @@
 //! The decoded recording: one row for each cycle.
 
 use std::ops::Range;
+use std::time::Duration;
 
 use platform::series::Series;
 use rig::plan::prefix_of;
@@ -8,8 +9,9 @@ use scenario::expect::Emergency;
 use scenario::port::Unit;
 
 use crate::events::{Event, Events};
-use crate::masters::SecondMaster;
+use crate::losses::LostHeartbeat;
 use crate::occurrences::{Occurrence, Occurrences};
+use crate::sources::Sources;
 use crate::traces::SignalTrace;
 use crate::truth::PlantTruth;
 
@@ -64,13 +66,21 @@ pub struct Timeline {
     pub cycles_due: u64,
     /// The numbers of the cycles with a position for which no command came; none in a piece.
     pub uncommanded: Series<u64>,
+    /// The numbers of the cycles whose command came a whole cycle late; none in a piece.
+    pub late_commands: Series<u64>,
+    /// The scenario time of each SYNC from scenario time 0 on; none in a piece.
+    pub syncs_seconds: Series<f64>,
+    /// The heartbeats of controller and drive that did not come; none in a piece.
+    pub lost_heartbeats: Vec<LostHeartbeat>,
+    /// The first stretch of scenario time in which the drive sent no temperature although it did before or later.
+    pub temperature_silence: Option<(f64, f64)>,
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
     pub set_point_millimetres: Series<f64>,
     /// The unit of its positions and of their names; `millimetres` in this code stands for it.
     pub unit: Unit,
     pub columns: Vec<Column>,
-    /// What shows that somebody else led the drive too, the first first.
-    pub second_masters: Vec<SecondMaster>,
+    /// The frames that canrig's nodes may send, counted.
+    pub sources: Sources,
     /// Time in which frames occupied the bus by all time, from the first SYNC on; NaN without two SYNCs.
     pub bus_load_percent: f64,
     /// The longest time between two SYNCs; NaN without two SYNCs.
@@ -87,6 +97,8 @@ pub struct Timeline {
     pub traces: Vec<SignalTrace>,
     /// When the scenario began, on the recording's clock; none if it never did.
     pub zero_seconds: Option<f64>,
+    /// Time 0 of all other times, on the recording's clock: the begin of the scenario, or of a recording in which it never began.
+    pub origin_seconds: f64,
     /// Scenario time of the last frame.
     pub last_frame_seconds: f64,
     /// Places of two columns that every recording has.
@@ -128,36 +140,17 @@ impl Timeline {
             .map_or(0.0, |time| time + self.period_seconds)
     }
 
+    /// A time on the recording's clock.
+    #[must_use]
+    pub fn recorded_time(&self, seconds: f64) -> Duration {
+        let since = Duration::try_from_secs_f64(self.origin_seconds + seconds);
+        since.unwrap_or_default()
+    }
+
     /// Scenario time at the end of the last cycle that was due.
     #[must_use]
     pub fn due_seconds(&self) -> f64 {
         cycle_start_seconds(self.cycles_due, self.period_seconds)
-    }
-
-    /// What was known before a scenario time. How busy the bus was is that of the whole recording.
-    #[must_use]
-    pub fn before(&self, seconds: f64) -> Self {
-        let mut before = self.clone();
-        let rows = self.time_seconds.partition_point(|time| *time < seconds);
-        before.cycle.truncate(rows);
-        before.time_seconds.truncate(rows);
-        before.set_point_millimetres.truncate(rows);
-        for column in &mut before.columns {
-            column.values.truncate(rows);
-        }
-        let is_before = |cycle: &u64| cycle_start_seconds(*cycle, self.period_seconds) < seconds;
-        let uncommanded = self.uncommanded.partition_point(is_before);
-        before.uncommanded.truncate(uncommanded);
-        before.events = self.events.at_times(|time| time < seconds);
-        before.emergencies = self.emergencies.at_times(|time| time < seconds);
-        let is_before = |truth: &&PlantTruth| truth.time_seconds < seconds;
-        before.truth = self.truth.iter().filter(is_before).copied().collect();
-        for trace in &mut before.traces {
-            let samples = &mut trace.samples;
-            samples.truncate(samples.partition_point(|sample| sample.time_seconds < seconds));
-        }
-        before.last_frame_seconds = before.last_frame_seconds.min(seconds);
-        before
     }
 
     /// Some of the rows with what happened in their time, as a timeline of its own: the first and the last have what was before
@@ -183,11 +176,15 @@ impl Timeline {
             columns: columns.collect(),
             unit: self.unit.clone(),
             uncommanded: Series::default(),
+            late_commands: Series::default(),
+            syncs_seconds: Series::default(),
+            lost_heartbeats: Vec::new(),
+            temperature_silence: None,
             events: self.events.at_times(is_inside),
             emergencies: Occurrences::default(),
             truth: Series::default(),
             traces: Vec::new(),
-            second_masters: self.second_masters.clone(),
+            sources: self.sources.clone(),
             ..*self
         }
     }

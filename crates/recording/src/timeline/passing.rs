@@ -7,15 +7,18 @@ use dbc::scenario_clock::ScenarioClock;
 use rig::plan::ControlLoop;
 
 use super::traffic::Traffic;
+use crate::log::STEP_MAX;
 use crate::log::Stamped;
-use crate::masters::Order;
 
 /// Looks at every frame once, also where several loops read them.
 #[derive(Clone)]
 pub(super) struct Passing {
     pub(super) clock: ScenarioClock,
-    pub(super) order: Order,
+    /// Time ran backwards by more than a clock is ever stepped in a run.
+    pub(super) is_order_lost: bool,
     pub(super) traffic: Traffic,
+    /// When the first frame came, on the recording's clock.
+    pub(super) first_frame: Option<Duration>,
     /// When the last frame came, on the recording's clock.
     pub(super) last_frame: Duration,
     /// Scenario time of the last one before the scenario's end.
@@ -39,8 +42,9 @@ impl Passing {
         let scenario = &one.scenario;
         Ok(Self {
             clock: ScenarioClock::new(&one.database)?,
-            order: Order::default(),
+            is_order_lost: false,
             traffic: Traffic::new(scenario),
+            first_frame: None,
             last_frame: Duration::ZERO,
             latest: Duration::ZERO,
             end: Duration::from_secs_f64(scenario.duration_seconds),
@@ -57,8 +61,9 @@ impl Passing {
     pub(super) fn on_frame(&mut self, stamped: &Stamped) -> Passed {
         let is_sync = self.clock.on_frame(stamped.time, &stamped.frame);
         let time = self.clock.scenario_time(stamped.time);
+        self.first_frame.get_or_insert(stamped.time);
+        self.is_order_lost |= self.last_frame.saturating_sub(stamped.time) > STEP_MAX;
         self.last_frame = stamped.time;
-        self.order.pass(stamped.time);
         if let Some(time) = time.filter(|time| *time <= self.end) {
             self.latest = time;
         }

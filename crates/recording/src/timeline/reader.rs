@@ -19,9 +19,9 @@ use crate::fan::FanReader;
 use crate::identifiers::{Identifiers, Readers};
 use crate::log::Stamped;
 use crate::losses::LossReader;
-use crate::masters::MasterWatch;
 use crate::node_words::NodeWords;
 use crate::occurrences::Occurrences;
+use crate::sources::SourceReader;
 use crate::traces::TraceReader;
 use crate::truth::TruthReader;
 
@@ -109,11 +109,14 @@ pub struct TimelineReader {
     /// The messages that all but events is read from. Where a rig has several loops, most frames are those of others.
     own: Identifiers,
     traces: TraceReader,
-    masters: MasterWatch,
+    sources: SourceReader,
     columns: Columns,
     commands: CommandReader,
     cycle: SeriesWriter<u64>,
+    syncs_seconds: SeriesWriter<f64>,
     cycles_due: u64,
+    /// A cycle has begun behind the last one of the scenario.
+    is_over: bool,
 }
 
 impl TimelineReader {
@@ -132,12 +135,12 @@ impl TimelineReader {
         let rare = losses.raw_ids().chain([truth.raw_id()]);
         let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
         let traces = TraceReader::new(one);
-        let masters = MasterWatch::new(scenario, database, &one.external)?;
+        let sources = SourceReader::new(one);
         let columns = Columns::new(database)?;
         let own = [u32::from(SYNC_COB_ID)]
             .into_iter()
             .chain(traces.raw_ids())
-            .chain(masters.raw_ids())
+            .chain(sources.raw_ids())
             .chain(columns.raw_ids())
             .chain(rare.iter().copied());
         let own = Vec::from_iter(own);
@@ -156,17 +159,20 @@ impl TimelineReader {
             truth,
             fan,
             traces,
-            masters,
+            sources,
             columns,
             commands,
             cycle: SeriesWriter::default(),
+            syncs_seconds: SeriesWriter::default(),
             cycles_due: 0,
+            is_over: false,
         })
     }
 
     /// Keeps so many rows in memory at most.
     fn keep(&mut self, rows: usize) {
         self.cycle.keep(rows);
+        self.syncs_seconds.keep(rows);
         self.columns.keep(rows);
         self.commands.keep(rows);
     }
@@ -195,13 +201,13 @@ impl TimelineReader {
     fn on_own_frame(&mut self, id: u32, stamped: &Stamped, passed: Passed) {
         let frame = &stamped.frame;
         let Passed { time, is_sync } = passed;
-        self.masters.on_frame_at(stamped.time, time, frame);
+        self.sources.on_frame(stamped.time, time, frame);
         if self.rare.has(id) {
             self.on_rare_frame(stamped, time);
         }
         let is_late = time.is_some_and(|time| self.is_late(time));
-        // How the nodes stop after the scenario's end is no part of its last cycle.
-        if time.is_none_or(|time| time < self.end) {
+        // What comes behind the last cycle, and how the nodes stop, is no part of it.
+        if time.is_none_or(|time| time < self.end) && !self.is_over {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
             if let Some(time) = time {
                 self.commands.on_frame(id, time, is_late);
@@ -209,6 +215,9 @@ impl TimelineReader {
         }
         if let Some(time) = time.filter(|_| is_sync) {
             self.latest_sync = time;
+            if time < self.end {
+                self.syncs_seconds.push(time.as_secs_f64());
+            }
             self.begin_cycle(cycles(time, self.period));
         }
         if !self.traces.is_empty() {
@@ -243,6 +252,8 @@ impl TimelineReader {
         let due = number.saturating_add(1).min(self.end_cycle);
         self.cycles_due = self.cycles_due.max(due);
         let is_new = self.cycle.last().is_none_or(|last| number > *last);
+        // Where the duration is no multiple of the period, a cycle may begin that is none of the scenario's.
+        self.is_over |= number >= self.end_cycle && begin_of(number, self.period) < self.end;
         if is_new && number < self.end_cycle {
             self.cycle.push(number);
             self.commands.begin_cycle(number);
@@ -273,7 +284,11 @@ impl TimelineReader {
         let latest = self.passing.latest;
         let (uncommanded, silences) = self.commands.take_all(latest);
         rest.uncommanded = uncommanded;
+        rest.late_commands = self.commands.take_late();
+        rest.syncs_seconds = self.syncs_seconds.take(self.syncs_seconds.len());
         rest.events = events.merged(self.losses.take_all(latest)).merged(silences);
+        rest.lost_heartbeats = self.losses.take_heartbeats();
+        rest.temperature_silence = self.losses.temperature_silence();
         rest.emergencies = self.events.take_emergencies(zero);
         rest.truth = self.truth.take_all(zero);
         rest.traces = self.traces.take_all();
@@ -289,8 +304,11 @@ impl TimelineReader {
             .map(|cycle| cycle_start_seconds(*cycle, period_seconds))
             .collect();
         let columns = self.columns.take_rows(rows);
-        self.masters.set_order(self.passing.order);
+        if self.passing.is_order_lost {
+            self.sources.lose_order();
+        }
         let zero = self.passing.clock.zero();
+        let origin = zero.unwrap_or(self.passing.first_frame.unwrap_or_default());
         let since_zero = self
             .passing
             .last_frame
@@ -304,6 +322,10 @@ impl TimelineReader {
             time_seconds,
             cycles_due: self.cycles_due,
             uncommanded: Series::default(),
+            late_commands: Series::default(),
+            syncs_seconds: Series::default(),
+            lost_heartbeats: Vec::new(),
+            temperature_silence: None,
             position: place(&columns, &scenario.wiring.unit.rename(signals::POSITION))?,
             current: place(&columns, signals::CURRENT)?,
             columns,
@@ -313,8 +335,9 @@ impl TimelineReader {
             has_fan: self.fan.has_fan(),
             traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
+            origin_seconds: origin.as_secs_f64(),
             last_frame_seconds: since_zero.as_secs_f64(),
-            second_masters: self.masters.found(),
+            sources: self.sources.sources().clone(),
             bus_load_percent: self.passing.traffic.load_percent(),
             sync_interval_milliseconds_max: self.passing.traffic.sync_interval_milliseconds_max(),
         })
@@ -326,6 +349,12 @@ fn place(columns: &[Column], path: &str) -> Result<usize, SignalMissing> {
     let name = path.split_once('.').map_or(path, |(_, name)| name);
     let place = columns.iter().position(|column| column.name == name);
     place.ok_or_else(|| SignalMissing::new(path))
+}
+
+/// When a cycle begins.
+fn begin_of(cycle: u64, period: Duration) -> Duration {
+    let cycle = u32::try_from(cycle).unwrap_or(u32::MAX);
+    period.saturating_mul(cycle)
 }
 
 /// The nearest whole number of periods.

@@ -75,7 +75,8 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     html! {
         h1 { (shared.name) }
         p { (page::badge(verdict.outcome)) }
-        @if let Some(reason) = &verdict.reason { p { (reason) } }
+        @if let Some(remark) = verdict.remark() { p { (remark) } }
+        @if let Some(cause) = cause_besides(verdict) { p { (cause) } }
         @if let Some(end) = end_besides(verdict) { p { (end) } }
         @for remark in remarks { p.unsure { "Of the recording as it is now, " (remark) ". This page shows the other frames." } }
         @if let Some(description) = &shared.description { p.soft { (description) } }
@@ -125,6 +126,13 @@ fn recorded(run: &Run<'_>) -> String {
     let reached = ends.fold(0.0, f64::max);
     let planned = run.plan.shared.duration_seconds;
     format!("{reached:.3} s of {planned} s")
+}
+
+/// The cause, where the verdict's reason does not say it.
+fn cause_besides(verdict: &Verdict) -> Option<&str> {
+    let words = verdict.cause.as_ref().map(|cause| cause.words.as_str())?;
+    let reason = verdict.reason.as_deref().unwrap_or_default();
+    (!reason.contains(words)).then_some(words)
 }
 
 /// Why no more was recorded, where the verdict's reason does not say it.

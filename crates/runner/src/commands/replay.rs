@@ -34,6 +34,9 @@ pub struct ReplayArgs {
     /// Print the verdict as JSON, as verdict.json has it
     #[arg(long)]
     pub json: bool,
+    /// Fail a recording that passes although nothing is limited
+    #[arg(long)]
+    pub strict: bool,
     #[command(flatten)]
     pub viewer: ViewerArgs,
     /// Speed in the viewer: 1 as recorded, 0.1 in slow motion, inf without waiting
@@ -62,7 +65,10 @@ pub fn replay(args: &ReplayArgs) -> Exit {
         Ok((recorded, verdict)) => {
             show(args, &recorded, &verdict);
             report(args, &recorded, &verdict);
-            verdict.outcome.into()
+            match args.strict && verdict.judged_nothing() {
+                true => Exit::VerdictFailed,
+                false => verdict.outcome.into(),
+            }
         }
     }
 }

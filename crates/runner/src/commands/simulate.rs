@@ -85,6 +85,7 @@ mod tests {
                 json: false,
                 events: false,
                 quiet: true,
+                strict: false,
                 compress_above: 600.0,
                 values: ValueArgs::default(),
                 viewer: ViewerArgs::default(),

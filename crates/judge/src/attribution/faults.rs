@@ -1,10 +1,10 @@
 //! Which misses a fault of the scenario explains: it excuses what it touches, not its window.
 
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
-use rig::plan::ControlLoop;
-use scenario::fault::{Fault, FaultyNode, Part, Touch};
+use rig::plan::{ControlLoop, LoopNode};
+use scenario::fault::{Fault, Part, Touch};
 
-use super::Missing;
+use super::breaches::{Breach, Duty};
 
 /// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;
@@ -18,6 +18,7 @@ const CONTROLLER: &str = "controller";
 /// A stretch in which frames may be missing: those of a node, or of all.
 struct Touched {
     node: Option<Part>,
+    only_heartbeats: bool,
     from_seconds: f64,
     until_seconds: f64,
 }
@@ -43,7 +44,7 @@ impl ScenarioFaults {
             .filter(|fault| !is_late(fault) || is_felt(fault));
         let faults = Vec::from_iter(faults);
         let drive = one.scenario.wiring.drive_node_id;
-        let touched = faults.iter().filter_map(|fault| touched(fault, drive));
+        let touched = faults.iter().flat_map(|fault| touched(fault, drive));
         let watch = one.rig.as_ref().map_or(0.0, |rig| {
             f64::from(rig.file.timeouts.controller_lost_milliseconds) / 1e3
         });
@@ -66,14 +67,21 @@ impl ScenarioFaults {
         }
     }
 
-    /// Whether a fault explains that something begins to be missing in a stretch: it touches the frame, or the controller gives up
-    /// for it, and says so.
-    pub(super) fn explain(&self, missing: Missing, from: f64, until: f64) -> bool {
+    /// Whether a fault explains that something begins to be missing: it touches the frame, or the controller gives up for it, and says
+    /// so.
+    pub(super) fn explain(&self, breach: &Breach) -> bool {
+        let part = match breach.duty.node() {
+            LoopNode::Controller => Part::Controller,
+            LoopNode::Drive => Part::Drive,
+        };
+        let (from, until) = (breach.from_seconds, breach.until_seconds);
+        let is_heartbeat = matches!(breach.duty, Duty::Heartbeat(_));
         let is_near = |begins: f64, ends: f64| {
             until + TIME_TOLERANCE_SECONDS >= begins && from <= ends + self.reaction_seconds
         };
         let touches = |touched: &Touched| {
-            touched.node.is_none_or(|node| node == missing.sender())
+            touched.node.is_none_or(|touched| touched == part)
+                && (is_heartbeat || !touched.only_heartbeats)
                 && is_near(touched.from_seconds, touched.until_seconds)
         };
         let is_reported = |at: &f64| is_near(*at, *at);
@@ -90,22 +98,35 @@ fn span(fault: &Fault) -> (f64, f64) {
 }
 
 /// The frames of a loop's controller and drive that a fault touches. The drive of another loop is not its drive.
-fn touched(fault: &Fault, drive: u8) -> Option<Touched> {
+fn touched(fault: &Fault, drive: u8) -> Vec<Touched> {
     let (from_seconds, until_seconds) = span(fault);
-    let is_elsewhere = |node: &FaultyNode| node.part == Part::Drive && node.id != drive;
     let node = fault.node.as_ref();
     let part = node.map(|node| node.part);
-    let (part, until_seconds) = match fault.kind.touch {
-        Touch::All => (None, until_seconds),
-        // The others notice it at its begin.
-        Touch::Heartbeats if part == Some(Part::Controller) => (Some(Part::Drive), from_seconds),
-        Touch::Heartbeats => (Some(Part::Controller), from_seconds),
-        Touch::OfNode | Touch::Late if !node.is_some_and(is_elsewhere) => (part, until_seconds),
-        Touch::OfNode | Touch::Late | Touch::Nothing => return None,
-    };
-    Some(Touched {
-        node: part,
+    let is_elsewhere = node.is_some_and(|node| node.part == Part::Drive && node.id != drive);
+    let touched = |node, until_seconds| Touched {
+        node,
+        only_heartbeats: false,
         from_seconds,
         until_seconds,
-    })
+    };
+    match fault.kind.touch {
+        Touch::Nothing => Vec::new(),
+        Touch::All => vec![touched(None, until_seconds)],
+        Touch::OfNode | Touch::Late if is_elsewhere => Vec::new(),
+        Touch::OfNode | Touch::Late => vec![touched(part, until_seconds)],
+        Touch::Heartbeats => {
+            let other = match part {
+                Some(Part::Controller) => Part::Drive,
+                _ => Part::Controller,
+            };
+            let heartbeats = Touched {
+                only_heartbeats: true,
+                ..touched(part, until_seconds)
+            };
+            // The others notice it at its begin.
+            let noticed = touched(Some(other), from_seconds);
+            let own = (!is_elsewhere).then_some(heartbeats);
+            [Some(noticed), own].into_iter().flatten().collect()
+        }
+    }
 }

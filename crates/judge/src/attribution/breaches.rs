@@ -1,0 +1,129 @@
+//! The duties of the nodes, and every breach of one: a frame that did not come when it was due.
+
+use std::iter::Peekable;
+
+use recording::timeline::Timeline;
+use rig::external::{External, ExternalNode};
+use rig::plan::LoopNode;
+
+/// What a node owes the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Duty {
+    /// A SYNC a period after the one before.
+    Sync,
+    /// A position for each SYNC.
+    Position,
+    /// A command for each position, before the next one.
+    Command,
+    /// A heartbeat, as long as the others wait for it.
+    Heartbeat(LoopNode),
+}
+
+impl Duty {
+    /// Those that are due in each cycle.
+    pub(super) const CYCLIC: [Self; 3] = [Self::Sync, Self::Position, Self::Command];
+
+    /// The node that has it.
+    pub(crate) fn node(self) -> LoopNode {
+        match self {
+            Self::Sync | Self::Command => LoopNode::Controller,
+            Self::Position => LoopNode::Drive,
+            Self::Heartbeat(node) => node,
+        }
+    }
+
+    /// Whether somebody else's node has it.
+    pub(crate) fn is_of(self, external: &External) -> bool {
+        external.has(match self.node() {
+            LoopNode::Controller => ExternalNode::Controller,
+            LoopNode::Drive => ExternalNode::Drive,
+        })
+    }
+
+    /// Its name in `verdict.json`, and what is missing where it is not done.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Sync => "sync",
+            Self::Position => "position",
+            Self::Command => "command",
+            Self::Heartbeat(_) => "heartbeat",
+        }
+    }
+
+    /// `no SYNC`
+    pub(crate) fn breach(self) -> &'static str {
+        match self {
+            Self::Sync => "no SYNC",
+            Self::Position => "no position",
+            Self::Command => "no command",
+            Self::Heartbeat(_) => "no heartbeat",
+        }
+    }
+}
+
+/// A duty that was not done, from when its frame was due to when it was given up or done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Breach {
+    pub(crate) duty: Duty,
+    /// The number of the cycle.
+    pub(crate) cycle: u64,
+    pub(crate) from_seconds: f64,
+    pub(crate) until_seconds: f64,
+}
+
+impl Breach {
+    /// That of one cycle.
+    fn in_cycle(duty: Duty, cycle: u64, period_seconds: f64) -> Self {
+        Self {
+            duty,
+            cycle,
+            from_seconds: begin_of(cycle, period_seconds),
+            until_seconds: begin_of(cycle + 1, period_seconds),
+        }
+    }
+}
+
+/// When a cycle begins.
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "cycle numbers stay far below 2^52"
+)]
+pub(crate) fn begin_of(cycle: u64, period_seconds: f64) -> f64 {
+    cycle as f64 * period_seconds
+}
+
+/// The cycles without a SYNC or a position, of those that were due.
+pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item = Breach> {
+    let mut rows = timeline.cycle.iter().zip(timeline.position()).peekable();
+    let missing =
+        (0..due).filter_map(
+            move |cycle| match rows.next_if(|(number, _)| **number <= cycle) {
+                None => Some((cycle, Duty::Sync)),
+                Some((_, position)) => position.is_nan().then_some((cycle, Duty::Position)),
+            },
+        );
+    missing.map(|(cycle, duty)| Breach::in_cycle(duty, cycle, timeline.period_seconds))
+}
+
+/// The cycles among these, all of them in their order, in which the command breaks its duty.
+pub(super) fn of_commands(
+    timeline: &Timeline,
+    breaking: impl Iterator<Item = u64>,
+    due: impl Iterator<Item = u64>,
+) -> impl Iterator<Item = Breach> {
+    let mut breaking = breaking.peekable();
+    let cycles = due.filter(move |cycle| has_next(&mut breaking, *cycle));
+    cycles.map(|cycle| Breach::in_cycle(Duty::Command, cycle, timeline.period_seconds))
+}
+
+/// The cycles with a position.
+pub(super) fn served(timeline: &Timeline) -> impl Iterator<Item = u64> {
+    let rows = timeline.cycle.iter().zip(timeline.position());
+    rows.filter_map(|(cycle, position)| (!position.is_nan()).then_some(*cycle))
+}
+
+/// Whether a cycle is among those that come, all of them in their order.
+pub(super) fn has_next(cycles: &mut Peekable<impl Iterator<Item = u64>>, wanted: u64) -> bool {
+    while cycles.next_if(|cycle| *cycle < wanted).is_some() {}
+    cycles.peek() == Some(&wanted)
+}

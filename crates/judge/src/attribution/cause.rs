@@ -1,0 +1,184 @@
+//! The cause of a run that broke off or at whose end a node was silent: the earliest breach that lasts to the end. What comes after it
+//! follows from it by the nodes' own watches.
+
+use recording::stalls::Who;
+use recording::timeline::TIME_TOLERANCE_SECONDS;
+use rig::plan::LoopNode;
+use serde::{Deserialize, Serialize};
+
+use super::breaches::Duty;
+use super::stalls::Stretch;
+use super::{Cause, Commands, SILENT_AT_END, Stay, Totals};
+use crate::duties::{MISSED_COMMANDS, limited_max};
+use crate::evidence::Evidence;
+use crate::metric::rounded;
+
+/// A node that falls silent owes a heartbeat before another frame, or so long after it.
+const HEARTBEAT_SECONDS: f64 = 0.1;
+
+/// What a run came to grief by, as `verdict.json` holds it.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct NamedCause {
+    /// The rig's name of a node; `host`, `fault` or `foreign` where it was none.
+    pub node: String,
+    /// The duty that was not done.
+    pub duty: String,
+    /// When that began, in scenario time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_seconds: Option<f64>,
+    /// The same for people.
+    pub words: String,
+}
+
+/// A breach that lasts to the end of a run, and what explains it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lasting {
+    pub(crate) duty: Duty,
+    pub(crate) from_seconds: f64,
+    pub(crate) cause: Cause,
+}
+
+impl NamedCause {
+    /// A duty that a node did not do.
+    pub(crate) fn of_node(evidence: &Evidence<'_>, duty: Duty, at: f64, words: String) -> Self {
+        Self {
+            node: node_name(evidence, duty.node()).to_owned(),
+            duty: duty.name().to_owned(),
+            at_seconds: Some(rounded(at)),
+            words,
+        }
+    }
+
+    /// A stall, for which a duty was not done.
+    pub(crate) fn of_stall(evidence: &Evidence<'_>, stretch: &Stretch, duty: &str) -> Self {
+        Self {
+            node: stalled(evidence, stretch).to_owned(),
+            duty: duty.to_owned(),
+            at_seconds: Some(rounded(stretch.from_seconds)),
+            words: stretch.words(),
+        }
+    }
+}
+
+impl Lasting {
+    /// The earliest of a loop's: of a run that broke off at a time, before which it began; else of one in which a node was silent at
+    /// the end of what is judged.
+    pub(crate) fn earliest(evidence: &Evidence<'_>, broke_off: Option<f64>) -> Option<Self> {
+        let mut all = Vec::from_iter(all(evidence, broke_off));
+        // Of a run that was played to its end, a command is due where it is limited.
+        let has_commands = broke_off.is_some() || limited_max(evidence, MISSED_COMMANDS).is_some();
+        let counts = |one: &Self| {
+            broke_off.is_none_or(|until| one.from_seconds < until)
+                && (has_commands || one.duty != Duty::Command)
+        };
+        all.retain(counts);
+        all.sort_by(|one, other| one.from_seconds.total_cmp(&other.from_seconds));
+        let first = *all.first()?;
+        // All that a node sends is missing where the node is gone.
+        let is_same = |one: &&Self| {
+            one.duty.node() == first.duty.node()
+                && !matches!(one.duty, Duty::Heartbeat(_))
+                && one.from_seconds
+                    <= first.from_seconds + HEARTBEAT_SECONDS.max(evidence.timeline.period_seconds)
+        };
+        all.iter().find(is_same).copied().or(Some(first))
+    }
+
+    /// As `verdict.json` holds it.
+    pub(crate) fn named(&self, evidence: &Evidence<'_>) -> NamedCause {
+        let owing = node_name(evidence, self.duty.node());
+        let (from, breach) = (self.from_seconds, self.duty.breach());
+        let words = format!("{owing}: {breach} from {from:.3} s on");
+        match self.cause {
+            Cause::Host(stretch) => NamedCause::of_stall(evidence, &stretch, self.duty.name()),
+            Cause::Node(_) => NamedCause::of_node(evidence, self.duty, from, words),
+            Cause::Fault => NamedCause {
+                node: "fault".to_owned(),
+                words: format!("a fault of the scenario ({words})"),
+                ..NamedCause::of_node(evidence, self.duty, from, String::new())
+            },
+        }
+    }
+}
+
+/// The rig's name of a node.
+pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: LoopNode) -> &'a str {
+    let (controller, drive, _) = evidence.own.node_names();
+    match node {
+        LoopNode::Controller => controller,
+        LoopNode::Drive => drive,
+    }
+}
+
+/// What was held up by a stall.
+fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
+    match stretch.stall.who {
+        Who::Machine | Who::Bus => "host",
+        Who::Controller => node_name(evidence, LoopNode::Controller),
+        Who::PlantEmulator => node_name(evidence, LoopNode::Drive),
+    }
+}
+
+/// All breaches of a loop that last to the end.
+fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = Lasting> {
+    let attribution = evidence.attribution();
+    let until = broke_off.unwrap_or_else(|| evidence.scenario.judged_end_seconds());
+    let commands = Commands::Missed.totals(evidence);
+    // The command of the last cycle may have been due after the end.
+    let of_cycles = lasting(evidence, attribution.cycles(), attribution.due, broke_off);
+    let last_commands = super::commands_due(evidence).last().unwrap_or_default();
+    let of_commands = lasting(evidence, &commands, last_commands, broke_off);
+    let stays = of_cycles
+        .into_iter()
+        .chain(of_commands)
+        .map(move |stay| Lasting {
+            duty: match stay.cause {
+                Cause::Node(duty) => duty,
+                _ => stay.first.duty,
+            },
+            from_seconds: stay.first.from_seconds,
+            cause: stay.cause,
+        });
+    let heartbeats = evidence.timeline.lost_heartbeats.iter();
+    let lost = heartbeats.filter(|lost| lost.back_seconds.is_infinite());
+    let heartbeats = lost.map(|lost| {
+        let duty = Duty::Heartbeat(lost.node);
+        Lasting {
+            duty,
+            from_seconds: lost.due_seconds,
+            cause: match attribution.is_by_fault(duty, lost.due_seconds) {
+                true => Cause::Fault,
+                false => Cause::Node(duty),
+            },
+        }
+    });
+    let lasting = Vec::from_iter(stays.chain(heartbeats));
+    lasting.into_iter().map(move |one| Lasting {
+        // What began in a stall is explained by it only if it covers half of all that is missing.
+        cause: match (
+            one.cause,
+            attribution.stall(one.duty.node(), one.from_seconds, until),
+        ) {
+            (Cause::Node(_) | Cause::Host(_), Some(stretch)) => Cause::Host(stretch),
+            (Cause::Host(_), None) => Cause::Node(one.duty),
+            (cause, _) => cause,
+        },
+        ..one
+    })
+}
+
+/// The stay of breaches that lasts to the end: in a run that was played to it, one that is long enough for a silence.
+fn lasting(
+    evidence: &Evidence<'_>,
+    totals: &Totals,
+    cycles: u64,
+    broke_off: Option<f64>,
+) -> Option<Stay> {
+    let stay = totals.lasting(cycles.saturating_sub(1))?;
+    let count = stay.last_cycle + 1 - stay.first.cycle;
+    let seconds = super::breaches::begin_of(count, evidence.timeline.period_seconds);
+    let lost = evidence.circumstances.unrecorded.frames_lost;
+    let is_silence = count.saturating_sub(lost) > SILENT_AT_END.0
+        && seconds > SILENT_AT_END.1 + TIME_TOLERANCE_SECONDS;
+    (is_silence || broke_off.is_some()).then_some(stay)
+}

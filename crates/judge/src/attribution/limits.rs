@@ -1,0 +1,77 @@
+//! What a limit says in a run with stalls: it is missed if it also is without the pieces of the run that stalls explain.
+
+use scenario::expect::Limit;
+use scenario::metrics::{Metric as Row, is_of_traffic};
+
+use super::stalls::Stretch;
+use crate::evidence::Evidence;
+use crate::metric::{Metric, leave_open};
+use crate::metrics::metrics;
+
+/// With more cycles missed because of stalls than this, no metric of the control says anything.
+const HOST_PERCENT_MAX: f64 = 1.0;
+/// A short stall explains a limit that is missed by at most this part of it.
+const NEARLY: f64 = 0.1;
+
+/// Opens the limits that stalls explain; the reason for that, where there are some.
+pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Option<String> {
+    let longest = evidence.longest_stall()?;
+    let percent = evidence.attribution().cycles().percent_by_host();
+    let busy = (percent > HOST_PERCENT_MAX).then(|| {
+        format!(
+            "{percent:.2} % of the cycles were missed because of stalls (limit {HOST_PERCENT_MAX} %), the longest when {}: the machine was too busy for real time; try --clock lockstep",
+            longest.words()
+        )
+    });
+    let rest = metrics(&evidence.rest(false));
+    let without_long = metrics(&evidence.rest(true));
+    let named = |others: &[Metric], row: &Metric| {
+        others.iter().find(|other| other.name == row.name).cloned()
+    };
+    let mut opened = Vec::new();
+    for row in rows.iter_mut() {
+        let rest = named(&rest, row);
+        let is_missed_besides = rest.as_ref().is_some_and(|rest| rest.passed == Some(false));
+        let is_open = match row.passed {
+            // A stall kept its window from being seen to the end, but it is missed without that.
+            None => {
+                let rest = rest.filter(|_| is_missed_besides);
+                rest.into_iter().for_each(|rest| *row = rest);
+                false
+            }
+            Some(true) => busy.is_some() && !is_of_traffic(&row.name),
+            Some(false) => !is_missed_besides && is_explained(row, named(&without_long, row)),
+        };
+        if is_open {
+            leave_open(row);
+            opened.push(row.name.clone());
+        }
+    }
+    busy.or_else(|| (!opened.is_empty()).then(|| not_judged_since(&longest, &opened.join(", "))))
+}
+
+/// Whether stalls explain a limit that is met without what they explain: a breach of a duty always; a motion if it is met without
+/// what the long ones explain, or is missed by little.
+fn is_explained(row: &Metric, without_long: Option<Metric>) -> bool {
+    if Row::named(&row.name).is_some_and(Row::is_of_traffic) {
+        return true;
+    }
+    match without_long.filter(|row| row.passed == Some(false)) {
+        None => true,
+        Some(row) => row
+            .value
+            .zip(row.limit)
+            .is_some_and(|(value, limit)| is_nearly_met(value, limit)),
+    }
+}
+
+fn is_nearly_met(value: f64, limit: Limit) -> bool {
+    let is_near = |beyond: f64, limit: f64| beyond <= NEARLY * limit.abs();
+    limit.max.is_none_or(|max| is_near(value - max, max))
+        && limit.min.is_none_or(|min| is_near(min - value, min))
+}
+
+fn not_judged_since(stall: &Stretch, names: &str) -> String {
+    let stall = stall.words();
+    format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
+}

@@ -1,0 +1,428 @@
+//! What each breach of a duty is attributed to: the host, a fault of the scenario, or the node that has the duty. It follows from the
+//! recording alone; docs/design/attribution.md states the rule.
+
+pub(crate) mod breaches;
+pub(crate) mod cause;
+mod faults;
+pub(crate) mod limits;
+pub(crate) mod stalls;
+
+use recording::ending::{EarlyEnd, EndedBy};
+use recording::stalls::{Stall, What, Who};
+use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
+use rig::external::External;
+use rig::plan::ControlLoop;
+use rig::plan::LoopNode;
+use scenario::events::Window;
+
+use self::breaches::{Breach, Duty, has_next, missed_cycles, of_commands, served};
+use self::faults::ScenarioFaults;
+use self::stalls::{FeltStalls, Stretch, stretches};
+use crate::circumstances::Circumstances;
+use crate::evidence::Evidence;
+
+/// What is missing at the end for at most so many cycles, or so long, is no silence.
+const SILENT_AT_END: (u64, f64) = (5, 0.02);
+/// With faults the plant sends its truth every 10 ms at least.
+pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
+/// Without faults the last SYNC comes a period before the end, or late.
+const END_PERIODS: f64 = 1.5;
+/// Where stalls explain so many times what a node of canrig's left out besides, they explain that too.
+const PREVAILING: usize = 4;
+
+/// What explains a breach.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Cause {
+    /// The host, which kept the machine, the bus or a node of canrig's from running.
+    Host(Stretch),
+    /// A fault of the scenario.
+    Fault,
+    /// The node that had this duty, canrig's own or under test.
+    Node(Duty),
+}
+
+/// What explains the breaches of a loop.
+pub(crate) struct Attribution<'a> {
+    timeline: &'a Timeline,
+    external: &'a External,
+    /// The cycles that should have been played.
+    pub(crate) due: u64,
+    /// The stalls that controller and drive feel.
+    felt: [FeltStalls; 2],
+    faults: ScenarioFaults,
+    /// The nodes whose breaches are stalls where nothing else explains them, with the stall that is named for them.
+    stood: [Option<Option<Stretch>>; 2],
+    /// From this cycle on something is missing to the end: that is no stall which nobody saw.
+    silent_from: u64,
+    cycles: Totals,
+}
+
+impl<'a> Attribution<'a> {
+    pub(crate) fn new(
+        timeline: &'a Timeline,
+        one: &'a ControlLoop,
+        circumstances: &Circumstances,
+    ) -> Self {
+        let stretches = stretches(timeline, &circumstances.stalls);
+        let (external, period_seconds) = (&one.external, timeline.period_seconds);
+        let felt = [LoopNode::Controller, LoopNode::Drive]
+            .map(|node| FeltStalls::of(node, &stretches, external, period_seconds));
+        let mut attribution = Self {
+            timeline,
+            external,
+            due: due(timeline, one, circumstances.ended_early.as_ref()),
+            felt,
+            faults: ScenarioFaults::new(timeline, one),
+            stood: [None; 2],
+            silent_from: 0,
+            cycles: Totals::default(),
+        };
+        attribution.cycles = attribution.of_cycles();
+        attribution.stood = attribution.standing(circumstances);
+        let lasting = attribution.cycles.lasting(attribution.due);
+        attribution.silent_from = lasting.map_or(u64::MAX, |stay| stay.first.cycle);
+        if attribution.stood.iter().any(Option::is_some) {
+            attribution.cycles = attribution.of_cycles();
+        }
+        attribution
+    }
+
+    fn of_cycles(&self) -> Totals {
+        let missed = missed_cycles(self.timeline, self.due);
+        Totals::of(self.due, self.attributed(missed))
+    }
+
+    /// Which of canrig's nodes stood still in the cycles that they left out: one whose loop counted no overrun; and any where stalls
+    /// explain four of five missed cycles, since a processor that the host of a virtual machine took from a running thread shows in
+    /// no clock of the machine.
+    fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
+        let own = |duty: &Duty| !duty.is_of(self.external);
+        let cyclic = Duty::CYCLIC.into_iter().filter(own);
+        let by_own: usize = cyclic.map(|duty| self.cycles.of_node(duty).0).sum();
+        let prevails = by_own > 0 && PREVAILING * by_own <= self.cycles.by_host;
+        [Duty::Sync, Duty::Position].map(|duty| {
+            let is_punctual = circumstances.is_punctual(duty.node());
+            let longest = self.cycles.longest_stall.filter(|_| prevails);
+            (own(&duty) && (prevails || is_punctual)).then_some(longest)
+        })
+    }
+
+    /// The missed cycles, taken together.
+    pub(crate) fn cycles(&self) -> &Totals {
+        &self.cycles
+    }
+
+    /// Each of these breaches, in the order of time, with what explains it. What is missing without interruption has the cause of the
+    /// first that no stall explains.
+    fn attributed(
+        &self,
+        breaches: impl Iterator<Item = Breach>,
+    ) -> impl Iterator<Item = (Breach, Cause)> {
+        // The cycle that would go on with what was missing last, and what that began with.
+        let mut goes_on: Option<(u64, Cause)> = None;
+        breaches.map(move |breach| {
+            let stall = self.stall(
+                breach.duty.node(),
+                breach.from_seconds,
+                breach.until_seconds,
+            );
+            let begun = goes_on.filter(|(next, _)| *next == breach.cycle);
+            let first = match (begun, stall) {
+                (Some((_, cause)), _) => Some(cause),
+                (None, Some(_)) => None,
+                (None, None) if self.faults.explain(&breach) => Some(Cause::Fault),
+                (None, None) => Some(Cause::Node(breach.duty)),
+            };
+            goes_on = first.map(|cause| (breach.cycle + 1, cause));
+            let cause = match (stall, first) {
+                (Some(stretch), _) => Cause::Host(stretch),
+                (None, Some(Cause::Fault)) => Cause::Fault,
+                // A controller gives up where the drive is silent.
+                (None, Some(Cause::Node(Duty::Position))) => self.by_node(Duty::Position, &breach),
+                (None, _) => self.by_node(breach.duty, &breach),
+            };
+            (breach, cause)
+        })
+    }
+
+    /// The stall that explains what is missing from a node.
+    pub(crate) fn stall(&self, node: LoopNode, from: f64, until: f64) -> Option<Stretch> {
+        self.felt[place(node)].explaining(from, until)
+    }
+
+    /// Whether a fault explains that a duty is not done from a time on.
+    pub(crate) fn is_by_fault(&self, duty: Duty, from_seconds: f64) -> bool {
+        self.faults.explain(&Breach {
+            duty,
+            cycle: 0,
+            from_seconds,
+            until_seconds: from_seconds,
+        })
+    }
+
+    /// What a node left out that neither a stall that was seen nor a fault explains.
+    fn by_node(&self, duty: Duty, breach: &Breach) -> Cause {
+        let stood = self.stood[place(duty.node())].filter(|_| breach.cycle < self.silent_from);
+        stood.map_or(Cause::Node(duty), |prevailing| {
+            Cause::Host(prevailing.unwrap_or_else(|| self.stood_in(duty.node(), breach)))
+        })
+    }
+
+    /// The stall of one of canrig's nodes that shows in the cycle that it missed.
+    fn stood_in(&self, node: LoopNode, breach: &Breach) -> Stretch {
+        let who = match node {
+            LoopNode::Controller => Who::Controller,
+            LoopNode::Drive => Who::PlantEmulator,
+        };
+        let [from, until] = [breach.from_seconds, breach.until_seconds]
+            .map(|time| self.timeline.recorded_time(time));
+        Stretch {
+            from_seconds: breach.from_seconds,
+            until_seconds: breach.until_seconds,
+            stall: Stall::new(from, until, who, What::StoodStill),
+        }
+    }
+
+    /// Whether cycles were missed in a window, and all of them because of stalls.
+    pub(crate) fn is_of_the_host(&self, window: Window) -> bool {
+        let inside = |(breach, _): &(Breach, Cause)| {
+            breach.from_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
+                && breach.from_seconds < window.until_seconds - TIME_TOLERANCE_SECONDS
+        };
+        let missed = self.attributed(missed_cycles(self.timeline, self.due));
+        let mut missed = missed.filter(inside).peekable();
+        missed.peek().is_some() && missed.all(|(_, cause)| matches!(cause, Cause::Host(_)))
+    }
+}
+
+/// Where a node stands among controller and drive.
+fn place(node: LoopNode) -> usize {
+    match node {
+        LoopNode::Controller => 0,
+        LoopNode::Drive => 1,
+    }
+}
+
+/// The cycles of a loop that lack their command, or whose command came late.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Commands {
+    Missed,
+    Late,
+}
+
+impl Commands {
+    /// What there is of a command, where it is not missing.
+    pub(crate) fn breach(self) -> Option<&'static str> {
+        match self {
+            Self::Missed => None,
+            Self::Late => Some("a command a cycle late"),
+        }
+    }
+
+    /// Whether there are none.
+    pub(crate) fn are_sound(self, timeline: &Timeline) -> bool {
+        self.breaking(timeline).is_empty()
+    }
+
+    fn breaking(self, timeline: &Timeline) -> &Series<u64> {
+        match self {
+            Self::Missed => &timeline.uncommanded,
+            Self::Late => &timeline.late_commands,
+        }
+    }
+
+    /// What they come to, of the cycles in which a command was due: all positions that a law may read came.
+    pub(crate) fn totals(self, evidence: &Evidence<'_>) -> Totals {
+        let attribution = evidence.attribution();
+        let breaking = self.breaking(evidence.timeline).iter().copied();
+        let breaches = of_commands(evidence.timeline, breaking, commands_due(evidence));
+        let due = commands_due(evidence).count() as u64;
+        Totals::of(due, attribution.attributed(breaches))
+    }
+}
+
+fn commands_due(evidence: &Evidence<'_>) -> impl Iterator<Item = u64> {
+    let all = evidence.attribution().due;
+    let loops = evidence.loops.iter();
+    let mut others = Vec::from_iter(loops.map(|(_, timeline)| served(timeline).peekable()));
+    let own = served(evidence.timeline).take_while(move |cycle| *cycle < all);
+    own.filter(move |cycle| others.iter_mut().all(|other| has_next(other, *cycle)))
+}
+
+/// Breaches of a run, taken together.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Totals {
+    /// Of so many cycles.
+    pub(crate) due: u64,
+    all: usize,
+    by_host: usize,
+    /// The stalls that explain some, each once where it explains several in a row.
+    stalls: Vec<Stretch>,
+    longest_stall: Option<Stretch>,
+    /// Those of the nodes by the duty that was not done first, with the time of the first.
+    by_nodes: Vec<(Duty, usize, f64)>,
+    /// The last ones without interruption.
+    latest: Option<Stay>,
+}
+
+/// Breaches without interruption.
+#[derive(Clone, Copy, Debug)]
+struct Stay {
+    first: Breach,
+    last_cycle: u64,
+    cause: Cause,
+}
+
+impl Totals {
+    fn of(due: u64, breaches: impl Iterator<Item = (Breach, Cause)>) -> Self {
+        let mut totals = Self {
+            due,
+            ..Self::default()
+        };
+        breaches.for_each(|(breach, cause)| totals.add(breach, cause));
+        totals
+    }
+
+    fn add(&mut self, breach: Breach, cause: Cause) {
+        self.all += 1;
+        let goes_on = |stay: &Stay| stay.last_cycle + 1 == breach.cycle;
+        self.latest = Some(match self.latest.filter(goes_on) {
+            None => Stay {
+                first: breach,
+                last_cycle: breach.cycle,
+                cause,
+            },
+            Some(stay) => Stay {
+                last_cycle: breach.cycle,
+                cause: match stay.cause {
+                    Cause::Host(_) => cause,
+                    begun => begun,
+                },
+                ..stay
+            },
+        });
+        match cause {
+            Cause::Fault => {}
+            Cause::Host(stretch) => {
+                self.by_host += 1;
+                let longest = self.longest_stall.map_or(0.0, |longest| longest.length());
+                if stretch.length() >= longest {
+                    self.longest_stall = Some(stretch);
+                }
+                if self.stalls.last() != Some(&stretch) {
+                    self.stalls.push(stretch);
+                }
+            }
+            Cause::Node(duty) => {
+                let mut known = self.by_nodes.iter_mut();
+                match known.find(|(known, ..)| *known == duty) {
+                    Some((_, count, _)) => *count += 1,
+                    None => self.by_nodes.push((duty, 1, breach.from_seconds)),
+                }
+            }
+        }
+    }
+
+    fn percent_of(&self, count: usize) -> f64 {
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "cycle counts stay far below 2^52"
+        )]
+        let (due, count) = (self.due as f64, count as f64);
+        if self.due == 0 {
+            0.0
+        } else {
+            100.0 * count / due
+        }
+    }
+
+    /// All of them, or those that no stall explains, by all that were due.
+    pub(crate) fn percent(&self, with_host: bool) -> f64 {
+        self.percent_of(if with_host {
+            self.all
+        } else {
+            self.all - self.by_host
+        })
+    }
+
+    /// The stalls that explain some of them.
+    pub(crate) fn stalls(&self) -> &[Stretch] {
+        &self.stalls
+    }
+
+    pub(crate) fn percent_by_host(&self) -> f64 {
+        self.percent_of(self.by_host)
+    }
+
+    /// Those of a node, with the time of the first.
+    fn of_node(&self, duty: Duty) -> (usize, f64) {
+        let mut known = self.by_nodes.iter().filter(|(known, ..)| *known == duty);
+        known
+            .next()
+            .map_or((0, 0.0), |(_, count, first)| (*count, *first))
+    }
+
+    /// The duties that nodes did not do too often for a limit: of each the share of the cycles and the time of the first. Of the
+    /// frames that the recorder lost, each may have been one of theirs.
+    pub(crate) fn too_many(&self, percent_max: f64, frames_lost: u64) -> Vec<(Duty, f64, f64)> {
+        let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
+        let all: usize = self.by_nodes.iter().map(|(_, count, _)| count).sum();
+        let sure = all.saturating_sub(lost);
+        if sure == 0 || self.percent_of(sure) <= percent_max {
+            return Vec::new();
+        }
+        let shares = Duty::CYCLIC.into_iter().filter_map(|duty| {
+            let (count, first) = self.of_node(duty);
+            (count > 0).then(|| (duty, self.percent_of(count), first))
+        });
+        shares.collect()
+    }
+
+    /// What lasts to the last of so many cycles, or beyond it.
+    fn lasting(&self, cycles: u64) -> Option<Stay> {
+        self.latest.filter(|stay| stay.last_cycle + 1 >= cycles)
+    }
+}
+
+/// The cycles that should have been played: all of them where the run was to go on, even if nobody sent a SYNC any more.
+fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -> u64 {
+    let scenario = &one.scenario;
+    if timeline.zero_seconds.is_none() {
+        return 0;
+    }
+    let was_to_go_on = match ended_early {
+        None => is_recorded_to_its_end(timeline, one),
+        Some(end) => end.by == EndedBy::Node,
+    };
+    let cycles = scenario.judged_end_seconds() / timeline.period_seconds;
+    // A cycle that begins before an earlier end is judged.
+    let judged = match scenario.expect.judged_until_seconds {
+        None => libm::round(cycles),
+        Some(_) => libm::ceil(cycles - TIME_TOLERANCE_SECONDS),
+    };
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a positive number of cycles"
+    )]
+    let judged = judged as u64;
+    match (was_to_go_on, scenario.expect.judged_until_seconds) {
+        (true, None) => timeline.cycles_due.max(judged),
+        (true, Some(_)) => judged,
+        (false, _) => timeline.cycles_due.min(judged),
+    }
+}
+
+/// Whether frames came until the scenario's end.
+pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> bool {
+    let is_sound = one.scenario.faults.is_empty();
+    let tolerance = match is_sound {
+        true => END_PERIODS * timeline.period_seconds,
+        false => FAULTY_END_SECONDS,
+    };
+    timeline.zero_seconds.is_some()
+        && timeline.last_frame_seconds + tolerance >= one.scenario.duration_seconds
+}
+
+#[cfg(test)]
+mod tests;

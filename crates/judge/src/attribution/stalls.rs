@@ -1,0 +1,179 @@
+//! Where the host kept the machine, the bus or one of canrig's nodes from running, in scenario time, and what that explains.
+
+use std::time::Duration;
+
+use recording::stalls::{Stall, Who};
+use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
+use rig::external::{External, ExternalNode};
+use rig::plan::LoopNode;
+
+/// So many periods after a stall, at most, come the frames that it held up.
+const BURST_PERIODS: f64 = 2.0;
+/// A stall of so many periods moves the loop.
+const LONG_PERIODS: f64 = 5.0;
+/// A loop that a stall has moved is calm again after this time, and so many times the length of the stall.
+const CALM_SECONDS: f64 = 0.5;
+const CALM_LENGTHS: f64 = 20.0;
+
+/// A stall in scenario time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stretch {
+    pub(crate) from_seconds: f64,
+    pub(crate) until_seconds: f64,
+    pub(crate) stall: Stall,
+}
+
+impl Stretch {
+    pub(crate) fn length(&self) -> f64 {
+        self.until_seconds - self.from_seconds
+    }
+
+    /// `the machine stood still for 45.0 ms at 1.234 s`
+    pub(crate) fn words(&self) -> String {
+        format!("{} at {:.3} s", self.stall, self.from_seconds)
+    }
+
+    /// Whether it moves the loop.
+    fn is_long(&self, period_seconds: f64) -> bool {
+        self.length() + TIME_TOLERANCE_SECONDS >= LONG_PERIODS * period_seconds
+    }
+
+    /// The end of what it does to the motion.
+    fn calm_seconds(&self, period_seconds: f64) -> f64 {
+        match self.is_long(period_seconds) {
+            true => self.until_seconds + CALM_SECONDS + CALM_LENGTHS * self.length(),
+            false => self.until_seconds,
+        }
+    }
+}
+
+/// The stalls of a run in the time of its timeline.
+pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
+    // Both are whole microseconds since 1970, which seconds in an f64 do not hold.
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "microseconds since 1970 stay below 2^52"
+    )]
+    let since_origin =
+        |time: Duration| (time.as_micros() as f64 - (1e6 * timeline.origin_seconds).round()) / 1e6;
+    let stretch = |stall: &Stall| Stretch {
+        from_seconds: since_origin(stall.from),
+        until_seconds: since_origin(stall.until),
+        stall: *stall,
+    };
+    stalls.iter().map(stretch).collect()
+}
+
+/// The stalls that a node feels.
+#[derive(Clone, Debug)]
+pub(super) struct FeltStalls {
+    /// In the order of their ends.
+    stretches: Vec<Stretch>,
+    /// How long the longest is with what it held up: what ends so much later than a breach does not cover it.
+    longest_seconds: f64,
+    burst_seconds: f64,
+    /// The times that they cover together with what they held up.
+    covered: Spans,
+}
+
+impl FeltStalls {
+    /// Only processes that canrig started are watched, and what happened to them explains nothing of somebody else's node.
+    pub(super) fn of(
+        node: LoopNode,
+        stretches: &[Stretch],
+        external: &External,
+        period_seconds: f64,
+    ) -> Self {
+        let is_felt = |stretch: &&Stretch| match (stretch.stall.who, node) {
+            (Who::Machine | Who::Bus, _) | (Who::Controller, LoopNode::Controller) => true,
+            (Who::PlantEmulator, LoopNode::Controller) => false,
+            (Who::Controller | Who::PlantEmulator, LoopNode::Drive) => {
+                !external.has(ExternalNode::Drive)
+            }
+        };
+        let mut felt: Vec<Stretch> = stretches.iter().filter(is_felt).copied().collect();
+        felt.sort_by(|left, right| left.until_seconds.total_cmp(&right.until_seconds));
+        let burst_seconds = BURST_PERIODS * period_seconds;
+        let longest = felt.iter().map(Stretch::length).fold(0.0, f64::max);
+        let spans = felt
+            .iter()
+            .map(|stretch| (stretch.from_seconds, stretch.until_seconds + burst_seconds));
+        Self {
+            covered: Spans::of(spans.collect()),
+            longest_seconds: longest + burst_seconds,
+            stretches: felt,
+            burst_seconds,
+        }
+    }
+
+    /// The longest of the stalls that together cover half of a stretch of time with what they held up.
+    pub(super) fn explaining(&self, from: f64, until: f64) -> Option<Stretch> {
+        let is_covered =
+            self.covered.seconds_in(from, until) + TIME_TOLERANCE_SECONDS >= (until - from) / 2.0;
+        let ends_before = |stretch: &Stretch| {
+            stretch.until_seconds + self.burst_seconds < from - TIME_TOLERANCE_SECONDS
+        };
+        let first = self.stretches.partition_point(ends_before);
+        let may_overlap =
+            |stretch: &&Stretch| stretch.until_seconds <= until + self.longest_seconds;
+        let candidates = self.stretches[first..].iter().take_while(may_overlap);
+        candidates
+            .filter(|stretch| is_covered && stretch.from_seconds <= until + TIME_TOLERANCE_SECONDS)
+            .max_by(|left, right| left.length().total_cmp(&right.length()))
+            .copied()
+    }
+}
+
+/// Times that do not overlap, in their order.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Spans(Vec<(f64, f64)>);
+
+impl Spans {
+    pub(crate) fn of(mut spans: Vec<(f64, f64)>) -> Self {
+        spans.sort_by(|left, right| left.0.total_cmp(&right.0));
+        let mut joined: Vec<(f64, f64)> = Vec::new();
+        for (from, until) in spans {
+            match joined.last_mut() {
+                Some((_, reached)) if from <= *reached => *reached = reached.max(until),
+                _ => joined.push((from, until)),
+            }
+        }
+        Self(joined)
+    }
+
+    /// Those that touch a stretch of time.
+    fn touching(&self, from: f64, until: f64) -> impl Iterator<Item = &(f64, f64)> {
+        let first = self
+            .0
+            .partition_point(|(_, ends)| *ends < from - TIME_TOLERANCE_SECONDS);
+        let begins_in = move |span: &&(f64, f64)| span.0 <= until + TIME_TOLERANCE_SECONDS;
+        self.0[first..].iter().take_while(begins_in)
+    }
+
+    /// Whether one of them touches a stretch of time.
+    pub(crate) fn touch(&self, from: f64, until: f64) -> bool {
+        self.touching(from, until).next().is_some()
+    }
+
+    /// When the first of them begins that touches a stretch of time.
+    pub(crate) fn first_in(&self, from: f64, until: f64) -> Option<f64> {
+        self.touching(from, until).next().map(|(begins, _)| *begins)
+    }
+
+    /// How much of a stretch of time they cover.
+    pub(crate) fn seconds_in(&self, from: f64, until: f64) -> f64 {
+        let covered = self
+            .touching(from, until)
+            .map(|(begins, ends)| ends.min(until) - begins.max(from));
+        covered.map(|seconds| seconds.max(0.0)).sum()
+    }
+}
+
+/// The times in which the motion is not that of the nodes, because of these stalls; of the long ones only where that is asked.
+pub(crate) fn shadows(stretches: &[Stretch], period_seconds: f64, only_long: bool) -> Spans {
+    let cast = stretches
+        .iter()
+        .filter(|one| !only_long || one.is_long(period_seconds));
+    let shadow = |one: &Stretch| (one.from_seconds, one.calm_seconds(period_seconds));
+    Spans::of(cast.map(shadow).collect())
+}

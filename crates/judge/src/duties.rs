@@ -1,0 +1,144 @@
+//! The metrics of the duties: how many cycles and commands were missed or late, and how long the SYNC period was.
+
+use std::collections::VecDeque;
+
+use recording::timeline::TIME_TOLERANCE_SECONDS;
+use rig::plan::LoopNode;
+use scenario::metrics::Metric;
+
+use crate::attribution::Commands;
+use crate::attribution::breaches::Duty;
+use crate::evidence::{Absence, Evidence, Measurement};
+
+/// The metrics of duties, as the table of metrics names them.
+pub(crate) const MISSED_CYCLES: &str = "missed_cycles_percent";
+pub(crate) const MISSED_COMMANDS: &str = "missed_commands_percent";
+pub(crate) const LATE_COMMANDS: &str = "late_commands_percent";
+pub(crate) const SYNC_PERIOD_ERROR: &str = "sync_period_error_percent";
+
+/// The mean of so many SYNC periods is that of the clock which makes them.
+const PERIODS: usize = 64;
+/// After more periods than this some are missing.
+const GAP_PERIODS: f64 = 1.5;
+
+/// The largest value of a metric of the controller's duties: that of the scenario, or its own where the controller is under test and not
+/// canrig's.
+pub(crate) fn limited_max(evidence: &Evidence<'_>, metric: &str) -> Option<f64> {
+    is_watched(evidence, metric).then(|| percent_max(evidence, metric))
+}
+
+/// The largest value of a metric of a duty: that of the scenario, or its own.
+pub(crate) fn percent_max(evidence: &Evidence<'_>, metric: &str) -> f64 {
+    let limit = evidence.scenario.expect.limit(metric);
+    let default = || Metric::named(metric)?.default_max;
+    let max = limit.and_then(|limit| limit.max);
+    max.or_else(default).unwrap_or(f64::INFINITY)
+}
+
+/// Cycles that never began or in which the drive was silent, by all that were due.
+pub(crate) fn missed_cycles(evidence: &Evidence<'_>) -> Measurement {
+    let attribution = evidence.attribution();
+    if attribution.due == 0 {
+        let reason = "no cycle in the recording";
+        return Err(Absence::unseen(reason, evidence.whole())).into();
+    }
+    Ok(attribution.cycles().percent(evidence.has_all())).into()
+}
+
+/// Share of the cycles in which a command was due and did not come.
+pub(crate) fn missed_commands(evidence: &Evidence<'_>) -> Measurement {
+    of_commands(evidence, Commands::Missed, MISSED_COMMANDS)
+}
+
+/// Share of the cycles in which a command was due and came after the next SYNC.
+pub(crate) fn late_commands(evidence: &Evidence<'_>) -> Measurement {
+    of_commands(evidence, Commands::Late, LATE_COMMANDS)
+}
+
+/// Reported where it is limited, where the controller is under test, or where a controller left out too many and no fault may be why.
+fn of_commands(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Measurement {
+    let is_watched = is_watched(evidence, metric);
+    let is_sound = evidence.own.faults().next().is_none();
+    if !is_watched && (!is_sound || commands.are_sound(evidence.timeline)) {
+        return Measurement::NotAsked;
+    }
+    let totals = commands.totals(evidence);
+    if !is_watched && totals.too_many(percent_max(evidence, metric), 0).is_empty() {
+        return Measurement::NotAsked;
+    }
+    let seen = evidence.seen(evidence.whole());
+    seen.map(|_| totals.percent(evidence.has_all())).into()
+}
+
+/// Whether a metric of the controller's duties is reported.
+fn is_watched(evidence: &Evidence<'_>, metric: &str) -> bool {
+    Duty::Command.is_of(&evidence.own.external) || evidence.scenario.expect.of(metric).is_some()
+}
+
+/// The largest distance of the mean of 64 SYNC periods from the period, in percent of it.
+pub(crate) fn sync_period_error(evidence: &Evidence<'_>) -> Measurement {
+    if !is_watched(evidence, SYNC_PERIOD_ERROR) {
+        return Measurement::NotAsked;
+    }
+    match largest_period_error(evidence, evidence.has_all()) {
+        Some((percent, _)) => Ok(percent).into(),
+        None if !evidence.has_all() => Err(Absence::left_out()).into(),
+        None => Measurement::Meaningless(format!("no {PERIODS} SYNC periods in a row")),
+    }
+}
+
+/// The same with the end of those periods, or without the periods that stalls explain. Where SYNCs are missing, and where those come that
+/// were held up, the count begins anew.
+pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> Option<(f64, f64)> {
+    let period = evidence.timeline.period_seconds;
+    let mut largest: Option<(f64, f64)> = None;
+    let mut periods = VecDeque::with_capacity(PERIODS);
+    let mut held_up = 0.0;
+    for (from, until) in sync_intervals(evidence) {
+        let interval = (until - from) / period;
+        let is_gap = interval > GAP_PERIODS;
+        let is_held_up = held_up > 0.5 && interval < 0.5;
+        match is_gap {
+            true => held_up = interval - 1.0,
+            false if is_held_up => held_up -= 1.0 - interval,
+            false => {}
+        }
+        let is_of_host = !with_host && evidence.is_in_stall(LoopNode::Controller, from, until);
+        if is_gap || is_held_up || is_of_host {
+            periods.clear();
+            continue;
+        }
+        if periods.len() == PERIODS {
+            periods.pop_front();
+        }
+        periods.push_back(interval);
+        if periods.len() == PERIODS {
+            #[expect(clippy::cast_precision_loss, reason = "a small number")]
+            let mean = periods.iter().sum::<f64>() / PERIODS as f64;
+            let percent = 100.0 * (mean - 1.0).abs();
+            if largest.is_none_or(|(largest, _)| percent > largest) {
+                largest = Some((percent, until));
+            }
+        }
+    }
+    largest
+}
+
+/// The longest time between two SYNCs that no stall explains.
+pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
+    let is_explained = |(from, until): &(f64, f64)| {
+        let due = from + evidence.timeline.period_seconds;
+        evidence.is_in_stall(LoopNode::Controller, due.min(*until), *until)
+    };
+    let intervals = sync_intervals(evidence).filter(|interval| !is_explained(interval));
+    let longest = intervals.map(|(from, until)| 1e3 * (until - from));
+    longest.fold(0.0, f64::max)
+}
+
+/// The times between SYNCs as far as they are judged.
+fn sync_intervals<'a>(evidence: &Evidence<'a>) -> impl Iterator<Item = (f64, f64)> + use<'a> {
+    let syncs = &evidence.timeline.syncs_seconds;
+    let end = evidence.scenario.judged_end_seconds() - TIME_TOLERANCE_SECONDS;
+    let pairs = syncs.iter().copied().zip(syncs.iter().skip(1).copied());
+    pairs.take_while(move |(_, until)| *until < end)
+}

@@ -1,0 +1,800 @@
+//! Two sources of one frame: somebody sends what a node of canrig's sends too.
+//!
+//! On a bus all frames look alike, so the frames of an identifier are counted: each of canrig's nodes reports at its end how many it
+//! sent. Where one reports nothing, since it was killed or the recording is of somebody else, the count is held against the time: a
+//! sender that is late catches up, and never sends more than one frame in a period. A SYNC with a counter says by itself that it is
+//! not the next one.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::io;
+use std::path::Path;
+use std::time::Duration;
+
+use canopen::{CanFrame, NmtState};
+use dbc::Database;
+use dbc::scenario_clock::SYNC_COB_ID;
+use rig::external::ExternalNode;
+use rig::plan::ControlLoop;
+use scenario::fault::{Fault, Faults, Group};
+
+use crate::run_folder::{file, own_file};
+
+const HEADER: &str = "node,identifier,frames";
+/// Largest file that is read.
+const BYTES_MAX: u64 = 1 << 20;
+
+const NMT_COB_ID: u16 = 0x000;
+const SDO_RESPONSES: u16 = 0x580;
+const SDO_REQUESTS: u16 = 0x600;
+/// The client's command that begins to write an object.
+const SDO_DOWNLOAD: u8 = 1;
+const SDO_ABORT: u8 = 0x80;
+const NMT_STOP: u8 = 2;
+/// So long after NMT Stop the run of whoever gave it is over.
+const STOP_TIME: Duration = Duration::from_secs(1);
+/// In so many periods a clock gains less than one on another.
+const CLOCK_PERIODS: u64 = 100;
+/// So many frames more than periods are no second sender's.
+const SURPLUS_MIN: u64 = 2;
+/// Kinds of frames; that which answers each SYNC is the position.
+const POSITION: &str = "position";
+const SYNC: &str = "sync";
+const HEARTBEAT: &str = "heartbeat";
+const NMT: &str = "nmt";
+const SDO: &str = "sdo";
+
+/// The frames of an identifier that a node of canrig's sent.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SentFrames {
+    pub node: String,
+    pub identifier: u16,
+    pub frames: u64,
+}
+
+/// The frames that canrig's nodes sent in a run; empty where none reports any.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Sent(pub Vec<SentFrames>);
+
+impl Sent {
+    /// Those of an identifier; none where no node reports it.
+    fn of(&self, identifier: u16) -> Option<u64> {
+        let reports = self.0.iter().filter(|sent| sent.identifier == identifier);
+        reports.map(|sent| sent.frames).reduce(u64::saturating_add)
+    }
+
+    /// The text of `sent.csv`.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        let row = |sent: &SentFrames| {
+            let SentFrames {
+                node,
+                identifier,
+                frames,
+            } = sent;
+            format!("{node},0x{identifier:03X},{frames}\n")
+        };
+        let rows: String = self.0.iter().map(row).collect();
+        format!("{HEADER}\n{rows}")
+    }
+
+    /// Reads `sent.csv` of a run folder; empty without the file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is not of that form.
+    pub fn read(folder: &Path) -> io::Result<Self> {
+        match scenario::read_text(&own_file(folder, file::SENT)?, BYTES_MAX) {
+            Ok(text) => of_csv(&text)
+                .map(Self)
+                .map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Self::default()),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+fn of_csv(text: &str) -> Result<Vec<SentFrames>, String> {
+    let mut lines = (1..).zip(text.lines());
+    match lines.next() {
+        Some((_, HEADER)) => {}
+        _ => return Err(format!("line 1: {HEADER} is expected")),
+    }
+    let sent = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let [node, identifier, frames] = cells[..] else {
+            return None;
+        };
+        Some(SentFrames {
+            node: node.to_owned(),
+            identifier: u16::from_str_radix(identifier.strip_prefix("0x")?, 16).ok()?,
+            frames: frames.parse().ok()?,
+        })
+    };
+    let lines = lines.map(|(number, line): (u32, &str)| {
+        sent(line).ok_or_else(|| format!("line {number}: {HEADER} is expected: \"{line}\""))
+    });
+    lines.collect()
+}
+
+/// Frames that somebody else sent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SecondSource {
+    /// For people.
+    pub what: String,
+    /// The kind of frame: `sync`, `position`, `command`, `heartbeat`, `emergency`, `nmt` or `sdo`.
+    pub duty: &'static str,
+    /// Scenario time at which the first came out of turn.
+    pub first_seconds: f64,
+    pub frames: u64,
+    /// They are known by their rate only.
+    is_by_rate: bool,
+}
+
+/// `0x210 (commands to the drive), 20 frames that canrig's nodes did not send, from 1.234 s on`
+impl fmt::Display for SecondSource {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            what,
+            first_seconds,
+            frames,
+            is_by_rate,
+            ..
+        } = self;
+        let noun = if *frames == 1 { "frame" } else { "frames" };
+        let how = match is_by_rate {
+            true => "too many by their rate",
+            false => "that canrig's nodes did not send",
+        };
+        write!(
+            formatter,
+            "{what}, {frames} {noun} {how}, from {first_seconds:.3} s on"
+        )
+    }
+}
+
+/// The frames of the identifiers that canrig's nodes may send.
+#[derive(Clone, Debug, Default)]
+pub struct Sources {
+    watched: BTreeMap<u16, Watched>,
+    /// Frames that no node of the run sends, whatever their number, with the time of the first.
+    strange: BTreeMap<(&'static str, String), (f64, u64)>,
+    /// Time ran backwards by more than a clock is ever stepped in a run: then rates are not known.
+    is_order_lost: bool,
+    /// A fault of the scenario changes how often frames come.
+    is_rate_changed: bool,
+}
+
+#[derive(Clone, Debug)]
+struct Watched {
+    what: &'static str,
+    duty: &'static str,
+    /// The time between two of one sender.
+    period: Option<Duration>,
+    /// A node of canrig's is the sender.
+    is_ours: bool,
+    recorded: u64,
+    latest: Option<Duration>,
+    /// In the scenario: the time of the first and the last, and how many there are.
+    in_scenario: Option<(Duration, Duration, u64)>,
+    /// Scenario time of the first that came in less than half of the period.
+    soon: Option<Duration>,
+}
+
+impl Watched {
+    fn new(
+        duty: &'static str,
+        what: &'static str,
+        period: Option<Duration>,
+        is_ours: bool,
+    ) -> Self {
+        Self {
+            what,
+            duty,
+            period,
+            is_ours,
+            recorded: 0,
+            latest: None,
+            in_scenario: None,
+            soon: None,
+        }
+    }
+
+    fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>) {
+        self.recorded += 1;
+        let since = self
+            .latest
+            .replace(time)
+            .map(|latest| time.saturating_sub(latest));
+        let Some(now) = scenario_time else { return };
+        let (first, count) = self
+            .in_scenario
+            .map_or((now, 0), |(first, _, count)| (first, count));
+        self.in_scenario = Some((first, now, count + 1));
+        let is_soon = match (self.period, since) {
+            (Some(period), Some(since)) => since < period / 2,
+            (period, _) => period.is_none(),
+        };
+        if is_soon {
+            self.soon.get_or_insert(now);
+        }
+    }
+
+    /// When the first came out of turn, or came at all.
+    fn first_seconds(&self) -> f64 {
+        let first = self.in_scenario.map(|(first, ..)| first);
+        self.soon.or(first).unwrap_or_default().as_secs_f64()
+    }
+
+    /// Frames beyond one in each period, and beyond one for each SYNC, whoever sends it, where they answer it.
+    fn too_many_by_rate(&self, syncs: u64) -> u64 {
+        let (Some(period), Some((first, last, count))) = (self.period, self.in_scenario) else {
+            return 0;
+        };
+        let periods = last.saturating_sub(first).as_nanos() / period.as_nanos().max(1);
+        let due = u64::try_from(periods).unwrap_or(u64::MAX).saturating_add(1);
+        let due = match self.duty {
+            POSITION => due.max(syncs),
+            _ => due,
+        };
+        let surplus = count.saturating_sub(due);
+        match surplus > SURPLUS_MIN + due / CLOCK_PERIODS {
+            true => surplus,
+            false => 0,
+        }
+    }
+}
+
+impl Sources {
+    /// What came of somebody else, the first of it first.
+    #[must_use]
+    pub fn found(&self, sent: &Sent) -> Vec<SecondSource> {
+        let syncs = self
+            .watched
+            .get(&SYNC_COB_ID)
+            .and_then(|sync| sync.in_scenario);
+        let syncs = syncs.map_or(0, |(.., count)| count);
+        let counted = self.watched.iter().filter_map(|(identifier, watched)| {
+            let (frames, is_by_rate) = match sent.of(*identifier) {
+                _ if !watched.is_ours => return None,
+                Some(sent) => (watched.recorded.saturating_sub(sent), false),
+                None if self.is_order_lost || self.is_rate_changed => return None,
+                None => (watched.too_many_by_rate(syncs), true),
+            };
+            (frames > 0).then(|| SecondSource {
+                what: format!("0x{identifier:03X} ({})", watched.what),
+                duty: watched.duty,
+                first_seconds: watched.first_seconds(),
+                frames,
+                is_by_rate,
+            })
+        });
+        let mut found = Vec::from_iter(counted);
+        let strange = self
+            .strange
+            .iter()
+            .map(|((duty, what), (first_seconds, frames))| SecondSource {
+                what: what.clone(),
+                duty,
+                first_seconds: *first_seconds,
+                frames: *frames,
+                is_by_rate: false,
+            });
+        let is_new = |one: &SecondSource| {
+            let identifier = one.what.split(' ').next();
+            !found
+                .iter()
+                .any(|other| other.what.split(' ').next() == identifier)
+        };
+        let strange = Vec::from_iter(strange.filter(is_new));
+        found.extend(strange);
+        found.sort_by(|left, right| left.first_seconds.total_cmp(&right.first_seconds));
+        found
+    }
+
+    fn add(&mut self, duty: &'static str, what: String, scenario_time: Duration) {
+        let first = scenario_time.as_secs_f64();
+        let (_, frames) = self.strange.entry((duty, what)).or_insert((first, 0));
+        *frames += 1;
+    }
+}
+
+/// Counts the frames of a run.
+#[derive(Debug)]
+pub struct SourceReader {
+    sources: Sources,
+    end: Duration,
+    controller_heartbeat: u16,
+    controller_emergency: u16,
+    /// The controller is canrig's.
+    is_ours: bool,
+    /// No drive is somebody else's, beside which the bench itself may stop the nodes.
+    is_emulated: bool,
+    /// The node-ID of the drive.
+    drive: u16,
+    sync: Option<SyncPayload>,
+    /// So often the scenario will still start the controller anew.
+    boot_ups_left: usize,
+    has_newcomer: bool,
+    is_stop_scripted: bool,
+    /// When NMT Stop was given, and to whom, before the controller gave up.
+    stop: Option<(Duration, u8)>,
+    has_given_up: bool,
+}
+
+/// What a SYNC carries.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct SyncPayload {
+    length: usize,
+    counter: Option<u8>,
+}
+
+impl SourceReader {
+    /// A reader that has seen nothing.
+    #[must_use]
+    pub fn new(one: &ControlLoop) -> Self {
+        let (scenario, database) = (&one.scenario, &*one.database);
+        let is_changing = |fault: &Fault| {
+            fault.kind.group == Group::Bus
+                || ["clock_drift", "slow_cycle"].contains(&fault.kind.name)
+        };
+        let is_stop = |fault: &Fault| fault.kind.name == "nmt_stop";
+        let [is_ours, is_emulated] =
+            [ExternalNode::Controller, ExternalNode::Drive].map(|node| !one.external.has(node));
+        let cycle = scenario.bus.sync_period();
+        let id = |message: &str| identifier(database, message);
+        let watched = watched(database, cycle, is_ours, is_emulated);
+        Self {
+            sources: Sources {
+                watched,
+                is_rate_changed: scenario.own_faults().any(is_changing),
+                ..Sources::default()
+            },
+            end: Duration::from_secs_f64(scenario.duration_seconds),
+            controller_heartbeat: id("controller_heartbeat").unwrap_or(0x701),
+            controller_emergency: id("controller_emergency").unwrap_or(0x081),
+            is_ours,
+            is_emulated,
+            drive: u16::from(one.node_ids().0),
+            sync: None,
+            boot_ups_left: starts_anew(&scenario.faults),
+            has_newcomer: false,
+            is_stop_scripted: scenario.own_faults().any(is_stop),
+            stop: None,
+            has_given_up: false,
+        }
+    }
+
+    /// The identifiers of the frames that are read.
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        let counted = self.sources.watched.keys().copied();
+        let heartbeats = 0x701..0x780;
+        let sdo = [SDO_REQUESTS, SDO_RESPONSES].map(|base| base + self.drive);
+        let others = [self.controller_emergency].into_iter().chain(sdo);
+        let all = counted.chain(others).chain(heartbeats);
+        Vec::from_iter(all.map(u32::from)).into_iter()
+    }
+
+    /// What was counted until now.
+    #[must_use]
+    pub fn sources(&self) -> &Sources {
+        &self.sources
+    }
+
+    /// Takes each frame with one of the identifiers, in order; its time on the recording's clock and in the scenario.
+    pub fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
+        let Some(identifier) = frame.standard_id() else {
+            return;
+        };
+        let scenario_time = scenario_time.filter(|time| *time < self.end);
+        if let Some(watched) = self.sources.watched.get_mut(&identifier) {
+            // What was sent in the controller's name before it booted is the bench's.
+            let is_boot_up = identifier == self.controller_heartbeat && frame.data() == [0];
+            if is_boot_up && scenario_time.is_none() {
+                watched.recorded = 0;
+            }
+            watched.on_frame(time, scenario_time);
+        }
+        let Some(now) = scenario_time else { return };
+        match (identifier, frame.data()) {
+            (SYNC_COB_ID, data) => self.on_sync(now, data),
+            (NMT_COB_ID, &[specifier, node, ..]) if self.is_ours => {
+                self.on_nmt(now, specifier, node)
+            }
+            (identifier, &[state, ..]) if (0x701..0x780).contains(&identifier) => {
+                self.on_heartbeat(now, identifier, state & 0x7F);
+            }
+            (identifier, _) if identifier == self.controller_emergency => self.on_emergency(),
+            (identifier, &[specifier, ..]) if self.is_sdo(identifier) => {
+                self.on_sdo(now, identifier, specifier);
+            }
+            _ => {}
+        }
+    }
+
+    /// Time ran backwards.
+    pub(crate) fn lose_order(&mut self) {
+        self.sources.is_order_lost = true;
+    }
+
+    /// The counter of a SYNC that is not the next one, or goes on from another: 1 begins anew, and one that is missing leaves a gap.
+    fn on_sync(&mut self, now: Duration, data: &[u8]) {
+        let payload = SyncPayload {
+            length: data.len(),
+            counter: data.first().copied(),
+        };
+        let usual = *self.sync.get_or_insert(payload);
+        let is_back = usual
+            .counter
+            .zip(payload.counter)
+            .is_some_and(|(usual, counter)| counter <= usual && counter != 1);
+        let is_strange = usual.length != payload.length || self.sync != Some(payload) && is_back;
+        match is_strange && !self.sources.is_rate_changed {
+            true => self.sources.add(
+                "sync",
+                "0x080 (SYNC, its counter does not go on)".to_owned(),
+                now,
+            ),
+            false => self.sync = Some(payload),
+        }
+        let is_over = |stop: &mut (Duration, u8)| now > stop.0 + STOP_TIME;
+        if let Some((at, node)) = self.stop.take_if(is_over) {
+            self.on_foreign_nmt(at, NMT_STOP, node);
+        }
+    }
+
+    /// Our controller starts and resets nodes when it or another comes up. With Stop it ends a run, as canrig does.
+    fn on_nmt(&mut self, now: Duration, specifier: u8, node: u8) {
+        match specifier {
+            NMT_STOP if self.is_stop_scripted || self.has_given_up => {}
+            NMT_STOP => {
+                self.stop.get_or_insert((now, node));
+            }
+            _ if self.has_newcomer || self.boot_ups_left > 0 => {}
+            _ => self.on_foreign_nmt(now, specifier, node),
+        }
+    }
+
+    fn on_foreign_nmt(&mut self, at: Duration, specifier: u8, node: u8) {
+        let command = canopen::NmtCommand::from_specifier(specifier);
+        let command = command.map_or_else(|| format!("{specifier}"), |one| format!("{one:?}"));
+        self.sources
+            .add("nmt", format!("0x000 (NMT {command} to node {node})"), at);
+    }
+
+    /// Our controller reports why it gives up, and then stops the drives: whom it finds stopped somebody else did.
+    fn on_emergency(&mut self) {
+        self.has_given_up = true;
+        if let Some((at, node)) = self
+            .stop
+            .take()
+            .filter(|_| self.is_ours && self.is_emulated)
+        {
+            self.on_foreign_nmt(at, NMT_STOP, node);
+        }
+    }
+
+    fn is_sdo(&self, identifier: u16) -> bool {
+        let bases = [SDO_REQUESTS, SDO_RESPONSES];
+        bases.iter().any(|base| identifier == base + self.drive)
+    }
+
+    /// The run writes no object any more, unless a node comes up. To read one changes nothing.
+    fn on_sdo(&mut self, now: Duration, identifier: u16, specifier: u8) {
+        let is_request = identifier == SDO_REQUESTS + self.drive;
+        let is_write = is_request && specifier >> 5 == SDO_DOWNLOAD;
+        let what = match (is_write, specifier) {
+            (true, _) => "SDO, an object is written",
+            (false, SDO_ABORT) => "SDO, a transfer is aborted",
+            _ => return,
+        };
+        if !self.has_newcomer && self.boot_ups_left == 0 {
+            self.sources
+                .add(SDO, format!("0x{identifier:03X} ({what})"), now);
+        }
+    }
+
+    fn on_heartbeat(&mut self, now: Duration, identifier: u16, state: u8) {
+        let state = NmtState::from_number(state);
+        let is_new = [NmtState::Initialising, NmtState::PreOperational].map(Some);
+        if identifier != self.controller_heartbeat {
+            self.has_newcomer |= is_new.contains(&state);
+        } else if state == Some(NmtState::Initialising) && self.is_ours {
+            match self.boot_ups_left.checked_sub(1) {
+                Some(left) => {
+                    self.boot_ups_left = left;
+                    self.has_newcomer = true;
+                    self.stop = None;
+                }
+                None => {
+                    let what = format!("0x{identifier:03X} (boot-up of the controller)");
+                    self.sources.add(HEARTBEAT, what, now);
+                }
+            }
+        }
+    }
+}
+
+/// The frames that controller and drive send, where they are canrig's.
+fn watched(
+    database: &Database,
+    cycle: Duration,
+    is_ours: bool,
+    is_emulated: bool,
+) -> BTreeMap<u16, Watched> {
+    let id = |message: &str| identifier(database, message);
+    let heartbeats = |message: &str| {
+        let message = database.message(message)?;
+        Some(Duration::from_millis(message.cycle_time_milliseconds))
+    };
+    let [controller, drive] = ["controller_heartbeat", "drive_heartbeat"];
+    let emergencies = ["controller_emergency", "drive_emergency"];
+    let of_controller = [
+        (Some(NMT_COB_ID), NMT, "NMT", None),
+        (Some(SYNC_COB_ID), SYNC, "SYNC", Some(cycle)),
+        (
+            id("drive_rpdo1"),
+            "command",
+            "commands to the drive",
+            Some(cycle),
+        ),
+        (
+            id(controller),
+            HEARTBEAT,
+            "heartbeats of the controller",
+            heartbeats(controller),
+        ),
+        (
+            id(emergencies[0]),
+            "emergency",
+            "emergencies of the controller",
+            None,
+        ),
+    ];
+    let of_drive = [
+        (
+            id("drive_tpdo1"),
+            POSITION,
+            "positions of the drive",
+            Some(cycle),
+        ),
+        (
+            id(drive),
+            HEARTBEAT,
+            "heartbeats of the drive",
+            heartbeats(drive),
+        ),
+        (
+            id(emergencies[1]),
+            "emergency",
+            "emergencies of the drive",
+            None,
+        ),
+    ];
+    let watch = |is_ours| {
+        move |(identifier, duty, what, period): (Option<u16>, _, _, _)| {
+            Some((identifier?, Watched::new(duty, what, period, is_ours)))
+        }
+    };
+    let of_controller = of_controller.into_iter().filter_map(watch(is_ours));
+    let of_drive = of_drive.into_iter().filter_map(watch(is_emulated));
+    of_controller.chain(of_drive).collect()
+}
+
+/// How often a scenario starts the controller anew.
+fn starts_anew(faults: &Faults) -> usize {
+    let crashes = faults.of("crash");
+    let starts = crashes.filter(|fault| fault.until_seconds.is_some());
+    let starts = starts.chain(faults.of("restart"));
+    starts.filter(|fault| fault.is_at_controller()).count()
+}
+
+fn identifier(database: &Database, message: &str) -> Option<u16> {
+    u16::try_from(database.message(message)?.raw_id).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use rig::catalogue::Catalogue;
+    use rig::external::External;
+    use rig::plan::Plan;
+    use scenario::Scenario;
+
+    use super::*;
+
+    const PERIOD: Duration = Duration::from_millis(1);
+    const MICRO: Duration = Duration::from_micros(1);
+
+    type Frames = Vec<(Duration, CanFrame)>;
+
+    /// One controller and one drive for 1500 cycles, with a counter in the SYNC, delayed as a machine may delay them.
+    fn run(delay: impl Fn(u32) -> Duration) -> Frames {
+        let mut frames = Vec::new();
+        let mut latest = Duration::ZERO;
+        for cycle in 0..1500_u32 {
+            latest = latest.max((cycle + 1) * PERIOD + delay(cycle));
+            let counter = u8::try_from(cycle % 240).unwrap() + 1;
+            frames.push((latest, CanFrame::new(SYNC_COB_ID, &[counter])));
+            frames.push((latest + 130 * MICRO, CanFrame::new(0x190, &[0; 8])));
+            frames.push((latest + 260 * MICRO, CanFrame::new(0x210, &[15, 0, 0, 0])));
+            if cycle % 20 == 0 {
+                frames.push((latest + 300 * MICRO, CanFrame::new(0x701, &[5])));
+            }
+        }
+        frames
+    }
+
+    fn on_time() -> Frames {
+        run(|_| Duration::ZERO)
+    }
+
+    /// Each with its identifier, its time in milliseconds and its number.
+    fn found_in(
+        frames: Frames,
+        faults: &str,
+        external: &[ExternalNode],
+        sent: &Sent,
+    ) -> Vec<(String, u64, u64)> {
+        let text = format!(
+            "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n{faults}"
+        );
+        let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let mut plan = Plan::new(scenario, &Catalogue::shipped());
+        plan.loops[0].external = External::new(external).unwrap();
+        let mut reader = SourceReader::new(plan.leading());
+        let mut frames = frames;
+        frames.sort_by_key(|(time, _)| *time);
+        for (time, frame) in &frames {
+            reader.on_frame(*time, time.checked_sub(PERIOD), frame);
+        }
+        let found = reader.sources().found(sent).into_iter();
+        let short = found.map(|one| {
+            let words = one.to_string();
+            let milliseconds = format!("{:.0}", 1e3 * one.first_seconds);
+            (
+                words[..5].to_owned(),
+                milliseconds.parse().unwrap(),
+                one.frames,
+            )
+        });
+        short.collect()
+    }
+
+    fn found(frames: Frames) -> Vec<(String, u64, u64)> {
+        found_in(frames, "", &[], &Sent::default())
+    }
+
+    fn sent(identifier: u16, frames: u64) -> Sent {
+        let node = "controller".to_owned();
+        Sent(vec![SentFrames {
+            node,
+            identifier,
+            frames,
+        }])
+    }
+
+    #[test]
+    fn one_sender_is_no_second_one_however_late_the_machine_is() {
+        assert_eq!(found(on_time()), []);
+        let stood_still = |cycle: u32| match cycle {
+            200..1000 => (1000 - cycle) * PERIOD,
+            _ => Duration::ZERO,
+        };
+        assert_eq!(found(run(stood_still)), []);
+        let busy = |cycle: u32| match cycle {
+            500..900 => 950 * MICRO,
+            _ => Duration::ZERO,
+        };
+        assert_eq!(found(run(busy)), []);
+        // A clock that is as late as it can be.
+        let latest = |cycle: u32| match cycle {
+            1400.. => Duration::MAX - 2000 * PERIOD,
+            _ => Duration::ZERO,
+        };
+        let _ = found(run(latest));
+    }
+
+    #[test]
+    fn each_frame_that_no_node_sent_is_counted() {
+        let foreign = || {
+            (
+                700 * PERIOD + 500 * MICRO,
+                CanFrame::new(0x210, &[15, 0, 0x84, 3]),
+            )
+        };
+        let frames = || [on_time(), vec![foreign()]].concat();
+        let counted = |sent: &Sent| found_in(frames(), "", &[ExternalNode::Drive], sent);
+        assert_eq!(counted(&sent(0x210, 1500)), [("0x210".to_owned(), 700, 1)]);
+        assert_eq!(counted(&sent(0x210, 1501)), []);
+        assert_eq!(counted(&Sent::default()), [], "one is no rate");
+        let words = SecondSource {
+            what: "0x210 (commands to the drive)".to_owned(),
+            duty: "command",
+            first_seconds: 0.699,
+            frames: 1,
+            is_by_rate: false,
+        };
+        let expected = "0x210 (commands to the drive), 1 frame that canrig's nodes did not send, from 0.699 s on";
+        assert_eq!(words.to_string(), expected);
+    }
+
+    #[test]
+    fn without_a_report_a_rate_is_no_one_senders() {
+        let twice = || {
+            let again = |(time, frame): (Duration, CanFrame)| (time + 400 * MICRO, frame);
+            let is_command = |(_, frame): &(Duration, CanFrame)| frame.standard_id() == Some(0x210);
+            let foreign = on_time().into_iter().filter(is_command).map(again);
+            [on_time(), foreign.collect()].concat()
+        };
+        let [(identifier, _, frames)] = &found(twice())[..] else {
+            panic!("{:?}", found(twice()))
+        };
+        assert_eq!(
+            (identifier.as_str(), frames.abs_diff(1500) < 3),
+            ("0x210", true)
+        );
+        // An external controller sends as often as it likes.
+        let external = [ExternalNode::Controller];
+        assert_eq!(found_in(twice(), "", &external, &Sent::default()), []);
+        let slow = "[[fault.node.slow_cycle]]\nnode = \"controller\"\nfrom_seconds = 0.0\ndelay_milliseconds = 5.0\n";
+        assert_eq!(found_in(twice(), slow, &[], &Sent::default()), []);
+    }
+
+    #[test]
+    fn a_counter_that_does_not_go_on_is_another_senders() {
+        let external = [ExternalNode::Controller];
+        let with = |foreign: Frames| {
+            found_in(
+                [on_time(), foreign].concat(),
+                "",
+                &external,
+                &Sent::default(),
+            )
+        };
+        let at = |cycle: u32, data: &[u8]| {
+            (
+                cycle * PERIOD + 500 * MICRO,
+                CanFrame::new(SYNC_COB_ID, data),
+            )
+        };
+        assert_eq!(with(vec![at(300, &[])]), [("0x080".to_owned(), 300, 1)]);
+        assert_eq!(with(vec![at(300, &[7])]), [("0x080".to_owned(), 300, 1)]);
+        // It sends too fast, and counts on.
+        let fast = |(time, frame): (Duration, CanFrame)| (time / 2, frame);
+        let fast = Vec::from_iter(on_time().into_iter().map(fast));
+        assert_eq!(found_in(fast, "", &external, &Sent::default()), []);
+    }
+
+    #[test]
+    fn boot_ups_and_nmt_commands_of_nobody_are_named() {
+        let with = |time: u32, id: u16, data: &[u8], faults: &str| {
+            let foreign = vec![(time * PERIOD, CanFrame::new(id, data))];
+            let found = found_in([on_time(), foreign].concat(), faults, &[], &Sent::default());
+            Vec::from_iter(found.into_iter().map(|(id, at, _)| (id, at)))
+        };
+        let restart = "[[fault.node.restart]]\nat_seconds = 0.97\nnode = \"controller\"\n";
+        let named = |id: &str, at| vec![(id.to_owned(), at)];
+        assert_eq!(with(971, 0x701, &[0], ""), named("0x701", 970));
+        assert_eq!(with(971, 0x701, &[0], restart), []);
+        assert_eq!(with(400, 0x000, &[0x81, 0x10], ""), named("0x000", 399));
+        // The run goes on for more than a second; one that ends within it canrig may have stopped.
+        assert_eq!(with(400, 0x000, &[2, 0x10], ""), named("0x000", 399));
+        assert_eq!(with(700, 0x000, &[2, 0x10], ""), []);
+        // Who finds a drive stopped reports it.
+        let stop = (700 * PERIOD, CanFrame::new(0x000, &[2, 0x10]));
+        let emergency = (
+            720 * PERIOD,
+            CanFrame::new(0x081, &[0, 0x10, 1, 0, 6, 0, 0, 0]),
+        );
+        let frames = [on_time(), vec![stop, emergency]].concat();
+        assert_eq!(found(frames)[0].1, 699);
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let sent = sent(0x210, 1500);
+        assert_eq!(of_csv(&sent.to_csv()), Ok(sent.0));
+        for damaged in ["", "node,identifier,frames\ncontroller,210,5\n"] {
+            assert!(of_csv(damaged).is_err());
+        }
+    }
+}
