@@ -219,10 +219,10 @@ fn run_on_bus(node: &mut dyn Node, args: &NodeArgs, fifo: Fifo) -> Result<(), Fa
                 fifo: fifo.unwrap_or(Ok(())),
                 memory: scheduling::lock_memory(),
             };
-            let report = real_time::run(node, bus, &stop)?;
+            let (report, ended) = real_time::run_reporting(node, bus, &stop);
             let report = node_report(&report, &scheduling);
             print(&serde_json::to_string(&report).map_err(Failure::of_bus)?);
-            Ok(())
+            Ok(ended?)
         }
         (None, None) => Err(Failure::of_plan("a node needs --bus or --lockstep")),
     }

@@ -67,10 +67,26 @@ def cut(run, ids=CUT):
         rows = [row.split(",") for row in rows]
         rows = [",".join([since(begin, row[0]), since(begin, row[1]), *row[2:]]) for row in rows]
         files["stalls.csv"] = "\n".join([header, *rows]) + "\n"
+    if (run / "sent.csv").exists():
+        cut_away = [int(line.split(" ")[2].split("#")[0], 16) for line in set(lines) - set(kept)]
+        files["sent.csv"] = without((run / "sent.csv").read_text(), cut_away)
     verdict = json.loads((run / "verdict.json").read_text())
     verdict = {"metrics": []} | {key: verdict[key] for key in OF_VERDICT if key in verdict}
     files["verdict.json"] = json.dumps(verdict) + "\n"
     return files
+
+
+def without(text, identifiers):
+    """What canrig's nodes sent, without frames that were cut away."""
+    header, *rows = text.splitlines()
+    rest = list(identifiers)
+    for at, row in enumerate(rows):
+        node, identifier, frames = row.split(",")
+        count = min(int(frames), rest.count(int(identifier, 16)))
+        for _ in range(count):
+            rest.remove(int(identifier, 16))
+        rows[at] = f"{node},{identifier},{int(frames) - count}"
+    return "\n".join([header, *rows]) + "\n"
 
 
 def since(begin, text):

@@ -226,7 +226,15 @@ fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
         .or_else(|| of_commands(Commands::Missed, MISSED_COMMANDS))
         .or_else(|| silent_at_end(evidence))
         .or_else(|| of_commands(Commands::Late, LATE_COMMANDS))
+        .or_else(|| too_many_positions(evidence))
         .or_else(|| off_period(evidence))?;
+    // What lasts to the end and began before explains it.
+    let (reason, cause) = match silent_at_end(evidence) {
+        Some((_, lasting)) if lasting.at_seconds < cause.at_seconds => {
+            (format!("{}; {reason}", lasting.words), lasting)
+        }
+        _ => (reason, cause),
+    };
     let load = evidence.timeline.bus_load_percent;
     let reason = match load > BUSY_BUS_PERCENT {
         true => format!("{reason}; the bus is nearly full (load {load:.1} %)"),
@@ -256,6 +264,22 @@ fn too_many(
         .min_by(|one, other| one.2.total_cmp(&other.2));
     let (duty, _, at) = first?;
     Some((reason, NamedCause::of_node(evidence, duty, at, words)))
+}
+
+/// The external drive that sends more positions than there are SYNCs.
+fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
+    let is_external = Duty::Position.is_of(&evidence.own.external);
+    let (frames, at) = evidence
+        .timeline
+        .sources
+        .positions_too_many()
+        .filter(|_| is_external)?;
+    let node = node_name(evidence, Duty::Position.node());
+    let words = format!("{node}: {frames} positions more than SYNCs, from {at:.3} s on");
+    Some((
+        words.clone(),
+        NamedCause::of_node(evidence, Duty::Position, at, words),
+    ))
 }
 
 /// The controller whose SYNC has another period than it should.

@@ -37,30 +37,25 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     if temperatures.peek().is_none() {
         return Measurement::only_emulated();
     }
+    if let Some(reason) = unseen_temperature(evidence) {
+        return Measurement::Unavailable(reason);
+    }
     let is_seen = match evidence.timeline.truth.is_empty() {
-        true => evidence
-            .seen(evidence.run())
-            .map(drop)
-            .and_then(|()| seen_temperature(evidence)),
+        true => evidence.seen(evidence.run()).map(drop),
         false => silence_of_truth(evidence).map_or(Ok(()), |silence| Err(silence_of(silence))),
     };
     is_seen.and_then(|()| largest(temperatures)).into()
 }
 
-/// # Errors
-/// The drive sent no temperature for too long.
-fn seen_temperature(evidence: &Evidence<'_>) -> Result<(), Absence> {
-    match evidence.timeline.temperature_silence {
-        Some((from, until)) if !evidence.leaves_out(from, until) => {
-            let silence = Window {
-                from_seconds: from,
-                until_seconds: until,
-            };
-            let reason = format!("no temperature from {from:.3} to {until:.3} s");
-            Err(Absence::unseen(reason, silence))
-        }
-        _ => Ok(()),
-    }
+/// When the drive sent no temperature for too long, where the plant does not report it by itself.
+fn unseen_temperature(evidence: &Evidence<'_>) -> Option<String> {
+    let timeline = evidence.timeline;
+    let (from, until) = timeline
+        .temperature_silence
+        .filter(|_| timeline.truth.is_empty())?;
+    let is_seen_otherwise =
+        evidence.leaves_out(from, until) || evidence.seen(evidence.run()).is_err();
+    (!is_seen_otherwise).then(|| format!("no temperature from {from:.3} to {until:.3} s"))
 }
 
 /// The first stretch from the plant's first message to the end in which it was silent.

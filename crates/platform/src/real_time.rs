@@ -149,6 +149,16 @@ pub fn run(
     bus: &mut dyn Bus,
     stop: &StopSignal,
 ) -> Result<RunReport, RunError> {
+    let (report, ended) = run_reporting(node, bus, stop);
+    ended.map(|()| report)
+}
+
+/// As [`run`]; what was counted also where it fails.
+pub fn run_reporting(
+    node: &mut dyn Node,
+    bus: &mut dyn Bus,
+    stop: &StopSignal,
+) -> (RunReport, Result<(), RunError>) {
     let mut cycle = Cycle {
         node,
         bus,
@@ -158,29 +168,8 @@ pub fn run(
         stop_asked_at: None,
         ticks_at_deadline: 0,
     };
-    let mut timer = Timer::new(cycle.clock).map_err(system("make a timer"))?;
-    let mut ready = Ready {
-        frames: true,
-        stop: true,
-    };
-    loop {
-        let now = cycle.clock.now();
-        if ready.frames {
-            cycle.deliver_frames(now)?;
-        }
-        if ready.stop && stop.is_raised() {
-            cycle.ask_to_stop(now)?;
-        }
-        cycle.tick_when_due(now)?;
-        match cycle.node.progress() {
-            Progress::Running => {}
-            Progress::Stopped => return Ok(cycle.into_report()),
-            Progress::Failed(text) => return Err(RunError::Node(text)),
-        }
-        cycle.check_stop_patience(now)?;
-        cycle.waits_since = cycle.clock.now();
-        ready = wait(&mut timer, &cycle, stop)?;
-    }
+    let ended = cycle.run(stop);
+    (cycle.into_report(), ended)
 }
 
 /// What a wait ended with, besides the timer.
@@ -232,6 +221,32 @@ struct Cycle<'a> {
 }
 
 impl Cycle<'_> {
+    fn run(&mut self, stop: &StopSignal) -> Result<(), RunError> {
+        let mut timer = Timer::new(self.clock).map_err(system("make a timer"))?;
+        let mut ready = Ready {
+            frames: true,
+            stop: true,
+        };
+        loop {
+            let now = self.clock.now();
+            if ready.frames {
+                self.deliver_frames(now)?;
+            }
+            if ready.stop && stop.is_raised() {
+                self.ask_to_stop(now)?;
+            }
+            self.tick_when_due(now)?;
+            match self.node.progress() {
+                Progress::Running => {}
+                Progress::Stopped => return Ok(()),
+                Progress::Failed(text) => return Err(RunError::Node(text)),
+            }
+            self.check_stop_patience(now)?;
+            self.waits_since = self.clock.now();
+            ready = wait(&mut timer, self, stop)?;
+        }
+    }
+
     /// All of a batch were there when the loop woke up, at `now`.
     fn deliver_frames(&mut self, now: Duration) -> Result<(), RunError> {
         for _ in 0..BATCH_FRAMES {

@@ -30,15 +30,23 @@ const SDO_REQUESTS: u16 = 0x600;
 /// The client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 const SDO_ABORT: u8 = 0x80;
+const NMT_START: u8 = 1;
 const NMT_STOP: u8 = 2;
+/// So many times that a drive was stopped are kept.
+const STOPS_MAX: usize = 1000;
+/// Node-ID of canrig's controller.
+const MANAGER: u8 = 1;
 /// So long after NMT Stop the run of whoever gave it is over.
 const STOP_TIME: Duration = Duration::from_secs(1);
+/// Heartbeats of new states, besides the periodic ones.
+const BOOTS_MAX: u64 = 10;
 /// In so many periods a clock gains less than one on another.
 const CLOCK_PERIODS: u64 = 100;
 /// So many frames more than periods are no second sender's.
 const SURPLUS_MIN: u64 = 2;
 /// Kinds of frames; that which answers each SYNC is the position.
 const POSITION: &str = "position";
+const COMMAND: &str = "command";
 const SYNC: &str = "sync";
 const HEARTBEAT: &str = "heartbeat";
 const NMT: &str = "nmt";
@@ -162,6 +170,8 @@ pub struct Sources {
     is_order_lost: bool,
     /// A fault of the scenario changes how often frames come.
     is_rate_changed: bool,
+    /// When an external controller stopped the drive.
+    stops_seconds: Vec<f64>,
 }
 
 #[derive(Clone, Debug)]
@@ -172,6 +182,8 @@ struct Watched {
     period: Option<Duration>,
     /// A node of canrig's is the sender.
     is_ours: bool,
+    /// The frame of the same node that it always sends.
+    reporter: Option<u16>,
     recorded: u64,
     latest: Option<Duration>,
     /// In the scenario: the time of the first and the last, and how many there are.
@@ -185,13 +197,14 @@ impl Watched {
         duty: &'static str,
         what: &'static str,
         period: Option<Duration>,
-        is_ours: bool,
+        (is_ours, reporter): (bool, Option<u16>),
     ) -> Self {
         Self {
             what,
             duty,
             period,
             is_ours,
+            reporter,
             recorded: 0,
             latest: None,
             in_scenario: None,
@@ -226,7 +239,7 @@ impl Watched {
     }
 
     /// Frames beyond one in each period, and beyond one for each SYNC, whoever sends it, where they answer it.
-    fn too_many_by_rate(&self, syncs: u64) -> u64 {
+    fn too_many_by_rate(&self, syncs: u64, positions: u64) -> u64 {
         let (Some(period), Some((first, last, count))) = (self.period, self.in_scenario) else {
             return 0;
         };
@@ -234,10 +247,12 @@ impl Watched {
         let due = u64::try_from(periods).unwrap_or(u64::MAX).saturating_add(1);
         let due = match self.duty {
             POSITION => due.max(syncs),
+            COMMAND => due.max(positions),
             _ => due,
         };
         let surplus = count.saturating_sub(due);
-        match surplus > SURPLUS_MIN + due / CLOCK_PERIODS {
+        let new_states = if self.duty == HEARTBEAT { BOOTS_MAX } else { 0 };
+        match surplus > SURPLUS_MIN + new_states + due / CLOCK_PERIODS {
             true => surplus,
             false => 0,
         }
@@ -245,20 +260,41 @@ impl Watched {
 }
 
 impl Sources {
+    /// Scenario times at which an external controller stopped the drive by NMT.
+    #[must_use]
+    pub fn stops_seconds(&self) -> &[f64] {
+        &self.stops_seconds
+    }
+
+    /// The positions beyond one for each SYNC, if they are too many, and the time of the first.
+    #[must_use]
+    pub fn positions_too_many(&self) -> Option<(u64, f64)> {
+        let position = self.watched.values().find(|one| one.duty == POSITION)?;
+        let frames = position.too_many_by_rate(self.count_of(SYNC), 0);
+        (frames > 0 && !self.is_rate_changed).then(|| (frames, position.first_seconds()))
+    }
+
+    /// How many frames of a kind the scenario has.
+    fn count_of(&self, duty: &str) -> u64 {
+        let mut watched = self.watched.values();
+        let one = watched.find(|one| one.duty == duty);
+        one.and_then(|one| one.in_scenario)
+            .map_or(0, |(.., count)| count)
+    }
+
     /// What came of somebody else, the first of it first.
     #[must_use]
     pub fn found(&self, sent: &Sent) -> Vec<SecondSource> {
-        let syncs = self
-            .watched
-            .get(&SYNC_COB_ID)
-            .and_then(|sync| sync.in_scenario);
-        let syncs = syncs.map_or(0, |(.., count)| count);
+        let (syncs, positions) = (self.count_of(SYNC), self.count_of(POSITION));
         let counted = self.watched.iter().filter_map(|(identifier, watched)| {
-            let (frames, is_by_rate) = match sent.of(*identifier) {
+            let frames_sent = sent.of(*identifier);
+            // A node that reports, and nothing of these, sent none of them.
+            let none = watched.reporter.and_then(|id| sent.of(id)).map(|_| 0);
+            let (frames, is_by_rate) = match frames_sent.or(none) {
                 _ if !watched.is_ours => return None,
                 Some(sent) => (watched.recorded.saturating_sub(sent), false),
                 None if self.is_order_lost || self.is_rate_changed => return None,
-                None => (watched.too_many_by_rate(syncs), true),
+                None => (watched.too_many_by_rate(syncs, positions), true),
             };
             (frames > 0).then(|| SecondSource {
                 what: format!("0x{identifier:03X} ({})", watched.what),
@@ -337,7 +373,6 @@ impl SourceReader {
             fault.kind.group == Group::Bus
                 || ["clock_drift", "slow_cycle"].contains(&fault.kind.name)
         };
-        let is_stop = |fault: &Fault| fault.kind.name == "nmt_stop";
         let [is_ours, is_emulated] =
             [ExternalNode::Controller, ExternalNode::Drive].map(|node| !one.external.has(node));
         let cycle = scenario.bus.sync_period();
@@ -358,7 +393,7 @@ impl SourceReader {
             sync: None,
             boot_ups_left: starts_anew(&scenario.faults),
             has_newcomer: false,
-            is_stop_scripted: scenario.own_faults().any(is_stop),
+            is_stop_scripted: scenario.faults.of("nmt_stop").next().is_some(),
             stop: None,
             has_given_up: false,
         }
@@ -397,9 +432,14 @@ impl SourceReader {
         let Some(now) = scenario_time else { return };
         match (identifier, frame.data()) {
             (SYNC_COB_ID, data) => self.on_sync(now, data),
-            (NMT_COB_ID, &[specifier, node, ..]) if self.is_ours => {
-                self.on_nmt(now, specifier, node)
+            (NMT_COB_ID, &[specifier, node, ..]) if !self.is_ours => {
+                let is_for_drive = node == 0 || u16::from(node) == self.drive;
+                let stops = &mut self.sources.stops_seconds;
+                if is_for_drive && specifier != NMT_START && stops.len() < STOPS_MAX {
+                    stops.push(now.as_secs_f64());
+                }
             }
+            (NMT_COB_ID, &[specifier, node, ..]) => self.on_nmt(now, specifier, node),
             (identifier, &[state, ..]) if (0x701..0x780).contains(&identifier) => {
                 self.on_heartbeat(now, identifier, state & 0x7F);
             }
@@ -445,7 +485,10 @@ impl SourceReader {
     /// Our controller starts and resets nodes when it or another comes up. With Stop it ends a run, as canrig does.
     fn on_nmt(&mut self, now: Duration, specifier: u8, node: u8) {
         match specifier {
-            NMT_STOP if self.is_stop_scripted || self.has_given_up => {}
+            NMT_STOP if self.is_stop_scripted => {}
+            // The run stops its drives one by one.
+            NMT_STOP if node == 0 || node == MANAGER => self.on_foreign_nmt(now, specifier, node),
+            NMT_STOP if self.has_given_up => {}
             NMT_STOP => {
                 self.stop.get_or_insert((now, node));
             }
@@ -533,7 +576,7 @@ fn watched(
         (Some(SYNC_COB_ID), SYNC, "SYNC", Some(cycle)),
         (
             id("drive_rpdo1"),
-            "command",
+            COMMAND,
             "commands to the drive",
             Some(cycle),
         ),
@@ -570,13 +613,17 @@ fn watched(
             None,
         ),
     ];
-    let watch = |is_ours| {
+    let watch = |node: (bool, Option<u16>)| {
         move |(identifier, duty, what, period): (Option<u16>, _, _, _)| {
-            Some((identifier?, Watched::new(duty, what, period, is_ours)))
+            Some((identifier?, Watched::new(duty, what, period, node)))
         }
     };
-    let of_controller = of_controller.into_iter().filter_map(watch(is_ours));
-    let of_drive = of_drive.into_iter().filter_map(watch(is_emulated));
+    let of_controller = of_controller
+        .into_iter()
+        .filter_map(watch((is_ours, Some(SYNC_COB_ID))));
+    let of_drive = of_drive
+        .into_iter()
+        .filter_map(watch((is_emulated, id("drive_tpdo1"))));
     of_controller.chain(of_drive).collect()
 }
 

@@ -136,23 +136,38 @@ impl NodeProcess {
         }
     }
 
-    /// Asks the node for its safe state and waits for its end; what the node reports of itself.
+    /// Asks the node for its safe state and waits for its end; what the node reports of itself, also where it ended badly.
+    pub(super) async fn stop(&mut self) -> (String, Result<(), WorldError>) {
+        if self.is_killed_by_fault {
+            self.lifeline = None;
+            return (String::new(), Ok(()));
+        }
+        let when = match self.child.try_wait() {
+            Ok(Some(_)) => " in the middle of the run",
+            _ => " when it was to stop",
+        };
+        self.lifeline = None;
+        let ended = self.end(when).await;
+        let report = match &ended {
+            Err(WorldError::NoStop { .. }) => String::new(),
+            _ => self.report().await,
+        };
+        (report, ended)
+    }
+
+    /// Waits for its end.
     ///
     /// # Errors
     /// It does not end in time, or ends badly.
-    pub(super) async fn stop(&mut self) -> Result<String, WorldError> {
-        self.lifeline = None;
-        if self.is_killed_by_fault {
-            return Ok(String::new());
-        }
+    async fn end(&mut self, when: &str) -> Result<(), WorldError> {
         // It may be suspended still; one that has ended already is reported below.
         let _ = self.suspend(false);
         match timeout(END_PATIENCE, self.child.wait()).await {
             Ok(Ok(status)) if status.success() => {
                 self.remove_empty_log();
-                Ok(self.report().await)
+                Ok(())
             }
-            Ok(Ok(status)) => Err(self.failure(status, " when it was to stop")),
+            Ok(Ok(status)) => Err(self.failure(status, when)),
             Ok(Err(source)) => Err(WorldError::Spawn {
                 name: self.name.clone(),
                 source,

@@ -23,6 +23,15 @@ use recording::capture::Capture;
 use recording::run_folder::RunFolder;
 use rig::plan::Plan;
 
+/// A process that was stopped.
+pub(super) struct Stopped {
+    pub(super) name: String,
+    /// What the node reports of itself.
+    pub(super) report: String,
+    /// Whether it ended well.
+    pub(super) ended: Result<(), WorldError>,
+}
+
 /// The nodes that are processes of their own, the manager last; without those that are somebody else's.
 pub(super) struct Processes(Vec<NodeProcess>);
 
@@ -64,12 +73,16 @@ impl Processes {
         }
     }
 
-    /// Stops all, the manager first; what each reports of itself.
-    pub(super) async fn stop(&mut self) -> Vec<(String, Result<String, WorldError>)> {
+    /// Stops all, the manager first.
+    pub(super) async fn stop(&mut self) -> Vec<Stopped> {
         let mut stopped = Vec::new();
         for process in self.0.iter_mut().rev() {
-            let report = process.stop().await;
-            stopped.push((process.name().to_owned(), report));
+            let (report, ended) = process.stop().await;
+            stopped.push(Stopped {
+                name: process.name().to_owned(),
+                report,
+                ended,
+            });
         }
         stopped
     }
@@ -171,10 +184,8 @@ async fn with_end(
     let error = match played {
         Ok(end) => {
             let stopped = processes.stop().await;
-            let mut stopped = stopped.into_iter().map(|(_, stopped)| stopped);
-            return stopped
-                .try_for_each(|stopped| stopped.map(drop))
-                .map(|()| end);
+            let mut ended = stopped.into_iter().map(|stopped| stopped.ended);
+            return ended.try_for_each(|ended| ended).map(|()| end);
         }
         // How a process ended says more than that it does not answer.
         Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {

@@ -16,7 +16,7 @@ use crate::fmu_plant::more_patience;
 use crate::names::{BENCH, CONTROLLER, DRIVE, emulator_names};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
-use crate::processes::{Processes, runtime};
+use crate::processes::{Processes, Stopped, runtime};
 use crate::second_master::SecondMasterWatch;
 use crate::silence::SilenceWatch;
 use crate::stalls::StallRecorder;
@@ -175,15 +175,21 @@ async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
 /// How the run ended, and the reports of the nodes. The first error is why the others stopped.
 fn with_reports(
     mut end: Result<End, WorldError>,
-    stopped: Vec<(String, Result<String, WorldError>)>,
+    stopped: Vec<Stopped>,
 ) -> (Result<End, WorldError>, BTreeMap<String, NodeReport>) {
     let mut reports = BTreeMap::new();
-    for (name, stopped) in stopped {
-        match stopped {
-            Ok(text) => {
-                let report = report(&name, &text);
-                reports.insert(name, report);
-            }
+    for Stopped {
+        name,
+        report,
+        ended,
+    } in stopped
+    {
+        if ended.is_ok() || !report.is_empty() {
+            let report = read_report(&name, &report);
+            reports.insert(name, report);
+        }
+        match ended {
+            Ok(()) => {}
             // One that was killed takes the other with it, which may be noticed first.
             Err(error) if end.is_ok() || error.is_from_outside() => end = Err(error),
             Err(_) => {}
@@ -193,7 +199,7 @@ fn with_reports(
 }
 
 /// What a node reported of itself at its end.
-fn report(name: &str, text: &str) -> NodeReport {
+fn read_report(name: &str, text: &str) -> NodeReport {
     serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
         refused: vec![format!("the {name} gave no report of its timing")],
         ..NodeReport::default()

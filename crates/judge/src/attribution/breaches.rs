@@ -17,16 +17,18 @@ pub(crate) enum Duty {
     Command,
     /// A heartbeat, as long as the others wait for it.
     Heartbeat(LoopNode),
+    /// To leave the drive in operation: an external controller may stop it by NMT.
+    Nmt,
 }
 
 impl Duty {
     /// Those that are due in each cycle.
-    pub(super) const CYCLIC: [Self; 3] = [Self::Sync, Self::Position, Self::Command];
+    pub(super) const CYCLIC: [Self; 4] = [Self::Sync, Self::Position, Self::Command, Self::Nmt];
 
     /// The node that has it.
     pub(crate) fn node(self) -> LoopNode {
         match self {
-            Self::Sync | Self::Command => LoopNode::Controller,
+            Self::Sync | Self::Command | Self::Nmt => LoopNode::Controller,
             Self::Position => LoopNode::Drive,
             Self::Heartbeat(node) => node,
         }
@@ -47,6 +49,7 @@ impl Duty {
             Self::Position => "position",
             Self::Command => "command",
             Self::Heartbeat(_) => "heartbeat",
+            Self::Nmt => "nmt",
         }
     }
 
@@ -57,6 +60,7 @@ impl Duty {
             Self::Position => "no position",
             Self::Command => "no command",
             Self::Heartbeat(_) => "no heartbeat",
+            Self::Nmt => "no position since it stopped the drive by NMT",
         }
     }
 }

@@ -8,13 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::breaches::Duty;
 use super::stalls::Stretch;
-use super::{Cause, Commands, SILENT_AT_END, Stay, Totals};
+use super::{Cause, Commands, HEARTBEAT_SECONDS, SILENT_AT_END, Stay, Totals};
 use crate::duties::{MISSED_COMMANDS, limited_max};
 use crate::evidence::Evidence;
 use crate::metric::rounded;
-
-/// A node that falls silent owes a heartbeat before another frame, or so long after it.
-const HEARTBEAT_SECONDS: f64 = 0.1;
 
 /// What a run came to grief by, as `verdict.json` holds it.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
@@ -155,13 +152,15 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
     let lasting = Vec::from_iter(stays.chain(heartbeats));
     lasting.into_iter().map(move |one| Lasting {
         // What began in a stall is explained by it only if it covers half of all that is missing.
-        cause: match (
-            one.cause,
-            attribution.stall(one.duty.node(), one.from_seconds, until),
-        ) {
-            (Cause::Node(_) | Cause::Host(_), Some(stretch)) => Cause::Host(stretch),
-            (Cause::Host(_), None) => Cause::Node(one.duty),
-            (cause, _) => cause,
+        cause: {
+            let node = one.duty.node();
+            let stall = attribution.stall(node, one.from_seconds, until);
+            let stall = stall.or_else(|| attribution.stood_since(node, one.from_seconds));
+            match (one.cause, stall) {
+                (Cause::Node(_) | Cause::Host(_), Some(stretch)) => Cause::Host(stretch),
+                (Cause::Host(_), None) => Cause::Node(one.duty),
+                (cause, _) => cause,
+            }
         },
         ..one
     })

@@ -21,12 +21,16 @@ use self::stalls::{FeltStalls, Stretch, stretches};
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
 
+/// A node that falls silent owes a heartbeat before another frame, or so long after it.
+const HEARTBEAT_SECONDS: f64 = 0.1;
 /// What is missing at the end for at most so many cycles, or so long, is no silence.
 const SILENT_AT_END: (u64, f64) = (5, 0.02);
 /// With faults the plant sends its truth every 10 ms at least.
 pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
 /// Without faults the last SYNC comes a period before the end, or late.
 const END_PERIODS: f64 = 1.5;
+/// A drive that is stopped by NMT has sent its last position so soon.
+const STOPPED_SECONDS: f64 = 0.2;
 /// Where stalls explain so many times what a node of canrig's left out besides, they explain that too.
 const PREVAILING: usize = 4;
 
@@ -45,6 +49,7 @@ pub(crate) enum Cause {
 pub(crate) struct Attribution<'a> {
     timeline: &'a Timeline,
     external: &'a External,
+    is_real_time: bool,
     /// The cycles that should have been played.
     pub(crate) due: u64,
     /// The stalls that controller and drive feel.
@@ -70,6 +75,7 @@ impl<'a> Attribution<'a> {
         let mut attribution = Self {
             timeline,
             external,
+            is_real_time: circumstances.reports.iter().any(Option::is_some),
             due: due(timeline, one, circumstances.ended_early.as_ref()),
             felt,
             faults: ScenarioFaults::new(timeline, one),
@@ -131,6 +137,7 @@ impl<'a> Attribution<'a> {
                 (Some((_, cause)), _) => Some(cause),
                 (None, Some(_)) => None,
                 (None, None) if self.faults.explain(&breach) => Some(Cause::Fault),
+                (None, None) if self.is_stopped(&breach) => Some(Cause::Node(Duty::Nmt)),
                 (None, None) => Some(Cause::Node(breach.duty)),
             };
             goes_on = first.map(|cause| (breach.cycle + 1, cause));
@@ -138,11 +145,21 @@ impl<'a> Attribution<'a> {
                 (Some(stretch), _) => Cause::Host(stretch),
                 (None, Some(Cause::Fault)) => Cause::Fault,
                 // A controller gives up where the drive is silent.
-                (None, Some(Cause::Node(Duty::Position))) => self.by_node(Duty::Position, &breach),
+                (None, Some(Cause::Node(begun @ (Duty::Position | Duty::Nmt)))) => {
+                    self.by_node(begun, &breach)
+                }
                 (None, _) => self.by_node(breach.duty, &breach),
             };
             (breach, cause)
         })
+    }
+
+    /// Whether a drive sends nothing since an external controller stopped it.
+    fn is_stopped(&self, breach: &Breach) -> bool {
+        let mut stops = self.timeline.sources.stops_seconds().iter();
+        let is_near =
+            |at: &f64| *at <= breach.until_seconds && breach.from_seconds <= at + STOPPED_SECONDS;
+        breach.duty == Duty::Position && stops.any(is_near)
     }
 
     /// The stall that explains what is missing from a node.
@@ -164,23 +181,42 @@ impl<'a> Attribution<'a> {
     fn by_node(&self, duty: Duty, breach: &Breach) -> Cause {
         let stood = self.stood[place(duty.node())].filter(|_| breach.cycle < self.silent_from);
         stood.map_or(Cause::Node(duty), |prevailing| {
-            Cause::Host(prevailing.unwrap_or_else(|| self.stood_in(duty.node(), breach)))
+            Cause::Host(prevailing.unwrap_or_else(|| {
+                self.stood_in(duty.node(), breach.from_seconds, breach.until_seconds)
+            }))
         })
     }
 
     /// The stall of one of canrig's nodes that shows in the cycle that it missed.
-    fn stood_in(&self, node: LoopNode, breach: &Breach) -> Stretch {
+    fn stood_in(&self, node: LoopNode, from_seconds: f64, until_seconds: f64) -> Stretch {
         let who = match node {
             LoopNode::Controller => Who::Controller,
             LoopNode::Drive => Who::PlantEmulator,
         };
-        let [from, until] = [breach.from_seconds, breach.until_seconds]
-            .map(|time| self.timeline.recorded_time(time));
+        let [from, until] =
+            [from_seconds, until_seconds].map(|time| self.timeline.recorded_time(time));
         Stretch {
-            from_seconds: breach.from_seconds,
-            until_seconds: breach.until_seconds,
+            from_seconds,
+            until_seconds,
             stall: Stall::new(from, until, who, What::StoodStill),
         }
+    }
+
+    /// The stall of a node of canrig's in real time that was silent and came back.
+    fn stood_since(&self, node: LoopNode, from_seconds: f64) -> Option<Stretch> {
+        let mut lost = self.timeline.lost_heartbeats.iter().filter(|lost| {
+            let is_in = from_seconds + HEARTBEAT_SECONDS >= lost.due_seconds
+                && from_seconds <= lost.back_seconds;
+            lost.node == node && lost.back_seconds.is_finite() && is_in
+        });
+        let lost = lost
+            .next()
+            .filter(|_| self.is_real_time && !self.is_external(node))?;
+        Some(self.stood_in(node, lost.due_seconds, lost.back_seconds))
+    }
+
+    fn is_external(&self, node: LoopNode) -> bool {
+        Duty::Heartbeat(node).is_of(self.external)
     }
 
     /// Whether cycles were missed in a window, and all of them because of stalls.

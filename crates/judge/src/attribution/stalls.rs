@@ -9,8 +9,9 @@ use rig::plan::LoopNode;
 
 /// So many periods after a stall, at most, come the frames that it held up.
 const BURST_PERIODS: f64 = 2.0;
-/// A stall of so many periods moves the loop.
+/// A stall of so many periods, and so long, moves the loop.
 const LONG_PERIODS: f64 = 5.0;
+const LONG_SECONDS: f64 = 0.01;
 /// A loop that a stall has moved is calm again after this time, and so many times the length of the stall.
 const CALM_SECONDS: f64 = 0.5;
 const CALM_LENGTHS: f64 = 20.0;
@@ -35,7 +36,8 @@ impl Stretch {
 
     /// Whether it moves the loop.
     fn is_long(&self, period_seconds: f64) -> bool {
-        self.length() + TIME_TOLERANCE_SECONDS >= LONG_PERIODS * period_seconds
+        let long_seconds = LONG_SECONDS.max(LONG_PERIODS * period_seconds);
+        self.length() + TIME_TOLERANCE_SECONDS >= long_seconds
     }
 
     /// The end of what it does to the motion.

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use dbc::{Database, SignalMissing, signals};
+use canopen::CanFrame;
+use dbc::{Database, SignalHandle, SignalMissing, signals};
 use platform::series::{Series, SeriesWriter};
 
 use crate::events::{Event, Events, Level};
@@ -24,7 +25,7 @@ const LATE_MIN: Duration = Duration::from_millis(2);
 /// the latest one before its position. A cycle lacks its command where none came before the drive's next position.
 pub(super) struct CommandReader {
     position_id: u32,
-    command_id: u32,
+    command: SignalHandle,
     period: Duration,
     /// For people.
     what: String,
@@ -49,7 +50,7 @@ impl CommandReader {
         let to = words.of_loop().map(|_| format!(" to {}", words.drive()));
         Ok(Self {
             position_id: database.position()?.raw_id(),
-            command_id: database.require(signals::TARGET_CURRENT)?.raw_id(),
+            command: database.require(signals::TARGET_CURRENT)?,
             period,
             what: format!(
                 "command from {}{}",
@@ -78,8 +79,13 @@ impl CommandReader {
 
     /// Takes a frame with this identifier before the scenario's end. A position that comes when its cycle is over belongs to none.
     #[inline]
-    pub(super) fn on_frame(&mut self, id: u32, time: Duration, is_late: bool) {
-        if id == self.command_id {
+    pub(super) fn on_frame(&mut self, frame: &CanFrame, time: Duration, is_late: bool) {
+        let id = frame.raw_id();
+        if id == self.command.raw_id() {
+            // One that is too short commands nothing.
+            if self.command.bits(frame).is_none() {
+                return;
+            }
             self.on_command(time);
         } else if id == self.position_id && !is_late {
             self.on_position(time);
@@ -158,8 +164,8 @@ mod tests {
                 let time = micros(number) + Duration::from_micros(100 * place);
                 match letter {
                     's' => reader.begin_cycle(number),
-                    'p' => reader.on_frame(0x190, time, false),
-                    'c' => reader.on_frame(0x210, time, false),
+                    'p' => reader.on_frame(&CanFrame::new(0x190, &[0; 8]), time, false),
+                    'c' => reader.on_frame(&CanFrame::new(0x210, &[0; 4]), time, false),
                     other => panic!("{other}"),
                 }
             }

@@ -210,7 +210,7 @@ impl TimelineReader {
         if time.is_none_or(|time| time < self.end) && !self.is_over {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
             if let Some(time) = time {
-                self.commands.on_frame(id, time, is_late);
+                self.commands.on_frame(frame, time, is_late);
             }
         }
         if let Some(time) = time.filter(|_| is_sync) {
