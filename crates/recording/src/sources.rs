@@ -170,6 +170,8 @@ pub struct Sources {
     is_order_lost: bool,
     /// A fault of the scenario changes how often frames come.
     is_rate_changed: bool,
+    /// A fault of the scenario changes frames on the bus, doubles them or adds some: the contents say nothing of who sent them.
+    is_bus_faulty: bool,
     /// When an external controller stopped the drive.
     stops_seconds: Vec<f64>,
 }
@@ -285,6 +287,9 @@ impl Sources {
     /// What came of somebody else, the first of it first.
     #[must_use]
     pub fn found(&self, sent: &Sent) -> Vec<SecondSource> {
+        if self.is_bus_faulty {
+            return Vec::new();
+        }
         let (syncs, positions) = (self.count_of(SYNC), self.count_of(POSITION));
         let counted = self.watched.iter().filter_map(|(identifier, watched)| {
             let frames_sent = sent.of(*identifier);
@@ -382,6 +387,7 @@ impl SourceReader {
             sources: Sources {
                 watched,
                 is_rate_changed: scenario.own_faults().any(is_changing),
+                is_bus_faulty: scenario.faults.in_group(Group::Bus).next().is_some(),
                 ..Sources::default()
             },
             end: Duration::from_secs_f64(scenario.duration_seconds),
