@@ -134,7 +134,7 @@ fn an_fmu_that_is_too_slow_in_real_time_fails_its_run_and_its_drive_is_named() {
         let (code, stdout, stderr) = output(canrig.args(["--bus", "embedded"]).arg(steady));
         let flat = flat(&(stdout + &stderr));
         assert_eq!(code, Some(1), "{flat}");
-        let is_named = ["drive: no position in ", "from the drive (node 16)"];
+        let is_named = ["lift: no position in ", "from the drive (node 16)"];
         assert!(is_named.iter().any(|words| flat.contains(words)), "{flat}");
     });
 }

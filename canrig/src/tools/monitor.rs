@@ -439,7 +439,7 @@ mod tests {
             ),
             (0x212, &[0x0F, 0, 0, 0], "y_rpdo1"),
             (0x190, &[0x37, 0x12, 0x10, 0x27, 0, 0, 0x2C, 1], "x_tpdo1"),
-            (0x1A1, &[0; 8], "controller_y_tpdo1"),
+            (0x701, &[5], "controller_heartbeat"),
             (0x692, &[0x40, 0x18, 0x10, 2, 0, 0, 0, 0], "y_sdo2_request"),
             (0x712, &[5], "y_heartbeat"),
             (0x000, &[1, 0x12], "nmt_node_id=\"y\""),
