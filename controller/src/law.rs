@@ -234,7 +234,7 @@ pub fn limited_current_from(amperes_min: f64, current_amperes: f64) -> f64 {
         clippy::cast_possible_truncation,
         reason = "a whole number, limited to a few thousands"
     )]
-    let thousandths = (limited * 1000.0).round() as i32;
+    let thousandths = (limited * 1000.0 + 0.5_f64.copysign(limited)) as i32;
     f64::from(thousandths) / 1000.0
 }
 

@@ -142,8 +142,8 @@ pub(crate) fn set_default(
 /// The objects of a loop's terms in the dictionary, found once.
 #[derive(Clone, Debug)]
 pub(crate) struct TermObjects {
-    parts: Vec<Part>,
-    objects: Vec<(Handle, usize)>,
+    /// Each with its bytes.
+    objects: Vec<(Handle, u8, Vec<Part>)>,
 }
 
 /// A term as a part of an object.
@@ -151,8 +151,6 @@ pub(crate) struct TermObjects {
 struct Part {
     /// The place among what the law writes.
     output: usize,
-    /// The place of the object.
-    object: usize,
     /// Its first bit in the object.
     bit: u8,
     encoding: Encoding,
@@ -164,8 +162,8 @@ enum Encoding {
     /// So many counts of one that the law writes, from the lowest to the highest.
     Counts {
         of_one: f64,
-        min: i64,
-        max: i64,
+        min: f64,
+        max: f64,
     },
 }
 
@@ -176,8 +174,8 @@ impl Encoding {
             Width::Real32 => Self::Real32,
             Width::Signed(_) | Width::Unsigned(_) => Self::Counts {
                 of_one: steps * factor,
-                min: whole(port.range[0] * steps),
-                max: whole(port.range[1] * steps),
+                min: (port.range[0] * steps).round(),
+                max: (port.range[1] * steps).round(),
             },
         }
     }
@@ -191,18 +189,12 @@ impl Encoding {
     fn bits(self, value: f64) -> u32 {
         match self {
             Self::Real32 => (value as f32).to_bits(),
-            Self::Counts { of_one, min, max } => whole(value * of_one).clamp(min, max) as u32,
+            Self::Counts { of_one, min, max } => {
+                let counts = value * of_one;
+                (counts + 0.5_f64.copysign(counts)).clamp(min, max) as i64 as u32
+            }
         }
     }
-}
-
-/// The nearest whole number; 0 for not a number.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "`as` cuts to the ends of the type, which is what is wanted"
-)]
-fn whole(value: f64) -> i64 {
-    (value + 0.5_f64.copysign(value)) as i64
 }
 
 impl TermObjects {
@@ -219,34 +211,37 @@ impl TermObjects {
             .map(|(_, port, _)| described((&port.name, port)));
         let layout = layout(&Vec::from_iter(described)).unwrap_or_default();
         let first = usize::from(LAW_TERMS_OBJECT) + usize::from(TERMS_OF_LOOP) * of_loop;
-        let (mut parts, mut objects) = (Vec::new(), Vec::new());
+        let mut objects = Vec::new();
         for (object, laid_out) in layout.iter().enumerate() {
             let index = u16::try_from(first + object).unwrap_or(u16::MAX);
             let handle = dictionary.find(index, 0);
             let handle = handle.map_err(|_| ControllerError::NoObject(index))?;
-            objects.push((handle, usize::from(laid_out.bits / 8)));
-            parts.extend(laid_out.terms.iter().map(|(term, bit)| {
+            let parts = laid_out.terms.iter().map(|(term, bit)| {
                 let (output, port, factor) = terms[*term];
                 Part {
                     output,
-                    object,
                     bit: *bit,
                     encoding: Encoding::new(port, factor),
                 }
-            }));
+            });
+            objects.push((handle, laid_out.bits / 8, parts.collect()));
         }
-        Ok(Self { parts, objects })
+        Ok(Self { objects })
     }
 
     /// Stores the terms. Allocates nothing.
     pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, writes: &[f64]) {
-        let mut parts = self.parts.iter().peekable();
-        for (object, (handle, size)) in self.objects.iter().enumerate() {
-            let mut bits = 0;
-            while let Some(part) = parts.next_if(|part| part.object == object) {
-                bits |= part.encoding.bits(writes[part.output]) << part.bit;
-            }
-            let stored = dictionary.store(*handle, &bits.to_le_bytes()[..*size]);
+        for (handle, size, parts) in &self.objects {
+            let bits = parts.iter().fold(0, |bits, part| {
+                bits | part.encoding.bits(writes[part.output]) << part.bit
+            });
+            let bytes = bits.to_le_bytes();
+            // A length that is known here is copied without a loop.
+            let stored = match size {
+                1 => dictionary.store(*handle, &bytes[..1]),
+                2 => dictionary.store(*handle, &bytes[..2]),
+                _ => dictionary.store(*handle, &bytes),
+            };
             debug_assert!(stored.is_ok(), "each was declared with this type");
         }
     }

@@ -128,8 +128,10 @@ impl SignalHandle {
         self.mask
     }
 
+    /// Whether a frame has the signal: the identifier is right and the payload long enough.
+    #[must_use]
     #[inline]
-    fn is_in(&self, frame: &CanFrame) -> bool {
+    pub fn is_in(&self, frame: &CanFrame) -> bool {
         frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes
     }
 

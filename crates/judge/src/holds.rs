@@ -117,10 +117,15 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
 
 /// When the set-point changed last; 0 if it never did.
 fn last_change(evidence: &Evidence<'_>) -> f64 {
-    let samples = || evidence.samples(evidence.whole());
-    let pairs = samples().zip(samples().skip(1));
-    let changed = pairs.filter(|(before, after)| !after.has_set_point_of(before));
-    changed.last().map_or(0.0, |(_, after)| after.time_seconds)
+    let mut latest = None;
+    let mut changed_seconds = 0.0;
+    for sample in evidence.samples(evidence.whole()) {
+        let is_other = |before: &CycleSample| !sample.has_set_point_of(before);
+        if latest.replace(sample).as_ref().is_some_and(is_other) {
+            changed_seconds = sample.time_seconds;
+        }
+    }
+    changed_seconds
 }
 
 /// The first cycles of a window in a row without a command that are too many.

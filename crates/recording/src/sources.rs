@@ -38,6 +38,10 @@ const STOPS_MAX: usize = 1000;
 const MANAGER: u8 = 1;
 /// So long after NMT Stop the run of whoever gave it is over.
 const STOP_TIME: Duration = Duration::from_secs(1);
+/// Identifiers of 11 bits.
+const IDENTIFIERS: usize = 0x800;
+/// The place of an identifier that nobody watches.
+const UNWATCHED: u8 = u8::MAX;
 /// Heartbeats of new states, besides the periodic ones.
 const BOOTS_MAX: u64 = 10;
 /// In so many periods a clock gains less than one on another.
@@ -163,7 +167,8 @@ impl fmt::Display for SecondSource {
 /// The frames of the identifiers that canrig's nodes may send.
 #[derive(Clone, Debug, Default)]
 pub struct Sources {
-    watched: BTreeMap<u16, Watched>,
+    /// By their identifiers.
+    watched: Vec<(u16, Watched)>,
     /// Frames that no node of the run sends, whatever their number, with the time of the first.
     strange: BTreeMap<(&'static str, String), (f64, u64)>,
     /// Time ran backwards by more than a clock is ever stepped in a run: then rates are not known.
@@ -182,6 +187,9 @@ struct Watched {
     duty: &'static str,
     /// The time between two of one sender.
     period: Option<Duration>,
+    half_period: Option<Duration>,
+    /// It answers a SYNC: a position or a command.
+    is_answer: bool,
     /// A node of canrig's is the sender.
     is_ours: bool,
     /// The frame of the same node that it always sends.
@@ -205,6 +213,8 @@ impl Watched {
             what,
             duty,
             period,
+            half_period: period.map(|period| period / 2),
+            is_answer: [POSITION, COMMAND].contains(&duty),
             is_ours,
             reporter,
             recorded: 0,
@@ -214,6 +224,7 @@ impl Watched {
         }
     }
 
+    #[inline]
     fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>) {
         self.recorded += 1;
         let since = self
@@ -221,16 +232,14 @@ impl Watched {
             .replace(time)
             .map(|latest| time.saturating_sub(latest));
         let Some(now) = scenario_time else { return };
-        let (first, count) = self
-            .in_scenario
-            .map_or((now, 0), |(first, _, count)| (first, count));
-        self.in_scenario = Some((first, now, count + 1));
-        let is_soon = match (self.period, since) {
-            (Some(period), Some(since)) => since < period / 2,
-            (period, _) => period.is_none(),
+        let (_, last, count) = self.in_scenario.get_or_insert((now, now, 0));
+        (*last, *count) = (now, *count + 1);
+        let is_soon = match (self.half_period, since) {
+            (Some(half), Some(since)) => since < half,
+            (half, _) => half.is_none(),
         };
-        if is_soon {
-            self.soon.get_or_insert(now);
+        if is_soon && self.soon.is_none() {
+            self.soon = Some(now);
         }
     }
 
@@ -271,16 +280,16 @@ impl Sources {
     /// The positions beyond one for each SYNC, if they are too many, and the time of the first.
     #[must_use]
     pub fn positions_too_many(&self) -> Option<(u64, f64)> {
-        let position = self.watched.values().find(|one| one.duty == POSITION)?;
+        let (_, position) = self.watched.iter().find(|(_, one)| one.duty == POSITION)?;
         let frames = position.too_many_by_rate(self.count_of(SYNC), 0);
         (frames > 0 && !self.is_rate_changed).then(|| (frames, position.first_seconds()))
     }
 
     /// How many frames of a kind the scenario has.
     fn count_of(&self, duty: &str) -> u64 {
-        let mut watched = self.watched.values();
-        let one = watched.find(|one| one.duty == duty);
-        one.and_then(|one| one.in_scenario)
+        let mut watched = self.watched.iter();
+        let one = watched.find(|(_, one)| one.duty == duty);
+        one.and_then(|(_, one)| one.in_scenario)
             .map_or(0, |(.., count)| count)
     }
 
@@ -342,6 +351,8 @@ impl Sources {
 /// Counts the frames of a run.
 #[derive(Debug)]
 pub struct SourceReader {
+    /// The place of each identifier among those that are watched.
+    places: Box<[u8; IDENTIFIERS]>,
     sources: Sources,
     end: Duration,
     controller_heartbeat: u16,
@@ -382,8 +393,13 @@ impl SourceReader {
             [ExternalNode::Controller, ExternalNode::Drive].map(|node| !one.external.has(node));
         let cycle = scenario.bus.sync_period();
         let id = |message: &str| identifier(database, message);
-        let watched = watched(database, cycle, is_ours, is_emulated);
+        let watched = Vec::from_iter(watched(database, cycle, is_ours, is_emulated));
+        let mut places = Box::new([UNWATCHED; IDENTIFIERS]);
+        for (place, (identifier, _)) in (0..).zip(&watched) {
+            places[usize::from(*identifier)] = place;
+        }
         Self {
+            places,
             sources: Sources {
                 watched,
                 is_rate_changed: scenario.own_faults().any(is_changing),
@@ -407,7 +423,11 @@ impl SourceReader {
 
     /// The identifiers of the frames that are read.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        let counted = self.sources.watched.keys().copied();
+        let counted = self
+            .sources
+            .watched
+            .iter()
+            .map(|(identifier, _)| *identifier);
         let heartbeats = 0x701..0x780;
         let sdo = [SDO_REQUESTS, SDO_RESPONSES].map(|base| base + self.drive);
         let others = [self.controller_emergency].into_iter().chain(sdo);
@@ -422,20 +442,32 @@ impl SourceReader {
     }
 
     /// Takes each frame with one of the identifiers, in order; its time on the recording's clock and in the scenario.
+    #[inline]
     pub fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
         let Some(identifier) = frame.standard_id() else {
             return;
         };
         let scenario_time = scenario_time.filter(|time| *time < self.end);
-        if let Some(watched) = self.sources.watched.get_mut(&identifier) {
+        let place = self.places[usize::from(identifier) % IDENTIFIERS];
+        if let Some((_, watched)) = self.sources.watched.get_mut(usize::from(place)) {
             // What was sent in the controller's name before it booted is the bench's.
             let is_boot_up = identifier == self.controller_heartbeat && frame.data() == [0];
             if is_boot_up && scenario_time.is_none() {
                 watched.recorded = 0;
             }
             watched.on_frame(time, scenario_time);
+            // Most frames are answers to a SYNC, whose contents say nothing of their sender.
+            if watched.is_answer {
+                return;
+            }
         }
-        let Some(now) = scenario_time else { return };
+        if let Some(now) = scenario_time {
+            self.on_contents(now, identifier, frame);
+        }
+    }
+
+    /// Takes a frame whose contents may say who sent it.
+    fn on_contents(&mut self, now: Duration, identifier: u16, frame: &CanFrame) {
         match (identifier, frame.data()) {
             (SYNC_COB_ID, data) => self.on_sync(now, data),
             (NMT_COB_ID, &[specifier, node, ..]) if !self.is_ours => {

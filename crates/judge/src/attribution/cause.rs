@@ -123,7 +123,11 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
     let commands = Commands::Missed.totals(evidence);
     // The command of the last cycle may have been due after the end.
     let of_cycles = lasting(evidence, attribution.cycles(), attribution.due, broke_off);
-    let last_commands = super::commands_due(evidence).last().unwrap_or_default();
+    let last_commands = match Commands::Missed.are_sound(evidence.timeline) {
+        true => None,
+        false => super::commands_due(evidence).last(),
+    };
+    let last_commands = last_commands.unwrap_or_default();
     let of_commands = lasting(evidence, &commands, last_commands, broke_off);
     let stays = of_cycles
         .into_iter()

@@ -270,10 +270,18 @@ impl Commands {
     /// What they come to, of the cycles in which a command was due: all positions that a law may read came.
     pub(crate) fn totals(self, evidence: &Evidence<'_>) -> Totals {
         let attribution = evidence.attribution();
+        if self.are_sound(evidence.timeline) {
+            return Totals {
+                due: attribution.due,
+                ..Totals::default()
+            };
+        }
         let breaking = self.breaking(evidence.timeline).iter().copied();
-        let breaches = of_commands(evidence.timeline, breaking, commands_due(evidence));
-        let due = commands_due(evidence).count() as u64;
-        Totals::of(due, attribution.attributed(breaches))
+        let mut due = 0;
+        let counted = commands_due(evidence).inspect(|_| due += 1);
+        let breaches = of_commands(evidence.timeline, breaking, counted);
+        let totals = Totals::of(0, attribution.attributed(breaches));
+        Totals { due, ..totals }
     }
 }
 

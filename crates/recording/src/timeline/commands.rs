@@ -83,10 +83,9 @@ impl CommandReader {
         let id = frame.raw_id();
         if id == self.command.raw_id() {
             // One that is too short commands nothing.
-            if self.command.bits(frame).is_none() {
-                return;
+            if self.command.is_in(frame) {
+                self.on_command(time);
             }
-            self.on_command(time);
         } else if id == self.position_id && !is_late {
             self.on_position(time);
         }

@@ -94,6 +94,8 @@ pub struct TimelineReader {
     loop_name: String,
     passing: Passing,
     period: Duration,
+    /// A frame that comes so much later than a SYNC is none of its cycle.
+    late_after: Duration,
     end: Duration,
     /// Scenario time of the latest SYNC.
     latest_sync: Duration,
@@ -148,6 +150,7 @@ impl TimelineReader {
             loop_name: one.name().to_owned(),
             passing: Passing::new(one)?,
             period,
+            late_after: period + period / 2,
             end,
             latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
@@ -228,7 +231,7 @@ impl TimelineReader {
 
     /// Whether a frame comes when the latest cycle is over and no SYNC has begun another.
     fn is_late(&self, time: Duration) -> bool {
-        time.saturating_sub(self.latest_sync) > self.period + self.period / 2
+        time.saturating_sub(self.latest_sync) > self.late_after
     }
 
     /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
@@ -359,8 +362,9 @@ fn begin_of(cycle: u64, period: Duration) -> Duration {
 
 /// The nearest whole number of periods.
 fn cycles(time: Duration, period: Duration) -> u64 {
-    let cycles = time.saturating_add(period / 2).as_nanos() / period.as_nanos().max(1);
-    u64::try_from(cycles).unwrap_or(u64::MAX)
+    let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+    let period = nanos(period).max(1);
+    nanos(time).saturating_add(period / 2) / period
 }
 
 fn set_points(scenario: &Scenario, time_seconds: &Series<f64>) -> Series<f64> {
