@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use canopen::add_half;
 use dbc::LawTerm;
 use scenario::law_ports::{LOOP_INPUTS, loop_output, terms_of, terms_of_one};
 use scenario::own::Parameters;
@@ -234,7 +235,7 @@ pub fn limited_current_from(amperes_min: f64, current_amperes: f64) -> f64 {
         clippy::cast_possible_truncation,
         reason = "a whole number, limited to a few thousands"
     )]
-    let thousandths = (limited * 1000.0 + 0.5_f64.copysign(limited)) as i32;
+    let thousandths = add_half(limited * 1000.0) as i32;
     f64::from(thousandths) / 1000.0
 }
 

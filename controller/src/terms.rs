@@ -1,7 +1,7 @@
 //! The terms of a law as objects, from 0x2200 on, from where the controller's TPDOs take them.
 
-use canopen::ObjectDictionary;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
+use canopen::{ObjectDictionary, add_half};
 use dbc::loops::law_offset;
 use dbc::{Kind, LAW_TERMS_OBJECT, LawTerm, Range, layout};
 use scenario::port::{Port, Width};
@@ -190,8 +190,7 @@ impl Encoding {
         match self {
             Self::Real32 => (value as f32).to_bits(),
             Self::Counts { of_one, min, max } => {
-                let counts = value * of_one;
-                (counts + 0.5_f64.copysign(counts)).clamp(min, max) as i64 as u32
+                add_half(value * of_one).clamp(min, max) as i64 as u32
             }
         }
     }

@@ -51,9 +51,7 @@ impl DriveNode {
         if !of.scenario.has_own_faults() {
             return Ok(Self::Sound(sound));
         }
-        let wiring = &of.scenario.wiring;
-        let faults = (of.scenario.faults).at_drive(wiring.drive_node_id, &wiring.plant);
-        let plan = FaultPlan::new(&faults, of.place.drive_node_id);
+        let plan = FaultPlan::new(&of.scenario.drive_faults(), of.place.drive_node_id);
         let renew = move |device: &mut Device<Drive>| {
             // It could be set up once, so it can again.
             if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
@@ -171,8 +169,7 @@ impl Parts {
         let DriveOf {
             scenario, place, ..
         } = of;
-        let wiring = &scenario.wiring;
-        let faults = (scenario.faults).at_drive(wiring.drive_node_id, &wiring.plant);
+        let faults = scenario.drive_faults();
         let wrong_id = faults.of("wrong_node_id").next();
         let wrong_id = wrong_id.and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
         let node_id = wrong_id

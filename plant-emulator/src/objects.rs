@@ -1,7 +1,7 @@
 //! The objects that an application uses every cycle: found and checked once, then reached without search.
 
-use canopen::ObjectDictionary;
 use canopen::object_dictionary::{DataType, Handle};
+use canopen::{ObjectDictionary, add_half};
 
 /// The data sheet lacks an object that the application needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -45,12 +45,6 @@ pub(crate) fn integer16(dictionary: &ObjectDictionary, handle: Handle) -> i16 {
     i16::try_from(value.clamp(*limits.start(), *limits.end())).unwrap_or_default()
 }
 
-/// A number whose whole part is the nearest integer; libm's `round` takes four times as long.
-#[inline]
-fn beyond_half(value: f64) -> f64 {
-    value + 0.5_f64.copysign(value)
-}
-
 /// A number rounded to the nearest integer, saturated; 0 for NaN.
 #[inline]
 pub(crate) fn rounded_i32(value: f64) -> i32 {
@@ -58,7 +52,7 @@ pub(crate) fn rounded_i32(value: f64) -> i32 {
         clippy::cast_possible_truncation,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = beyond_half(value) as i32;
+    let rounded = add_half(value) as i32;
     rounded
 }
 
@@ -69,7 +63,7 @@ pub(crate) fn rounded_i16(value: f64) -> i16 {
         clippy::cast_possible_truncation,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = beyond_half(value) as i16;
+    let rounded = add_half(value) as i16;
     rounded
 }
 
@@ -81,7 +75,7 @@ pub(crate) fn rounded_u16(value: f64) -> u16 {
         clippy::cast_sign_loss,
         reason = "the cast saturates and makes 0 of NaN, which is what is wanted"
     )]
-    let rounded = beyond_half(value) as u16;
+    let rounded = add_half(value) as u16;
     rounded
 }
 

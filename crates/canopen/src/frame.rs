@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+/// Number of identifiers of 11 bits.
+pub const STANDARD_IDS: usize = 1 << 11;
+
 /// A classical CAN frame, as the kernel's `struct can_frame` carries it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CanFrame {

@@ -23,6 +23,7 @@ pub mod nmt;
 pub mod node;
 pub mod object_dictionary;
 pub mod pdo;
+mod rounding;
 pub mod sdo;
 mod sdo_block;
 mod sdo_channels;
@@ -33,8 +34,9 @@ pub mod sync;
 
 pub use application::{Application, CommunicationLoss};
 pub use device::Device;
-pub use frame::{CanFrame, Filter, FilterSet};
+pub use frame::{CanFrame, Filter, FilterSet, STANDARD_IDS};
 pub use nmt::{NmtCommand, NmtState, NodeId};
 pub use node::{Node, Progress, earlier, earliest};
 pub use object_dictionary::{AbortCode, ObjectDictionary};
+pub use rounding::add_half;
 pub use services::Services;

@@ -123,13 +123,18 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
             .as_deref()
             .is_some_and(|node| [controller, drive].contains(&node))
     };
-    let evidence = all.iter().find(is_of).or(all.first())?;
-    let stall = evidence.stall_of_end(end);
+    // A stall that held up a node of no loop is felt in all of them.
+    let is_of_none = !all.iter().any(|evidence| is_of(&evidence));
+    let mut concerned = all.iter().filter(|one| is_of_none || is_of(one));
+    let stall = concerned.find_map(|evidence| {
+        let stretch = evidence.stall_of_end(end)?;
+        Some(NamedCause::of_stall(evidence, &stretch, "end"))
+    });
     Some(BrokeOff {
         is_of_host: stall.is_some(),
         is_before_end: false,
         cause: match stall {
-            Some(stretch) => NamedCause::of_stall(evidence, &stretch, "end"),
+            Some(cause) => cause,
             None => NamedCause {
                 node: end.node.clone().unwrap_or_default(),
                 duty: "end".to_owned(),
@@ -218,18 +223,19 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
 /// or not any more from some time on to the end.
 fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let cycles = evidence.attribution().cycles();
+    let silent = silent_at_end(evidence);
     let of_commands = |commands: Commands, metric: &str| {
         let max = limited_max(evidence, metric)?;
         too_many(evidence, &commands.totals(evidence), max, commands.breach())
     };
     let (reason, cause) = too_many(evidence, cycles, percent_max(evidence, MISSED_CYCLES), None)
         .or_else(|| of_commands(Commands::Missed, MISSED_COMMANDS))
-        .or_else(|| silent_at_end(evidence))
+        .or_else(|| silent.clone())
         .or_else(|| of_commands(Commands::Late, LATE_COMMANDS))
         .or_else(|| too_many_positions(evidence))
         .or_else(|| off_period(evidence))?;
     // What lasts to the end and began before explains it.
-    let (reason, cause) = match silent_at_end(evidence) {
+    let (reason, cause) = match silent {
         Some((_, lasting)) if lasting.at_seconds < cause.at_seconds => {
             (format!("{}; {reason}", lasting.words), lasting)
         }

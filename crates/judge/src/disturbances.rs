@@ -51,19 +51,8 @@ fn worst_disturbance(
 
 /// When, from a time on, the set-point first changes, or a disturbance or a fault first begins or ends.
 fn calm_until(evidence: &Evidence<'_>, from_seconds: f64) -> f64 {
-    let scenario = evidence.scenario;
-    let samples = || evidence.samples(evidence.whole());
-    let pairs = samples().zip(samples().skip(1));
-    let changed = pairs.filter(|(before, after)| !after.has_set_point_of(before));
-    let changed = changed.map(|(_, after)| after.time_seconds);
-    let disturbances = scenario.disturbance_windows();
-    let disturbances = disturbances.iter().map(|disturbance| disturbance.window);
-    let of_disturbances =
-        disturbances.flat_map(|window| [window.from_seconds, window.until_seconds]);
-    let of_faults = scenario
-        .own_faults()
-        .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
-    let edges = of_disturbances.chain(of_faults.flatten()).chain(changed);
+    let edges = evidence.scenario.edges_seconds().into_iter();
+    let edges = edges.chain(evidence.set_point_changes());
     let later = edges.filter(|time| *time > from_seconds + TIME_TOLERANCE_SECONDS);
     later.fold(f64::INFINITY, f64::min)
 }

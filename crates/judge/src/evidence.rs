@@ -375,6 +375,16 @@ impl<'a> Evidence<'a> {
         self.attribution.stall(node, from, until)
     }
 
+    /// When the set-point changes, in the order of time.
+    pub(crate) fn set_point_changes(&self) -> impl Iterator<Item = f64> {
+        let mut latest = None;
+        self.samples(self.whole()).filter_map(move |sample| {
+            let before: Option<CycleSample> = latest.replace(sample);
+            let is_other = !sample.has_set_point_of(&before?);
+            is_other.then_some(sample.time_seconds)
+        })
+    }
+
     /// Whether stalls that a node feels cover half of a stretch of time.
     pub(crate) fn is_in_stall(
         &self,

@@ -98,34 +98,14 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
         return Err("no set-point".into());
     }
     let until_seconds = scenario.judged_end_seconds();
-    let disturbances = scenario.disturbance_windows();
-    let disturbances = disturbances.iter().map(|disturbance| disturbance.window);
-    let of_disturbances =
-        disturbances.flat_map(|window| [window.from_seconds, window.until_seconds]);
-    let of_faults = scenario
-        .own_faults()
-        .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
-    let edges = of_disturbances
-        .chain(of_faults.flatten())
-        .filter(|time| *time < until_seconds);
-    let from_seconds = edges.fold(last_change(evidence), f64::max);
+    let edges = scenario.edges_seconds().into_iter();
+    let edges = edges.filter(|time| *time < until_seconds);
+    let changed = evidence.set_point_changes().last().unwrap_or_default();
+    let from_seconds = edges.fold(changed, f64::max);
     Ok(Window {
         from_seconds,
         until_seconds,
     })
-}
-
-/// When the set-point changed last; 0 if it never did.
-fn last_change(evidence: &Evidence<'_>) -> f64 {
-    let mut latest = None;
-    let mut changed_seconds = 0.0;
-    for sample in evidence.samples(evidence.whole()) {
-        let is_other = |before: &CycleSample| !sample.has_set_point_of(before);
-        if latest.replace(sample).as_ref().is_some_and(is_other) {
-            changed_seconds = sample.time_seconds;
-        }
-    }
-    changed_seconds
 }
 
 /// The first cycles of a window in a row without a command that are too many.

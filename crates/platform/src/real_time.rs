@@ -10,7 +10,7 @@ mod timer;
 use std::fmt;
 use std::time::Duration;
 
-use canopen::{Node, Progress};
+use canopen::{Node, Progress, STANDARD_IDS};
 use hdrhistogram::Histogram;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
@@ -37,9 +37,6 @@ pub const LATE_MIN: Duration = Duration::from_micros(500);
 
 /// So often: a report with all of them fits a pipe, and a machine that is later more often says nothing new.
 const LATE_COUNT_MAX: usize = 1000;
-
-/// Identifiers of 11 bits.
-const STANDARD_IDS: usize = 1 << 11;
 
 /// What a loop has done.
 #[derive(Clone, Debug)]

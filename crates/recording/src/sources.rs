@@ -11,12 +11,13 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-use canopen::{CanFrame, NmtState};
+use canopen::{CanFrame, NmtState, STANDARD_IDS};
 use dbc::Database;
 use dbc::scenario_clock::SYNC_COB_ID;
 use rig::external::ExternalNode;
 use rig::plan::ControlLoop;
 use scenario::fault::{Fault, Faults, Group};
+use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
 use crate::run_folder::{file, own_file};
 
@@ -25,6 +26,8 @@ const HEADER: &str = "node,identifier,frames";
 const BYTES_MAX: u64 = 1 << 20;
 
 const NMT_COB_ID: u16 = 0x000;
+const EMERGENCIES: u16 = 0x080;
+const HEARTBEATS: u16 = 0x700;
 const SDO_RESPONSES: u16 = 0x580;
 const SDO_REQUESTS: u16 = 0x600;
 /// The client's command that begins to write an object.
@@ -34,12 +37,8 @@ const NMT_START: u8 = 1;
 const NMT_STOP: u8 = 2;
 /// So many times that a drive was stopped are kept.
 const STOPS_MAX: usize = 1000;
-/// Node-ID of canrig's controller.
-const MANAGER: u8 = 1;
 /// So long after NMT Stop the run of whoever gave it is over.
 const STOP_TIME: Duration = Duration::from_secs(1);
-/// Identifiers of 11 bits.
-const IDENTIFIERS: usize = 0x800;
 /// The place of an identifier that nobody watches.
 const UNWATCHED: u8 = u8::MAX;
 /// Heartbeats of new states, besides the periodic ones.
@@ -131,6 +130,8 @@ fn of_csv(text: &str) -> Result<Vec<SentFrames>, String> {
 /// Frames that somebody else sent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SecondSource {
+    /// The identifier of the frames.
+    pub identifier: u16,
     /// For people.
     pub what: String,
     /// The kind of frame: `sync`, `position`, `command`, `heartbeat`, `emergency`, `nmt` or `sdo`.
@@ -146,6 +147,7 @@ pub struct SecondSource {
 impl fmt::Display for SecondSource {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
+            identifier,
             what,
             first_seconds,
             frames,
@@ -159,7 +161,7 @@ impl fmt::Display for SecondSource {
         };
         write!(
             formatter,
-            "{what}, {frames} {noun} {how}, from {first_seconds:.3} s on"
+            "0x{identifier:03X} ({what}), {frames} {noun} {how}, from {first_seconds:.3} s on"
         )
     }
 }
@@ -170,10 +172,10 @@ pub struct Sources {
     /// By their identifiers.
     watched: Vec<(u16, Watched)>,
     /// Frames that no node of the run sends, whatever their number, with the time of the first.
-    strange: BTreeMap<(&'static str, String), (f64, u64)>,
+    strange: BTreeMap<(&'static str, u16, String), (f64, u64)>,
     /// Time ran backwards by more than a clock is ever stepped in a run: then rates are not known.
     is_order_lost: bool,
-    /// A fault of the scenario changes how often frames come.
+    /// A fault of a node changes how often its frames come.
     is_rate_changed: bool,
     /// A fault of the scenario changes frames on the bus, doubles them or adds some: the contents say nothing of who sent them.
     is_bus_faulty: bool,
@@ -282,7 +284,8 @@ impl Sources {
     pub fn positions_too_many(&self) -> Option<(u64, f64)> {
         let (_, position) = self.watched.iter().find(|(_, one)| one.duty == POSITION)?;
         let frames = position.too_many_by_rate(self.count_of(SYNC), 0);
-        (frames > 0 && !self.is_rate_changed).then(|| (frames, position.first_seconds()))
+        let is_known = !self.is_rate_changed && !self.is_bus_faulty;
+        (frames > 0 && is_known).then(|| (frames, position.first_seconds()))
     }
 
     /// How many frames of a kind the scenario has.
@@ -311,7 +314,8 @@ impl Sources {
                 None => (watched.too_many_by_rate(syncs, positions), true),
             };
             (frames > 0).then(|| SecondSource {
-                what: format!("0x{identifier:03X} ({})", watched.what),
+                identifier: *identifier,
+                what: watched.what.to_owned(),
                 duty: watched.duty,
                 first_seconds: watched.first_seconds(),
                 frames,
@@ -319,21 +323,22 @@ impl Sources {
             })
         });
         let mut found = Vec::from_iter(counted);
-        let strange = self
-            .strange
-            .iter()
-            .map(|((duty, what), (first_seconds, frames))| SecondSource {
-                what: what.clone(),
-                duty,
-                first_seconds: *first_seconds,
-                frames: *frames,
-                is_by_rate: false,
-            });
-        let is_new = |one: &SecondSource| {
-            let identifier = one.what.split(' ').next();
-            !found
+        let strange =
+            self.strange
                 .iter()
-                .any(|other| other.what.split(' ').next() == identifier)
+                .map(
+                    |((duty, identifier, what), (first_seconds, frames))| SecondSource {
+                        identifier: *identifier,
+                        what: what.clone(),
+                        duty,
+                        first_seconds: *first_seconds,
+                        frames: *frames,
+                        is_by_rate: false,
+                    },
+                );
+        let is_new = |one: &SecondSource| {
+            let mut others = found.iter().map(|other| other.identifier);
+            others.all(|other| other != one.identifier)
         };
         let strange = Vec::from_iter(strange.filter(is_new));
         found.extend(strange);
@@ -341,9 +346,10 @@ impl Sources {
         found
     }
 
-    fn add(&mut self, duty: &'static str, what: String, scenario_time: Duration) {
-        let first = scenario_time.as_secs_f64();
-        let (_, frames) = self.strange.entry((duty, what)).or_insert((first, 0));
+    fn add(&mut self, (duty, identifier): (&'static str, u16), what: String, at: Duration) {
+        let first = at.as_secs_f64();
+        let strange = self.strange.entry((duty, identifier, what));
+        let (_, frames) = strange.or_insert((first, 0));
         *frames += 1;
     }
 }
@@ -352,7 +358,7 @@ impl Sources {
 #[derive(Debug)]
 pub struct SourceReader {
     /// The place of each identifier among those that are watched.
-    places: Box<[u8; IDENTIFIERS]>,
+    places: Box<[u8; STANDARD_IDS]>,
     sources: Sources,
     end: Duration,
     controller_heartbeat: u16,
@@ -385,16 +391,13 @@ impl SourceReader {
     #[must_use]
     pub fn new(one: &ControlLoop) -> Self {
         let (scenario, database) = (&one.scenario, &*one.database);
-        let is_changing = |fault: &Fault| {
-            fault.kind.group == Group::Bus
-                || ["clock_drift", "slow_cycle"].contains(&fault.kind.name)
-        };
+        let is_changing = |fault: &Fault| ["clock_drift", "slow_cycle"].contains(&fault.kind.name);
         let [is_ours, is_emulated] =
             [ExternalNode::Controller, ExternalNode::Drive].map(|node| !one.external.has(node));
         let cycle = scenario.bus.sync_period();
         let id = |message: &str| identifier(database, message);
         let watched = Vec::from_iter(watched(database, cycle, is_ours, is_emulated));
-        let mut places = Box::new([UNWATCHED; IDENTIFIERS]);
+        let mut places = Box::new([UNWATCHED; STANDARD_IDS]);
         for (place, (identifier, _)) in (0..).zip(&watched) {
             places[usize::from(*identifier)] = place;
         }
@@ -407,8 +410,8 @@ impl SourceReader {
                 ..Sources::default()
             },
             end: Duration::from_secs_f64(scenario.duration_seconds),
-            controller_heartbeat: id("controller_heartbeat").unwrap_or(0x701),
-            controller_emergency: id("controller_emergency").unwrap_or(0x081),
+            controller_heartbeat: id("controller_heartbeat").unwrap_or(of_controller(HEARTBEATS)),
+            controller_emergency: id("controller_emergency").unwrap_or(of_controller(EMERGENCIES)),
             is_ours,
             is_emulated,
             drive: u16::from(one.node_ids().0),
@@ -428,7 +431,7 @@ impl SourceReader {
             .watched
             .iter()
             .map(|(identifier, _)| *identifier);
-        let heartbeats = 0x701..0x780;
+        let heartbeats = HEARTBEATS + 1..HEARTBEATS + 0x80;
         let sdo = [SDO_REQUESTS, SDO_RESPONSES].map(|base| base + self.drive);
         let others = [self.controller_emergency].into_iter().chain(sdo);
         let all = counted.chain(others).chain(heartbeats);
@@ -448,7 +451,7 @@ impl SourceReader {
             return;
         };
         let scenario_time = scenario_time.filter(|time| *time < self.end);
-        let place = self.places[usize::from(identifier) % IDENTIFIERS];
+        let place = self.places[usize::from(identifier) % STANDARD_IDS];
         if let Some((_, watched)) = self.sources.watched.get_mut(usize::from(place)) {
             // What was sent in the controller's name before it booted is the bench's.
             let is_boot_up = identifier == self.controller_heartbeat && frame.data() == [0];
@@ -478,7 +481,9 @@ impl SourceReader {
                 }
             }
             (NMT_COB_ID, &[specifier, node, ..]) => self.on_nmt(now, specifier, node),
-            (identifier, &[state, ..]) if (0x701..0x780).contains(&identifier) => {
+            (identifier, &[state, ..])
+                if (HEARTBEATS + 1..HEARTBEATS + 0x80).contains(&identifier) =>
+            {
                 self.on_heartbeat(now, identifier, state & 0x7F);
             }
             (identifier, _) if identifier == self.controller_emergency => self.on_emergency(),
@@ -508,8 +513,8 @@ impl SourceReader {
         let is_strange = usual.length != payload.length || self.sync != Some(payload) && is_back;
         match is_strange && !self.sources.is_rate_changed {
             true => self.sources.add(
-                "sync",
-                "0x080 (SYNC, its counter does not go on)".to_owned(),
+                (SYNC, SYNC_COB_ID),
+                "SYNC, its counter does not go on".to_owned(),
                 now,
             ),
             false => self.sync = Some(payload),
@@ -525,7 +530,9 @@ impl SourceReader {
         match specifier {
             NMT_STOP if self.is_stop_scripted => {}
             // The run stops its drives one by one.
-            NMT_STOP if node == 0 || node == MANAGER => self.on_foreign_nmt(now, specifier, node),
+            NMT_STOP if node == 0 || node == CONTROLLER_NODE_ID => {
+                self.on_foreign_nmt(now, specifier, node)
+            }
             NMT_STOP if self.has_given_up => {}
             NMT_STOP => {
                 self.stop.get_or_insert((now, node));
@@ -538,8 +545,11 @@ impl SourceReader {
     fn on_foreign_nmt(&mut self, at: Duration, specifier: u8, node: u8) {
         let command = canopen::NmtCommand::from_specifier(specifier);
         let command = command.map_or_else(|| format!("{specifier}"), |one| format!("{one:?}"));
-        self.sources
-            .add("nmt", format!("0x000 (NMT {command} to node {node})"), at);
+        self.sources.add(
+            (NMT, NMT_COB_ID),
+            format!("NMT {command} to node {node}"),
+            at,
+        );
     }
 
     /// Our controller reports why it gives up, and then stops the drives: whom it finds stopped somebody else did.
@@ -569,8 +579,7 @@ impl SourceReader {
             _ => return,
         };
         if !self.has_newcomer && self.boot_ups_left == 0 {
-            self.sources
-                .add(SDO, format!("0x{identifier:03X} ({what})"), now);
+            self.sources.add((SDO, identifier), what.to_owned(), now);
         }
     }
 
@@ -587,8 +596,8 @@ impl SourceReader {
                     self.stop = None;
                 }
                 None => {
-                    let what = format!("0x{identifier:03X} (boot-up of the controller)");
-                    self.sources.add(HEARTBEAT, what, now);
+                    let what = "boot-up of the controller".to_owned();
+                    self.sources.add((HEARTBEAT, identifier), what, now);
                 }
             }
         }
@@ -671,6 +680,11 @@ fn starts_anew(faults: &Faults) -> usize {
     let starts = crashes.filter(|fault| fault.until_seconds.is_some());
     let starts = starts.chain(faults.of("restart"));
     starts.filter(|fault| fault.is_at_controller()).count()
+}
+
+/// The identifier of the controller's frames of a service (CiA 301, 7.3.5).
+fn of_controller(base: u16) -> u16 {
+    base + u16::from(CONTROLLER_NODE_ID)
 }
 
 fn identifier(database: &Database, message: &str) -> Option<u16> {
@@ -792,7 +806,8 @@ mod tests {
         assert_eq!(counted(&sent(0x210, 1501)), []);
         assert_eq!(counted(&Sent::default()), [], "one is no rate");
         let words = SecondSource {
-            what: "0x210 (commands to the drive)".to_owned(),
+            identifier: 0x210,
+            what: "commands to the drive".to_owned(),
             duty: "command",
             first_seconds: 0.699,
             frames: 1,

@@ -219,6 +219,18 @@ impl Scenario {
         windows
     }
 
+    /// The begins and ends of its disturbances and of the faults of its loop, in no order.
+    #[must_use]
+    pub fn edges_seconds(&self) -> Vec<f64> {
+        let disturbances = self.disturbance_windows().into_iter();
+        let of_disturbances = disturbances
+            .flat_map(|one| [one.window.from_seconds, one.window.until_seconds].map(Some));
+        let of_faults = self
+            .own_faults()
+            .flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
+        of_disturbances.chain(of_faults).flatten().collect()
+    }
+
     /// Steps, disturbances and faults for plots, in the order of time; of one of several loops with its names.
     #[must_use]
     pub fn events(&self, words: Option<&LoopWords>) -> Vec<Event> {

@@ -83,6 +83,17 @@ impl Scenario {
         self.faults.iter().filter(is_own)
     }
 
+    /// The faults at its drive, and at the plant that the drive moves.
+    #[must_use]
+    pub fn drive_faults(&self) -> Faults {
+        let Wiring {
+            drive_node_id,
+            plant,
+            ..
+        } = &self.wiring;
+        self.faults.at_drive(*drive_node_id, plant)
+    }
+
     /// Whether one of the faults of the run is of its loop.
     #[must_use]
     pub fn has_own_faults(&self) -> bool {

@@ -28,10 +28,7 @@ pub(crate) struct RigFaults {
 impl RigFaults {
     /// The faults of a scenario, which have not begun.
     pub(crate) fn new(scenario: &Scenario) -> Self {
-        let wiring = &scenario.wiring;
-        let faults = scenario
-            .faults
-            .at_drive(wiring.drive_node_id, &wiring.plant);
+        let faults = scenario.drive_faults();
         let is_of_rig = |fault: &&Fault| !matches!(fault.kind.group, Group::Bus | Group::Node);
         let of_rig = faults.iter().filter(is_of_rig);
         let times = of_rig.flat_map(|fault| [fault.from_seconds, fault.until_seconds]);

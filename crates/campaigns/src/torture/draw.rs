@@ -208,8 +208,7 @@ fn push(faults: &mut Table, kind: &Kind, fault: Table) {
 /// The keys of a kind besides those of its time.
 fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
     let mut table = Table::new();
-    let is_of_a_drive = kind.node_key().is_none() && kind.group != Group::Bus;
-    if kind.time == Time::Boot && is_of_a_drive {
+    if kind.time == Time::Boot && kind.is_of_a_drive() {
         set_drive(&mut table, stream, nodes, kind);
     }
     for key in kind.keys {
@@ -217,7 +216,7 @@ fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
             table.insert(key.name.to_owned(), value);
         }
     }
-    if kind.time != Time::Boot && is_of_a_drive {
+    if kind.time != Time::Boot && kind.is_of_a_drive() {
         set_drive(&mut table, stream, nodes, kind);
     }
     table

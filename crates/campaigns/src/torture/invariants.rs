@@ -195,11 +195,7 @@ fn is_of_manager(frame: &CanFrame, drive: u8) -> bool {
 
 /// A drive that cannot act: dead with its current held, hanging or just awake, or its amplifier stuck on.
 fn is_excused(scenario: &Scenario, time_seconds: f64, seconds_max: f64) -> bool {
-    let wiring = &scenario.wiring;
-    let faults = scenario
-        .faults
-        .at_drive(wiring.drive_node_id, &wiring.plant);
-    faults.iter().any(|fault| {
+    scenario.drive_faults().iter().any(|fault| {
         // The message needs its time on the bus.
         let over = match fault.kind.name {
             "crash" if fault.says("output", "hold") => MESSAGE_SECONDS_MAX,

@@ -123,11 +123,9 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
     let commands = Commands::Missed.totals(evidence);
     // The command of the last cycle may have been due after the end.
     let of_cycles = lasting(evidence, attribution.cycles(), attribution.due, broke_off);
-    let last_commands = match Commands::Missed.are_sound(evidence.timeline) {
-        true => None,
-        false => super::commands_due(evidence).last(),
-    };
-    let last_commands = last_commands.unwrap_or_default();
+    let due =
+        (!Commands::Missed.are_sound(evidence.timeline)).then(|| super::commands_due(evidence));
+    let last_commands = due.and_then(Iterator::last).unwrap_or_default();
     let of_commands = lasting(evidence, &commands, last_commands, broke_off);
     let stays = of_cycles
         .into_iter()
@@ -153,8 +151,7 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
             },
         }
     });
-    let lasting = Vec::from_iter(stays.chain(heartbeats));
-    lasting.into_iter().map(move |one| Lasting {
+    stays.chain(heartbeats).map(move |one| Lasting {
         // What began in a stall is explained by it only if it covers half of all that is missing.
         cause: {
             let node = one.duty.node();

@@ -190,7 +190,8 @@ impl Kind {
     }
 
     /// Whether it happens to a drive that need not be named where there is only one.
-    pub(super) fn is_of_a_drive(&self) -> bool {
+    #[must_use]
+    pub fn is_of_a_drive(&self) -> bool {
         self.group != Group::Bus && self.node_key().is_none()
     }
 

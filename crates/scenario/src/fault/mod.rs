@@ -197,12 +197,6 @@ impl Faults {
         self.only(|fault| fault.is_at_drive(node_id, plant))
     }
 
-    /// Those of the loop with this drive.
-    #[must_use]
-    pub fn of_loop(&self, drive_node_id: u8, plant: &str) -> Self {
-        self.only(|fault| fault.is_of_loop(drive_node_id, plant))
-    }
-
     fn only(&self, is_one: impl Fn(&Fault) -> bool) -> Self {
         Self(self.iter().filter(|fault| is_one(fault)).cloned().collect())
     }

@@ -2,7 +2,7 @@
 
 use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
-use canopen::{CanFrame, ObjectDictionary, cia402};
+use canopen::{CanFrame, ObjectDictionary, add_half, cia402};
 
 use super::{ObjectAddress, RigDrive};
 
@@ -478,8 +478,7 @@ impl DriveLayout {
             clippy::cast_possible_truncation,
             reason = "limited to the object's range, whose ends are whole"
         )]
-        let target = (current_amperes * self.target.units + 0.5_f64.copysign(current_amperes))
-            .clamp(min, max) as i64;
+        let target = add_half(current_amperes * self.target.units).clamp(min, max) as i64;
         let controlword = self.controlword.placed(i64::from(controlword));
         let data = (controlword | self.target.field.placed(target)).to_le_bytes();
         CanFrame::new(self.command.id(), &data[..self.command.length_bytes()])
