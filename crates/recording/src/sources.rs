@@ -173,7 +173,7 @@ pub struct Sources {
     watched: Vec<(u16, Watched)>,
     /// Frames that no node of the run sends, whatever their number, with the time of the first.
     strange: BTreeMap<(&'static str, u16, String), (f64, u64)>,
-    /// Time ran backwards by more than a clock is ever stepped in a run: then rates are not known.
+    /// Time ran backwards by more than a clock is ever stepped in a run: neither rates nor what follows from what is known then.
     is_order_lost: bool,
     /// A fault of a node changes how often its frames come.
     is_rate_changed: bool,
@@ -299,7 +299,7 @@ impl Sources {
     /// What came of somebody else, the first of it first.
     #[must_use]
     pub fn found(&self, sent: &Sent) -> Vec<SecondSource> {
-        if self.is_bus_faulty {
+        if self.is_bus_faulty || self.is_order_lost {
             return Vec::new();
         }
         let (syncs, positions) = (self.count_of(SYNC), self.count_of(POSITION));
@@ -310,7 +310,7 @@ impl Sources {
             let (frames, is_by_rate) = match frames_sent.or(none) {
                 _ if !watched.is_ours => return None,
                 Some(sent) => (watched.recorded.saturating_sub(sent), false),
-                None if self.is_order_lost || self.is_rate_changed => return None,
+                None if self.is_rate_changed => return None,
                 None => (watched.too_many_by_rate(syncs, positions), true),
             };
             (frames > 0).then(|| SecondSource {

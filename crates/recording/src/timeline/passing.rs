@@ -21,6 +21,8 @@ pub(super) struct Passing {
     pub(super) first_frame: Option<Duration>,
     /// When the last frame came, on the recording's clock.
     pub(super) last_frame: Duration,
+    /// The latest time of any frame, on the recording's clock.
+    highest: Duration,
     /// Scenario time of the last one before the scenario's end.
     pub(super) latest: Duration,
     end: Duration,
@@ -46,6 +48,7 @@ impl Passing {
             traffic: Traffic::new(scenario),
             first_frame: None,
             last_frame: Duration::ZERO,
+            highest: Duration::ZERO,
             latest: Duration::ZERO,
             end: Duration::from_secs_f64(scenario.duration_seconds),
             judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
@@ -62,7 +65,8 @@ impl Passing {
         let is_sync = self.clock.on_frame(stamped.time, &stamped.frame);
         let time = self.clock.scenario_time(stamped.time);
         self.first_frame.get_or_insert(stamped.time);
-        self.is_order_lost |= self.last_frame.saturating_sub(stamped.time) > STEP_MAX;
+        self.highest = self.highest.max(stamped.time);
+        self.is_order_lost |= self.highest - stamped.time > STEP_MAX;
         self.last_frame = stamped.time;
         if let Some(time) = time.filter(|time| *time <= self.end) {
             self.latest = time;
