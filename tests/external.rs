@@ -228,7 +228,7 @@ fn what_cannot_be_external_is_refused() {
     let bus = ["--bus", "embedded"];
     let (code, text) = refused(&[&bus[..], &["--external", "fan"]].concat(), "step.toml");
     assert!(
-        code == Some(2) && text.contains("needs --external drive"),
+        code == Some(3) && text.contains("needs --external drive"),
         "{code:?} {text}"
     );
     let lockstep = ["--external", "drive", "--clock", "lockstep"];

@@ -7,7 +7,6 @@ use judge::{Circumstances, judge};
 use recording::log::Stamped;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
-use rig::external::{External, ExternalNode};
 use rig::plan::Plan;
 use scenario::Scenario;
 
@@ -56,9 +55,9 @@ fn without(frames: &[Stamped], ids: &[u16], is_missing: impl Fn(u32) -> bool) ->
 }
 
 /// What is judged of frames by a scenario with these faults, beside a node that is somebody else's.
-fn judged(frames: &[Stamped], text: &str, external: ExternalNode) -> Verdict {
-    let mut plan = Plan::new(scenario(text), &Catalogue::shipped());
-    plan.loops[0].external = External::new(&[external]).unwrap();
+fn judged(frames: &[Stamped], text: &str, external: &str) -> Verdict {
+    let plan = Plan::new(scenario(text), &Catalogue::shipped());
+    let plan = plan.recorded_external(&[external.to_owned()]);
     let timelines = decode(frames, &plan).unwrap();
     judge(&plan, &timelines, &Circumstances::default())
 }
@@ -75,24 +74,25 @@ fn passes(verdict: &Verdict) {
     assert_eq!(verdict.outcome, Outcome::Pass, "{:?}", verdict.reason);
 }
 
-use ExternalNode::{Controller, Drive};
+const CONTROLLER: &str = "controller";
+const DRIVE: &str = "drive";
 
 #[test]
 fn noise_excuses_no_controller() {
-    passes(&judged(&played(NOISE), NOISE, Controller));
+    passes(&judged(&played(NOISE), NOISE, CONTROLLER));
     let killed = played(&format!("{NOISE}{}", fault("crash", "controller", 3.0)));
-    let verdict = judged(&killed, NOISE, Controller);
+    let verdict = judged(&killed, NOISE, CONTROLLER);
     fails(&verdict, "controller: no SYNC in 50.0");
     let lost = verdict.losses.iter();
     let mut lost = lost.filter(|loss| loss.contains("no SYNC from the controller from here on"));
     assert!(lost.next().is_some(), "{:?}", verdict.losses);
     // Where the controller is killed on purpose, that is why.
     let crash = fault("crash", "controller", 3.0);
-    passes(&judged(&killed, &format!("{NOISE}{crash}"), Drive));
+    passes(&judged(&killed, &format!("{NOISE}{crash}"), DRIVE));
     let all = [SYNC, POSITION, COMMAND];
     let every_twentieth = without(&played(NOISE), &all, |number| number % 20 == 0);
     fails(
-        &judged(&every_twentieth, NOISE, Controller),
+        &judged(&every_twentieth, NOISE, CONTROLLER),
         "controller: no SYNC in 5.00 %",
     );
 }
@@ -100,18 +100,18 @@ fn noise_excuses_no_controller() {
 #[test]
 fn a_controller_that_is_a_little_slow_excuses_no_drive() {
     let sound = played(SLOW);
-    passes(&judged(&sound, SLOW, Drive));
+    passes(&judged(&sound, SLOW, DRIVE));
     for kind in ["crash", "hang"] {
         let dead = played(&format!("{SLOW}{}", fault(kind, "drive", 3.0)));
         // The controller gives up, and that is not its doing.
-        fails(&judged(&dead, SLOW, Drive), "drive: no position in 50.0");
+        fails(&judged(&dead, SLOW, DRIVE), "drive: no position in 50.0");
     }
     let third = without(&sound, &[POSITION], |number| number % 3 == 0);
-    fails(&judged(&third, SLOW, Drive), "drive: no position in 33.3");
+    fails(&judged(&third, SLOW, DRIVE), "drive: no position in 33.3");
     // A fault of the controller is none of the drive's, however slow it is.
     let slower = SLOW.replace("0.1", "0.6");
     fails(
-        &judged(&third, &slower, Drive),
+        &judged(&third, &slower, DRIVE),
         "drive: no position in 33.3",
     );
 }
@@ -130,7 +130,7 @@ fn a_fault_of_the_bus_excuses_the_station_that_it_names() {
         ("duplicate", "sender = \"drive\""),
     ] {
         fails(
-            &judged(&third, &fault(kind, more), Drive),
+            &judged(&third, &fault(kind, more), DRIVE),
             "drive: no position",
         );
     }
@@ -139,7 +139,7 @@ fn a_fault_of_the_bus_excuses_the_station_that_it_names() {
         ("delay", "sender = \"drive\"\ndelay_milliseconds = 5.0"),
         ("bit_error", ""),
     ] {
-        passes(&judged(&third, &fault(kind, more), Drive));
+        passes(&judged(&third, &fault(kind, more), DRIVE));
     }
 }
 
@@ -148,15 +148,15 @@ fn a_fault_of_the_bus_excuses_the_station_that_it_names() {
 fn a_controller_that_gives_up_for_a_fault_says_so() {
     let jump = "[[fault.sensor.offset]]\nfrom_seconds = 3.0\noffset_millimetres = 20.0\n";
     let gives_up = played(jump);
-    passes(&judged(&gives_up, jump, Controller));
+    passes(&judged(&gives_up, jump, CONTROLLER));
     let silent = without(&gives_up, &[CONTROLLER_EMERGENCY], |_| true);
     fails(
-        &judged(&silent, jump, Controller),
+        &judged(&silent, jump, CONTROLLER),
         "controller: no SYNC in 4",
     );
     // Not for a fault that it cannot notice.
     fails(
-        &judged(&gives_up, SLOW, Controller),
+        &judged(&gives_up, SLOW, CONTROLLER),
         "controller: no SYNC in 4",
     );
 }
@@ -165,9 +165,9 @@ fn a_controller_that_gives_up_for_a_fault_says_so() {
 fn a_drive_may_stop_when_the_controllers_heartbeat_does() {
     let lost = fault("lost_heartbeat", "controller", 2.0);
     let stops = |at_seconds| played(&fault("crash", "drive", at_seconds));
-    passes(&judged(&stops(2.1), &lost, Drive));
+    passes(&judged(&stops(2.1), &lost, DRIVE));
     fails(
-        &judged(&stops(3.0), &lost, Drive),
+        &judged(&stops(3.0), &lost, DRIVE),
         "drive: no position in 50.0",
     );
 }
@@ -175,11 +175,11 @@ fn a_drive_may_stop_when_the_controllers_heartbeat_does() {
 #[test]
 fn a_node_that_is_silent_at_the_end_fails_the_run() {
     let killed = |at_seconds| played(&fault("crash", "controller", at_seconds));
-    let verdict = judged(&killed(5.95), NOISE, Controller);
+    let verdict = judged(&killed(5.95), NOISE, CONTROLLER);
     // 50 cycles of 6000 are 0.83 %.
     fails(&verdict, "controller: no SYNC from 5.9");
     // 0.02 s are no silence.
-    passes(&judged(&killed(5.985), NOISE, Controller));
+    passes(&judged(&killed(5.985), NOISE, CONTROLLER));
 }
 
 const LIMITS: &str =
@@ -193,10 +193,10 @@ fn commands_that_do_not_come_fail_a_controller_under_test() {
         rows.find(|row| row.name == "missed_commands_percent")
             .cloned()
     };
-    let verdict = judged(&sound, LIMITS, Controller);
+    let verdict = judged(&sound, LIMITS, CONTROLLER);
     passes(&verdict);
     assert_eq!(row(&verdict).unwrap().value, Some(0.0));
-    assert_eq!(row(&judged(&sound, LIMITS, Drive)), None, "nobody asks");
+    assert_eq!(row(&judged(&sound, LIMITS, DRIVE)), None, "nobody asks");
 
     let zero = {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
@@ -209,35 +209,35 @@ fn commands_that_do_not_come_fail_a_controller_under_test() {
         sound.iter().filter(is_kept).copied().collect::<Vec<_>>()
     };
     let silent = until(2.0);
-    let verdict = judged(&silent, LIMITS, Controller);
+    let verdict = judged(&silent, LIMITS, CONTROLLER);
     fails(&verdict, "controller: no command in 66.6");
     assert_eq!(
         verdict.losses,
         ["2.000 s loss: no command from the controller from here on"]
     );
     // Of canrig's own controller it is reported.
-    let own = judged(&silent, LIMITS, Drive);
+    let own = judged(&silent, LIMITS, DRIVE);
     assert!(row(&own).is_some_and(|row| row.value > Some(66.0) && row.passed.is_none()));
     let limited = format!("{LIMITS}missed_commands_percent = {{ max = 70.0 }}\n");
     fails(
-        &judged(&silent, &limited, Drive),
+        &judged(&silent, &limited, DRIVE),
         "controller: no command from 2.000 s to the end",
     );
     // Noise excuses none of them.
     fails(
-        &judged(&silent, &format!("{NOISE}{LIMITS}"), Controller),
+        &judged(&silent, &format!("{NOISE}{LIMITS}"), CONTROLLER),
         "controller: no command",
     );
 
     let hundredth = without(&sound, &[COMMAND], |number| number % 100 == 50);
-    passes(&judged(&hundredth, LIMITS, Controller));
+    passes(&judged(&hundredth, LIMITS, CONTROLLER));
     let fiftieth = without(&sound, &[COMMAND], |number| number % 50 == 0);
     fails(
-        &judged(&fiftieth, LIMITS, Controller),
+        &judged(&fiftieth, LIMITS, CONTROLLER),
         "controller: no command in 2.00 %",
     );
     let limited = format!("{LIMITS}missed_commands_percent = {{ max = 3.0 }}\n");
-    passes(&judged(&fiftieth, &limited, Controller));
+    passes(&judged(&fiftieth, &limited, CONTROLLER));
 }
 
 /// The law of both axes needs both positions.
@@ -250,9 +250,7 @@ fn of_several_loops_no_command_is_due_where_a_position_is_missing() {
         played.frames.iter().collect::<Vec<Stamped>>()
     });
     let frames = frames.unwrap().remove(0).unwrap();
-    for one in &mut plan.loops {
-        one.external = External::new(&[Controller]).unwrap();
-    }
+    plan = plan.recorded_external(&[CONTROLLER.to_owned()]);
     let id = |place: usize, message: &str| {
         let message = plan.loops[place].database.message(message).unwrap();
         u16::try_from(message.raw_id).unwrap()

@@ -17,7 +17,6 @@ use platform::{lockstep, real_time, scheduling};
 use scenario::{ScenarioError, without_colours};
 
 use recording::latency::{NodeReport, Quantiles};
-use rig::external::External;
 use rig::plan::Plan;
 use rig::rig_file::LoadedRig;
 use runner::console::{print, print_error};
@@ -114,7 +113,7 @@ fn plan_of(args: &NodeArgs) -> Result<Plan, Failure> {
     let rig = args.rig.as_deref().filter(|_| !plan.names_rig());
     let rig = rig.map(LoadedRig::load).transpose();
     Ok(match rig.map_err(Failure::of_plan)? {
-        Some(rig) => plan.on(Some(&Arc::new(rig)), &External::default().with_drive()),
+        Some(rig) => plan.on(&Arc::new(rig)),
         None => plan,
     })
 }

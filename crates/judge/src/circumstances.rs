@@ -5,7 +5,7 @@ use recording::latency::NodeReport;
 use recording::sources::Sent;
 use recording::stalls::Stall;
 use recording::unrecorded::Unrecorded;
-use rig::plan::LoopNode;
+use scenario::node::Part;
 
 /// What is known of a run besides its frames; the default is that of virtual time, and of somebody else's recording.
 #[derive(Clone, Debug, Default)]
@@ -24,10 +24,10 @@ pub struct Circumstances {
 
 impl Circumstances {
     /// Whether a node of canrig's was done with each of its cycles in real time before the next one.
-    pub(crate) fn is_punctual(&self, node: LoopNode) -> bool {
+    pub(crate) fn is_punctual(&self, node: Part) -> bool {
         let report = match node {
-            LoopNode::Controller => &self.reports[0],
-            LoopNode::Drive => &self.reports[1],
+            Part::Controller => &self.reports[0],
+            _ => &self.reports[1],
         };
         let is_punctual = |report: &NodeReport| report.ticks > 0 && report.overruns == 0;
         report.as_ref().is_some_and(is_punctual)

@@ -6,7 +6,7 @@ use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Way;
-use rig::plan::Plan;
+use rig::plan::{LoopNodes, Plan};
 use scenario::metrics::is_of_traffic;
 
 use crate::attribution::breaches::Duty;
@@ -118,10 +118,11 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
         });
     }
     let is_of = |evidence: &&Evidence<'_>| {
-        let (controller, drive, _) = evidence.own.node_names();
-        end.node
-            .as_deref()
-            .is_some_and(|node| [controller, drive].contains(&node))
+        let LoopNodes {
+            controller, drive, ..
+        } = &evidence.own.nodes;
+        let ended_by = end.node.as_ref();
+        ended_by.is_some_and(|node| [&controller.name, &drive.name].contains(&node))
     };
     // A stall that held up a node of no loop is felt in all of them.
     let is_of_none = !all.iter().any(|evidence| is_of(&evidence));
@@ -274,7 +275,7 @@ fn too_many(
 
 /// The external drive that sends more positions than there are SYNCs.
 fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
-    let is_external = Duty::Position.is_of(&evidence.own.external);
+    let is_external = Duty::Position.is_of_external(evidence.own);
     let (frames, at) = evidence
         .timeline
         .sources

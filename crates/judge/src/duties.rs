@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use rig::plan::LoopNode;
 use scenario::metrics::Metric;
+use scenario::node::Part;
 
 use crate::attribution::Commands;
 use crate::attribution::breaches::Duty;
@@ -72,7 +72,7 @@ fn of_commands(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Mea
 
 /// Whether a metric of the controller's duties is reported.
 fn is_watched(evidence: &Evidence<'_>, metric: &str) -> bool {
-    Duty::Command.is_of(&evidence.own.external) || evidence.scenario.expect.of(metric).is_some()
+    Duty::Command.is_of_external(evidence.own) || evidence.scenario.expect.of(metric).is_some()
 }
 
 /// The largest distance of the mean of 64 SYNC periods from the period, in percent of it.
@@ -103,7 +103,7 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
             false if is_held_up => held_up -= 1.0 - interval,
             false => {}
         }
-        let is_of_host = !with_host && evidence.is_in_stall(LoopNode::Controller, from, until);
+        let is_of_host = !with_host && evidence.is_in_stall(Part::Controller, from, until);
         if is_gap || is_held_up || is_of_host {
             periods.clear();
             continue;
@@ -128,7 +128,7 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
 pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
     let is_explained = |(from, until): &(f64, f64)| {
         let due = from + evidence.timeline.period_seconds;
-        evidence.is_in_stall(LoopNode::Controller, due.min(*until), *until)
+        evidence.is_in_stall(Part::Controller, due.min(*until), *until)
     };
     let intervals = sync_intervals(evidence).filter(|interval| !is_explained(interval));
     let longest = intervals.map(|(from, until)| 1e3 * (until - from));

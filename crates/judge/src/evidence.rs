@@ -8,12 +8,12 @@ use recording::ending::{EarlyEnd, EndedBy};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use rig::plan::ControlLoop;
-use rig::plan::LoopNode;
 use scenario::Scenario;
 use scenario::events::Window;
 use scenario::expect::Limit;
 use scenario::fault::Group;
 use scenario::loops::Contour;
+use scenario::node::Part;
 
 use crate::attribution::stalls::{Spans, Stretch, shadows};
 use crate::attribution::{Attribution, Commands};
@@ -366,10 +366,10 @@ impl<'a> Evidence<'a> {
     /// moved the loop.
     pub(crate) fn stall_of_end(&self, end: &EarlyEnd) -> Option<Stretch> {
         let until = end.at_seconds?;
-        let drive = self.own.node_names().1;
-        let node = match end.node.as_deref() == Some(drive) {
-            true => LoopNode::Drive,
-            false => LoopNode::Controller,
+        let drive = &self.own.nodes.drive.name;
+        let node = match end.node.as_ref() == Some(drive) {
+            true => Part::Drive,
+            false => Part::Controller,
         };
         let from = end.since_seconds.unwrap_or(until);
         self.attribution.stall(node, from, until)
@@ -386,12 +386,7 @@ impl<'a> Evidence<'a> {
     }
 
     /// Whether stalls that a node feels cover half of a stretch of time.
-    pub(crate) fn is_in_stall(
-        &self,
-        node: LoopNode,
-        from_seconds: f64,
-        until_seconds: f64,
-    ) -> bool {
+    pub(crate) fn is_in_stall(&self, node: Part, from_seconds: f64, until_seconds: f64) -> bool {
         let stall = self.attribution.stall(node, from_seconds, until_seconds);
         stall.is_some()
     }

@@ -180,7 +180,6 @@ fn is_none(frames: &u64) -> bool {
 #[cfg(test)]
 mod tests {
     use rig::catalogue::Catalogue;
-    use rig::external::{External, ExternalNode};
     use scenario::Scenario;
     use scenario::expect::Limit;
 
@@ -217,8 +216,8 @@ mod tests {
         let text = "schema = 1\nname = \"step\"\nseed = 7\nduration_seconds = 1.0\nrequirements = [\"REQ-1\"]\n\
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
-        let external = External::new(&[ExternalNode::Drive]).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped()).on(None, &external);
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = plan.with_external(&["drive".to_owned()]).unwrap();
         let expected = Verdict {
             requirements: vec!["REQ-1".to_owned()],
             external: vec!["drive".to_owned()],

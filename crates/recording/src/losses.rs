@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
-use rig::plan::LoopNode;
 use scenario::Scenario;
+use scenario::node::Part;
 
 use crate::events::{Event, Events, Level};
 use crate::identifiers::ByIdentifier;
@@ -20,7 +20,7 @@ const HEARTBEATS_MAX: u32 = 5;
 /// A time in which the heartbeat of a node did not come for longer than the others wait for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LostHeartbeat {
-    pub node: LoopNode,
+    pub node: Part,
     /// Scenario time at which the first that is missing was due.
     pub due_seconds: f64,
     /// Scenario time at which the next came; infinite where none did.
@@ -32,7 +32,7 @@ struct Watched {
     /// For people.
     what: String,
     /// The node whose heartbeat it is, where the others stop without it.
-    heartbeat_of: Option<LoopNode>,
+    heartbeat_of: Option<Part>,
     /// It says how warm the plant is, and nothing happens without it.
     is_temperature: bool,
     period: Duration,
@@ -74,12 +74,8 @@ impl LossReader {
         ]
         .map(|(name, what)| (name, what, Some(cyclic_limit), None));
         let heartbeats = [
-            (
-                "controller_heartbeat",
-                controller,
-                Some(LoopNode::Controller),
-            ),
-            ("drive_heartbeat", drive, Some(LoopNode::Drive)),
+            ("controller_heartbeat", controller, Some(Part::Controller)),
+            ("drive_heartbeat", drive, Some(Part::Drive)),
             ("disturbance_heartbeat", module, None),
         ]
         .map(|(name, from, node)| (name, format!("heartbeat from {from}"), None, node));

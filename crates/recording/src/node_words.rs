@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use dbc::Database;
-use rig::plan::{ControlLoop, NodeNames, Shared};
+use rig::plan::{ControlLoop, LoopNodes, Shared};
 use scenario::events::LoopWords;
 
 const HEARTBEAT: &str = "heartbeat";
@@ -20,24 +20,28 @@ pub(crate) struct NodeWords {
     /// What its module is called.
     module: Option<String>,
     /// The nodes of all loops.
-    of_loops: BTreeMap<String, NodeNames>,
+    of_loops: BTreeMap<String, LoopNodes>,
     /// The names of several loops' nodes by node-ID.
     by_id: BTreeMap<u8, String>,
 }
 
 impl NodeWords {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
-        let (controller, drive, module) = one.node_names();
+        let LoopNodes {
+            controller,
+            drive,
+            io,
+        } = &one.nodes;
         let Some(names) = &one.loop_name else {
             return Self::default();
         };
         let mut words = Self {
             own: Some(LoopWords {
                 name: names.name.clone(),
-                controller: controller.to_owned(),
-                drive: drive.to_owned(),
+                controller: controller.name.clone(),
+                drive: drive.name.clone(),
             }),
-            module: module.map(str::to_owned),
+            module: io.as_ref().map(|io| io.name.clone()),
             of_loops: shared.nodes_of_loops.clone(),
             by_id: BTreeMap::new(),
         };
@@ -105,25 +109,28 @@ impl NodeWords {
         let Some(nodes) = self.of_loops.get(loop_name) else {
             return kind.to_owned();
         };
-        match kind {
-            "drive" => nodes.drive.clone(),
-            "disturbance" => nodes.disturbance.clone().unwrap_or_else(|| kind.to_owned()),
-            "controller" => nodes.controller.clone(),
-            other => other.to_owned(),
-        }
+        let name = match kind {
+            "drive" => &nodes.drive.name,
+            "disturbance" => nodes.io.as_ref().map_or(kind, |io| &io.name),
+            "controller" => &nodes.controller.name,
+            other => other,
+        };
+        name.to_owned()
     }
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use scenario::node::{Node, Part};
+
     use super::*;
 
     /// Two loops with a drive each, as one of them sees the bus.
     pub(crate) fn of_two_loops(own: &str) -> NodeWords {
-        let nodes = |drive: &str| NodeNames {
-            controller: "controller".to_owned(),
-            drive: drive.to_owned(),
-            disturbance: Some(format!("{drive}_io")),
+        let nodes = |drive: &str| LoopNodes {
+            controller: Node::new("controller", 1, Part::Controller),
+            drive: Node::new(drive, 2, Part::Drive),
+            io: Some(Node::new(&format!("{drive}_io"), 3, Part::Io)),
         };
         let of_loops = BTreeMap::from(
             [("x_1", "left"), ("y", "right")].map(|(name, drive)| (name.to_owned(), nodes(drive))),
@@ -132,9 +139,9 @@ pub(crate) mod tests {
             own: Some(LoopWords {
                 name: own.to_owned(),
                 controller: "controller".to_owned(),
-                drive: of_loops[own].drive.clone(),
+                drive: of_loops[own].drive.name.clone(),
             }),
-            module: of_loops[own].disturbance.clone(),
+            module: of_loops[own].io.as_ref().map(|io| io.name.clone()),
             of_loops,
             by_id: BTreeMap::from([(0x01, "controller".to_owned()), (0x13, "right".to_owned())]),
         }
@@ -159,8 +166,8 @@ pub(crate) mod tests {
             assert_eq!(shown(&y, of_y), name);
         }
         // A name that has the word for a kind in it, and one that begins with another one.
-        let named = |name: &str| NodeNames {
-            drive: format!("drive of {name}"),
+        let named = |name: &str| LoopNodes {
+            drive: Node::new(&format!("drive of {name}"), 2, Part::Drive),
             ..x.of_loops["y"].clone()
         };
         let names = ["gantry", "gantry_drive_left", "gantry_drive_right"];

@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use dbc::{Database, DbcError};
 use rig::catalogue::{Catalogue, name_of_two_columns};
-use rig::external::External;
 use rig::named_nodes::node_sheets;
 use rig::plan::Plan;
 use rig::rig_file::{LoadedRig, RigError};
@@ -146,14 +145,17 @@ pub fn read_plan(
         eds.map_or(Ok(()), |eds| own(folder, eds).map(drop))?;
         Ok(rig.map(Arc::new))
     };
+    // A log beside a scenario: nobody says that it was played on the rig beside it.
+    if frames.is_none() && external.is_none() {
+        return Ok(plan);
+    }
+    let plan = match (frames, rig()?) {
+        (_, None) => plan,
+        (Some(_), Some(rig)) => plan.recorded_on(&rig),
+        (None, Some(rig)) => plan.on(&rig),
+    };
     // A later version may know nodes that this one does not.
-    let external = external.map(|names| External::of_names(names).unwrap_or_default());
-    Ok(match (frames, external) {
-        (Some(_), external) => plan.recorded_on(rig()?.as_ref(), &external.unwrap_or_default()),
-        (None, Some(external)) => plan.on(rig()?.as_ref(), &external),
-        // A log beside a scenario: nobody says that it was played on the rig beside it.
-        (None, None) => plan,
-    })
+    Ok(plan.recorded_external(external.unwrap_or_default()))
 }
 
 /// The plan of a recording in a folder with the limits of another scenario; none where that has other loops.
@@ -250,8 +252,7 @@ mod tests {
         let rig = LoadedRig::load(&rig).unwrap();
         let played = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(played, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped())
-            .on(Some(&Arc::new(rig)), &External::default());
+        let plan = Plan::new(scenario, &Catalogue::shipped()).on(&Arc::new(rig));
         let folder = RunFolder::create(&place.path().join("runs"), "t", 1, played).unwrap();
         write_plan(&folder, &plan).unwrap();
         let read = LoadedRig::in_folder(folder.path()).unwrap().unwrap();

@@ -14,9 +14,9 @@ use std::time::Duration;
 use canopen::{CanFrame, NmtState, STANDARD_IDS};
 use dbc::Database;
 use dbc::scenario_clock::SYNC_COB_ID;
-use rig::external::ExternalNode;
 use rig::plan::ControlLoop;
 use scenario::fault::{Fault, Faults, Group};
+use scenario::node::Part;
 use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
 use crate::run_folder::{file, own_file};
@@ -392,8 +392,7 @@ impl SourceReader {
     pub fn new(one: &ControlLoop) -> Self {
         let (scenario, database) = (&one.scenario, &*one.database);
         let is_changing = |fault: &Fault| ["clock_drift", "slow_cycle"].contains(&fault.kind.name);
-        let [is_ours, is_emulated] =
-            [ExternalNode::Controller, ExternalNode::Drive].map(|node| !one.external.has(node));
+        let [is_ours, is_emulated] = [Part::Controller, Part::Drive].map(|part| one.is_ours(part));
         let cycle = scenario.bus.sync_period();
         let id = |message: &str| identifier(database, message);
         let watched = Vec::from_iter(watched(database, cycle, is_ours, is_emulated));
@@ -414,7 +413,7 @@ impl SourceReader {
             controller_emergency: id("controller_emergency").unwrap_or(of_controller(EMERGENCIES)),
             is_ours,
             is_emulated,
-            drive: u16::from(one.node_ids().0),
+            drive: u16::from(one.nodes.drive.id),
             sync: None,
             boot_ups_left: starts_anew(&scenario.faults),
             has_newcomer: false,
@@ -694,7 +693,6 @@ fn identifier(database: &Database, message: &str) -> Option<u16> {
 #[cfg(test)]
 mod tests {
     use rig::catalogue::Catalogue;
-    use rig::external::External;
     use rig::plan::Plan;
     use scenario::Scenario;
 
@@ -730,15 +728,16 @@ mod tests {
     fn found_in(
         frames: Frames,
         faults: &str,
-        external: &[ExternalNode],
+        external: &[&str],
         sent: &Sent,
     ) -> Vec<(String, u64, u64)> {
         let text = format!(
             "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n{faults}"
         );
         let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut plan = Plan::new(scenario, &Catalogue::shipped());
-        plan.loops[0].external = External::new(external).unwrap();
+        let external = external.iter().map(ToString::to_string);
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let plan = plan.recorded_external(&Vec::from_iter(external));
         let mut reader = SourceReader::new(plan.leading());
         let mut frames = frames;
         frames.sort_by_key(|(time, _)| *time);
@@ -801,7 +800,7 @@ mod tests {
             )
         };
         let frames = || [on_time(), vec![foreign()]].concat();
-        let counted = |sent: &Sent| found_in(frames(), "", &[ExternalNode::Drive], sent);
+        let counted = |sent: &Sent| found_in(frames(), "", &["drive"], sent);
         assert_eq!(counted(&sent(0x210, 1500)), [("0x210".to_owned(), 700, 1)]);
         assert_eq!(counted(&sent(0x210, 1501)), []);
         assert_eq!(counted(&Sent::default()), [], "one is no rate");
@@ -833,7 +832,7 @@ mod tests {
             ("0x210", true)
         );
         // An external controller sends as often as it likes.
-        let external = [ExternalNode::Controller];
+        let external = ["controller"];
         assert_eq!(found_in(twice(), "", &external, &Sent::default()), []);
         let slow = "[[fault.node.slow_cycle]]\nnode = \"controller\"\nfrom_seconds = 0.0\ndelay_milliseconds = 5.0\n";
         assert_eq!(found_in(twice(), slow, &[], &Sent::default()), []);
@@ -841,7 +840,7 @@ mod tests {
 
     #[test]
     fn a_counter_that_does_not_go_on_is_another_senders() {
-        let external = [ExternalNode::Controller];
+        let external = ["controller"];
         let with = |foreign: Frames| {
             found_in(
                 [on_time(), foreign].concat(),

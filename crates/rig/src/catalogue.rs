@@ -10,7 +10,6 @@ use scenario::wiring::IoOutput;
 use scenario::{Objection, Scenario};
 
 use crate::data_sheet;
-use crate::external::{External, ExternalNode};
 use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
@@ -260,8 +259,6 @@ pub struct Frames {
     pub(crate) outputs: Vec<IoOutput>,
     /// What the frames mean.
     pub(crate) database: Arc<Database>,
-    /// The same beside a drive that is not the emulator: nobody publishes the truth.
-    without_truth: OnceLock<Arc<Database>>,
     names: OnceLock<SignalNames>,
 }
 
@@ -311,30 +308,18 @@ impl Frames {
             unit: Unit::Millimetres,
             outputs: Vec::new(),
             database,
-            without_truth: OnceLock::new(),
             names: OnceLock::new(),
         }
     }
 
-    /// What the frames mean on a rig, or where these nodes are somebody else's.
-    pub(crate) fn database_with(
-        &self,
-        rig: Option<&LoadedRig>,
-        external: &External,
-    ) -> Arc<Database> {
-        if let Some(rig) = rig {
-            let database = match &self.law_terms {
-                Some(terms) => &rig.database.with_terms(terms),
-                None => &*rig.database,
-            };
-            let database = in_unit(database, &self.unit, false);
-            return Arc::new(database.with_silent_of(&self.database, &TRUTH_MESSAGES));
-        }
-        if !external.has(ExternalNode::Drive) {
-            return Arc::clone(&self.database);
-        }
-        let silent = || Arc::new(self.database.with_silent(&TRUTH_MESSAGES));
-        Arc::clone(self.without_truth.get_or_init(silent))
+    /// The meaning of the frames on a rig with a drive of its own.
+    pub(crate) fn database_on(&self, rig: &LoadedRig) -> Arc<Database> {
+        let database = match &self.law_terms {
+            Some(terms) => &rig.database.with_terms(terms),
+            None => &*rig.database,
+        };
+        let database = in_unit(database, &self.unit, false);
+        Arc::new(database.with_silent_of(&self.database, &TRUTH_MESSAGES))
     }
 
     /// All names of all signals.
@@ -435,7 +420,7 @@ mod tests {
         );
         let signals = [signal("a"), signal("b"), signal("c")];
         let frames = Frames::in_unit(&signals, Some(&[sum()]), &Unit::Millimetres);
-        let database = frames.database_with(Some(&rig.unwrap()), &External::default());
+        let database = frames.database_on(&rig.unwrap());
         let names = SignalNames::new(&database, &data_sheet::rig_data_sheets());
         assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
         assert_eq!(names.find("sum"), Ok("controller_tpdo1.sum"));

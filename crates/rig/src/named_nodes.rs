@@ -32,9 +32,10 @@ impl NodeSheet {
 #[must_use]
 pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
     let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(of_loop));
-    let (drives, modules): (Vec<_>, Vec<_>) = plan.loops.iter().map(ControlLoop::node_ids).unzip();
+    let drives = plan.loops.iter().map(|one| one.nodes.drive.id);
+    let io_nodes = plan.loops.iter().filter_map(|one| one.nodes.io.as_ref());
     let mut servers = Vec::new();
-    for id in drives.into_iter().chain(modules.into_iter().flatten()) {
+    for id in drives.chain(io_nodes.map(|node| node.id)) {
         if !servers.contains(&id) {
             servers.push(id);
         }
@@ -60,14 +61,12 @@ fn sheet(name: &str, node_id: u8, eds: &str, of_drive: Option<&OfDrive>) -> Node
 }
 
 fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
-    let (_, drive, disturbance) = one.node_names();
-    let place = &one.place;
-    let (drive_id, module_id) = one.node_ids();
-    let drive = match &one.rig {
+    let drive = &one.nodes.drive;
+    let drive_sheet = match &one.rig {
         // The maker's, who says nothing of this rig.
         Some(rig) => NodeSheet {
-            name: drive.to_owned(),
-            node_id: drive_id,
+            name: drive.name.clone(),
+            node_id: drive.id,
             text: rig.eds.clone(),
         },
         None => {
@@ -75,31 +74,27 @@ fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
             let si_position =
                 (*unit != Unit::Millimetres).then(|| (unit.si_position(), unit.word().to_owned()));
             let of_drive = OfDrive {
-                truth: place.truth_pace(),
+                truth: one.place.truth_pace(),
                 si_position,
             };
-            sheet(drive, drive_id, DRIVE_EDS, Some(&of_drive))
+            sheet(&drive.name, drive.id, DRIVE_EDS, Some(&of_drive))
         }
     };
-    let module = disturbance.zip(module_id);
     let outputs = one.io_outputs().iter().map(|output| AnalogueOutput {
         place: output.place,
         name: output.name.clone(),
         at_rest: output.raw(output.at_rest),
     });
-    let module_eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
-    let module = module.map(|(name, node_id)| sheet(name, node_id, &module_eds, None));
-    [drive].into_iter().chain(module)
+    let io_eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
+    let io = one.nodes.io.as_ref();
+    let io_sheet = io.map(|io| sheet(&io.name, io.id, &io_eds, None));
+    [drive_sheet].into_iter().chain(io_sheet)
 }
 
 /// All nodes of these loops by node-ID, as the rig calls them.
 pub(crate) fn names_by_id(loops: &[ControlLoop]) -> impl Iterator<Item = (u8, &str)> {
-    loops.iter().flat_map(|one| {
-        let (controller, drive, disturbance) = one.node_names();
-        let (drive_id, module_id) = one.node_ids();
-        let nodes = [(CONTROLLER_NODE_ID, controller), (drive_id, drive)];
-        nodes.into_iter().chain(module_id.zip(disturbance))
-    })
+    let nodes = loops.iter().flat_map(|one| one.nodes.all());
+    nodes.map(|node| (node.id, node.name.as_str()))
 }
 
 /// The nodes of a bench as tools know them.
@@ -144,13 +139,10 @@ impl NamedNodes {
                 dictionary: parsed?.dictionary,
             })
         });
-        let names = plan.loops.iter().map(|one| {
-            let (_, drive, disturbance) = one.node_names();
-            NodesByName {
-                of_loop: one.name(),
-                drive,
-                disturbance,
-            }
+        let names = plan.loops.iter().map(|one| NodesByName {
+            of_loop: one.name(),
+            drive: &one.nodes.drive.name,
+            disturbance: one.nodes.io.as_ref().map(|node| node.name.as_str()),
         });
         Ok(Self {
             sheets: sheets.collect::<Result<_, DataSheetError>>()?,

@@ -1,21 +1,24 @@
 //! The plan of a run: its loops, and all that they share.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use dbc::Database;
 use dbc::loops::LoopPlace;
+use dbc::signals::TRUTH_MESSAGES;
 use scenario::Bus;
-use scenario::fault::{Fault, Faults};
+use scenario::fault::{Fault, Faults, Group};
 use scenario::loops::Contour;
+use scenario::node::{Node, Part};
+use scenario::rig::nodes::CONTROLLER_NODE_ID;
 use scenario::sweep::Sweep;
 use scenario::wiring::IoOutput;
 use scenario::{Scenario, Texts};
 
 use crate::catalogue::{Catalogue, Frames};
-use crate::external::{External, ExternalNode};
+use crate::external::{External, no_such_node};
 use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 
@@ -27,6 +30,11 @@ pub use load::{check_rig, may_name_rig};
 const CONTROLLER: &str = "controller";
 const DRIVE: &str = "drive";
 const DISTURBANCE: &str = "disturbance";
+/// Name of the io node on the command line of a scenario without a rig.
+pub const FAN: &str = "fan";
+/// Node-IDs where no rig gives others.
+const DRIVE_NODE_ID: u8 = 0x10;
+const DISTURBANCE_NODE_ID: u8 = 0x11;
 
 /// A run: the loops of a scenario and all that they share. A single loop is a list of one.
 #[derive(Clone, Debug)]
@@ -64,8 +72,10 @@ pub struct Shared {
     pub sweep: Option<Sweep>,
     /// Expectations of several loops together.
     pub contours: Vec<Contour>,
-    /// The nodes of each loop by the loop's name; empty where there is only one.
-    pub nodes_of_loops: BTreeMap<String, NodeNames>,
+    /// The nodes of each loop by the loop's name; empty for an only loop.
+    pub nodes_of_loops: BTreeMap<String, LoopNodes>,
+    /// Whether the scenario names its rig.
+    pub names_rig: bool,
 }
 
 /// The name of one of several loops.
@@ -77,24 +87,28 @@ pub struct LoopName {
     pub plant: String,
 }
 
-/// The names that a rig gives to the nodes of a loop.
+/// The nodes of a loop.
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub struct NodeNames {
+pub struct LoopNodes {
     /// The controller, which leads all loops.
-    pub controller: String,
+    pub controller: Node,
     /// Its drive.
-    pub drive: String,
-    /// The module that acts on its plant, where there is one.
-    pub disturbance: Option<String>,
+    pub drive: Node,
+    /// The io node that acts on its plant.
+    pub io: Option<Node>,
 }
 
-/// One of the two nodes that close a loop.
-#[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
-pub enum LoopNode {
-    /// The controller.
-    Controller,
-    /// The drive.
-    Drive,
+impl LoopNodes {
+    /// Its nodes in the order controller, drive, io node.
+    pub fn all(&self) -> impl Iterator<Item = &Node> {
+        [&self.controller, &self.drive].into_iter().chain(&self.io)
+    }
+
+    /// The node with a part in the loop.
+    #[must_use]
+    pub fn of(&self, part: Part) -> Option<&Node> {
+        self.all().find(|node| node.part == part)
+    }
 }
 
 /// One loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
@@ -104,11 +118,11 @@ pub struct ControlLoop {
     pub scenario: Scenario,
     /// Its name among several; none for the only one.
     pub loop_name: Option<LoopName>,
-    /// The rig's names of its nodes; none in a scenario of schema 1.
-    pub nodes: Option<NodeNames>,
+    /// Its nodes.
+    pub nodes: LoopNodes,
     /// The place of its nodes on the bus.
     pub place: LoopPlace,
-    /// Its nodes that canrig does not play.
+    /// The nodes of the run that canrig does not play.
     pub external: External,
     /// The rig that it is played on; none for the emulated one.
     pub rig: Option<Arc<LoadedRig>>,
@@ -134,7 +148,7 @@ impl Plan {
     fn of_loops(
         loops: Vec<ControlLoop>,
         contours: Vec<Contour>,
-        nodes_of_loops: BTreeMap<String, NodeNames>,
+        nodes_of_loops: BTreeMap<String, LoopNodes>,
     ) -> Self {
         let scenario = &loops[0].scenario;
         let shared = Shared {
@@ -151,6 +165,7 @@ impl Plan {
             sweep: scenario.sweep.clone(),
             contours,
             nodes_of_loops,
+            names_rig: false,
         };
         Self { shared, loops }
     }
@@ -180,25 +195,82 @@ impl Plan {
         self.map(|one| one.with_database(Arc::clone(database)))
     }
 
-    /// The same with nodes that are somebody else's, on a rig, whose bus takes the place of the scenario's.
+    /// The same on a rig, whose drive is external and whose bus takes the place of the scenario's.
     #[must_use]
-    pub fn on(self, rig: Option<&Arc<LoadedRig>>, external: &External) -> Self {
-        self.on_bus_of(rig)
-            .map(|one| one.on(rig.cloned(), external.clone()))
+    pub fn on(self, rig: &Arc<LoadedRig>) -> Self {
+        self.on_bus_of(rig).map(|one| one.on(Arc::clone(rig)))
     }
 
     /// As [`Plan::on`], for a recording that says by itself what its frames mean.
     #[must_use]
-    pub fn recorded_on(self, rig: Option<&Arc<LoadedRig>>, external: &External) -> Self {
+    pub fn recorded_on(self, rig: &Arc<LoadedRig>) -> Self {
         self.on_bus_of(rig)
-            .map(|one| one.recorded_on(rig.cloned(), external.clone()))
+            .map(|one| one.recorded_on(Arc::clone(rig)))
     }
 
-    fn on_bus_of(mut self, rig: Option<&Arc<LoadedRig>>) -> Self {
-        if let Some(rig) = rig {
-            self.shared.bus = rig.file.bus.of_scenario();
+    fn on_bus_of(mut self, rig: &LoadedRig) -> Self {
+        self.shared.bus = rig.file.bus.of_scenario();
+        self
+    }
+
+    /// The same with further external nodes, by name. An external drive publishes no truth.
+    ///
+    /// # Errors
+    /// The run has no such node, or it cannot be external.
+    pub fn with_external(self, names: &[String]) -> Result<Self, String> {
+        let known = BTreeSet::from_iter(self.nodes().map(|node| self.shared.name_of(node)));
+        if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
+            return Err(no_such_node(name, &Vec::from_iter(known)));
+        }
+        let emulated = Vec::from_iter(self.loops.iter().map(|one| one.is_ours(Part::Drive)));
+        let mut plan = self.recorded_external(names);
+        let real_fan = |one: &ControlLoop| one.is_external(Part::Io) && one.is_ours(Part::Drive);
+        if let Some(one) = plan.loops.iter().find(|one| real_fan(one)) {
+            let io = one.nodes.io.as_ref();
+            let io = io.map_or("", |node| plan.shared.name_of(node));
+            let drive = &one.nodes.drive.name;
+            return Err(format!(
+                "--external {io} needs --external {drive}: a real fan cannot cool an emulated wire"
+            ));
+        }
+        let silent = plan
+            .loops
+            .iter()
+            .zip(emulated)
+            .filter_map(|(one, was_emulated)| {
+                (was_emulated && one.is_external(Part::Drive)).then(|| one.name().to_owned())
+            });
+        let silent = Vec::from_iter(silent);
+        for one in &mut plan.loops {
+            let messages = silent.iter().flat_map(|name| {
+                TRUTH_MESSAGES.map(|message| match name == one.name() {
+                    true => message.to_owned(),
+                    false => format!("{name}_{message}"),
+                })
+            });
+            let messages = Vec::from_iter(messages);
+            if !messages.is_empty() {
+                let messages = Vec::from_iter(messages.iter().map(String::as_str));
+                one.database = Arc::new(one.database.with_silent(&messages));
+            }
+        }
+        Ok(plan)
+    }
+
+    /// As [`Plan::with_external`], for a recording.
+    #[must_use]
+    pub fn recorded_external(mut self, names: &[String]) -> Self {
+        let is_named = |node: &&Node| names.iter().any(|name| name == self.shared.name_of(node));
+        let named = Vec::from_iter(self.nodes().filter(is_named).cloned());
+        for one in &mut self.loops {
+            named.iter().for_each(|node| one.external.insert(node));
         }
         self
+    }
+
+    /// The nodes of all loops, those that several share once for each.
+    pub fn nodes(&self) -> impl Iterator<Item = &Node> {
+        self.loops.iter().flat_map(|one| one.nodes.all())
     }
 
     /// The same with the limits of another plan; none where that has other loops.
@@ -219,13 +291,22 @@ impl Plan {
         Some(self)
     }
 
-    /// The names of the nodes that are somebody else's, each once.
+    /// The names of the external nodes, each once: the drives of a loop before its controller and its io node.
     #[must_use]
     pub fn external_names(&self) -> Vec<String> {
         let mut names = Vec::new();
-        for name in self.loops.iter().flat_map(ControlLoop::external_names) {
-            if !names.contains(&name) {
-                names.push(name);
+        for one in &self.loops {
+            let LoopNodes {
+                controller,
+                drive,
+                io,
+            } = &one.nodes;
+            let nodes = [drive, controller].into_iter().chain(io);
+            for node in nodes.filter(|node| one.external.has(node)) {
+                let name = self.shared.name_of(node).to_owned();
+                if !names.contains(&name) {
+                    names.push(name);
+                }
             }
         }
         names
@@ -240,7 +321,7 @@ impl Plan {
     /// The name of the controller, which leads all loops.
     #[must_use]
     pub fn controller_name(&self) -> &str {
-        self.loops[0].node_names().0
+        &self.loops[0].nodes.controller.name
     }
 
     /// The loop whose controller and law stand for all: those of the only loop, or of the first of several.
@@ -264,13 +345,23 @@ impl Plan {
     /// Whether the scenario names its rig.
     #[must_use]
     pub fn names_rig(&self) -> bool {
-        self.loops.iter().any(|one| one.nodes.is_some())
+        self.shared.names_rig
     }
 
     /// Whether anything goes wrong on purpose.
     #[must_use]
     pub fn has_faults(&self) -> bool {
         !self.shared.faults.is_empty()
+    }
+}
+
+impl Shared {
+    /// The name of a node on the command line and in a verdict.
+    fn name_of<'a>(&self, node: &'a Node) -> &'a str {
+        match node.part {
+            Part::Io if !self.names_rig => FAN,
+            _ => &node.name,
+        }
     }
 }
 
@@ -285,10 +376,15 @@ pub fn prefix_of(loop_name: &str) -> String {
 
 impl ControlLoop {
     fn with_frames(scenario: Scenario, frames: Arc<Frames>) -> Self {
+        let (drive, io) = (DRIVE_NODE_ID, DISTURBANCE_NODE_ID);
         Self {
             scenario,
             loop_name: None,
-            nodes: None,
+            nodes: LoopNodes {
+                controller: Node::new(CONTROLLER, CONTROLLER_NODE_ID, Part::Controller),
+                drive: Node::new(DRIVE, drive, Part::Drive),
+                io: Some(Node::new(DISTURBANCE, io, Part::Io)),
+            },
             place: LoopPlace::SHIPPED,
             external: External::default(),
             rig: None,
@@ -315,23 +411,64 @@ impl ControlLoop {
         Self { database, ..self }
     }
 
-    fn on(self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
-        // Its nodes may be elsewhere on the bus than those of the shipped rig.
-        if rig.is_none() && external.is_empty() {
-            return self.recorded_on(rig, external);
-        }
-        let database = self.frames.database_with(rig.as_deref(), &external);
-        self.recorded_on(rig, external).with_database(database)
+    fn on(self, rig: Arc<LoadedRig>) -> Self {
+        let database = self.frames.database_on(&rig);
+        self.recorded_on(rig).with_database(database)
     }
 
-    fn recorded_on(mut self, rig: Option<Arc<LoadedRig>>, external: External) -> Self {
-        if let Some(rig) = &rig {
-            self.scenario.bus = rig.file.bus.of_scenario();
+    fn recorded_on(mut self, rig: Arc<LoadedRig>) -> Self {
+        self.scenario.bus = rig.file.bus.of_scenario();
+        self.nodes.drive.id = rig.drive.node_id().get();
+        if let Some(io) = &mut self.nodes.io {
+            io.id = rig.file.fan.node_id;
         }
+        self.external.insert(&self.nodes.drive);
         Self {
-            external,
-            rig,
+            rig: Some(rig),
             ..self
+        }
+    }
+
+    /// Whether the node with a part in the loop is external.
+    #[must_use]
+    pub fn is_external(&self, part: Part) -> bool {
+        let node = self.nodes.of(part);
+        node.is_some_and(|node| self.external.has(node))
+    }
+
+    /// Whether canrig plays the node with a part in the loop.
+    #[must_use]
+    pub fn is_ours(&self, part: Part) -> bool {
+        !self.is_external(part)
+    }
+
+    /// Whether an io node acts on the plant: the emulator's, or a real one.
+    #[must_use]
+    pub fn has_io(&self) -> bool {
+        self.is_ours(Part::Drive) || self.is_external(Part::Io)
+    }
+
+    /// Refuses a fault of the scenario that would happen to an external node.
+    ///
+    /// # Errors
+    /// The fault, and the node.
+    pub fn admits_faults(&self) -> Result<(), String> {
+        let own = self.scenario.own_faults();
+        // The order is given over the bus, to whoever is there.
+        let mut happening = own.filter(|fault| fault.kind.name != "nmt_stop");
+        // Sensor, amplifier, wire and mechanics are the emulated drive's.
+        let node = |fault: &Fault| match fault.kind.group == Group::Node && fault.is_at_controller()
+        {
+            true => &self.nodes.controller,
+            false => &self.nodes.drive,
+        };
+        match happening.find(|fault| self.external.has(node(fault))) {
+            None => Ok(()),
+            Some(fault) => Err(format!(
+                "{} cannot be played: the {} is external, so nothing fails there on purpose",
+                fault.kind.heading(),
+                node(fault).name
+            )),
         }
     }
 
@@ -350,46 +487,6 @@ impl ControlLoop {
     #[must_use]
     pub fn prefix(&self) -> String {
         prefix_of(self.name())
-    }
-
-    /// The names of its controller, its drive and, where there is one, the module that acts on its plant.
-    #[must_use]
-    pub fn node_names(&self) -> (&str, &str, Option<&str>) {
-        match &self.nodes {
-            Some(names) => (
-                &names.controller,
-                &names.drive,
-                names.disturbance.as_deref(),
-            ),
-            None => (CONTROLLER, DRIVE, Some(DISTURBANCE)),
-        }
-    }
-
-    /// The node-IDs of its drive and of the module that acts on its plant, where there is one.
-    #[must_use]
-    pub fn node_ids(&self) -> (u8, Option<u8>) {
-        let (_, _, disturbance) = self.node_names();
-        let (drive, module) = match &self.rig {
-            Some(rig) => (rig.drive.node_id().get(), Some(rig.file.fan.node_id)),
-            None => (self.place.drive_node_id, self.place.disturbance_node_id),
-        };
-        (drive, disturbance.and(module))
-    }
-
-    /// The names of its nodes that are somebody else's.
-    #[must_use]
-    pub fn external_names(&self) -> Vec<String> {
-        let (controller, drive, disturbance) = self.node_names();
-        let name = |node: ExternalNode| match (node, &self.nodes) {
-            (_, None) => node.name(),
-            (ExternalNode::Controller, _) => controller,
-            (ExternalNode::Drive, _) => drive,
-            (ExternalNode::Fan, _) => disturbance.unwrap_or_default(),
-        };
-        self.external
-            .nodes()
-            .map(|node| name(node).to_owned())
-            .collect()
     }
 
     /// The outputs of the io node of its plant besides fan and load; none of a recording.

@@ -30,6 +30,7 @@ mod load;
 pub mod loops;
 pub mod metrics;
 mod nearest;
+pub mod node;
 mod null;
 mod outside;
 pub mod overrides;

@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
 use dbc::{SignalMissing, signals};
-use rig::external::ExternalNode;
 use rig::plan::{ControlLoop, Plan};
 use scenario::fault::Faults;
+use scenario::node::Part;
 
 use crate::names;
 use crate::supervisor::Supervisor;
@@ -42,7 +42,7 @@ impl DisturbanceProducer {
         let mut frames = Vec::new();
         for one in &plan.loops {
             // On a bus without the module its identifier may be somebody else's.
-            if one.external.has_fan() {
+            if one.has_io() {
                 frames.extend(disturbances(one)?);
             }
         }
@@ -61,7 +61,7 @@ impl DisturbanceProducer {
     /// The same with a watch over the limits of each real drive. At the first violation all real drives are stopped.
     #[must_use]
     pub(crate) fn watching_real_drives(mut self, plan: &Plan) -> Self {
-        let is_real = |one: &&ControlLoop| one.external.has(ExternalNode::Drive);
+        let is_real = |one: &&ControlLoop| one.is_external(Part::Drive);
         let drives = plan.loops.iter().filter(is_real).map(RealDrive::new);
         self.real_drives = drives.collect();
         self
@@ -233,7 +233,6 @@ mod tests {
     use std::sync::Arc;
 
     use rig::catalogue::Catalogue;
-    use rig::external::External;
     use rig::rig_file::LoadedRig;
     use scenario::Scenario;
 
@@ -248,8 +247,7 @@ mod tests {
              position_millimetres = {{ min = -1.0, max = 45.0 }}\nspeed_millimetres_per_second = 400.0\n"
         );
         let rig = Arc::new(LoadedRig::from_text(&rig).unwrap());
-        let external = External::new(&[ExternalNode::Drive]).unwrap();
-        Plan::new(scenario, &Catalogue::shipped()).on(Some(&rig), &external)
+        Plan::new(scenario, &Catalogue::shipped()).on(&rig)
     }
 
     fn position(node_id: u16, micrometres: i32) -> CanFrame {

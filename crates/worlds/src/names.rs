@@ -30,7 +30,7 @@ pub fn emulator_name(one: &ControlLoop) -> &str {
 /// The name of the drive of a loop, as the rig file has it where there are several.
 pub(crate) fn drive_name(one: &ControlLoop) -> &str {
     match one.loop_name {
-        Some(_) => one.node_names().1,
+        Some(_) => &one.nodes.drive.name,
         None => DRIVE,
     }
 }

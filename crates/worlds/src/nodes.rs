@@ -61,12 +61,11 @@ pub struct LoopView {
 #[must_use]
 pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
     let views = plan.loops.iter().map(|one| {
-        let (drive, io) = one.node_ids();
         let view = OneLoop {
             name: one.name().to_owned(),
             place: NodesOfLoop {
-                drive,
-                io,
+                drive: one.nodes.drive.id,
+                io: one.nodes.io.as_ref().map(|io| io.id),
                 truth_every_cycles: one.place.truth_every_cycles,
             },
             scenario: one.scenario.controller_view(),

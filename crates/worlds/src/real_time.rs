@@ -24,8 +24,8 @@ use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
 use recording::run_folder::RunFolder;
 use recording::sources::{Sent, SentFrames};
-use rig::external::ExternalNode;
 use rig::plan::{ControlLoop, Plan};
+use scenario::node::Part;
 
 /// What the controller needs beyond the bring-up until current flows, with some to spare.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
@@ -153,11 +153,11 @@ fn start_nodes(
     folder: &RunFolder,
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
-    let is_ours = |one: &&ControlLoop| !one.external.has(ExternalNode::Drive);
+    let is_ours = |one: &&ControlLoop| one.is_ours(Part::Drive);
     let emulators = emulator_names(plan.loops.iter().filter(is_ours)).into_iter();
     // One controller leads all loops.
     let controller = (plan.loops.iter())
-        .all(|one| !one.external.has(ExternalNode::Controller))
+        .all(|one| one.is_ours(Part::Controller))
         .then_some(CONTROLLER);
     let spawn = |name| NodeProcess::spawn(name, folder, Some(connection.address()), None);
     let processes = emulators.chain(controller).map(spawn);

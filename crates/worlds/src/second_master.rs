@@ -4,8 +4,8 @@ use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
 use recording::capture::Capture;
 use recording::sources::{Sent, SourceReader};
-use rig::external::ExternalNode;
 use rig::plan::{ControlLoop, Plan};
+use scenario::node::Part;
 
 use crate::error::WorldError;
 
@@ -19,7 +19,7 @@ pub(super) struct SecondMasterWatch {
 impl SecondMasterWatch {
     /// A watch beside each real drive.
     pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
-        let is_real = |one: &&ControlLoop| one.external.has(ExternalNode::Drive);
+        let is_real = |one: &&ControlLoop| one.is_external(Part::Drive);
         Ok(Self {
             clock: ScenarioClock::new(plan.database())?,
             drives: (plan.loops.iter().filter(is_real))

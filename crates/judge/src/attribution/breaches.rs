@@ -3,8 +3,8 @@
 use std::iter::Peekable;
 
 use recording::timeline::Timeline;
-use rig::external::{External, ExternalNode};
-use rig::plan::LoopNode;
+use rig::plan::ControlLoop;
+use scenario::node::Part;
 
 /// What a node owes the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +16,7 @@ pub(crate) enum Duty {
     /// A command for each position, before the next one.
     Command,
     /// A heartbeat, as long as the others wait for it.
-    Heartbeat(LoopNode),
+    Heartbeat(Part),
     /// To leave the drive in operation: an external controller may stop it by NMT.
     Nmt,
 }
@@ -26,20 +26,17 @@ impl Duty {
     pub(super) const CYCLIC: [Self; 4] = [Self::Sync, Self::Position, Self::Command, Self::Nmt];
 
     /// The node that has it.
-    pub(crate) fn node(self) -> LoopNode {
+    pub(crate) fn node(self) -> Part {
         match self {
-            Self::Sync | Self::Command | Self::Nmt => LoopNode::Controller,
-            Self::Position => LoopNode::Drive,
+            Self::Sync | Self::Command | Self::Nmt => Part::Controller,
+            Self::Position => Part::Drive,
             Self::Heartbeat(node) => node,
         }
     }
 
-    /// Whether somebody else's node has it.
-    pub(crate) fn is_of(self, external: &External) -> bool {
-        external.has(match self.node() {
-            LoopNode::Controller => ExternalNode::Controller,
-            LoopNode::Drive => ExternalNode::Drive,
-        })
+    /// Whether an external node has it.
+    pub(crate) fn is_of_external(self, one: &ControlLoop) -> bool {
+        one.is_external(self.node())
     }
 
     /// Its name in `verdict.json`, and what is missing where it is not done.

@@ -3,7 +3,7 @@
 
 use recording::stalls::Who;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use rig::plan::LoopNode;
+use scenario::node::Part;
 use serde::{Deserialize, Serialize};
 
 use super::breaches::Duty;
@@ -99,20 +99,17 @@ impl Lasting {
 }
 
 /// The rig's name of a node.
-pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: LoopNode) -> &'a str {
-    let (controller, drive, _) = evidence.own.node_names();
-    match node {
-        LoopNode::Controller => controller,
-        LoopNode::Drive => drive,
-    }
+pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: Part) -> &'a str {
+    let node = evidence.own.nodes.of(node);
+    node.map_or("", |node| &node.name)
 }
 
 /// What was held up by a stall.
 fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
     match stretch.stall.who {
         Who::Machine | Who::Bus => "host",
-        Who::Controller => node_name(evidence, LoopNode::Controller),
-        Who::PlantEmulator => node_name(evidence, LoopNode::Drive),
+        Who::Controller => node_name(evidence, Part::Controller),
+        Who::PlantEmulator => node_name(evidence, Part::Drive),
     }
 }
 

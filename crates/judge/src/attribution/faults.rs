@@ -1,8 +1,9 @@
 //! Which misses a fault of the scenario explains: it excuses what it touches, not its window.
 
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
-use rig::plan::{ControlLoop, LoopNode};
-use scenario::fault::{Fault, Part, Touch};
+use rig::plan::ControlLoop;
+use scenario::fault::{Fault, Touch};
+use scenario::node::Part;
 
 use super::breaches::{Breach, Duty};
 
@@ -70,10 +71,7 @@ impl ScenarioFaults {
     /// Whether a fault explains that something begins to be missing: it touches the frame, or the controller gives up for it, and says
     /// so.
     pub(super) fn explain(&self, breach: &Breach) -> bool {
-        let part = match breach.duty.node() {
-            LoopNode::Controller => Part::Controller,
-            LoopNode::Drive => Part::Drive,
-        };
+        let part = breach.duty.node();
         let (from, until) = (breach.from_seconds, breach.until_seconds);
         let is_heartbeat = matches!(breach.duty, Duty::Heartbeat(_));
         let is_near = |begins: f64, ends: f64| {

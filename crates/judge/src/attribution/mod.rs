@@ -10,10 +10,9 @@ pub(crate) mod stalls;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
-use rig::external::External;
 use rig::plan::ControlLoop;
-use rig::plan::LoopNode;
 use scenario::events::Window;
+use scenario::node::Part;
 
 use self::breaches::{Breach, Duty, has_next, missed_cycles, of_commands, served};
 use self::faults::ScenarioFaults;
@@ -48,7 +47,7 @@ pub(crate) enum Cause {
 /// What explains the breaches of a loop.
 pub(crate) struct Attribution<'a> {
     timeline: &'a Timeline,
-    external: &'a External,
+    own: &'a ControlLoop,
     is_real_time: bool,
     /// The cycles that should have been played.
     pub(crate) due: u64,
@@ -69,12 +68,12 @@ impl<'a> Attribution<'a> {
         circumstances: &Circumstances,
     ) -> Self {
         let stretches = stretches(timeline, &circumstances.stalls);
-        let (external, period_seconds) = (&one.external, timeline.period_seconds);
-        let felt = [LoopNode::Controller, LoopNode::Drive]
-            .map(|node| FeltStalls::of(node, &stretches, external, period_seconds));
+        let period_seconds = timeline.period_seconds;
+        let felt = [Part::Controller, Part::Drive]
+            .map(|node| FeltStalls::of(node, &stretches, one, period_seconds));
         let mut attribution = Self {
             timeline,
-            external,
+            own: one,
             is_real_time: circumstances.reports.iter().any(Option::is_some),
             due: due(timeline, one, circumstances.ended_early.as_ref()),
             felt,
@@ -102,7 +101,7 @@ impl<'a> Attribution<'a> {
     /// explain four of five missed cycles, since a processor that the host of a virtual machine took from a running thread shows in
     /// no clock of the machine.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
-        let own = |duty: &Duty| !duty.is_of(self.external);
+        let own = |duty: &Duty| !duty.is_of_external(self.own);
         let cyclic = Duty::CYCLIC.into_iter().filter(own);
         let by_own: usize = cyclic.map(|duty| self.cycles.of_node(duty).0).sum();
         let prevails = by_own > 0 && PREVAILING * by_own <= self.cycles.by_host;
@@ -163,7 +162,7 @@ impl<'a> Attribution<'a> {
     }
 
     /// The stall that explains what is missing from a node.
-    pub(crate) fn stall(&self, node: LoopNode, from: f64, until: f64) -> Option<Stretch> {
+    pub(crate) fn stall(&self, node: Part, from: f64, until: f64) -> Option<Stretch> {
         self.felt[place(node)].explaining(from, until)
     }
 
@@ -188,10 +187,10 @@ impl<'a> Attribution<'a> {
     }
 
     /// The stall of one of canrig's nodes that shows in the cycle that it missed.
-    fn stood_in(&self, node: LoopNode, from_seconds: f64, until_seconds: f64) -> Stretch {
+    fn stood_in(&self, node: Part, from_seconds: f64, until_seconds: f64) -> Stretch {
         let who = match node {
-            LoopNode::Controller => Who::Controller,
-            LoopNode::Drive => Who::PlantEmulator,
+            Part::Controller => Who::Controller,
+            _ => Who::PlantEmulator,
         };
         let [from, until] =
             [from_seconds, until_seconds].map(|time| self.timeline.recorded_time(time));
@@ -203,7 +202,7 @@ impl<'a> Attribution<'a> {
     }
 
     /// The stall of a node of canrig's in real time that was silent and came back.
-    fn stood_since(&self, node: LoopNode, from_seconds: f64) -> Option<Stretch> {
+    fn stood_since(&self, node: Part, from_seconds: f64) -> Option<Stretch> {
         let mut lost = self.timeline.lost_heartbeats.iter().filter(|lost| {
             let is_in = from_seconds + HEARTBEAT_SECONDS >= lost.due_seconds
                 && from_seconds <= lost.back_seconds;
@@ -215,8 +214,8 @@ impl<'a> Attribution<'a> {
         Some(self.stood_in(node, lost.due_seconds, lost.back_seconds))
     }
 
-    fn is_external(&self, node: LoopNode) -> bool {
-        Duty::Heartbeat(node).is_of(self.external)
+    fn is_external(&self, node: Part) -> bool {
+        self.own.is_external(node)
     }
 
     /// Whether cycles were missed in a window, and all of them because of stalls.
@@ -232,10 +231,10 @@ impl<'a> Attribution<'a> {
 }
 
 /// Where a node stands among controller and drive.
-fn place(node: LoopNode) -> usize {
+fn place(node: Part) -> usize {
     match node {
-        LoopNode::Controller => 0,
-        LoopNode::Drive => 1,
+        Part::Controller => 0,
+        _ => 1,
     }
 }
 

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
-use rig::external::{External, ExternalNode};
-use rig::plan::LoopNode;
+use rig::plan::ControlLoop;
+use scenario::node::Part;
 
 /// So many periods after a stall, at most, come the frames that it held up.
 const BURST_PERIODS: f64 = 2.0;
@@ -81,17 +81,15 @@ pub(super) struct FeltStalls {
 impl FeltStalls {
     /// Only processes that canrig started are watched, and what happened to them explains nothing of somebody else's node.
     pub(super) fn of(
-        node: LoopNode,
+        node: Part,
         stretches: &[Stretch],
-        external: &External,
+        one: &ControlLoop,
         period_seconds: f64,
     ) -> Self {
         let is_felt = |stretch: &&Stretch| match (stretch.stall.who, node) {
-            (Who::Machine | Who::Bus, _) | (Who::Controller, LoopNode::Controller) => true,
-            (Who::PlantEmulator, LoopNode::Controller) => false,
-            (Who::Controller | Who::PlantEmulator, LoopNode::Drive) => {
-                !external.has(ExternalNode::Drive)
-            }
+            (Who::Machine | Who::Bus, _) | (Who::Controller, Part::Controller) => true,
+            (Who::PlantEmulator, Part::Controller) => false,
+            (Who::Controller | Who::PlantEmulator, _) => one.is_ours(Part::Drive),
         };
         let mut felt: Vec<Stretch> = stretches.iter().filter(is_felt).copied().collect();
         felt.sort_by(|left, right| left.until_seconds.total_cmp(&right.until_seconds));

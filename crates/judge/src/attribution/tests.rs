@@ -6,7 +6,6 @@ use proptest::prelude::*;
 use recording::log::Stamped;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
-use rig::external::ExternalNode;
 use rig::plan::Plan;
 use scenario::Scenario;
 
@@ -45,7 +44,7 @@ impl Held {
     }
 }
 
-fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Plan {
+fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
     let seconds = 0.01 * f64::from(u32::try_from(cycles).unwrap());
     let mut text = format!(
         "schema = 1\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
@@ -57,9 +56,9 @@ fn setup(cycles: usize, faults: &[(u32, u32)], external: &External) -> Plan {
         );
     }
     let scenario = Scenario::parse(&text, "m.toml", |_| unreachable!("no table")).unwrap();
-    let mut plan = Plan::new(scenario, &Catalogue::shipped());
-    plan.loops[0].external = external.clone();
-    plan
+    let external = external.iter().map(ToString::to_string);
+    let plan = Plan::new(scenario, &Catalogue::shipped());
+    plan.recorded_external(&Vec::from_iter(external))
 }
 
 /// The recording of these cycles, of which the first has its SYNC, and of a frame at the end.
@@ -90,12 +89,12 @@ fn slow(
     cycles: &[Cycle],
     held: &[Held],
     faults: &[(u32, u32)],
-    external: &External,
+    external: &[&str],
 ) -> Vec<(f64, &'static str)> {
     let is_felt = |held: &&Held, cycle: Cycle| match (held.who, cycle) {
         (Who::Machine | Who::Bus, _) | (Who::Controller, Cycle::WithoutSync) => true,
         (Who::PlantEmulator, Cycle::WithoutSync) => false,
-        _ => !external.has(ExternalNode::Drive),
+        _ => !external.contains(&"drive"),
     };
     // In half of the milliseconds of the cycle a stall held something up, or what it held up came.
     let is_held = |number: u32, cycle: Cycle| {
@@ -129,15 +128,15 @@ fn slow(
             });
         // A controller gives up where the drive is silent.
         let whose_node = match (missing, cycle) {
-            (Cycle::WithoutPosition, _) | (_, Cycle::WithoutPosition) => ExternalNode::Drive,
-            _ => ExternalNode::Controller,
+            (Cycle::WithoutPosition, _) | (_, Cycle::WithoutPosition) => "drive",
+            _ => "controller",
         };
         let doing = match (is_held(number, *cycle), is_by_fault) {
             (true, _) => "bench",
             (false, true) => "fault",
             (false, false) => "node",
         };
-        let is_own = doing == "node" && !external.has(whose_node);
+        let is_own = doing == "node" && !external.contains(&whose_node);
         whose.push((f64::from(number) * 0.01, doing, is_own));
     }
     let count = |wanted: fn(&str, bool) -> bool| {
@@ -194,9 +193,8 @@ proptest! {
         cycles in cycles(),
         held in prop::collection::vec(held(), 0..6),
         fault in prop::option::of((5..40_u32, 1..20_u32)),
-        nodes in prop::sample::subsequence(vec![ExternalNode::Drive, ExternalNode::Controller], 0..=2),
+        external in prop::sample::subsequence(vec!["drive", "controller"], 0..=2),
     ) {
-        let external = External::new(&nodes).unwrap();
         let faults: Vec<(u32, u32)> = fault.into_iter().map(|(from, length)| (from, from + length)).collect();
         // A fault may not begin after the scenario's end.
         let last = u32::try_from(cycles.len()).unwrap();
@@ -225,7 +223,7 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
         Cycle::WithoutPosition,
         Cycle::WithoutSync,
     );
-    let plan = setup(100, &[], &External::default());
+    let plan = setup(100, &[], &[]);
     let timelines = decode(frames(&cycles), &plan).unwrap();
     let attribution = Attribution::new(&timelines[0], plan.leading(), &Circumstances::default());
     let too_many = |percent_max, lost| attribution.cycles().too_many(percent_max, lost);
@@ -240,11 +238,11 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
 /// A run with a stall in 20 of its cycles, in which a node left out some others.
 #[test]
 fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
-    let by_nodes = |left_out: usize, nodes: &[ExternalNode]| {
+    let by_nodes = |left_out: usize, nodes: &[&str]| {
         let mut cycles = vec![Cycle::Served; 100];
         cycles[10..30].fill(Cycle::WithoutSync);
         cycles[60..60 + left_out].fill(Cycle::WithoutSync);
-        let plan = setup(100, &[], &External::new(nodes).unwrap());
+        let plan = setup(100, &[], nodes);
         let timelines = decode(frames(&cycles), &plan).unwrap();
         let held = Held {
             from: 100,
@@ -260,13 +258,13 @@ fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
     };
     assert!(by_nodes(5, &[]));
     assert!(!by_nodes(7, &[]), "more than one of five");
-    assert!(by_nodes(5, &[ExternalNode::Drive]));
-    assert!(!by_nodes(2, &[ExternalNode::Controller]));
+    assert!(by_nodes(5, &["drive"]));
+    assert!(!by_nodes(2, &["controller"]));
 }
 
 #[test]
 fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it() {
-    let plan = setup(100, &[], &External::default());
+    let plan = setup(100, &[], &[]);
     let mut timeline = decode(frames(&[Cycle::Served; 40]), &plan)
         .unwrap()
         .remove(0);
@@ -281,7 +279,7 @@ fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it(
             ..Circumstances::default()
         };
         let attribution = Attribution::new(timeline, plan.leading(), &circumstances);
-        let stretch = attribution.stall(LoopNode::Drive, 0.39, 0.39 + silence_seconds);
+        let stretch = attribution.stall(Part::Drive, 0.39, 0.39 + silence_seconds);
         stretch.map(|stretch| stretch.stall.length())
     };
     let milliseconds = |count| Some(Duration::from_millis(count));
@@ -309,7 +307,7 @@ fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it(
 /// A SYNC that is not sent any more is missed to the scenario's end, unless nobody knows how the run went on.
 #[test]
 fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
-    let plan = setup(100, &[], &External::default());
+    let plan = setup(100, &[], &[]);
     let mut silent = vec![Cycle::Served; 40];
     silent.resize(100, Cycle::WithoutSync);
     let percent = |frames: &[Stamped], ended_early| {

@@ -79,7 +79,7 @@ fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop) -> Drawn<'a> {
 
 /// Where a signal is on the bus: among several loops with the name of the drive whose frame it is in.
 fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
-    let (_, drive, _) = own.node_names();
+    let drive = &own.nodes.drive.name;
     let of_drive = trace.path.strip_prefix("drive_");
     match (&own.loop_name, of_drive) {
         (Some(_), Some(rest)) => format!("{drive}_{rest}"),

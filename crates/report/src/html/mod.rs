@@ -17,7 +17,7 @@ use judge::verdict::Verdict;
 use recording::events::{Events, Level};
 use recording::run_folder::file;
 use recording::timeline::{Timeline, events_of};
-use rig::external::ExternalNode;
+use scenario::node::Part;
 
 /// Events that are listed; a run with more of them has one cause, which the first ones show.
 const EVENTS_MAX: usize = 300;
@@ -71,7 +71,7 @@ fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
 
 fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
-    let is_external = |one: RunLoop<'_>| one.own.external.has(ExternalNode::Drive);
+    let is_external = |one: RunLoop<'_>| one.own.is_external(Part::Drive);
     html! {
         h1 { (shared.name) }
         p { (page::badge(verdict.outcome)) }

@@ -1,22 +1,22 @@
 //! Makes plans of files: scenarios of one loop and of several, rig files, recordings.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
 use dbc::Database;
 use dbc::loops::LoopPlace;
-use dbc::signals::TRUTH_MESSAGES;
 use scenario::loops::{Loops, OneLoop};
-use scenario::rig::nodes::Rig;
+use scenario::node::{Node, Part};
+use scenario::rig::nodes::{Rig, RigNode};
 use scenario::{Objection, Scenario, ScenarioError, Texts, read_text};
 
-use super::{ControlLoop, LoopName, NodeNames, Plan};
+use super::{ControlLoop, LoopName, LoopNodes, Plan};
 use crate::FILE_BYTES_MAX;
 use crate::bus_budget::BusBudget;
 use crate::catalogue::{Catalogue, Frames};
-use crate::external::{External, ExternalNode, no_such_node};
+use crate::external::External;
 use crate::named_nodes::names_by_id;
 use crate::ports;
 use crate::rig_file::LoadedRig;
@@ -116,9 +116,8 @@ impl Plan {
         let scenario = Scenario::parse(text, "a rig", no_table);
         let scenario = scenario.expect("this scenario is valid");
         let frames = Arc::new(Frames::from_database(Arc::clone(&rig.database)));
-        let external = External::default().with_drive();
         let only = ControlLoop::with_frames(scenario, frames);
-        Self::of_one(only).recorded_on(Some(&Arc::new(rig)), &external)
+        Self::of_one(only).recorded_on(&Arc::new(rig))
     }
 
     /// Reads the scenario of a recording, whose frames mean what the database says. Plants and laws need not be known here.
@@ -171,42 +170,6 @@ impl Plan {
         Ok(Self::of_loops(varied.collect(), loops.contours, nodes))
     }
 
-    /// The plan with further nodes that are somebody else's, by the rig's names. A drive among them is like the emulated one, but
-    /// publishes no truth.
-    ///
-    /// # Errors
-    /// The rig has no such node, or it cannot be external.
-    pub fn with_external(mut self, names: &[String]) -> Result<Self, String> {
-        let known = self.loops.iter().flat_map(|one| {
-            let (controller, drive, disturbance) = one.node_names();
-            [controller, drive].into_iter().chain(disturbance)
-        });
-        let known = BTreeSet::from_iter(known);
-        if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
-            return Err(no_such_node(name, &Vec::from_iter(known)));
-        }
-        let silent = self.loops.iter().filter_map(|one| {
-            let has_truth = !one.external.has(ExternalNode::Drive);
-            let (_, drive, _) = one.node_names();
-            let is_named = names.iter().any(|name| name == drive);
-            (has_truth && is_named).then(|| one.name().to_owned())
-        });
-        let silent = Vec::from_iter(silent);
-        for one in &mut self.loops {
-            one.external = external_with(one, names)?;
-            let messages = silent.iter().flat_map(|name| {
-                TRUTH_MESSAGES.map(|message| match name == one.name() {
-                    true => message.to_owned(),
-                    false => format!("{name}_{message}"),
-                })
-            });
-            let messages = Vec::from_iter(messages);
-            let messages = Vec::from_iter(messages.iter().map(String::as_str));
-            one.database = Arc::new(one.database.with_silent(&messages));
-        }
-        Ok(self)
-    }
-
     /// The plan of loops that were found to be without objections.
     fn of_texts(loops: Loops<Scenario>, path: &Path, texts: Texts, catalogue: &Catalogue) -> Self {
         let plan = planned(loops, catalogue);
@@ -245,39 +208,23 @@ fn loops_of_recording(
             false => database.seen_from(&first, name),
         };
         let names = Vec::from_iter(loops.loops.iter().map(|one| one.name.clone()));
-        named(loops, |name, scenario, rig| {
-            let frames = frames(name);
-            let others = names.iter().map(String::as_str);
-            let others = Vec::from_iter(others.filter(|other| *other != name));
-            // The names of signals in the scenario are the loop's own, as when it was played.
-            let one = ControlLoop::of_recording(scenario, frames.without(&others));
-            let one = one.with_database(Arc::new(frames));
-            one.recorded_on(rig.loaded, rig.external)
-        })
+        named(
+            loops,
+            |name, scenario| {
+                let frames = frames(name);
+                let others = names.iter().map(String::as_str);
+                let others = Vec::from_iter(others.filter(|other| *other != name));
+                // The names of signals in the scenario are the loop's own, as when it was played.
+                let one = ControlLoop::of_recording(scenario, frames.without(&others));
+                one.with_database(Arc::new(frames))
+            },
+            ControlLoop::recorded_on,
+        )
     };
     let object = |loops: &Loops<Scenario>| recorded(loops.clone()).err();
     let (loops, texts) = Loops::load_recorded(path, |_| Vec::new(), object)?;
     let plan = recorded(loops).expect("a rig without objections");
-    let plan = plan.map(|mut one| {
-        one.external = external_with(&one, external).unwrap_or_default();
-        one
-    });
-    Ok(plan.with_texts(path, texts))
-}
-
-/// The nodes of a loop that are somebody else's, with those of these names.
-fn external_with(one: &ControlLoop, names: &[String]) -> Result<External, &'static str> {
-    let (controller, drive, disturbance) = one.node_names();
-    let nodes = [
-        (ExternalNode::Drive, Some(drive)),
-        (ExternalNode::Controller, Some(controller)),
-        (ExternalNode::Fan, disturbance),
-    ];
-    let is_named = |name: &str| names.iter().any(|other| other == name);
-    let nodes = nodes.into_iter();
-    let nodes = nodes.filter(|(_, name)| name.is_some_and(is_named));
-    let nodes = nodes.map(|(node, _)| node).chain(one.external.nodes());
-    External::new(&Vec::from_iter(nodes))
+    Ok(plan.recorded_external(external).with_texts(path, texts))
 }
 
 /// What is wrong with a rig: a drive that cannot be led, nodes that send the same, a cycle that is too short.
@@ -321,10 +268,11 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
 
 /// The plan of the loops of a rig, each with the frames of the whole bus.
 fn planned(loops: Loops<Scenario>, catalogue: &Catalogue) -> Result<Plan, Objection> {
-    let mut plan = named(loops, |_, scenario, rig| {
+    let alone = |_: &str, scenario: Scenario| {
         let frames = catalogue.frames(&scenario);
-        ControlLoop::with_frames(scenario, frames).on(rig.loaded, rig.external)
-    })?;
+        ControlLoop::with_frames(scenario, frames)
+    };
+    let mut plan = named(loops, alone, ControlLoop::on)?;
     for one in &mut plan.loops {
         one.database = Arc::new(one.database.at(&place_in_shipped(one)));
     }
@@ -355,46 +303,30 @@ fn place_in_shipped(one: &ControlLoop) -> LoopPlace {
     }
 }
 
-/// What a rig file says of one loop's nodes that are somebody else's.
-struct OwnRig {
-    loaded: Option<Arc<LoadedRig>>,
-    external: External,
+/// The rig of the drive of a loop, where that is external.
+fn own_rig<T>(loops: &Loops<T>, name: &str) -> Result<Option<Arc<LoadedRig>>, Objection> {
+    let drive = loops.rig.drive_of_loop(name);
+    let Some(file) = loops.rig.rig_file_of(drive) else {
+        return Ok(None);
+    };
+    let loaded = LoadedRig::of_node(Path::new(drive), file, loops.sheets.get(drive));
+    let loaded = loaded.map_err(|error| Objection {
+        path: format!("node.{drive}"),
+        message: format!("the drive `{drive}` cannot be led"),
+        label: error.to_string(),
+        help: None,
+    })?;
+    Ok(Some(Arc::new(loaded)))
 }
 
-impl OwnRig {
-    fn new<T>(loops: &Loops<T>, name: &str) -> Result<Self, Objection> {
-        let drive = loops.rig.drive_of_loop(name);
-        let Some(file) = loops.rig.rig_file_of(drive) else {
-            return Ok(Self {
-                loaded: None,
-                external: External::default(),
-            });
-        };
-        let external = External::default().with_drive();
-        let has_fan = loops.rig.io_of(drive).is_some_and(|(_, io)| io.external);
-        let loaded = LoadedRig::of_node(Path::new(drive), file, loops.sheets.get(drive));
-        Ok(Self {
-            loaded: Some(Arc::new(loaded.map_err(|error| Objection {
-                path: format!("node.{drive}"),
-                message: format!("the drive `{drive}` cannot be led"),
-                label: error.to_string(),
-                help: None,
-            })?)),
-            external: match has_fan {
-                true => external.with_fan(),
-                false => external,
-            },
-        })
-    }
-}
-
-/// The plan of loops that `make` makes, each with its name and its place.
+/// The plan of loops that `make` makes, each with its name and its place; `put_on` puts one on the rig of its external drive.
 fn named(
     loops: Loops<Scenario>,
-    make: impl Fn(&str, Scenario, OwnRig) -> ControlLoop,
+    make: impl Fn(&str, Scenario) -> ControlLoop,
+    put_on: impl Fn(ControlLoop, Arc<LoadedRig>) -> ControlLoop,
 ) -> Result<Plan, Objection> {
     let rigs = loops.loops.iter();
-    let rigs = rigs.map(|one| OwnRig::new(&loops, &one.name));
+    let rigs = rigs.map(|one| own_rig(&loops, &one.name));
     let rigs = rigs.collect::<Result<Vec<_>, _>>()?;
     let Loops {
         rig,
@@ -403,18 +335,27 @@ fn named(
         ..
     } = loops;
     let is_only = loops.len() == 1;
-    let node_names = |name: &str| {
-        let (controller, _) = rig.controller().unzip();
-        let drive = rig.drive_of_loop(name).to_owned();
-        NodeNames {
-            controller: controller.unwrap_or_default().to_owned(),
-            disturbance: rig.io_of(&drive).map(|(name, _)| name.to_owned()),
-            drive,
+    let nodes = |name: &str| {
+        let drive = rig.drive_of_loop(name);
+        let named = |(name, node): (&str, &RigNode), part| Node::new(name, node.node_id, part);
+        let controller = rig.controller().map(|node| named(node, Part::Controller));
+        LoopNodes {
+            controller: controller.unwrap_or_else(|| Node::new("", 0, Part::Controller)),
+            drive: Node::new(
+                drive,
+                rig.node.get(drive).map_or(0, |node| node.node_id),
+                Part::Drive,
+            ),
+            io: rig.io_of(drive).map(|node| named(node, Part::Io)),
         }
     };
     let several = loops.iter().filter(|_| !is_only);
-    let nodes_of_loops = several.map(|one| (one.name.clone(), node_names(&one.name)));
+    let nodes_of_loops = several.map(|one| (one.name.clone(), nodes(&one.name)));
     let nodes_of_loops = BTreeMap::from_iter(nodes_of_loops);
+    let mut external = External::default();
+    for (name, node) in rig.node.iter().filter(|(_, node)| node.external) {
+        external.insert(&Node::new(name, node.node_id, Part::Drive));
+    }
     let loops = (0..).zip(loops).zip(rigs);
     let loops = loops.map(|((number, one), own_rig)| {
         let OneLoop {
@@ -426,20 +367,27 @@ fn named(
             plant: rig.plant_of_loop(&name).to_owned(),
             name: name.clone(),
         });
-        ControlLoop {
+        let one = ControlLoop {
             loop_name,
-            nodes: Some(node_names(&name)),
+            nodes: nodes(&name),
+            external: external.clone(),
             place: LoopPlace {
                 number,
                 drive_node_id: place.drive,
                 disturbance_node_id: place.io,
                 truth_every_cycles: place.truth_every_cycles,
             },
-            ..make(&name, scenario, own_rig)
+            ..make(&name, scenario)
+        };
+        match own_rig {
+            Some(rig) => put_on(one, rig),
+            None => one,
         }
     });
     let loops = loops.collect();
-    Ok(Plan::of_loops(loops, contours, nodes_of_loops))
+    let mut plan = Plan::of_loops(loops, contours, nodes_of_loops);
+    plan.shared.names_rig = true;
+    Ok(plan)
 }
 
 /// The loops, each with the frames of the others.

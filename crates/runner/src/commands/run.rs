@@ -9,6 +9,7 @@ use platform::bus::BusAddress;
 use platform::scheduling;
 use scenario::fault::{Faults, Group};
 use scenario::loops::Loops;
+use scenario::node::Part;
 use scenario::read_text;
 
 use crate::console::{print_diagnostic, print_error, usage_error};
@@ -21,8 +22,8 @@ use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
 use rig::FILE_BYTES_MAX;
-use rig::external::{External, ExternalNode};
-use rig::plan::{ControlLoop, Plan};
+use rig::external::no_such_node;
+use rig::plan::{ControlLoop, FAN, Plan};
 use rig::rig_file::{LoadedRig, RigError};
 use worlds::bus_connection::BusConnection;
 use worlds::preflight::{Preflight, PreflightEvent};
@@ -98,10 +99,8 @@ struct RunTestbed<'a> {
     /// Between two scenarios.
     vigil: Cell<Option<Vigil>>,
     clock: ClockChoice,
-    /// As the user names them.
-    names: Vec<String>,
-    /// The same on a bench with one drive.
-    external: External,
+    /// The names of the external nodes.
+    external: Vec<String>,
     rig: Option<Arc<LoadedRig>>,
     preflight: Preflight,
     listener: &'a dyn Listener,
@@ -110,20 +109,14 @@ struct RunTestbed<'a> {
 impl<'a> RunTestbed<'a> {
     /// Finds rig and bus, and refuses what does not go together.
     fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
-        let external = External::of_names(&args.external);
-        let external = match names_rigs(args) {
-            true => external.unwrap_or_default(),
-            false => external.map_err(|reason| usage_error(&reason))?,
-        };
-        let rig = rig_of(args, &external).map_err(|error| {
+        if !names_rigs(args) {
+            check_names(&args.external).map_err(|reason| usage_error(&reason))?;
+        }
+        let rig = rig_of(args).map_err(|error| {
             print_diagnostic(error);
             Exit::CannotStart
         })?;
-        let external = match rig {
-            Some(_) => external.with_drive(),
-            None => external,
-        };
-        refuse(args, &external).map_err(usage_error)?;
+        refuse(args, rig.is_some()).map_err(usage_error)?;
         let interface = match (&args.bus, &rig) {
             (BusChoice::Auto, Some(rig)) => rig.file.bus.interface.clone(),
             _ => None,
@@ -140,8 +133,7 @@ impl<'a> RunTestbed<'a> {
             _place: place,
             vigil: Cell::new(None),
             clock: args.clock,
-            names: args.external.clone(),
-            external,
+            external: args.external.clone(),
             rig: rig.map(Arc::new),
             preflight: Preflight::new(!args.no_heating),
             listener,
@@ -159,9 +151,6 @@ impl<'a> RunTestbed<'a> {
             ClockChoice::Lockstep => "lock-step",
         };
         self.note(format!("bus: {} · clock: {clock}", self.bus));
-        if !self.external.is_empty() {
-            self.announce_external(&self.external.to_string());
-        }
         if self.clock == ClockChoice::RealTime
             && let Some(refusal) = refused_priority()
         {
@@ -171,10 +160,6 @@ impl<'a> RunTestbed<'a> {
             let (name, path) = (&rig.file.name, rig.path.display());
             self.note(format!("rig: {name} ({path})"));
         }
-    }
-
-    fn announce_external(&self, names: &str) {
-        self.note(format!("external: {names} (expected on the bus)"));
     }
 
     /// Tools find the only embedded bus by themselves; of several, and of a private one, each has its address.
@@ -220,7 +205,7 @@ impl<'a> RunTestbed<'a> {
 
     /// Until the next scenario, on a bus that outlives this one. What is wrong with that bus is for the next scenario to say.
     fn keep_place(&self, plan: &Plan, address: &BusAddress) {
-        let is_ours = |one: &ControlLoop| !one.external.has(ExternalNode::Controller);
+        let is_ours = |one: &ControlLoop| one.is_ours(Part::Controller);
         let is_manager = plan.loops.iter().all(is_ours);
         let is_lasting = matches!(self.bus, RunBus::Interface(_));
         if is_manager && is_lasting {
@@ -252,7 +237,7 @@ impl<'a> RunTestbed<'a> {
             Ok(plan) => plan,
             Err(exit) => return exit,
         };
-        let has_drive = |one: &ControlLoop| one.external.has(ExternalNode::Drive);
+        let has_drive = |one: &ControlLoop| one.is_external(Part::Drive);
         if !plan.loops.iter().any(has_drive) {
             return usage_error(NOTHING_TO_CHECK);
         }
@@ -280,24 +265,6 @@ impl<'a> RunTestbed<'a> {
     }
 }
 
-impl RunTestbed<'_> {
-    /// The plan of a scenario that names its rig itself.
-    fn prepare_on_its_rig(&self, plan: Plan) -> Result<Plan, String> {
-        if self.rig.is_some() {
-            return Err("the scenario names its rig: leave --rig out".to_owned());
-        }
-        let plan = plan.with_external(&self.names)?;
-        if self.clock == ClockChoice::Lockstep {
-            refuse_external(&plan)?;
-        }
-        let external = plan.external_names();
-        if !external.is_empty() {
-            self.announce_external(&external.join(", "));
-        }
-        Ok(plan)
-    }
-}
-
 impl Testbed for RunTestbed<'_> {
     /// A drive that failed its pre-flight is led by nobody.
     fn is_over(&self) -> bool {
@@ -305,14 +272,26 @@ impl Testbed for RunTestbed<'_> {
     }
 
     fn prepare(&self, plan: Plan) -> Result<Plan, String> {
-        let plan = match plan.names_rig() {
-            true => self.prepare_on_its_rig(plan)?,
-            false => plan.on(self.rig.as_ref(), &self.external),
+        let plan = match &self.rig {
+            Some(_) if plan.names_rig() => {
+                return Err("the scenario names its rig: leave --rig out".to_owned());
+            }
+            Some(rig) => plan.on(rig),
+            None => plan,
         };
+        let plan = plan.with_external(&self.external)?;
+        if self.clock == ClockChoice::Lockstep {
+            refuse_external(&plan)?;
+        }
+        let external = plan.external_names();
+        if !external.is_empty() {
+            let names = external.join(", ");
+            self.note(format!("external: {names} (expected on the bus)"));
+        }
         admits(&plan.shared.faults, &self.bus, self.clock)?;
         for one in &plan.loops {
             let scenario = &one.scenario;
-            one.external.admits(scenario)?;
+            one.admits_faults()?;
             if let Some(rig) = &one.rig {
                 rig.admits(scenario)?;
             }
@@ -341,12 +320,12 @@ impl Testbed for RunTestbed<'_> {
 }
 
 /// The rig that the arguments name, or the one beside the first scenario if the drive is a real one.
-fn rig_of(args: &RunArgs, external: &External) -> Result<Option<LoadedRig>, RigError> {
+fn rig_of(args: &RunArgs) -> Result<Option<LoadedRig>, RigError> {
     if let Some(path) = &args.rig {
         return read_rig(path).map(Some);
     }
     let first = args.play.scenarios.first();
-    let first = first.filter(|_| external.has(ExternalNode::Drive) && !names_rigs(args));
+    let first = first.filter(|_| has_real_drive(args) && !names_rigs(args));
     match first {
         Some(folder) if folder.is_dir() => LoadedRig::in_folder(folder),
         Some(file) => LoadedRig::in_folder(file.parent().unwrap_or(Path::new(""))),
@@ -361,13 +340,30 @@ fn names_rigs(args: &RunArgs) -> bool {
     texts.any(|text| text.is_ok_and(|text| Loops::is_meant(&text)))
 }
 
+/// Nodes of a scenario that names no rig.
+const NODES_OF_ONE_DRIVE: [&str; 3] = [DRIVE, "controller", FAN];
+const DRIVE: &str = "drive";
+
+fn has_real_drive(args: &RunArgs) -> bool {
+    args.external.iter().any(|name| name == DRIVE)
+}
+
+/// Refuses the name of a node that no scenario without a rig has.
+fn check_names(names: &[String]) -> Result<(), String> {
+    let is_unknown = |name: &&String| !NODES_OF_ONE_DRIVE.contains(&name.as_str());
+    match names.iter().find(is_unknown) {
+        Some(name) => Err(no_such_node(name, &NODES_OF_ONE_DRIVE)),
+        None => Ok(()),
+    }
+}
+
 /// Refuses arguments that do not go together.
-fn refuse(args: &RunArgs, external: &External) -> Result<(), &'static str> {
-    let has_external = !external.is_empty() || !args.external.is_empty();
+fn refuse(args: &RunArgs, has_rig: bool) -> Result<(), &'static str> {
+    let has_external = has_rig || !args.external.is_empty();
     if args.clock == ClockChoice::Lockstep && has_external {
         return Err("--external needs --clock real-time: an external node keeps its own time");
     }
-    if args.dry_run && !external.has(ExternalNode::Drive) && !names_rigs(args) {
+    if args.dry_run && !has_rig && !has_real_drive(args) && !names_rigs(args) {
         return Err(NOTHING_TO_CHECK);
     }
     Ok(())

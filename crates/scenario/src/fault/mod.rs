@@ -12,31 +12,11 @@ mod tests;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::node::{Node, Part};
+
 pub use kinds::{Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
 pub(crate) use read::{NodesOfRun, read};
 pub(crate) use schema::{describe, describe_on_rig, described};
-
-/// A node of a run, to which faults happen.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct FaultyNode {
-    /// Its name.
-    pub name: String,
-    /// Its node-ID; 0 of canrig's own node.
-    pub id: u8,
-    /// Its part in the run.
-    pub part: Part,
-}
-
-/// The part of a node in a run, as far as faults tell nodes apart.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Part {
-    /// The manager.
-    Controller,
-    /// A drive.
-    Drive,
-    /// canrig's own node, which can stop the drives.
-    Bench,
-}
 
 /// A value of a fault.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +33,7 @@ pub struct Fault {
     /// Its place among those of its kind in the file.
     pub index: usize,
     /// The node that fails, or whose part does; `None` where the bus or a plant does.
-    pub node: Option<FaultyNode>,
+    pub node: Option<Node>,
     /// The plant that fails, where the file names it in place of a drive.
     pub plant: Option<String>,
     /// Its begin; `None` before the start of the scenario, if it is about how a node boots.

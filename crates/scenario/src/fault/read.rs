@@ -5,11 +5,12 @@ use std::collections::BTreeMap;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
-use super::{Fault, Faults, FaultyNode, Form, Group, KINDS, Key, Kind, Need, Part, Time, Value};
+use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time, Value};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{InUnit, in_unit};
 use crate::nearest::meant_or_known;
+use crate::node::{Node, Part};
 use crate::port::Unit;
 use crate::rig::nodes::{CONTROLLER_NODE_ID, NodeKind, Rig};
 use crate::schema;
@@ -31,12 +32,8 @@ pub(crate) enum NodesOfRun<'a> {
 }
 
 impl NodesOfRun<'_> {
-    fn find(self, name: &str) -> Option<FaultyNode> {
-        let node = |id, part| FaultyNode {
-            name: name.to_owned(),
-            id,
-            part,
-        };
+    fn find(self, name: &str) -> Option<Node> {
+        let node = |id, part| Node::new(name, id, part);
         match (self, name) {
             (_, BENCH) => Some(node(0, Part::Bench)),
             (Self::OfOneDrive, "controller") => Some(node(CONTROLLER_NODE_ID, Part::Controller)),
@@ -55,7 +52,7 @@ impl NodesOfRun<'_> {
     }
 
     /// The only drive.
-    fn only_drive(self) -> Option<FaultyNode> {
+    fn only_drive(self) -> Option<Node> {
         match self {
             Self::OfOneDrive => self.find("drive"),
             Self::Of(rig) => {
@@ -199,12 +196,7 @@ impl<'text> Reader<'_, 'text> {
     }
 
     /// The node to which a fault happens; `None` where it happens to the bus, or the schema finds fault with the name.
-    fn node(
-        &self,
-        kind: &Kind,
-        path: &str,
-        table: &DeTable<'_>,
-    ) -> Result<Option<FaultyNode>, Problem> {
+    fn node(&self, kind: &Kind, path: &str, table: &DeTable<'_>) -> Result<Option<Node>, Problem> {
         let key = match kind.node_key() {
             Some(key) => key.name,
             None if kind.is_of_a_drive() => "node",
@@ -227,10 +219,11 @@ impl<'text> Reader<'_, 'text> {
             };
         };
         let name = named.get_ref().as_str().unwrap_or_default();
-        let is_possible = |node: &FaultyNode| match node.part {
+        let is_possible = |node: &Node| match node.part {
             Part::Bench => kind.group == Group::Bus,
             Part::Controller => !kind.is_of_a_drive(),
             Part::Drive => true,
+            Part::Io => false,
         };
         if let Some(node) = self.nodes.find(name).filter(is_possible) {
             return Ok(Some(node));
@@ -265,7 +258,7 @@ impl<'text> Reader<'_, 'text> {
         &self,
         kind: &Kind,
         entry: &Spanned<DeValue<'text>>,
-        node: Option<&FaultyNode>,
+        node: Option<&Node>,
     ) -> Result<DeTable<'text>, Vec<Problem>> {
         let name = |name: &'static str| Spanned::new(entry.span(), name.into());
         let array = DeValue::Array([entry.clone()].into_iter().collect());

@@ -10,7 +10,8 @@ use dbc::loops::seed_of_drive;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
 use rig::plan::Plan;
-use scenario::fault::{Fault, FaultyNode, Group, Part};
+use scenario::fault::{Fault, Group};
+use scenario::node::{Node, Part};
 
 use super::error_state::{Activity, ErrorState};
 use crate::names::emulator_name;
@@ -42,10 +43,10 @@ pub(crate) enum Seat {
 
 impl Seat {
     /// That of a node. The drives of a plant share a CAN controller, which is the first one's.
-    fn new(node: &FaultyNode, plan: &Plan) -> Self {
+    fn new(node: &Node, plan: &Plan) -> Self {
         match node.part {
             Part::Controller => Self::Controller,
-            Part::Drive => {
+            Part::Drive | Part::Io => {
                 let first = drives_beside(node.id, plan).into_iter().min();
                 Self::Drive(first.unwrap_or(node.id))
             }

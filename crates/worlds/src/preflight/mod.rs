@@ -21,6 +21,7 @@ use canopen::nmt::NodeId;
 use dbc::scenario_clock::ScenarioClock;
 use platform::clock;
 use scenario::Scenario;
+use scenario::node::Part;
 
 pub use checklist::{Check, CheckOutcome};
 
@@ -38,8 +39,7 @@ use recording::capture::{Capture, Watch};
 use recording::progress::ProgressReader;
 use recording::run_folder::RunFolder;
 use recording::session::write_plan;
-use rig::external::{External, ExternalNode};
-use rig::plan::{ControlLoop, Plan, Shared};
+use rig::plan::{ControlLoop, FAN, Plan, Shared};
 use rig::rig_file::LoadedRig;
 
 /// Name of the session under which the drive is heated, and of its folder.
@@ -121,7 +121,7 @@ impl Preflight {
         session: Session<'_>,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
-        let is_external = |one: &&ControlLoop| one.external.has(ExternalNode::Drive);
+        let is_external = |one: &&ControlLoop| one.is_external(Part::Drive);
         let has_passed = |one: &&ControlLoop| self.passed.borrow().contains(&who(one));
         let unchecked = plan.loops.iter().filter(is_external);
         let unchecked = Vec::from_iter(unchecked.filter(|one| !has_passed(one)));
@@ -131,7 +131,7 @@ impl Preflight {
         report(&PreflightEvent::Begun);
         let bit_rate = plan.shared.bus.bitrate_kilobits_per_second;
         pass(interface::checks(bus, bit_rate), report)?;
-        let is_led_elsewhere = |one: &&ControlLoop| one.external.has(ExternalNode::Controller);
+        let is_led_elsewhere = |one: &&ControlLoop| one.is_external(Part::Controller);
         if unchecked.iter().any(is_led_elsewhere) {
             let text = "left to the external controller, which leads it";
             pass(vec![Check::open("drive", text)], report)?;
@@ -167,7 +167,7 @@ impl Preflight {
             report(&PreflightEvent::Drive(drive_name(one).to_owned()));
         }
         let rig = self.rig(one)?;
-        let mut interview = interview(&rig, &one.external)?;
+        let mut interview = interview(&rig, one.is_external(Part::Io))?;
         let Session {
             parent,
             connection,
@@ -278,11 +278,11 @@ fn heat(
     Ok(End::Completed)
 }
 
-fn interview(rig: &LoadedRig, external: &External) -> Result<Interview, WorldError> {
+fn interview(rig: &LoadedRig, has_real_io: bool) -> Result<Interview, WorldError> {
     let dictionary = eds::parse(&rig.eds, rig.drive.node_id().get())
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
-    let node_id = NodeId::new(rig.file.fan.node_id).filter(|_| external.has(ExternalNode::Fan));
+    let node_id = NodeId::new(rig.file.fan.node_id).filter(|_| has_real_io);
     let fan = node_id.map(|node_id| (node_id, "fan and load module"));
     Ok(Interview::new(rig, dictionary, fan.as_slice()))
 }
@@ -335,7 +335,10 @@ fn ramp(rig: &Arc<LoadedRig>, one: &ControlLoop) -> Result<Plan, WorldError> {
     let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()))
         .map_err(|error| cannot_be_made(&error))?;
     let ramp = Plan::new(scenario, catalogue()).from_file(NAME, text);
-    let mut ramp = ramp.on(Some(rig), &one.external);
+    let mut ramp = ramp.on(rig);
+    if one.is_external(Part::Io) {
+        ramp = ramp.recorded_external(&[FAN.to_owned()]);
+    }
     // Who watches the limits names them in the unit of the drive.
     for ramped in &mut ramp.loops {
         ramped.scenario.wiring.unit = one.scenario.wiring.unit.clone();

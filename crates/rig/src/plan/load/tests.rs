@@ -45,8 +45,13 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
         panic!("two loops")
     };
     assert_eq!(plan.shared.tables["rigs/sheets/servo.eds"], SERVO);
+    assert_eq!(plan.external_names(), ["x", "y"]);
     for (one, name, node_id) in [(x, "x", 0x20), (y, "y", 0x22)] {
-        assert_eq!(one.external_names(), [name]);
+        assert_eq!(
+            (one.nodes.drive.name.as_str(), one.nodes.drive.id),
+            (name, node_id)
+        );
+        assert!(one.is_external(Part::Drive) && one.is_ours(Part::Controller));
         let rig = one.rig.as_ref().unwrap();
         assert_eq!(rig.drive.node_id().get(), node_id);
         assert_eq!(rig.drive.mode_of_operation(), -1);
@@ -99,15 +104,55 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     };
     let y = external(&["y"]).unwrap();
     assert_eq!(truth(&y), [false, true]);
-    let names = y.loops.iter().map(ControlLoop::external_names);
-    assert_eq!(Vec::from_iter(names), [vec![], vec!["y".to_owned()]]);
+    let are_external = y.loops.iter().map(|one| one.is_external(Part::Drive));
+    assert_eq!(Vec::from_iter(are_external), [false, true]);
+    assert_eq!(y.external_names(), ["y"]);
     let controller = external(&["controller"]).unwrap();
     assert!(
         controller
             .loops
             .iter()
-            .all(|one| one.external.has(ExternalNode::Controller))
+            .all(|one| one.is_external(Part::Controller))
     );
     let unknown = external(&["controler"]).unwrap_err();
     assert!(unknown.contains("did you mean `controller`?"), "{unknown}");
+}
+
+/// The plan of a scenario that names no rig, with these nodes external.
+fn with_external(names: &[&str], fault: &str) -> Result<Plan, String> {
+    let head = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
+    let scenario = Scenario::parse(&format!("{head}{fault}"), "t.toml", |_| unreachable!());
+    let plan = Plan::new(scenario.unwrap(), &Catalogue::shipped());
+    let names = names.iter().map(ToString::to_string);
+    plan.with_external(&Vec::from_iter(names))
+}
+
+#[test]
+fn a_fan_is_external_only_beside_an_external_drive() {
+    let refused = with_external(&["fan"], "").unwrap_err();
+    assert_eq!(
+        refused,
+        "--external fan needs --external drive: a real fan cannot cool an emulated wire"
+    );
+    let plan = with_external(&["fan", "drive", "fan"], "").unwrap();
+    assert_eq!(plan.external_names(), ["drive", "fan"]);
+}
+
+#[test]
+fn no_fault_happens_to_a_node_that_is_external() {
+    let admits = |name: &str, fault: &str| {
+        let plan = with_external(&[name], fault).unwrap();
+        plan.loops[0].admits_faults()
+    };
+    let stuck = "[[fault.sensor.stuck]]\nfrom_seconds = 1.0\n";
+    let crash = |node| format!("[[fault.node.crash]]\nfrom_seconds = 1.0\nnode = \"{node}\"\n");
+    let stop = "[[fault.node.nmt_stop]]\nat_seconds = 1.0\nnode = \"drive\"\n";
+    let refused = admits("drive", stuck).unwrap_err();
+    assert!(refused.starts_with("[[fault.sensor.stuck]] cannot be played: the drive"));
+    assert!(admits("drive", &crash("drive")).is_err());
+    assert!(admits("controller", &crash("controller")).is_err());
+    assert!(admits("controller", &crash("drive")).is_ok());
+    assert!(admits("drive", &crash("controller")).is_ok());
+    assert!(admits("drive", stop).is_ok());
+    assert!(admits("controller", stuck).is_ok());
 }
