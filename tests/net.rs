@@ -448,9 +448,8 @@ fn stored_logs_have_the_numbers_of_before() {
     hold("logs.txt", &lines);
 }
 
-/// A drive's messages are found by the beginning of their names, so those of `b_drive` are taken for those of `b`.
+/// The name of one loop is that of another one and of a service.
 #[test]
-#[ignore = "known to fail: in `replay` the name is that of 2 signals"]
 fn loops_whose_names_begin_alike_are_judged_again() {
     let folder = tempfile::tempdir().unwrap();
     let (code, _, stderr) = program(folder.path(), &["new", "rig", "gantry", "--path", "gantry"]);

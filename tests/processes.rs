@@ -197,7 +197,7 @@ const FAULT_TO_COME: &str =
 /// The current that flowed last, as the plant of a drive says.
 fn last_current(log: &str, one: &rig::plan::ControlLoop) -> f64 {
     let current = (one.database)
-        .require("plant_truth.plant_current_amperes")
+        .require("drive_truth.plant_current_amperes")
         .unwrap();
     let frames = log.lines().rev().filter_map(|line| {
         let (id, data) = line.rsplit_once(' ')?.1.split_once('#')?;

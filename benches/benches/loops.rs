@@ -4,7 +4,6 @@ use std::fs;
 use std::hint::black_box;
 use std::path::Path;
 
-use dbc::scenario_clock::ScenarioClock;
 use judge::{Circumstances, judge};
 use recording::capture::{Capture, Watch};
 use recording::timeline::decode;
@@ -76,7 +75,7 @@ fn pair() -> Plan {
 /// Plays and judges the loops; how many cycles each had.
 fn played(plan: &Plan) -> Vec<usize> {
     let watch = Watch::default();
-    let clock = ScenarioClock::new(plan.database()).expect("the bus has a SYNC");
+    let clock = plan.scenario_clock().expect("the bus has a SYNC");
     let mut capture = Capture::in_memory(clock, &watch);
     simulate(plan, &mut capture).expect("they are played");
     let (frames, _) = capture.finish().expect("the memory suffices");

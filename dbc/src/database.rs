@@ -3,14 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use canopen::CanFrame;
-use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 use serde::{Deserialize, Serialize};
 
 use crate::coding::Coding;
 use crate::error::{DbcError, SignalMissing};
-
-/// The kernel's three flags together, which no frame has.
-pub(crate) const NO_FRAME: u32 = EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG;
 
 /// The signal that says which node an NMT command is for.
 const NMT_NODE_ID: &str = "nmt_node_id";
@@ -18,7 +14,7 @@ const NMT_NODE_ID: &str = "nmt_node_id";
 const ALL_NODES: i64 = 0;
 
 /// All messages of a DBC file, by identifier.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Database {
     messages: Vec<Message>,
 }
@@ -28,8 +24,7 @@ pub struct Database {
 pub struct Message {
     /// Name.
     pub name: String,
-    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it; with all three of the kernel's
-    /// flags when no frame carries the message.
+    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it.
     pub raw_id: u32,
     /// Payload length.
     pub length_bytes: u8,
@@ -85,12 +80,6 @@ impl Message {
             },
             coding: signal.coding,
         }
-    }
-
-    /// Whether no frame carries it.
-    #[must_use]
-    pub fn is_silent(&self) -> bool {
-        self.raw_id & NO_FRAME == NO_FRAME
     }
 }
 
@@ -243,28 +232,6 @@ impl Database {
         Self { messages }
     }
 
-    /// The same, but no frame carries these messages: their signals stay known and never have a value.
-    #[must_use]
-    pub fn with_silent(&self, names: &[&str]) -> Self {
-        let mut messages = self.messages.clone();
-        for message in &mut messages {
-            if names.contains(&message.name.as_str()) {
-                message.raw_id |= NO_FRAME;
-            }
-        }
-        messages.sort_by_key(|message| message.raw_id);
-        Self { messages }
-    }
-
-    /// The same with these messages as another database has them, but no frame carries them.
-    #[must_use]
-    pub fn with_silent_of(&self, other: &Self, names: &[&str]) -> Self {
-        let is_named = |message: &&Message| names.contains(&message.name.as_str());
-        let ours = self.messages.iter().filter(|message| !is_named(message));
-        let others = other.messages.iter().filter(is_named);
-        Self::from_messages(ours.chain(others).cloned().collect()).with_silent(names)
-    }
-
     /// The same where these are the nodes that an NMT command can be for, by their node-IDs.
     #[must_use]
     pub fn with_nodes<'a>(&self, nodes: impl IntoIterator<Item = (u8, &'a str)>) -> Self {
@@ -280,55 +247,12 @@ impl Database {
         Self { messages }
     }
 
-    /// The same with messages under other identifiers, all of them at once.
-    ///
-    /// # Errors
-    /// Two messages have the same then.
-    pub fn with_identifiers(&self, identifiers: &[(&str, u16)]) -> Result<Self, DbcError> {
-        let mut messages = self.messages.clone();
-        for (name, id) in identifiers {
-            let named = messages.iter_mut().filter(|message| message.name == *name);
-            named.for_each(|message| message.raw_id = (*id).into());
-        }
-        messages.sort_by_key(|message| message.raw_id);
-        refuse_duplicates(&messages)?;
-        Ok(Self { messages })
-    }
-
     /// Refuses two messages with one identifier or one name.
     ///
     /// # Errors
     /// Which.
     pub fn refuse_duplicates(&self) -> Result<(), DbcError> {
         refuse_duplicates(&self.messages)
-    }
-
-    /// The same with another layout of a message: with `length_bytes` where that changes, and its signals where `coding` says.
-    #[must_use]
-    pub fn with_layout(
-        &self,
-        name: &str,
-        length_bytes: Option<u8>,
-        coding: impl Fn(&Signal) -> Coding,
-    ) -> Self {
-        let mut messages = self.messages.clone();
-        for message in messages.iter_mut().filter(|message| message.name == name) {
-            message.length_bytes = length_bytes.unwrap_or(message.length_bytes);
-            for signal in &mut message.signals {
-                signal.coding = coding(signal);
-            }
-        }
-        Self { messages }
-    }
-
-    /// The same with another cycle time of a message.
-    #[must_use]
-    pub fn with_cycle_time(&self, name: &str, milliseconds: u64) -> Self {
-        let mut messages = self.messages.clone();
-        for message in messages.iter_mut().filter(|message| message.name == name) {
-            message.cycle_time_milliseconds = milliseconds;
-        }
-        Self { messages }
     }
 
     /// All messages, by identifier.
@@ -400,10 +324,10 @@ impl Database {
     }
 }
 
-/// Refuses two messages of one identifier (neighbours, since sorted) or one name. Silent ones have no identifier.
+/// Refuses two messages of one identifier (neighbours, since sorted) or one name.
 pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
     let mut names = BTreeSet::new();
-    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id && !pair[0].is_silent();
+    let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id;
     let same_id = messages.windows(2).find(|pair| is_double(pair));
     if let Some(pair) = same_id {
         return Err(DbcError::DuplicateMessage {
@@ -422,6 +346,8 @@ pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
 
 #[cfg(test)]
 mod tests {
+    use canopen::frame::{EXTENDED_FLAG, REMOTE_FLAG};
+
     use super::*;
     use crate::coding::Kind;
 

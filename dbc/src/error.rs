@@ -32,9 +32,6 @@ pub enum DbcError {
     /// A standard identifier above 0x7FF.
     #[error("message {message}: identifier {id:#x} exceeds 11 bits")]
     Identifier { message: String, id: u32 },
-    /// A message that no frame carries, with a number that no identifier has.
-    #[error("message {message}: silent identifier {id:#x} exceeds 29 bits")]
-    SilentIdentifier { message: String, id: u64 },
     /// Only classical CAN is supported.
     #[error("message {message} has {bytes} bytes (classical CAN carries 8)")]
     MessageTooLong { message: String, bytes: u64 },

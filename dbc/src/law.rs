@@ -1,9 +1,9 @@
 //! The frames in which the controller publishes the terms of a law.
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
-use crate::database::{Database, Message, Signal};
+use crate::database::{Message, Signal};
 use crate::loops::TERMS_EVERY_CYCLES;
-use crate::signals::LAW_MESSAGES;
+use crate::names::TERMS_MAX;
 
 /// Object of the first term; the others follow.
 pub const LAW_TERMS_OBJECT: u16 = 0x2200;
@@ -12,6 +12,14 @@ const BYTE: u8 = 8;
 /// COB-ID of the controller's TPDO1, and its distance from the next one's (CiA 301, 7.3.5).
 const FIRST_COB_ID: u32 = 0x181;
 const COB_ID_DISTANCE: usize = 0x100;
+
+/// The messages of the shipped DBC, which hold the terms of the sliding-mode law.
+pub(crate) const SHIPPED: [&str; TERMS_MAX] = [
+    "controller_tpdo1",
+    "controller_tpdo2",
+    "controller_tpdo3",
+    "controller_tpdo4",
+];
 
 /// A term of a law.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,22 +80,14 @@ pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
         });
         end += bits;
     }
-    (message < LAW_MESSAGES.len()).then_some(objects)
+    (message < TERMS_MAX).then_some(objects)
 }
 
-impl Database {
-    /// The same with a law that has these terms, in `controller_tpdo1` to `controller_tpdo4`. Of these only those are there that hold
-    /// one.
-    #[must_use]
-    pub fn with_terms(&self, terms: &[LawTerm]) -> Self {
-        let objects = layout(terms).unwrap_or_default();
-        let others = self.messages().iter();
-        let others = others.filter(|message| !LAW_MESSAGES.contains(&message.name.as_str()));
-        let places = 0..LAW_MESSAGES.len();
-        let own = places.map(|place| message(place, terms, &objects));
-        let own = own.filter(|message| !message.signals.is_empty());
-        Self::from_messages(others.cloned().chain(own).collect())
-    }
+/// The messages of a law with these terms, for the first loop of a controller that is yet without a name.
+pub(crate) fn messages(terms: &[LawTerm]) -> Vec<Message> {
+    let objects = layout(terms).unwrap_or_default();
+    let own = (0..TERMS_MAX).map(|place| message(place, terms, &objects));
+    own.filter(|message| !message.signals.is_empty()).collect()
 }
 
 fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
@@ -99,13 +99,13 @@ fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
         terms.map(move |(term, bit)| signal(number, term, object.start_bit + bit))
     });
     Message {
-        name: LAW_MESSAGES[place].to_owned(),
+        name: String::new(),
         raw_id: (FIRST_COB_ID..)
             .step_by(COB_ID_DISTANCE)
             .nth(place)
             .unwrap_or_default(),
         length_bytes: length_bits / BYTE,
-        sender: Some("controller".to_owned()),
+        sender: None,
         cycle_time_milliseconds: TERMS_EVERY_CYCLES.into(),
         comment: format!(
             "TPDO{} of the controller, every {TERMS_EVERY_CYCLES}th SYNC: terms of the law.",
@@ -142,8 +142,10 @@ fn signal(object: u16, term: &LawTerm, start_bit: u8) -> Signal {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use canopen::CanFrame;
+
+    use super::*;
+    use crate::{Composer, Database};
 
     fn term(name: &str, bits: u8, kind: Kind) -> LawTerm {
         LawTerm {
@@ -160,6 +162,11 @@ mod tests {
         }
     }
 
+    fn with_terms(terms: &[LawTerm]) -> Database {
+        let composer = Composer::new("controller", 1);
+        composer.with_terms(("", 0), Some(terms), None).finish()
+    }
+
     fn real(name: &str) -> LawTerm {
         term(name, 32, Kind::Float32)
     }
@@ -167,7 +174,7 @@ mod tests {
     #[test]
     fn terms_stand_one_behind_the_other() {
         let terms = ["a", "b", "c"].map(real);
-        let database = Database::shipped().with_terms(&terms);
+        let database = with_terms(&terms);
         let value = -0.125_f32;
         let mut bytes = [0; 8];
         bytes[4..].copy_from_slice(&value.to_le_bytes());
@@ -192,7 +199,7 @@ mod tests {
         let places = Vec::from_iter(objects.iter().map(|it| (it.message, it.start_bit, it.bits)));
         assert_eq!(places, [(0, 0, 32), (0, 32, 8), (0, 40, 8), (1, 0, 32)]);
         assert_eq!(objects[1].terms, [(1, 0), (2, 1)]);
-        let database = Database::shipped().with_terms(&terms);
+        let database = with_terms(&terms);
         let coding = database.definition("controller_tpdo1.c").unwrap().coding;
         assert_eq!((coding.start_bit, coding.length_bits), (33, 5));
         assert_eq!(
@@ -210,11 +217,6 @@ mod tests {
 
     #[test]
     fn a_law_without_terms_has_no_frames() {
-        let database = Database::shipped().with_terms(&[]);
-        assert!(
-            LAW_MESSAGES
-                .iter()
-                .all(|name| database.message(name).is_none())
-        );
+        assert_eq!(with_terms(&[]).term_messages("controller", "").count(), 0);
     }
 }

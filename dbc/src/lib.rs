@@ -5,7 +5,7 @@
 //!
 //! [`SMA_ACTUATOR`] lays out every frame on the bus; [`DRIVE_EDS`], [`DISTURBANCE_EDS`] and [`CONTROLLER_EDS`] lay out the
 //! objects behind them, and a test holds them to each other. Recorder, judge and tools read frames through [`Database`];
-//! [`signals`] has the names that the bench itself uses.
+//! [`Composer`] makes the database of a rig; [`names`] has the names that the bench itself uses.
 //!
 //! It does not know: scenarios, plants and laws beyond their signals, recordings, who sent a frame and why.
 //!
@@ -28,26 +28,26 @@ use canopen::ObjectDictionary;
 use canopen::eds::{self, EdsError};
 
 pub mod coding;
+mod compose;
 pub mod data_sheets;
 pub mod database;
 pub mod error;
 mod law;
 pub mod loops;
+pub mod names;
 mod notation;
 mod parse;
-mod plant;
 pub mod scenario_clock;
-pub mod signals;
 mod write;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
+pub use compose::{Composer, ExternalFrames, PlantSignal, PositionUnit};
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{
     Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,
 };
 pub use error::{DbcError, SignalMissing};
 pub use law::{LAW_TERMS_OBJECT, LawTerm, TermObject, layout};
-pub use plant::PlantSignal;
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");

@@ -6,9 +6,6 @@ pub(crate) const LONG_NAME: &str = "SystemSignalLongSymbol";
 pub(crate) const OBJECT: &str = "CanopenObject";
 /// Attribute with the cycle time of a message.
 pub(crate) const CYCLE_TIME: &str = "GenMsgCycleTime";
-/// Attribute of a message that no frame carries: the number of its identifier. The file has it under a free 29-bit
-/// identifier, since each message of a DBC needs one of its own.
-pub(crate) const SILENT_IDENTIFIER: &str = "SilentIdentifier";
 /// Attribute of a message that exists in the file only: the message that its signal belongs to, in which the grammar has
 /// no room for it.
 pub(crate) const MESSAGE_OF_SIGNAL: &str = "MessageOfSignal";

@@ -5,19 +5,17 @@ use can_dbc::{
 };
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
-use crate::database::{Database, Message, NO_FRAME, Signal, refuse_duplicates};
+use crate::database::{Database, Message, Signal, refuse_duplicates};
 use crate::error::DbcError;
 use crate::notation::{
-    CYCLE_TIME, LONG_NAME, MESSAGE_OF_SIGNAL, OBJECT, PLACE_IN_MESSAGE, SILENT_IDENTIFIER,
-    START_BIT_IN_MESSAGE, unescaped,
+    CYCLE_TIME, LONG_NAME, MESSAGE_OF_SIGNAL, OBJECT, PLACE_IN_MESSAGE, START_BIT_IN_MESSAGE,
+    unescaped,
 };
 
 /// Pseudo-message in which Vector's tools keep signals that belong to no message.
 const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
 /// Characters of a line that an error quotes.
 const QUOTED_CHARACTERS_MAX: usize = 200;
-/// Highest identifier of 29 bits.
-const IDENTIFIER_MAX: u32 = 0x1FFF_FFFF;
 
 impl Database {
     /// Longest text that is parsed.
@@ -64,10 +62,6 @@ fn with_short_lines(error: &str) -> String {
 
 /// A message with its signals.
 fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcError> {
-    let raw_id = match dbc.message_attribute(message.id, SILENT_IDENTIFIER) {
-        Some(AttributeValue::Uint(id)) => silent_id(message, *id)?,
-        _ => message.id.raw(),
-    };
     if matches!(message.id, MessageId::Standard(id) if id > 0x7FF) {
         return Err(DbcError::Identifier {
             message: message.name.clone(),
@@ -91,7 +85,7 @@ fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcErr
     let cycle_time = dbc.resolved_message_attribute(message.id, CYCLE_TIME);
     Ok(Message {
         name: message.name.clone(),
-        raw_id,
+        raw_id: message.id.raw(),
         length_bytes,
         sender: message.transmitter.clone(),
         cycle_time_milliseconds: match cycle_time {
@@ -100,16 +94,6 @@ fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcErr
         },
         comment: unescaped(dbc.message_comment(message.id).unwrap_or_default()),
         signals,
-    })
-}
-
-/// The identifier of a message that no frame carries.
-fn silent_id(message: &can_dbc::Message, id: u64) -> Result<u32, DbcError> {
-    let number = u32::try_from(id).ok().filter(|id| *id <= IDENTIFIER_MAX);
-    let raw_id = number.map(|number| number | NO_FRAME);
-    raw_id.ok_or_else(|| DbcError::SilentIdentifier {
-        message: message.name.clone(),
-        id,
     })
 }
 
@@ -369,10 +353,6 @@ mod tests {
             (
                 "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n SG_ s : 8|8@1+ (1,0) [0|0] \"\" b",
                 "message m has two signals s",
-            ),
-            (
-                "BO_ 1 m: 8 a\n\nBA_ \"SilentIdentifier\" BO_ 1 536870912;",
-                "message m: silent identifier 0x20000000 exceeds 29 bits",
             ),
             (
                 "BO_ 1 m: 8 a\n SG_ s : 0|8@1+ (1,0) [0|0] \"\" b\n\nBA_ \"MessageOfSignal\" BO_ 1 \"n\";",

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::names::{STATUSWORD, TPDO1, message};
 use crate::{Database, SignalHandle, SignalMissing};
 use canopen::{CanFrame, Filter};
 
@@ -10,9 +11,6 @@ pub const SYNC_COB_ID: u16 = 0x080;
 
 /// The drive's state in which current flows, as the DBC's value table has it.
 const OPERATION_ENABLED: &str = "operation enabled";
-
-/// State bits of the drive's statusword.
-pub const STATUSWORD: &str = "drive_tpdo1.statusword_state";
 
 /// Watches the bus for scenario time 0: the first SYNC at which the latest statusword of every drive is Operation Enabled.
 #[derive(Clone, Debug)]
@@ -29,25 +27,29 @@ struct Drive {
 }
 
 impl ScenarioClock {
-    /// A clock that has not begun.
+    /// A clock that has not begun, on a bus with these drives.
     ///
     /// # Errors
-    /// The database has no statusword of the drive.
-    pub fn new(database: &Database) -> Result<Self, SignalMissing> {
-        let only = database.require(STATUSWORD)?;
-        let definition = database.definition(STATUSWORD);
-        let labels = definition.into_iter().flat_map(|signal| &signal.labels);
-        let enabled_values = labels
-            .filter(|(_, label)| label == OPERATION_ENABLED)
-            .map(|(value, _)| *value)
-            .collect();
-        let others = database.of_other_loops(STATUSWORD);
-        let drives = [only].into_iter().chain(others).map(|statusword| Drive {
-            statusword,
-            is_enabled: false,
+    /// The database has no statusword of a drive.
+    pub fn new<'a>(
+        database: &Database,
+        drives: impl IntoIterator<Item = &'a str>,
+    ) -> Result<Self, SignalMissing> {
+        let mut enabled_values = Vec::new();
+        let drives = drives.into_iter().map(|name| {
+            let path = format!("{}.{STATUSWORD}", message(name, TPDO1));
+            let statusword = database.require(&path)?;
+            let definition = database.definition(&path);
+            let labels = definition.into_iter().flat_map(|signal| &signal.labels);
+            let enabled = labels.filter(|(_, label)| label == OPERATION_ENABLED);
+            enabled_values = enabled.map(|(value, _)| *value).collect();
+            Ok(Drive {
+                statusword,
+                is_enabled: false,
+            })
         });
         Ok(Self {
-            drives: drives.collect(),
+            drives: drives.collect::<Result<_, SignalMissing>>()?,
             enabled_values,
             zero: None,
         })

@@ -7,10 +7,10 @@ use std::fmt::{self, Display, Formatter};
 use canopen::frame::EXTENDED_FLAG;
 
 use crate::coding::{ByteOrder, Coding, Kind};
-use crate::database::{Database, Message, NO_FRAME, Signal};
+use crate::database::{Database, Message, Signal};
 use crate::notation::{
-    CYCLE_TIME, LONG_NAME, MESSAGE_OF_SIGNAL, OBJECT, PLACE_IN_MESSAGE, SILENT_IDENTIFIER,
-    START_BIT_IN_MESSAGE, escaped,
+    CYCLE_TIME, LONG_NAME, MESSAGE_OF_SIGNAL, OBJECT, PLACE_IN_MESSAGE, START_BIT_IN_MESSAGE,
+    escaped,
 };
 
 /// Everything before the nodes; other tools want the whole list of symbols.
@@ -19,8 +19,8 @@ const HEAD: &str = "VERSION \"\"\n\n\nNS_ :\n\tNS_DESC_\n\tCM_\n\tBA_DEF_\n\tBA_
     \tSIG_TYPE_REF_\n\tVAL_TABLE_\n\tSIG_GROUP_\n\tSIG_VALTYPE_\n\tSIGTYPE_VALTYPE_\n\tBO_TX_BU_\n\tBA_DEF_REL_\n\
     \tBA_REL_\n\tBA_SGTYPE_REL_\n\tSG_MUL_VAL_\n\nBS_:\n\n";
 /// What a reader of the file cannot know.
-const COMMENT: &str = "Written by canrig. No frame carries a message with the attribute SilentIdentifier, nor one with \
-    MessageOfSignal, which holds a signal that is in no payload of that message.";
+const COMMENT: &str = "Written by canrig. No frame carries a message with the attribute MessageOfSignal, which \
+     holds a signal that is in no payload of that message.";
 /// In place of a node where there is none.
 const NO_NODE: &str = "Vector__XXX";
 /// Longest name of a signal.
@@ -34,9 +34,8 @@ impl Database {
     /// The database as a DBC file, in UTF-8: [`Database::parse`] reads an equal one from it. Messages are in the order of
     /// their identifiers.
     ///
-    /// What the grammar cannot say stands in attributes. A silent message is in the file under a free 29-bit identifier,
-    /// and so is, in a message of its own, each signal that does not fit its message's payload or shares bits with
-    /// another. A name that is no DBC name of at most 32 characters gets a short one beside it. In texts `"` is written as
+    /// What the grammar cannot say stands in attributes. Each signal that does not fit its message's payload or shares bits with
+    /// another is in the file in a message of its own, under a free 29-bit identifier. A name that is no DBC name of at most 32 characters gets a short one beside it. In texts `"` is written as
     /// `\"`, which other readers understand, and `\` as `\x5C`, which they do not.
     ///
     /// Nobody can say in a DBC, and [`Database::parse`] reads otherwise or refuses: a signal without a name, two of one
@@ -69,8 +68,6 @@ struct Entry<'a> {
 enum Origin<'a> {
     /// One of the bus.
     Bus,
-    /// One that no frame carries, with the number of its identifier.
-    Silent { number: u32 },
     /// The signal of another message, with its place and start bit there.
     Unplaced {
         message: &'a str,
@@ -153,13 +150,7 @@ impl<'a> Entry<'a> {
             cycle_time_milliseconds: message.cycle_time_milliseconds,
             comment: &message.comment,
             signals: lines.collect(),
-            origin: if message.is_silent() {
-                Origin::Silent {
-                    number: message.raw_id & !NO_FRAME,
-                }
-            } else {
-                Origin::Bus
-            },
+            origin: Origin::Bus,
         }
     }
 
@@ -208,10 +199,10 @@ fn placed_and_unplaced(message: &Message) -> (Vec<&Signal>, Vec<(usize, &Signal)
 /// Gives what no frame carries the highest identifiers whose numbers nobody else has, with or without the flag for 29
 /// bits, since some readers do not look at it.
 fn give_identifiers(messages: &[Message], entries: &mut [Entry<'_>]) {
-    let audible = messages.iter().filter(|message| !message.is_silent());
-    let taken: BTreeSet<_> = audible
-        .map(|message| message.raw_id | EXTENDED_FLAG)
-        .collect();
+    let taken = messages
+        .iter()
+        .map(|message| message.raw_id | EXTENDED_FLAG);
+    let taken = BTreeSet::from_iter(taken);
     let mut free = (0..=IDENTIFIER_MAX).rev().filter(|id| !taken.contains(id));
     let inaudible = entries
         .iter_mut()
@@ -316,12 +307,10 @@ impl File<'_> {
             .iter()
             .map(|entry| entry.cycle_time_milliseconds);
         let cycle_time_max = cycle_times.fold(CYCLE_TIME_MAX, u64::max);
-        let identifier_max = IDENTIFIER_MAX & !EXTENDED_FLAG;
         write!(
             formatter,
             "BA_DEF_ \"BusType\" STRING ;\n\
             BA_DEF_ BO_ \"{CYCLE_TIME}\" INT 0 {cycle_time_max};\n\
-            BA_DEF_ BO_ \"{SILENT_IDENTIFIER}\" INT -1 {identifier_max};\n\
             BA_DEF_ BO_ \"{MESSAGE_OF_SIGNAL}\" STRING ;\n\
             BA_DEF_ SG_ \"{PLACE_IN_MESSAGE}\" INT -1 65535;\n\
             BA_DEF_ SG_ \"{START_BIT_IN_MESSAGE}\" INT -1 255;\n\
@@ -329,7 +318,6 @@ impl File<'_> {
             BA_DEF_ SG_ \"{OBJECT}\" STRING ;\n\
             BA_DEF_DEF_ \"BusType\" \"CAN\";\n\
             BA_DEF_DEF_ \"{CYCLE_TIME}\" 0;\n\
-            BA_DEF_DEF_ \"{SILENT_IDENTIFIER}\" -1;\n\
             BA_DEF_DEF_ \"{MESSAGE_OF_SIGNAL}\" \"\";\n\
             BA_DEF_DEF_ \"{PLACE_IN_MESSAGE}\" -1;\n\
             BA_DEF_DEF_ \"{START_BIT_IN_MESSAGE}\" -1;\n\
@@ -381,9 +369,6 @@ impl Entry<'_> {
         }
         match self.origin {
             Origin::Bus => Ok(()),
-            Origin::Silent { number } => {
-                writeln!(formatter, "BA_ \"{SILENT_IDENTIFIER}\" BO_ {id} {number};")
-            }
             Origin::Unplaced {
                 message,
                 place,

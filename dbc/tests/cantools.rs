@@ -10,7 +10,7 @@ use std::path::Path;
 
 use canopen::CanFrame;
 use canopen::frame::EXTENDED_FLAG;
-use dbc::{Coding, Database, Kind, LawTerm, PlantSignal, Range};
+use dbc::{Coding, Composer, Database, ExternalFrames, Kind, LawTerm, PlantSignal, Range, Signal};
 
 const VECTORS: &str = include_str!("data/cantools_vectors.csv");
 const BYTE_ORDERS: &str = include_str!("data/byte_orders.dbc");
@@ -29,7 +29,7 @@ fn written() -> [(&'static str, Database); 4] {
     [
         ("shipped.dbc", shipped.clone()),
         ("dc_motor.dbc", with_dc_motor()),
-        ("own_law.dbc", shipped.with_terms(&own_terms())),
+        ("own_law.dbc", composed(&[], &own_terms())),
         ("rig.dbc", of_rig()),
     ]
 }
@@ -45,7 +45,7 @@ fn with_dc_motor() -> Database {
             maximum: range[1],
         },
     };
-    Database::with_plant(&[
+    let signals = [
         signal(
             "winding_temperature_celsius",
             "degC",
@@ -59,7 +59,17 @@ fn with_dc_motor() -> Database {
             [-32_768.0, 32_767.0],
         ),
         signal("spring_force_newtons", "N", 1e2, [-327.68, 327.67]),
-    ])
+    ];
+    composed(&signals, &[])
+}
+
+/// The shipped rig with this plant and this law.
+fn composed(plant: &[PlantSignal], terms: &[LawTerm]) -> Database {
+    Composer::new("controller", 1)
+        .with_drive(("drive", 0x10), Some(plant), None, None)
+        .with_io(("disturbance", 0x11), &[], 0)
+        .with_terms(("", 0), Some(terms), None)
+        .finish()
 }
 
 /// Names that are beyond what a DBC allows, and the same within it.
@@ -86,15 +96,24 @@ fn own_terms() -> Vec<LawTerm> {
 
 /// A drive that is not the emulator: other identifiers, another layout and scale, no current, no truth.
 fn of_rig() -> Database {
-    let moved = [("drive_tpdo1", 0x290), ("drive_rpdo1", 0x320)];
-    let silent = Database::shipped().with_silent(&["drive_tpdo2", "plant_truth"]);
-    let moved = silent.with_identifiers(&moved).unwrap();
-    moved.with_layout("drive_tpdo1", Some(6), |signal| match &signal.name[..] {
+    let feedback = |signal: &Signal| match &signal.name[..] {
         "position_millimetres" => Coding::integer(0, 24, Kind::Signed, -12.5, 5000.0),
         // A signal with labels and one without.
         "current_amperes" | "statusword_warning" => signal.coding.absent(),
         _ => signal.coding.starting_at(signal.coding.start_bit + 32),
-    })
+    };
+    let external = ExternalFrames {
+        identifiers: [0x290, 0x320],
+        lengths_bytes: [Some(6), None],
+        feedback: &feedback,
+        command: &|signal| signal.coding,
+        heartbeat_milliseconds: 20,
+    };
+    Composer::new("controller", 1)
+        .with_drive(("drive", 0x10), None, Some(&external), None)
+        .with_io(("disturbance", 0x11), &[], 0)
+        .with_terms(("", 0), None, None)
+        .finish()
 }
 
 fn databases() -> BTreeMap<&'static str, Database> {

@@ -323,7 +323,7 @@ fn the_frames_are_those_of_the_nodes_and_no_others() {
     // The truth is no node's: outside what CiA 301 predefines.
     let mut expected = BTreeSet::from([
         (0x000, "nmt_command".to_owned(), 2),
-        (0x6B0, "plant_truth".to_owned(), 8),
+        (0x6B0, "drive_truth".to_owned(), 8),
     ]);
     let controller = node("controller").dictionary;
     assert_eq!(

@@ -4,6 +4,7 @@ use std::sync::{LazyLock, OnceLock};
 
 use canopen::Node;
 use dbc::loops::LoopPlace;
+use dbc::scenario_clock::ScenarioClock;
 use dbc::{Database, PlantSignal, Range};
 use scenario::Scenario;
 use scenario::own::{OwnTable, Parameters, Section, is_name};
@@ -280,10 +281,12 @@ pub fn ports(scenario: &Scenario) -> Result<Ports, InvalidEmulator> {
 /// # Errors
 /// The plant makes no sense.
 pub fn emulator(scenario: &Scenario) -> Result<Box<dyn Node>, InvalidEmulator> {
+    let database = Database::shipped();
     let only = DriveOf {
         scenario,
         place: LoopPlace::SHIPPED,
-        database: Database::shipped(),
+        database,
+        clock: &ScenarioClock::new(database, ["drive"])?,
     };
     emulator_of(scenario.plant.name(), &[only])
 }
@@ -336,10 +339,19 @@ mod tests {
         kind.signals().unwrap().to_vec()
     }
 
+    fn database(plant: &str) -> Database {
+        let composer = dbc::Composer::new("controller", 1);
+        let signals = signals(plant);
+        composer
+            .with_drive(("drive", 0x10), Some(&signals), None, None)
+            .finish()
+    }
+
     #[test]
     fn the_actuator_s_frames_are_those_of_the_shipped_dbc() {
-        let signals = signals("");
-        assert_eq!(&Database::with_plant(&signals), Database::shipped());
+        let (ours, shipped) = (database(""), Database::shipped());
+        let ours = Vec::from_iter(ours.plant_messages("drive"));
+        assert_eq!(ours, Vec::from_iter(shipped.plant_messages("drive")));
     }
 
     #[test]
@@ -353,7 +365,7 @@ mod tests {
             node.on_frame(Duration::from_millis(1), &CanFrame::new(id, data));
         }
         let frames: Vec<_> = std::iter::from_fn(|| node.next_frame()).collect();
-        let database = Database::with_plant(&signals("[plant.dc_motor]\n"));
+        let database = database("[plant.dc_motor]\n");
         let value = |path| {
             let signal = database.require(path).unwrap();
             frames.iter().find_map(|frame| signal.decode(frame))

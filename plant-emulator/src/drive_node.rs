@@ -5,6 +5,7 @@ use std::time::Duration;
 use canopen::{CanFrame, Device, Node, NodeId, ObjectDictionary};
 use dbc::Database;
 use dbc::loops::LoopPlace;
+use dbc::scenario_clock::ScenarioClock;
 use faults::{FaultPlan, Faulty, Output};
 use scenario::Scenario;
 
@@ -27,6 +28,8 @@ pub struct DriveOf<'a> {
     pub place: LoopPlace,
     /// The frames.
     pub database: &'a Database,
+    /// Scenario time.
+    pub clock: &'a ScenarioClock,
 }
 
 /// The drive as a node, in a scenario without faults and in one with them.
@@ -61,8 +64,9 @@ impl DriveNode {
                 *device = fresh;
             }
         };
-        let faulty = Faulty::new(sound, plan, of.database, renew)?;
-        Ok(Self::Faulty(faulty, Truth::new(of.database)?))
+        let faulty = Faulty::new(sound, plan, of.clock.clone(), renew);
+        let drive = &of.scenario.wiring.nodes.drive.name;
+        Ok(Self::Faulty(faulty, Truth::new(of.database, drive)?))
     }
 
     pub(crate) fn is_faulty(&self) -> bool {

@@ -43,6 +43,7 @@ use clocked_plant::ClockedPlant;
 use data_sheet::{dictionary, node_id};
 use dbc::data_sheets::AnalogueOutput;
 use dbc::loops::LoopPlace;
+use dbc::scenario_clock::ScenarioClock;
 use dbc::{Database, SignalMissing};
 use disturbance::DisturbanceModule;
 pub use drive_node::DriveOf;
@@ -161,10 +162,12 @@ impl PlantEmulator {
     /// A plant that makes no sense, or a data sheet that does not suit.
     pub fn new<P: Plant>(scenario: &Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
         let plant = Box::new(SingleAxis::new(P::new(config)?));
+        let database = Database::shipped();
         let only = DriveOf {
             scenario,
             place: LoopPlace::SHIPPED,
-            database: Database::shipped(),
+            database,
+            clock: &ScenarioClock::new(database, ["drive"])?,
         };
         Self::of(P::NAME, plant, &[only])
     }

@@ -4,16 +4,14 @@
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing};
+use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing, names};
 
 use crate::drive::Drive;
 
 /// Time between two messages.
 const PERIOD: Duration = Duration::from_millis(10);
 
-const MESSAGE: &str = "plant_truth";
-
-/// The producer of `plant_truth`.
+/// The producer of the truth of a drive's plant.
 #[derive(Clone, Debug)]
 pub(crate) struct Truth {
     message: MessageBuilder,
@@ -27,12 +25,13 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    pub(crate) fn new(database: &Database) -> Result<Self, SignalMissing> {
-        let signal = |name: &str| database.require(&format!("{MESSAGE}.{name}"));
+    pub(crate) fn new(database: &Database, drive: &str) -> Result<Self, SignalMissing> {
+        let message = names::message(drive, names::TRUTH);
+        let signal = |name: &str| database.signal_of(&message, name);
         Ok(Self {
             message: database
-                .builder(MESSAGE)
-                .ok_or_else(|| SignalMissing::new(MESSAGE))?,
+                .builder(&message)
+                .ok_or_else(|| SignalMissing::new(&message))?,
             current: signal("plant_current_amperes")?,
             peak_temperature: signal("plant_peak_temperature_celsius")?,
             time: signal("plant_time_seconds")?,

@@ -5,6 +5,7 @@ use std::time::Duration;
 use canopen::{CanFrame, Node, Progress};
 use dbc::Database;
 use dbc::loops::LoopPlace;
+use dbc::scenario_clock::ScenarioClock;
 use plant_emulator::ports::{Port, PortedPlant};
 use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
 use scenario::Scenario;
@@ -89,10 +90,13 @@ fn emulator(arm: Arm, scenarios: &[Scenario; 2]) -> Result<PlantEmulator, Invali
         truth_every_cycles: 1,
     };
     let [left, right] = scenarios;
+    let database = Database::shipped();
+    let clock = ScenarioClock::new(database, ["drive"])?;
     let drive = |scenario, place| DriveOf {
         scenario,
         place,
-        database: Database::shipped(),
+        database,
+        clock: &clock,
     };
     let drives = [drive(right, place(1, 0x12)), drive(left, place(0, 0x10))];
     PlantEmulator::of("arm", Box::new(arm), &drives)

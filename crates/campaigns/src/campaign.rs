@@ -9,7 +9,6 @@ use std::thread;
 use scenario::Scenario;
 
 use crate::job_queue::JobQueue;
-use dbc::scenario_clock::ScenarioClock;
 use judge::verdict::Verdict;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
@@ -225,7 +224,7 @@ pub fn play_one<T>(
     reduce: impl Fn(&CampaignRun<'_>) -> T,
 ) -> Result<T, NoResult> {
     let fault = |error: &(dyn Error + 'static)| NoResult::of(error);
-    let clock = ScenarioClock::new(plan.database()).map_err(|error| fault(&error))?;
+    let clock = plan.scenario_clock().map_err(|error| fault(&error))?;
     let mut capture = Capture::in_memory(clock, watch);
     let ended = lockstep::simulate(plan, &mut capture).map(Played::in_virtual_time);
     if let Err(error) = &ended

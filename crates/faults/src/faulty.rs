@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Filter, Node, Progress};
 use dbc::scenario_clock::ScenarioClock;
-use dbc::{Database, SignalMissing};
 
 use crate::plan::{FaultKind, FaultPlan, Output, PlannedFault};
 
@@ -52,20 +51,17 @@ impl<N: fmt::Debug> fmt::Debug for Faulty<N> {
 }
 
 impl<N: Node> Faulty<N> {
-    /// A node before its power-on, and what makes it new again.
-    ///
-    /// # Errors
-    /// The database has no statusword of a drive, from which scenario time follows.
+    /// A node before its power-on, and what makes it new again. Faults come by a clock of scenario time.
     pub fn new(
         node: N,
         plan: FaultPlan,
-        database: &Database,
+        scenario: ScenarioClock,
         renew: impl FnMut(&mut N) + Send + 'static,
-    ) -> Result<Self, SignalMissing> {
-        Ok(Self {
+    ) -> Self {
+        Self {
             node,
             renew: Box::new(renew),
-            scenario: ScenarioClock::new(database)?,
+            scenario,
             now: Duration::ZERO,
             followed: None,
             condition: if plan.late_boot > Duration::ZERO {
@@ -78,7 +74,7 @@ impl<N: Node> Faulty<N> {
             inbox: Vec::new(),
             outbox: VecDeque::new(),
             is_stop_asked: false,
-        })
+        }
     }
 
     /// The node itself.

@@ -6,8 +6,9 @@ use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Way;
-use rig::plan::{LoopNodes, Plan};
+use rig::plan::Plan;
 use scenario::metrics::is_of_traffic;
+use scenario::node::LoopNodes;
 
 use crate::attribution::breaches::Duty;
 use crate::attribution::cause::{Lasting, NamedCause, node_name};

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::rc::Rc;
 
-use dbc::signals::{POSITION, TRUE_POSITION, TRUTH_MESSAGES};
+use dbc::names::{self, TPDO1, TRUE_POSITION};
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
@@ -243,8 +243,8 @@ impl<'a> Evidence<'a> {
     ) -> Self {
         let scenario = &own.scenario;
         let period = scenario.bus.sync_period();
-        let message = POSITION.split('.').next().unwrap_or_default();
-        let silence = silence_seconds_max(message, period, &own.database);
+        let feedback = names::message(&own.nodes.drive.name, TPDO1);
+        let silence = silence_seconds_max(&feedback, period, &own.database);
         Self {
             timeline,
             own,
@@ -563,21 +563,20 @@ impl<'a> Evidence<'a> {
 
     /// The trace of a signal that was on the bus.
     pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Observation> {
-        let path = self
-            .own
-            .names()
-            .find(name)
-            .map_err(|error| Observation::none(error.to_string()))?;
+        let path = self.own.names().find(name).map_err(|error| Observation {
+            // An external drive publishes no truth.
+            is_unavailable: self.own.is_external(Part::Drive),
+            ..Observation::none(error.to_string())
+        })?;
         if self.timeline.zero_seconds.is_none() {
             return Err(Observation::none("the scenario never began"));
         }
         let mut traces = self.timeline.traces.iter();
         let trace = traces.find(|trace| trace.path == path);
-        let message = path.split('.').next().unwrap_or_default();
         trace
             .filter(|trace| !trace.samples.is_empty())
             .ok_or_else(|| Observation {
-                is_unavailable: TRUTH_MESSAGES.contains(&message),
+                is_unavailable: self.own.is_truth(path),
                 ..Observation::none(format!("{path} never was on the bus"))
             })
     }

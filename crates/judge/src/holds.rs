@@ -1,6 +1,6 @@
 //! How quiet the loop is at the end, where the set-point stands: the ripple of its current, and hunting.
 
-use dbc::signals::TARGET_CURRENT;
+use dbc::names::TARGET_CURRENT;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
@@ -132,7 +132,7 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
 /// What was commanded in the cycles of a window.
 fn currents_in(evidence: &Evidence<'_>, window: Window) -> impl Iterator<Item = f64> {
     let timeline = evidence.timeline;
-    let name = TARGET_CURRENT.rsplit('.').next();
+    let name = Some(TARGET_CURRENT);
     let column = name.and_then(|name| timeline.column(name));
     let values = column.into_iter().flat_map(|column| &column.values);
     let rows = timeline.time_seconds.iter().zip(values);

@@ -2,7 +2,7 @@
 //! of it has no value.
 
 use canopen::cia402::State;
-use dbc::signals::DISTURBANCE_MESSAGE;
+use dbc::names;
 use recording::timeline::{Column, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::silence_seconds_max;
 use recording::truth::PlantTruth;
@@ -18,8 +18,8 @@ const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
 /// The state at the end is that of this time before it.
 const END_SECONDS: f64 = 0.1;
 
-const TRUTH: &str = "plant_truth";
-const STATUSWORD: &str = "statusword_state";
+/// The report of an emulated plant, for people.
+const TRUTH: &str = "truth of the plant";
 /// How the names of signals end that report how warm the current makes a plant.
 const TEMPERATURE: &str = "_temperature_celsius";
 const ESTIMATED: &str = "estimated_";
@@ -81,7 +81,9 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
     let period = evidence.scenario.bus.sync_period();
-    silence_seconds_max(TRUTH, period, &evidence.own.database)
+    let own = evidence.own;
+    let message = names::message(&own.nodes.drive.name, names::TRUTH);
+    silence_seconds_max(&message, period, &own.database)
 }
 
 fn silence_of(silence: Window) -> Absence {
@@ -315,7 +317,9 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
 
 /// Whether the last command to the io node lets a current flow.
 fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
-    let message = evidence.own.database.message(DISTURBANCE_MESSAGE);
+    let one = evidence.own;
+    let io = one.nodes.io.as_ref();
+    let message = io.and_then(|io| one.message(io, names::RPDO1).ok());
     let mut currents = message
         .into_iter()
         .flat_map(|message| &message.signals)
@@ -329,7 +333,7 @@ fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
 
 /// Whether the drive reports Operation enabled in its last message after a time.
 fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
-    let Some(column) = timeline.column(STATUSWORD) else {
+    let Some(column) = timeline.column(names::STATUSWORD) else {
         return false;
     };
     let mut rows = timeline.time_seconds.iter().zip(&column.values);

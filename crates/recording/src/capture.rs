@@ -231,6 +231,8 @@ mod tests {
     use super::*;
     use canopen::CanFrame;
     use dbc::Database;
+    use rig::catalogue::Catalogue;
+    use rig::plan::Plan;
     use scenario::Scenario;
 
     fn frame(number: usize) -> Stamped {
@@ -245,12 +247,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let text = "schema = 1\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
-        let database = Database::shipped();
+        let plan = Plan::new(scenario, &Catalogue::shipped());
         let watch = Watch::default();
         let mut capture = Capture::new(
             BusLog::create(folder.path().join("bus.log.zst")).unwrap(),
-            ProgressReader::new(&scenario, database).unwrap(),
-            ScenarioClock::new(database).unwrap(),
+            ProgressReader::new(plan.leading()).unwrap(),
+            plan.scenario_clock().unwrap(),
             &watch,
             Vec::new(),
         );
@@ -276,7 +278,7 @@ mod tests {
     #[test]
     fn a_long_run_without_a_folder_is_not_in_memory_either() {
         let watch = Watch::default();
-        let clock = ScenarioClock::new(Database::shipped()).unwrap();
+        let clock = ScenarioClock::new(Database::shipped(), ["drive"]).unwrap();
         let mut capture = Capture::in_memory(clock, &watch);
         let (count, part) = (WITHOUT_LOG_MAX + 5 * KEPT_MAX, KEPT_MAX / 2);
         for begin in (0..count).step_by(part) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::{Database, Message, Signal, SignalHandle};
+use dbc::{Database, Signal, SignalHandle, names};
 use platform::terminal::printable;
 use rig::error_frames::{self, ErrorMessage};
 use scenario::Scenario;
@@ -135,10 +135,10 @@ pub(crate) struct EventReader {
 impl EventReader {
     /// Of several loops each has a reader.
     pub(crate) fn new(database: &Database, words: NodeWords) -> Self {
-        let messages = database.messages().iter();
-        let signals = messages.filter_map(|message| event_signal(database, message, &words));
+        let signals = event_signals(database, &words);
         Self {
             signals: signals
+                .into_iter()
                 .map(|signal| (signal.signal.raw_id(), signal))
                 .collect(),
             words,
@@ -253,38 +253,44 @@ fn emergency(node: &str, value: f64) -> Emergency {
     }
 }
 
-/// The signal of a message that makes events, if it has one.
-fn event_signal(database: &Database, message: &Message, words: &NodeWords) -> Option<EventSignal> {
-    let kinds = [
-        ("nmt_state", EventKind::State),
-        ("statusword_state", EventKind::State),
-        ("nmt_command", EventKind::Command),
-        ("error_code", EventKind::Emergency),
-    ];
-    kinds.into_iter().find_map(|(name, kind)| {
+/// The signals that make events: commands of NMT, and of each node its state, its statusword and its emergencies.
+fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
+    let make = |message: &str, name: &str, kind, (node, role): (&str, &str)| {
+        let message = database.message(message)?;
         let definition = message.signal(name)?;
-        let (node, shown) = words.of_message(&message.name);
         Some(EventSignal {
             signal: message.handle(definition),
             definition: definition.clone(),
             kind,
-            node,
-            shown,
+            node: role.to_owned(),
+            shown: node.to_owned(),
             last: None,
             last_bits: None,
             cause: cause(database, &message.name),
         })
-    })
+    };
+    let of_nodes = words.nodes().flat_map(|node| {
+        let services = [
+            (names::HEARTBEAT, names::NMT_STATE, EventKind::State),
+            (names::TPDO1, names::STATUSWORD, EventKind::State),
+            (names::EMERGENCY, "error_code", EventKind::Emergency),
+        ];
+        services.map(|(service, signal, kind)| {
+            make(&names::message(node.0, service), signal, kind, node)
+        })
+    });
+    let nmt = make(
+        "nmt_command",
+        "nmt_command",
+        EventKind::Command,
+        ("nmt", "nmt"),
+    );
+    [nmt].into_iter().chain(of_nodes).flatten().collect()
 }
 
 /// Whose CAN controller a node's number stands for.
 fn controller_of(node: u8, words: &NodeWords) -> &str {
-    match (words.of_loop(), node) {
-        (Some(_), node) => words.of_node(node).unwrap_or("bench"),
-        (None, 0x01) => "controller",
-        (None, 0x10) => "drive",
-        (None, _) => "bench",
-    }
+    words.of_node(node).unwrap_or("bench")
 }
 
 /// To whom a command goes, where there are several drives.

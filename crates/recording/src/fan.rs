@@ -1,36 +1,40 @@
 //! Whether the scenario's disturbances reach a module on the bus.
 
 use canopen::CanFrame;
-use dbc::{Database, SignalMissing, signals};
+use dbc::names;
+use rig::plan::ControlLoop;
 
 /// Looks for the heartbeat of the fan and load module and for its commands.
 pub(crate) struct FanReader {
-    heartbeat_id: u32,
-    command_id: u32,
+    /// `None` without an io node.
+    ids: Option<[u32; 2]>,
     has_heartbeat: bool,
     has_command: bool,
 }
 
 impl FanReader {
-    pub(crate) fn new(database: &Database) -> Result<Self, SignalMissing> {
-        let command = signals::DISTURBANCE_MESSAGE;
-        let commands = database.message(command);
-        Ok(Self {
-            heartbeat_id: database.require(signals::FAN_STATE)?.raw_id(),
-            command_id: commands.ok_or_else(|| SignalMissing::new(command))?.raw_id,
+    pub(crate) fn new(one: &ControlLoop) -> Self {
+        let io = one.nodes.io.as_ref();
+        let id = |service| Some(one.message(io?, service).ok()?.raw_id);
+        let ids = id(names::HEARTBEAT).zip(id(names::RPDO1));
+        Self {
+            ids: ids.map(|(heartbeat, command)| [heartbeat, command]),
             has_heartbeat: false,
             has_command: false,
-        })
+        }
     }
 
     /// The identifiers of the messages that it reads.
-    pub(crate) fn raw_ids(&self) -> [u32; 2] {
-        [self.heartbeat_id, self.command_id]
+    pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
+        self.ids.into_iter().flatten()
     }
 
     pub(crate) fn on_frame(&mut self, frame: &CanFrame) {
-        self.has_heartbeat |= frame.raw_id() == self.heartbeat_id;
-        self.has_command |= frame.raw_id() == self.command_id;
+        let Some([heartbeat, command]) = self.ids else {
+            return;
+        };
+        self.has_heartbeat |= frame.raw_id() == heartbeat;
+        self.has_command |= frame.raw_id() == command;
     }
 
     /// The module is there and gets its commands.

@@ -5,8 +5,8 @@
 use std::borrow::Borrow;
 use std::time::Duration;
 
+use dbc::SignalMissing;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
-use dbc::{Database, SignalMissing, signals};
 use hdrhistogram::Histogram;
 use rig::plan::ControlLoop;
 use serde::{Deserialize, Serialize};
@@ -138,7 +138,7 @@ impl Latencies {
         frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
         one: &ControlLoop,
     ) -> Result<Self, SignalMissing> {
-        let mut latencies = Self::empty(&one.database)?;
+        let mut latencies = Self::empty(one)?;
         let end = Duration::from_secs_f64(one.scenario.duration_seconds);
         for stamped in frames {
             latencies.on_frame(stamped.borrow(), end);
@@ -146,13 +146,13 @@ impl Latencies {
         Ok(latencies)
     }
 
-    fn empty(database: &Database) -> Result<Self, SignalMissing> {
+    fn empty(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let histogram = || {
             Histogram::new_with_max(LATENCY_MICROSECONDS_MAX, 3)
                 .expect("constant bounds that the histogram takes")
         };
         Ok(Self {
-            cycle: CycleReader::new(database)?,
+            cycle: CycleReader::new(one)?,
             sync_to_position: histogram(),
             position_to_command: histogram(),
             round_trip: histogram(),
@@ -210,11 +210,11 @@ pub struct CycleReader {
 impl CycleReader {
     /// # Errors
     /// The database lacks a signal.
-    pub fn new(database: &Database) -> Result<Self, SignalMissing> {
+    pub fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         Ok(Self {
-            clock: ScenarioClock::new(database)?,
-            position_id: database.position()?.raw_id(),
-            command_id: database.require(signals::TARGET_CURRENT)?.raw_id(),
+            clock: one.scenario_clock()?,
+            position_id: one.position()?.raw_id(),
+            command_id: one.target_current()?.raw_id(),
             sync: None,
             position: None,
         })
@@ -270,6 +270,15 @@ mod tests {
     use super::*;
 
     use canopen::CanFrame;
+    use rig::catalogue::Catalogue;
+    use rig::plan::Plan;
+    use scenario::Scenario;
+
+    fn plan() -> Plan {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        Plan::new(scenario, &Catalogue::shipped())
+    }
 
     fn stamped(micros: u64, id: u16, data: &[u8]) -> Stamped {
         Stamped::new(Duration::from_micros(micros), CanFrame::new(id, data))
@@ -277,7 +286,8 @@ mod tests {
 
     #[test]
     fn latencies_are_differences_of_stamps_within_a_cycle() {
-        let mut latencies = Latencies::empty(Database::shipped()).unwrap();
+        let plan = plan();
+        let mut latencies = Latencies::empty(plan.leading()).unwrap();
         let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
         let end = Duration::from_secs(1);
         for (micros, id) in [

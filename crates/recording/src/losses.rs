@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::Database;
-use scenario::Scenario;
-use scenario::node::Part;
+use dbc::names;
+use rig::plan::ControlLoop;
+use scenario::node::{LoopNodes, Part};
 
 use crate::events::{Event, Events, Level};
 use crate::identifiers::ByIdentifier;
@@ -65,29 +65,40 @@ pub(crate) struct LossReader {
 }
 
 impl LossReader {
-    pub(crate) fn new(scenario: &Scenario, database: &Database, words: &NodeWords) -> Self {
+    pub(crate) fn new(one: &ControlLoop, words: &NodeWords) -> Self {
+        let scenario = &one.scenario;
         let (controller, drive, module) = (words.controller(), words.drive(), words.module());
+        let LoopNodes {
+            controller: leader,
+            drive: led,
+            io,
+        } = &one.nodes;
+        let of = |node, service| one.message(node, service).ok();
         let cyclic_limit = PERIODS_MAX * scenario.bus.sync_period();
+        let sync = one.database.message(names::SYNC);
+        let position = of(led, names::TPDO1);
+        let temperature = of(led, names::TPDO2);
+        let heartbeat = |node| of(node, names::HEARTBEAT);
         let cyclic = [
-            ("sync", format!("SYNC from {controller}")),
-            ("drive_tpdo1", format!("position from {drive}")),
+            (sync, format!("SYNC from {controller}")),
+            (position, format!("position from {drive}")),
+            (temperature, String::new()),
         ]
-        .map(|(name, what)| (name, what, Some(cyclic_limit), None));
+        .map(|(message, what)| (message, what, Some(cyclic_limit), None));
         let heartbeats = [
-            ("controller_heartbeat", controller, Some(Part::Controller)),
-            ("drive_heartbeat", drive, Some(Part::Drive)),
-            ("disturbance_heartbeat", module, None),
+            (heartbeat(leader), controller, Some(Part::Controller)),
+            (heartbeat(led), drive, Some(Part::Drive)),
+            (io.as_ref().and_then(heartbeat), module, None),
         ]
-        .map(|(name, from, node)| (name, format!("heartbeat from {from}"), None, node));
-        let temperature = ("drive_tpdo2", String::new(), Some(cyclic_limit), None);
-        let regular = cyclic.into_iter().chain(heartbeats).chain([temperature]);
-        let watched = regular.filter_map(|(name, what, limit, heartbeat_of)| {
-            let message = database.message(name)?;
+        .map(|(message, from, node)| (message, format!("heartbeat from {from}"), None, node));
+        let regular = cyclic.into_iter().chain(heartbeats);
+        let watched = regular.filter_map(|(message, what, limit, heartbeat_of)| {
+            let message = message?;
             let period = Duration::from_millis(message.cycle_time_milliseconds);
             let watched = Watched {
-                what,
                 heartbeat_of,
-                is_temperature: name == "drive_tpdo2",
+                is_temperature: what.is_empty(),
+                what,
                 period,
                 limit: limit.unwrap_or(HEARTBEATS_MAX * period),
                 last: None,

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
-use dbc::{Database, SignalHandle, SignalMissing};
-use scenario::Scenario;
+use dbc::{SignalHandle, SignalMissing};
+use rig::plan::ControlLoop;
 use scenario::port::Unit;
 use scenario::reference::Trajectory;
 
@@ -36,10 +36,11 @@ pub struct ProgressReader {
 impl ProgressReader {
     /// # Errors
     /// The database lacks the position.
-    pub fn new(scenario: &Scenario, database: &Database) -> Result<Self, SignalMissing> {
+    pub fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let scenario = &one.scenario;
         let has_set_point = !scenario.reference.is_empty();
         Ok(Self {
-            position: database.position()?,
+            position: one.position()?,
             unit: scenario.wiring.unit.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
@@ -84,8 +85,13 @@ impl ProgressReader {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use canopen::CanFrame;
+    use dbc::Database;
+    use rig::catalogue::Catalogue;
+    use rig::plan::Plan;
+    use scenario::Scenario;
+
+    use super::*;
 
     #[test]
     fn position_error_and_the_worst_lateness_are_read() {
@@ -94,8 +100,9 @@ mod tests {
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario =
             Scenario::parse(text, "progress.toml", |_| unreachable!("no table")).unwrap();
-        let reader = ProgressReader::new(&scenario, database).unwrap();
-        let mut clock = ScenarioClock::new(database).unwrap();
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let reader = ProgressReader::new(plan.leading()).unwrap();
+        let mut clock = plan.scenario_clock().unwrap();
         let drive = |position: f64| {
             let mut builder = database.builder("drive_tpdo1").unwrap();
             for (name, value) in [

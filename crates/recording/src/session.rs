@@ -135,6 +135,16 @@ pub fn read_plan(
         external.unwrap_or_default(),
         catalogue,
     )?;
+    if frames.is_some()
+        && let Some(name) = plan
+            .loops
+            .iter()
+            .find_map(|one| name_of_two_columns(plan.database(), &one.nodes, one.name()))
+    {
+        let path = folder.join(file::FRAMES);
+        let fault = FramesFault::TwoColumns(name.to_owned());
+        return Err(FramesError { path, fault }.into());
+    }
     if plan.names_rig() {
         return Ok(plan);
     }
@@ -197,10 +207,7 @@ fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
             read => read?,
         };
         let database = Database::parse(&text)?;
-        match name_of_two_columns(&database) {
-            None => Ok(Some(database)),
-            Some(name) => Err(FramesFault::TwoColumns(name.to_owned())),
-        }
+        Ok(Some(database))
     };
     match read() {
         Ok(database) => Ok(database.map(Arc::new)),

@@ -12,11 +12,11 @@ use std::path::Path;
 use std::time::Duration;
 
 use canopen::{CanFrame, NmtState, STANDARD_IDS};
-use dbc::Database;
+use dbc::names;
 use dbc::scenario_clock::SYNC_COB_ID;
 use rig::plan::ControlLoop;
 use scenario::fault::{Fault, Faults, Group};
-use scenario::node::Part;
+use scenario::node::{LoopNodes, Node, Part};
 use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
 use crate::run_folder::{file, own_file};
@@ -390,12 +390,13 @@ impl SourceReader {
     /// A reader that has seen nothing.
     #[must_use]
     pub fn new(one: &ControlLoop) -> Self {
-        let (scenario, database) = (&one.scenario, &*one.database);
+        let scenario = &one.scenario;
         let is_changing = |fault: &Fault| ["clock_drift", "slow_cycle"].contains(&fault.kind.name);
         let [is_ours, is_emulated] = [Part::Controller, Part::Drive].map(|part| one.is_ours(part));
         let cycle = scenario.bus.sync_period();
-        let id = |message: &str| identifier(database, message);
-        let watched = Vec::from_iter(watched(database, cycle, is_ours, is_emulated));
+        let controller = &one.nodes.controller;
+        let id = |service| identifier(one, controller, service);
+        let watched = Vec::from_iter(watched(one, cycle, is_ours, is_emulated));
         let mut places = Box::new([UNWATCHED; STANDARD_IDS]);
         for (place, (identifier, _)) in (0..).zip(&watched) {
             places[usize::from(*identifier)] = place;
@@ -409,8 +410,8 @@ impl SourceReader {
                 ..Sources::default()
             },
             end: Duration::from_secs_f64(scenario.duration_seconds),
-            controller_heartbeat: id("controller_heartbeat").unwrap_or(of_controller(HEARTBEATS)),
-            controller_emergency: id("controller_emergency").unwrap_or(of_controller(EMERGENCIES)),
+            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(of_controller(HEARTBEATS)),
+            controller_emergency: id(names::EMERGENCY).unwrap_or(of_controller(EMERGENCIES)),
             is_ours,
             is_emulated,
             drive: u16::from(one.nodes.drive.id),
@@ -605,55 +606,52 @@ impl SourceReader {
 
 /// The frames that controller and drive send, where they are canrig's.
 fn watched(
-    database: &Database,
+    one: &ControlLoop,
     cycle: Duration,
     is_ours: bool,
     is_emulated: bool,
 ) -> BTreeMap<u16, Watched> {
-    let id = |message: &str| identifier(database, message);
-    let heartbeats = |message: &str| {
-        let message = database.message(message)?;
+    let LoopNodes {
+        controller, drive, ..
+    } = &one.nodes;
+    let id = |node, service| identifier(one, node, service);
+    let heartbeats = |node| {
+        let message = one.message(node, names::HEARTBEAT).ok()?;
         Some(Duration::from_millis(message.cycle_time_milliseconds))
     };
-    let [controller, drive] = ["controller_heartbeat", "drive_heartbeat"];
-    let emergencies = ["controller_emergency", "drive_emergency"];
     let of_controller = [
         (Some(NMT_COB_ID), NMT, "NMT", None),
         (Some(SYNC_COB_ID), SYNC, "SYNC", Some(cycle)),
         (
-            id("drive_rpdo1"),
+            id(drive, names::RPDO1),
             COMMAND,
             "commands to the drive",
             Some(cycle),
         ),
         (
-            id(controller),
+            id(controller, names::HEARTBEAT),
             HEARTBEAT,
             "heartbeats of the controller",
             heartbeats(controller),
         ),
         (
-            id(emergencies[0]),
+            id(controller, names::EMERGENCY),
             "emergency",
             "emergencies of the controller",
             None,
         ),
     ];
+    let position = id(drive, names::TPDO1);
     let of_drive = [
+        (position, POSITION, "positions of the drive", Some(cycle)),
         (
-            id("drive_tpdo1"),
-            POSITION,
-            "positions of the drive",
-            Some(cycle),
-        ),
-        (
-            id(drive),
+            id(drive, names::HEARTBEAT),
             HEARTBEAT,
             "heartbeats of the drive",
             heartbeats(drive),
         ),
         (
-            id(emergencies[1]),
+            id(drive, names::EMERGENCY),
             "emergency",
             "emergencies of the drive",
             None,
@@ -669,7 +667,7 @@ fn watched(
         .filter_map(watch((is_ours, Some(SYNC_COB_ID))));
     let of_drive = of_drive
         .into_iter()
-        .filter_map(watch((is_emulated, id("drive_tpdo1"))));
+        .filter_map(watch((is_emulated, position)));
     of_controller.chain(of_drive).collect()
 }
 
@@ -686,8 +684,8 @@ fn of_controller(base: u16) -> u16 {
     base + u16::from(CONTROLLER_NODE_ID)
 }
 
-fn identifier(database: &Database, message: &str) -> Option<u16> {
-    u16::try_from(database.message(message)?.raw_id).ok()
+fn identifier(one: &ControlLoop, node: &Node, service: &str) -> Option<u16> {
+    u16::try_from(one.message(node, service).ok()?.raw_id).ok()
 }
 
 #[cfg(test)]

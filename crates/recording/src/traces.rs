@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::signals::COLUMN_MESSAGES;
 use dbc::{Database, SignalHandle};
 use platform::series::{Series, SeriesWriter};
 use rig::plan::ControlLoop;
@@ -69,7 +68,7 @@ impl TraceReader {
             let Ok(path) = one.names().find(name) else {
                 continue;
             };
-            if let Some(found) = collect(path, period, &one.database) {
+            if let Some(found) = collect(path, period, one) {
                 collected.insert(path, found);
             }
         }
@@ -135,13 +134,14 @@ fn cycle_time(message: &str, database: &Database) -> Option<Duration> {
     Some(Duration::from_millis(message.cycle_time_milliseconds))
 }
 
-fn collect(path: &str, sync_period: Duration, database: &Database) -> Option<Collected> {
+fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Collected> {
+    let database = &one.database;
     let (message, _) = path.split_once('.')?;
     let is_cyclic = !cycle_time(message, database)?.is_zero();
     let silence = || silence_seconds_max(message, sync_period, database);
     Some(Collected {
         handle: database.signal(path)?,
-        follows_sync: COLUMN_MESSAGES.contains(&message),
+        follows_sync: one.column_messages().any(|one| one.name == message),
         trace: SignalTrace {
             path: path.to_owned(),
             unit: database.definition(path)?.unit.clone(),

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use dbc::{Database, SignalHandle, SignalMissing};
+use dbc::{SignalHandle, SignalMissing, names};
 use platform::series::{Series, SeriesWriter};
+use rig::plan::ControlLoop;
 
 use crate::log::Stamped;
 
@@ -22,35 +23,49 @@ pub struct PlantTruth {
 /// Collects the messages. The plant's clock is not the recording's: their difference is the smallest between a stamp and the
 /// plant's own time in the message, since a full bus only makes messages late.
 pub(crate) struct TruthReader {
-    current: SignalHandle,
-    peak_temperature: SignalHandle,
-    time: SignalHandle,
+    /// `None` for an external drive, which sends none.
+    signals: Option<TruthSignals>,
     messages: SeriesWriter<PlantTruth>,
     offset_seconds: f64,
 }
 
+struct TruthSignals {
+    current: SignalHandle,
+    peak_temperature: SignalHandle,
+    time: SignalHandle,
+}
+
 impl TruthReader {
-    pub(crate) fn new(database: &Database) -> Result<Self, SignalMissing> {
+    pub(crate) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let message = one.message(&one.nodes.drive, names::TRUTH).ok();
+        let signals = message.map(|message| {
+            let signal = |name| one.database.signal_of(&message.name, name);
+            Ok(TruthSignals {
+                current: signal("plant_current_amperes")?,
+                peak_temperature: signal("plant_peak_temperature_celsius")?,
+                time: signal("plant_time_seconds")?,
+            })
+        });
         Ok(Self {
-            current: database.require("plant_truth.plant_current_amperes")?,
-            peak_temperature: database.require("plant_truth.plant_peak_temperature_celsius")?,
-            time: database.require("plant_truth.plant_time_seconds")?,
+            signals: signals.transpose()?,
             messages: SeriesWriter::default(),
             offset_seconds: f64::INFINITY,
         })
     }
 
     /// The identifier of the messages.
-    pub(crate) fn raw_id(&self) -> u32 {
-        self.time.raw_id()
+    pub(crate) fn raw_id(&self) -> Option<u32> {
+        self.signals.as_ref().map(|signals| signals.time.raw_id())
     }
 
     pub(crate) fn on_frame(&mut self, stamped: &Stamped) {
+        let Some(signals) = &self.signals else { return };
         let decode = |signal: &SignalHandle| signal.decode(&stamped.frame);
-        let Some(time_seconds) = decode(&self.time) else {
+        let Some(time_seconds) = decode(&signals.time) else {
             return;
         };
-        let (current, temperature) = (decode(&self.current), decode(&self.peak_temperature));
+        let current = decode(&signals.current);
+        let temperature = decode(&signals.peak_temperature);
         self.offset_seconds = self
             .offset_seconds
             .min(stamped.time.as_secs_f64() - time_seconds);

@@ -4,9 +4,10 @@ use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use dbc::{Database, SignalMissing, signals};
+use dbc::SignalMissing;
+use rig::plan::ControlLoop;
 
-use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::Stamped;
 
 /// Stretches of time that the load is counted in.
@@ -93,11 +94,11 @@ impl BusTiming {
         frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
         duration_seconds: f64,
         bitrate_kilobits_per_second: u32,
-        database: &Database,
+        one: &ControlLoop,
     ) -> Result<Self, SignalMissing> {
-        let answer = database.position()?.raw_id();
-        let command = database.require(signals::TARGET_CURRENT)?.raw_id();
-        let mut clock = ScenarioClock::new(database)?;
+        let answer = one.position()?.raw_id();
+        let command = one.target_current()?.raw_id();
+        let mut clock = one.scenario_clock()?;
         let duration = Duration::from_secs_f64(duration_seconds);
         let mut timing = Self::default();
         let mut load = LoadCounter::new(duration, bitrate_kilobits_per_second);

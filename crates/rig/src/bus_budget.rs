@@ -5,27 +5,12 @@ use std::time::Duration;
 
 use canopen::frame_bits::occupied_bits_max;
 use dbc::loops::TERMS_EVERY_CYCLES;
-use dbc::{Database, Message};
+use dbc::{Message, names};
+use scenario::node::LoopNodes;
 use scenario::rig::nodes::Rig;
 
 use crate::plan::{ControlLoop, Plan};
 
-const SYNC: &str = "sync";
-/// The sample of a drive.
-const SAMPLE: &str = "drive_tpdo1";
-/// The command to a drive.
-const COMMAND: &str = "drive_rpdo1";
-/// What a drive publishes of its plant.
-const TRUTH: [&str; 2] = ["drive_tpdo2", "drive_tpdo3"];
-/// What the controller publishes of a law.
-const TERMS: [&str; 4] = [
-    "controller_tpdo1",
-    "controller_tpdo2",
-    "controller_tpdo3",
-    "controller_tpdo4",
-];
-/// What a plant publishes in a scenario with faults.
-const PLANT_TRUTH: &str = "plant_truth";
 /// Among so many cycles at most it is looked for the fullest one. Where they would be more, all is taken to come at once.
 const CYCLES_MAX: u32 = 1 << 16;
 /// Periods that are proposed are whole multiples of this.
@@ -114,7 +99,7 @@ impl BusBudget {
         let sync = BusShare {
             node: controller.to_owned(),
             what: "SYNC".to_owned(),
-            bits: frames(plan.database(), &[SYNC]).bits,
+            bits: Sent::of(plan.database().message(names::SYNC)).bits,
             pace: EACH,
         };
         let loops = rig.loops.values().zip(&plan.loops);
@@ -240,7 +225,14 @@ impl fmt::Display for BusBudget {
 /// What is sent for one loop.
 fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     let place = &one.place;
-    let (truth, terms) = (frames(&one.database, &TRUTH), frames(&one.database, &TERMS));
+    let LoopNodes {
+        controller: leader,
+        drive: led,
+        ..
+    } = &one.nodes;
+    let truth = Sent::of(one.database.plant_messages(&led.name));
+    let terms = Sent::of(one.database.term_messages(&leader.name, one.name()));
+    let of_drive = |service| one.message(led, service).ok();
     let share = |node: &str, what, sent: &Sent, pace| BusShare {
         node: node.to_owned(),
         what,
@@ -249,21 +241,21 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     };
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // Of a drive without faults nothing is published besides.
-    let beside_faults = one.scenario.has_own_faults().then_some(PLANT_TRUTH);
-    let by_clock = one.database.message(PLANT_TRUTH);
+    let by_clock = of_drive(names::TRUTH);
+    let beside_faults = by_clock.filter(|_| one.scenario.has_own_faults());
     let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
     let milliseconds = Duration::from_millis(milliseconds).as_secs_f64() * 1e3;
     let shares = [
         share(
             drive,
             "sample (TPDO1)".to_owned(),
-            &frames(&one.database, &[SAMPLE]),
+            &Sent::of(of_drive(names::TPDO1)),
             EACH,
         ),
         share(
             controller,
             format!("command to {drive} (RPDO1)"),
-            &frames(&one.database, &[COMMAND]),
+            &Sent::of(of_drive(names::RPDO1)),
             EACH,
         ),
         share(
@@ -275,7 +267,7 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
         share(
             drive,
             "current and peak temperature, beside its faults (1 frame)".to_owned(),
-            &frames(&one.database, beside_faults.as_slice()),
+            &Sent::of(beside_faults),
             Pace::Milliseconds(milliseconds),
         ),
         share(
@@ -304,22 +296,21 @@ struct Sent {
 }
 
 impl Sent {
+    fn of<'a>(messages: impl IntoIterator<Item = &'a Message>) -> Self {
+        let messages = messages.into_iter();
+        let bits = messages.map(|message| f64::from(occupied_bits_max(message.length_bytes)));
+        let bits = Vec::from_iter(bits);
+        Self {
+            count: bits.len(),
+            bits: bits.iter().sum(),
+        }
+    }
+
     fn words(&self) -> String {
         match self.count {
             1 => "1 frame".to_owned(),
             count => format!("{count} frames"),
         }
-    }
-}
-
-fn frames(database: &Database, names: &[&str]) -> Sent {
-    let messages = names.iter().filter_map(|name| database.message(name));
-    let sent = messages.filter(|message| !message.is_silent());
-    let bits = sent.map(|Message { length_bytes, .. }| f64::from(occupied_bits_max(*length_bytes)));
-    let bits = Vec::from_iter(bits);
-    Sent {
-        count: bits.len(),
-        bits: bits.iter().sum(),
     }
 }
 

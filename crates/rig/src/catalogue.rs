@@ -3,17 +3,23 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use dbc::{Database, LawTerm, PlantSignal, Range};
+use dbc::names::{
+    self, CURRENT, POSITION, RPDO1, TARGET_CURRENT, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION,
+    TRUE_POSITION_IN, message,
+};
+use dbc::{Composer, Database, LawTerm, Message, PlantSignal, PositionUnit, Range};
+use scenario::node::{LoopNodes, Node};
 use scenario::plant::SMA_ACTUATOR;
 use scenario::port::{Port, Ports, Unit};
 use scenario::wiring::IoOutput;
 use scenario::{Objection, Scenario};
 
-use crate::data_sheet;
 use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
-use dbc::signals::{COLUMN_MESSAGES, TRUTH_MESSAGES, plant_signals};
+
+/// Columns of each drive, besides the signals of its plant.
+const COLUMNS_OF_DRIVE: [&str; 4] = [POSITION, CURRENT, TARGET_CURRENT, TRUE_POSITION];
 
 /// Why a scenario's plant, or its law, makes no sense.
 type FindObjection = fn(&Scenario) -> Option<Objection>;
@@ -35,17 +41,21 @@ pub struct Catalogue {
     law_objection: FindObjection,
     /// `None` where all laws are taken to publish what the shipped DBC has.
     find_terms: Option<FindTerms>,
-    /// What plants and laws put on the bus, as far as it was asked for.
-    frames: Mutex<Vec<(Key, Arc<Frames>)>>,
+    /// The frames of single loops, as far as they were asked for.
+    frames: Mutex<Vec<Arc<Frames>>>,
 }
 
-/// By what the frames of plants and laws differ.
-#[derive(PartialEq)]
-struct Key {
-    signals: Vec<PlantSignal>,
-    terms: Option<Vec<LawTerm>>,
-    outputs: Vec<IoOutput>,
-    unit: Unit,
+/// What a loop puts on the bus, by its plant, its law and its io node.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Published {
+    /// The signals of its plant that its drive publishes.
+    pub(crate) signals: Vec<PlantSignal>,
+    /// The terms of its law; `None` for those of the shipped DBC.
+    pub(crate) terms: Option<Vec<LawTerm>>,
+    /// The outputs of its io node besides fan and load.
+    pub(crate) outputs: Vec<IoOutput>,
+    /// The unit of its positions.
+    pub(crate) unit: Unit,
 }
 
 impl Catalogue {
@@ -82,7 +92,10 @@ impl Catalogue {
     /// The SMA actuator under the sliding-mode law, by the DBC that ships: enough to read its recordings without any plant's code.
     #[must_use]
     pub fn shipped() -> Self {
-        let wire = plant_signals(Database::shipped()).map(|signal| PlantSignal {
+        let messages = Database::shipped().plant_messages("drive");
+        let signals = messages.flat_map(|message| &message.signals);
+        let own = signals.filter(|signal| !signal.name.starts_with(TRUE_POSITION_IN));
+        let wire = own.map(|signal| PlantSignal {
             name: signal.name.clone(),
             unit: signal.unit.clone(),
             comment: signal.comment.clone(),
@@ -97,23 +110,27 @@ impl Catalogue {
         Self::new(plants.into_iter(), |_| None, |_| None)
     }
 
-    /// What a scenario's plant and law put on the bus.
+    /// The frames of a scenario's loop alone on its bus.
     #[must_use]
     pub fn frames(&self, scenario: &Scenario) -> Arc<Frames> {
-        let key = Key {
+        let published = Published {
             signals: self.signals(scenario),
             terms: self.find_terms.map(|find| find(scenario)),
             outputs: self.outputs(scenario),
             unit: scenario.wiring.unit.clone(),
         };
-        // What is half done there is still right.
+        let nodes = &scenario.wiring.nodes;
+        let of_loop = scenario.wiring.loop_among_several();
+        // A half-done entry is still right.
         let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, frames)) = known.iter().find(|(other, _)| *other == key) {
+        let is_it = |frames: &&Arc<Frames>| {
+            frames.published == published && frames.nodes == *nodes && frames.of_loop == of_loop
+        };
+        if let Some(frames) = known.iter().find(is_it) {
             return Arc::clone(frames);
         }
-        let frames = Frames::in_unit(&key.signals, key.terms.as_deref(), &key.unit);
-        let frames = Arc::new(frames.with_outputs(&key.outputs));
-        known.push((key, Arc::clone(&frames)));
+        let frames = Arc::new(Frames::new(published, scenario));
+        known.push(Arc::clone(&frames));
         frames
     }
 
@@ -185,7 +202,7 @@ impl Catalogue {
         objections.extend(plant);
         objections.extend((self.law_objection)(scenario));
         objections.extend(self.output_objection(scenario));
-        objections.extend(two_columns(&frames.database, scenario));
+        objections.extend(two_columns(&frames, scenario));
         objections
     }
 
@@ -209,8 +226,8 @@ impl Catalogue {
     /// The first two of them, in words.
     pub fn check(&self) -> Result<(), String> {
         self.plants.iter().try_for_each(|(plant, signals)| {
-            let database = Database::with_plant(signals).with_terms(&[]);
-            match name_of_two_columns(&database) {
+            let names = signals.iter().map(|signal| signal.name.as_str());
+            match twice(names.chain(COLUMNS_OF_DRIVE)) {
                 None => Ok(()),
                 Some(name) => Err(format!(
                     "with the plant `{plant}` two signals are called `{name}`"
@@ -226,8 +243,8 @@ fn is_wired_fmu(scenario: &Scenario) -> bool {
 }
 
 /// A term of a law that is called like another column of its loop.
-fn two_columns(database: &Database, scenario: &Scenario) -> Option<Objection> {
-    let name = name_of_two_columns(database)?;
+fn two_columns(frames: &Frames, scenario: &Scenario) -> Option<Objection> {
+    let name = name_of_two_columns(&frames.database, &frames.nodes, &frames.of_loop)?;
     Some(Objection {
         path: format!("controller.{}", scenario.controller.law_name()),
         message: format!("two signals are called `{name}`"),
@@ -236,54 +253,121 @@ fn two_columns(database: &Database, scenario: &Scenario) -> Option<Objection> {
     })
 }
 
-/// A name that two columns of `signals.csv` would have.
+/// A name that two columns of a loop would have.
 #[must_use]
-pub fn name_of_two_columns(database: &Database) -> Option<&str> {
-    let messages = COLUMN_MESSAGES
-        .into_iter()
-        .filter_map(|name| database.message(name));
-    let mut names = messages.flat_map(|message| &message.signals);
-    let mut seen = BTreeSet::new();
-    let second = names.find(|signal| !seen.insert(&signal.name));
-    second.map(|signal| signal.name.as_str())
+pub fn name_of_two_columns<'a>(
+    database: &'a Database,
+    nodes: &LoopNodes,
+    loop_name: &str,
+) -> Option<&'a str> {
+    let messages = column_messages(database, nodes, loop_name);
+    let signals = messages.flat_map(|message| &message.signals);
+    twice(signals.map(|signal| signal.name.as_str()))
 }
 
-/// What the frames of the bus mean: those of a plant and a law, or those of a recording.
+fn twice<'a>(mut names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let mut seen = BTreeSet::new();
+    names.find(|name| !seen.insert(*name))
+}
+
+/// The messages of a loop whose signals become columns, in their order.
+pub fn column_messages<'a>(
+    database: &'a Database,
+    nodes: &LoopNodes,
+    loop_name: &str,
+) -> impl Iterator<Item = &'a Message> + use<'a> {
+    let of_drive = [TPDO1, RPDO1, TPDO2, TPDO3].map(|service| message(&nodes.drive.name, service));
+    let controller = &nodes.controller.name;
+    let of_law = (0..TERMS_MAX).map(|place| names::terms(controller, loop_name, place));
+    let of_io = nodes.io.iter().map(|io| message(&io.name, RPDO1));
+    let all = Vec::from_iter(of_drive.into_iter().chain(of_law).chain(of_io));
+    all.into_iter().filter_map(|name| database.message(&name))
+}
+
+/// The frames of a loop that is alone on its bus.
 #[derive(Debug)]
 pub struct Frames {
-    /// The terms of the law; `None` where they are in the database already.
-    law_terms: Option<Vec<LawTerm>>,
-    /// The unit of the loop; that of a recording is in its frames already.
-    unit: Unit,
-    /// The outputs of the io node besides fan and load; none of a recording.
-    pub(crate) outputs: Vec<IoOutput>,
-    /// What the frames mean.
+    pub(crate) published: Published,
+    nodes: LoopNodes,
+    of_loop: String,
     pub(crate) database: Arc<Database>,
     names: OnceLock<SignalNames>,
 }
 
 impl Frames {
-    /// The frames of a drive whose positions are in this unit.
-    fn in_unit(signals: &[PlantSignal], terms: Option<&[LawTerm]>, unit: &Unit) -> Self {
-        let database = Database::with_plant(signals);
-        let database = match terms {
-            Some(terms) => database.with_terms(terms),
-            None => database,
-        };
-        let database = in_unit(&database, unit, true);
+    fn new(published: Published, scenario: &Scenario) -> Self {
+        let nodes = &scenario.wiring.nodes;
+        let of_loop = scenario.wiring.loop_among_several();
+        let composer = Composer::new(&nodes.controller.name, nodes.controller.id);
+        let composer = published.compose(composer, nodes, (of_loop, 0), Player::Emulator);
+        let frames = Self::of_recording(Arc::new(composer.finish()), nodes, of_loop);
         Self {
-            law_terms: terms.map(<[_]>::to_vec),
-            unit: unit.clone(),
-            ..Self::from_database(Arc::new(database))
+            published,
+            ..frames
         }
     }
 
-    /// The same with an io node that has these outputs besides fan and load.
-    fn with_outputs(self, outputs: &[IoOutput]) -> Self {
-        let Some(first) = outputs.first() else {
-            return self;
+    /// The frames of a loop of a recording with this database.
+    pub(crate) fn of_recording(database: Arc<Database>, nodes: &LoopNodes, of_loop: &str) -> Self {
+        Self {
+            published: Published::default(),
+            nodes: nodes.clone(),
+            of_loop: of_loop.to_owned(),
+            database,
+            names: OnceLock::new(),
+        }
+    }
+
+    /// All names of all signals.
+    pub(crate) fn names(&self) -> &SignalNames {
+        let make = || SignalNames::new(&self.database, &self.nodes, &self.of_loop);
+        self.names.get_or_init(make)
+    }
+}
+
+/// The player of the drive of a loop.
+#[derive(Clone, Copy)]
+pub(crate) enum Player<'a> {
+    /// The emulator, which publishes the truth about its plant.
+    Emulator,
+    /// Somebody else, with a drive like the emulated one.
+    External,
+    /// Somebody else, with a drive of this rig.
+    OnRig(&'a LoadedRig),
+}
+
+impl Published {
+    /// Adds the frames of the drive, the io node and the law of a loop.
+    pub(crate) fn compose(
+        &self,
+        composer: Composer,
+        nodes: &LoopNodes,
+        of_loop: (&str, u8),
+        player: Player<'_>,
+    ) -> Composer {
+        let rename = |name: &str| self.unit.rename(name);
+        let is_emulated = matches!(player, Player::Emulator);
+        let unit = PositionUnit {
+            symbol: self.unit.symbol(),
+            resolution: (!matches!(player, Player::OnRig(_))).then(|| 1.0 / self.unit.counts()),
+            rename: &rename,
         };
-        let signals = outputs.iter().map(|output| PlantSignal {
+        let unit = (self.unit != Unit::Millimetres).then_some(&unit);
+        let drive = (nodes.drive.name.as_str(), nodes.drive.id);
+        let signals = is_emulated.then_some(self.signals.as_slice());
+        let composer = match player {
+            Player::OnRig(rig) => rig.with_drive(composer, drive, unit),
+            _ => composer.with_drive(drive, signals, None, unit),
+        };
+        let composer = match &nodes.io {
+            Some(io) if !composer.has_node(io.id) => self.with_io(composer, io),
+            _ => composer,
+        };
+        composer.with_terms(of_loop, self.terms.as_deref(), unit)
+    }
+
+    fn with_io(&self, composer: Composer, io: &Node) -> Composer {
+        let outputs = self.outputs.iter().map(|output| PlantSignal {
             name: output.name.clone(),
             unit: output.symbol.clone(),
             comment: output.comment.clone(),
@@ -293,39 +377,8 @@ impl Frames {
                 maximum: output.range[1],
             },
         });
-        let database = (self.database).with_io_outputs(&Vec::from_iter(signals), first.place);
-        Self {
-            database: Arc::new(database),
-            outputs: outputs.to_vec(),
-            ..self
-        }
-    }
-
-    /// The frames of a database, whoever sent them.
-    pub(crate) fn from_database(database: Arc<Database>) -> Self {
-        Self {
-            law_terms: None,
-            unit: Unit::Millimetres,
-            outputs: Vec::new(),
-            database,
-            names: OnceLock::new(),
-        }
-    }
-
-    /// The meaning of the frames on a rig with a drive of its own.
-    pub(crate) fn database_on(&self, rig: &LoadedRig) -> Arc<Database> {
-        let database = match &self.law_terms {
-            Some(terms) => &rig.database.with_terms(terms),
-            None => &*rig.database,
-        };
-        let database = in_unit(database, &self.unit, false);
-        Arc::new(database.with_silent_of(&self.database, &TRUTH_MESSAGES))
-    }
-
-    /// All names of all signals.
-    pub(crate) fn names(&self) -> &SignalNames {
-        let make = || SignalNames::new(&self.database, &data_sheet::rig_data_sheets());
-        self.names.get_or_init(make)
+        let first = self.outputs.first().map_or(0, |output| output.place);
+        composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
     }
 }
 
@@ -341,21 +394,12 @@ fn signal_of(port: &Port) -> PlantSignal {
     }
 }
 
-/// The same frames with positions in another unit.
-fn in_unit(database: &Database, unit: &Unit, is_emulated: bool) -> Database {
-    match unit {
-        Unit::Millimetres => database.clone(),
-        unit => {
-            let resolution = is_emulated.then(|| 1.0 / unit.counts());
-            database.with_position_unit(unit.symbol(), resolution, |name| unit.rename(name))
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
     use dbc::Kind;
+
+    use super::*;
+    use crate::plan::Plan;
 
     fn signal(name: &str) -> PlantSignal {
         PlantSignal {
@@ -413,27 +457,27 @@ mod tests {
     }
 
     #[test]
-    fn on_a_rig_the_plant_s_signals_keep_their_names_and_never_have_a_value() {
+    fn on_a_rig_the_plants_signals_keep_their_names_and_are_on_no_bus() {
         let rig = LoadedRig::from_text(
             "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
              position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n",
         );
         let signals = [signal("a"), signal("b"), signal("c")];
-        let frames = Frames::in_unit(&signals, Some(&[sum()]), &Unit::Millimetres);
-        let database = frames.database_on(&rig.unwrap());
-        let names = SignalNames::new(&database, &data_sheet::rig_data_sheets());
+        let plants = [("dc_motor", &signals[..])].into_iter();
+        let catalogue = Catalogue::new(plants, |_| None, |_| None);
+        let catalogue = catalogue.with_laws(|_| vec![sum()], |_| None);
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let plan = Plan::new(scenario, &catalogue).on(&Arc::new(rig.unwrap()));
+        let names = plan.loops[0].names();
         assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
         assert_eq!(names.find("sum"), Ok("controller_tpdo1.sum"));
         assert!(names.find("wire_temperature_celsius").is_err());
-        let messages = |database: &Database| {
-            let names = database.messages().iter().map(|message| &message.name);
-            names.cloned().collect::<BTreeSet<_>>()
-        };
-        assert_eq!(messages(&database), messages(&frames.database));
         for id in [0x290, 0x390, 0x6B0] {
             let frame = canopen::CanFrame::new(id, &[0; 8]);
-            assert_eq!(database.message_of(&frame), None, "{id:#x}");
+            assert_eq!(plan.database().message_of(&frame), None, "{id:#x}");
         }
+        assert_eq!(plan.database().plant_messages("drive").count(), 0);
     }
 
     #[test]

@@ -17,8 +17,8 @@ impl External {
     }
 
     /// Makes a node external.
-    pub(crate) fn insert(&mut self, node: &Node) {
-        self.0.insert(node.id);
+    pub(crate) fn insert(&mut self, node_id: u8) {
+        self.0.insert(node_id);
     }
 
     /// Whether canrig starts all nodes.

@@ -2,7 +2,6 @@
 
 use canopen::eds;
 use dbc::data_sheets::{AnalogueOutput, OfDrive};
-use dbc::loops::NodesByName;
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
 use scenario::port::Unit;
 
@@ -91,12 +90,6 @@ fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
     [drive_sheet].into_iter().chain(io_sheet)
 }
 
-/// All nodes of these loops by node-ID, as the rig calls them.
-pub(crate) fn names_by_id(loops: &[ControlLoop]) -> impl Iterator<Item = (u8, &str)> {
-    let nodes = loops.iter().flat_map(|one| one.nodes.all());
-    nodes.map(|node| (node.id, node.name.as_str()))
-}
-
 /// The nodes of a bench as tools know them.
 #[derive(Clone, Debug)]
 pub struct NamedNodes {
@@ -139,16 +132,9 @@ impl NamedNodes {
                 dictionary: parsed?.dictionary,
             })
         });
-        let names = plan.loops.iter().map(|one| NodesByName {
-            of_loop: one.name(),
-            drive: &one.nodes.drive.name,
-            disturbance: one.nodes.io.as_ref().map(|node| node.name.as_str()),
-        });
         Ok(Self {
             sheets: sheets.collect::<Result<_, DataSheetError>>()?,
-            database: plan
-                .database()
-                .by_node(plan.controller_name(), &Vec::from_iter(names)),
+            database: Database::clone(plan.database()),
         })
     }
 }

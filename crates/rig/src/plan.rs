@@ -5,19 +5,19 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use dbc::Database;
 use dbc::loops::LoopPlace;
-use dbc::signals::TRUTH_MESSAGES;
+use dbc::names;
+use dbc::scenario_clock::ScenarioClock;
+use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
 use scenario::Bus;
 use scenario::fault::{Fault, Faults, Group};
 use scenario::loops::Contour;
-use scenario::node::{Node, Part};
-use scenario::rig::nodes::CONTROLLER_NODE_ID;
+use scenario::node::{LoopNodes, Node, Part};
 use scenario::sweep::Sweep;
 use scenario::wiring::IoOutput;
 use scenario::{Scenario, Texts};
 
-use crate::catalogue::{Catalogue, Frames};
+use crate::catalogue::{Catalogue, Frames, Player, column_messages};
 use crate::external::{External, no_such_node};
 use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
@@ -26,16 +26,8 @@ mod load;
 
 pub use load::{check_rig, may_name_rig};
 
-/// Names of the nodes where no rig gives others.
-const CONTROLLER: &str = "controller";
-const DRIVE: &str = "drive";
-const DISTURBANCE: &str = "disturbance";
 /// Name of the io node on the command line of a scenario without a rig.
 pub const FAN: &str = "fan";
-/// Node-IDs where no rig gives others.
-const DRIVE_NODE_ID: u8 = 0x10;
-const DISTURBANCE_NODE_ID: u8 = 0x11;
-
 /// A run: the loops of a scenario and all that they share. A single loop is a list of one.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -87,30 +79,6 @@ pub struct LoopName {
     pub plant: String,
 }
 
-/// The nodes of a loop.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct LoopNodes {
-    /// The controller, which leads all loops.
-    pub controller: Node,
-    /// Its drive.
-    pub drive: Node,
-    /// The io node that acts on its plant.
-    pub io: Option<Node>,
-}
-
-impl LoopNodes {
-    /// Its nodes in the order controller, drive, io node.
-    pub fn all(&self) -> impl Iterator<Item = &Node> {
-        [&self.controller, &self.drive].into_iter().chain(&self.io)
-    }
-
-    /// The node with a part in the loop.
-    #[must_use]
-    pub fn of(&self, part: Part) -> Option<&Node> {
-        self.all().find(|node| node.part == part)
-    }
-}
-
 /// One loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
 #[derive(Clone, Debug)]
 pub struct ControlLoop {
@@ -129,6 +97,8 @@ pub struct ControlLoop {
     /// The meaning of all frames on the bus.
     pub database: Arc<Database>,
     frames: Arc<Frames>,
+    /// The names of all drives of the run.
+    drives: Arc<[String]>,
 }
 
 impl Plan {
@@ -146,10 +116,15 @@ impl Plan {
 
     /// The plan of these loops, of which there is at least one.
     fn of_loops(
-        loops: Vec<ControlLoop>,
+        mut loops: Vec<ControlLoop>,
         contours: Vec<Contour>,
         nodes_of_loops: BTreeMap<String, LoopNodes>,
     ) -> Self {
+        let drives = loops.iter().map(|one| one.nodes.drive.name.clone());
+        let drives: Arc<[String]> = drives.collect();
+        for one in &mut loops {
+            one.drives = Arc::clone(&drives);
+        }
         let scenario = &loops[0].scenario;
         let shared = Shared {
             path: PathBuf::new(),
@@ -198,7 +173,7 @@ impl Plan {
     /// The same on a rig, whose drive is external and whose bus takes the place of the scenario's.
     #[must_use]
     pub fn on(self, rig: &Arc<LoadedRig>) -> Self {
-        self.on_bus_of(rig).map(|one| one.on(Arc::clone(rig)))
+        self.recorded_on(rig).composed()
     }
 
     /// As [`Plan::on`], for a recording that says by itself what its frames mean.
@@ -222,8 +197,7 @@ impl Plan {
         if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
             return Err(no_such_node(name, &Vec::from_iter(known)));
         }
-        let emulated = Vec::from_iter(self.loops.iter().map(|one| one.is_ours(Part::Drive)));
-        let mut plan = self.recorded_external(names);
+        let plan = self.recorded_external(names);
         let real_fan = |one: &ControlLoop| one.is_external(Part::Io) && one.is_ours(Part::Drive);
         if let Some(one) = plan.loops.iter().find(|one| real_fan(one)) {
             let io = one.nodes.io.as_ref();
@@ -233,37 +207,22 @@ impl Plan {
                 "--external {io} needs --external {drive}: a real fan cannot cool an emulated wire"
             ));
         }
-        let silent = plan
-            .loops
-            .iter()
-            .zip(emulated)
-            .filter_map(|(one, was_emulated)| {
-                (was_emulated && one.is_external(Part::Drive)).then(|| one.name().to_owned())
-            });
-        let silent = Vec::from_iter(silent);
-        for one in &mut plan.loops {
-            let messages = silent.iter().flat_map(|name| {
-                TRUTH_MESSAGES.map(|message| match name == one.name() {
-                    true => message.to_owned(),
-                    false => format!("{name}_{message}"),
-                })
-            });
-            let messages = Vec::from_iter(messages);
-            if !messages.is_empty() {
-                let messages = Vec::from_iter(messages.iter().map(String::as_str));
-                one.database = Arc::new(one.database.with_silent(&messages));
-            }
-        }
-        Ok(plan)
+        Ok(plan.composed())
+    }
+
+    /// The same with the frames of its loops as they are now.
+    fn composed(self) -> Self {
+        let database = Arc::new(compose(&self.loops));
+        self.with_database(&database)
     }
 
     /// As [`Plan::with_external`], for a recording.
     #[must_use]
     pub fn recorded_external(mut self, names: &[String]) -> Self {
         let is_named = |node: &&Node| names.iter().any(|name| name == self.shared.name_of(node));
-        let named = Vec::from_iter(self.nodes().filter(is_named).cloned());
+        let named = Vec::from_iter(self.nodes().filter(is_named).map(|node| node.id));
         for one in &mut self.loops {
-            named.iter().for_each(|node| one.external.insert(node));
+            named.iter().for_each(|id| one.external.insert(*id));
         }
         self
     }
@@ -330,6 +289,14 @@ impl Plan {
         &self.loops[0]
     }
 
+    /// A clock of scenario time that has not begun.
+    ///
+    /// # Errors
+    /// The database has no statusword of a drive.
+    pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
+        self.leading().scenario_clock()
+    }
+
     /// Length of the run.
     #[must_use]
     pub fn duration(&self) -> Duration {
@@ -365,6 +332,26 @@ impl Shared {
     }
 }
 
+/// The database of loops on one bus.
+fn compose(loops: &[ControlLoop]) -> Database {
+    let mut controllers = loops.iter().map(|one| &one.nodes.controller);
+    let Some(controller) = controllers.next() else {
+        return Database::default();
+    };
+    let composer = Composer::new(&controller.name, controller.id);
+    let composer = loops.iter().fold(composer, |composer, one| {
+        let player = match &one.rig {
+            Some(rig) => Player::OnRig(rig),
+            None if one.is_external(Part::Drive) => Player::External,
+            None => Player::Emulator,
+        };
+        let of_loop = (one.name(), one.place.number);
+        let published = &one.frames.published;
+        published.compose(composer, &one.nodes, of_loop, player)
+    });
+    composer.finish()
+}
+
 /// The beginning of the names of a loop's signals and metrics, by the loop's name.
 #[must_use]
 pub fn prefix_of(loop_name: &str) -> String {
@@ -376,26 +363,24 @@ pub fn prefix_of(loop_name: &str) -> String {
 
 impl ControlLoop {
     fn with_frames(scenario: Scenario, frames: Arc<Frames>) -> Self {
-        let (drive, io) = (DRIVE_NODE_ID, DISTURBANCE_NODE_ID);
         Self {
+            nodes: scenario.wiring.nodes.clone(),
             scenario,
             loop_name: None,
-            nodes: LoopNodes {
-                controller: Node::new(CONTROLLER, CONTROLLER_NODE_ID, Part::Controller),
-                drive: Node::new(DRIVE, drive, Part::Drive),
-                io: Some(Node::new(DISTURBANCE, io, Part::Io)),
-            },
             place: LoopPlace::SHIPPED,
             external: External::default(),
             rig: None,
             database: Arc::clone(&frames.database),
             frames,
+            drives: Arc::default(),
         }
     }
 
-    /// A loop of a recording, whose frames mean what the database says.
-    fn of_recording(scenario: Scenario, database: Database) -> Self {
-        let frames = Frames::from_database(Arc::new(database));
+    /// A loop of a recording with this database.
+    fn of_recording(scenario: Scenario, database: &Arc<Database>) -> Self {
+        let wiring = &scenario.wiring;
+        let name = wiring.loop_among_several();
+        let frames = Frames::of_recording(Arc::clone(database), &wiring.nodes, name);
         Self::with_frames(scenario, Arc::new(frames))
     }
 
@@ -411,18 +396,10 @@ impl ControlLoop {
         Self { database, ..self }
     }
 
-    fn on(self, rig: Arc<LoadedRig>) -> Self {
-        let database = self.frames.database_on(&rig);
-        self.recorded_on(rig).with_database(database)
-    }
-
     fn recorded_on(mut self, rig: Arc<LoadedRig>) -> Self {
         self.scenario.bus = rig.file.bus.of_scenario();
-        self.nodes.drive.id = rig.drive.node_id().get();
-        if let Some(io) = &mut self.nodes.io {
-            io.id = rig.file.fan.node_id;
-        }
-        self.external.insert(&self.nodes.drive);
+        rig.name_ids(&mut self.nodes);
+        self.external.insert(self.nodes.drive.id);
         Self {
             rig: Some(rig),
             ..self
@@ -489,10 +466,94 @@ impl ControlLoop {
         prefix_of(self.name())
     }
 
+    /// A clock of scenario time that has not begun: it begins when all drives of the run are enabled.
+    ///
+    /// # Errors
+    /// The database has no statusword of a drive.
+    pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
+        let drives = self.drives.iter().map(String::as_str);
+        ScenarioClock::new(&self.database, drives)
+    }
+
+    /// A message of one of its nodes.
+    ///
+    /// # Errors
+    /// The database has none.
+    pub fn message(&self, node: &Node, service: &str) -> Result<&Message, SignalMissing> {
+        let name = names::message(&node.name, service);
+        let message = self.database.message(&name);
+        message.ok_or_else(|| SignalMissing::new(&name))
+    }
+
+    /// The position that its drive measures.
+    ///
+    /// # Errors
+    /// The database has none.
+    pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
+        self.database.position_of(&self.nodes.drive.name)
+    }
+
+    /// The current that its controller commands.
+    ///
+    /// # Errors
+    /// The database has none.
+    pub fn target_current(&self) -> Result<SignalHandle, SignalMissing> {
+        let command = names::message(&self.nodes.drive.name, names::RPDO1);
+        self.database.signal_of(&command, names::TARGET_CURRENT)
+    }
+
+    /// The messages whose signals become columns, in their order.
+    pub fn column_messages(&self) -> impl Iterator<Item = &Message> {
+        column_messages(&self.database, &self.nodes, self.name())
+    }
+
+    /// The signals that its drive publishes of an emulated plant, without the true position.
+    pub fn plant_signals(&self) -> impl Iterator<Item = &Signal> {
+        let messages = self.database.plant_messages(&self.nodes.drive.name);
+        let signals = messages.flat_map(|message| &message.signals);
+        signals.filter(|signal| !signal.name.starts_with(names::TRUE_POSITION_IN))
+    }
+
+    /// Whether a message is that of its drive, its io node or its law.
+    #[must_use]
+    pub fn owns(&self, message: &str) -> bool {
+        let LoopNodes {
+            controller,
+            drive,
+            io,
+        } = &self.nodes;
+        let is_of = |node: &Node, services: &[&str]| {
+            let mut own = services.iter();
+            own.any(|service| names::message(&node.name, service) == message)
+        };
+        let mut places = 0..names::TERMS_MAX;
+        is_of(drive, &names::OF_DRIVE)
+            || io.as_ref().is_some_and(|io| is_of(io, &names::OF_IO))
+            || places.any(|place| names::terms(&controller.name, self.name(), place) == message)
+    }
+
+    /// Whether a signal, as `message.signal`, is one that only an emulated drive publishes.
+    #[must_use]
+    pub fn is_truth(&self, path: &str) -> bool {
+        let message = path.split('.').next().unwrap_or_default();
+        let drive = &self.nodes.drive.name;
+        let truth = [names::TPDO2, names::TPDO3, names::TRUTH];
+        truth
+            .iter()
+            .any(|service| names::message(drive, service) == message)
+    }
+
+    /// The terms of its law.
+    pub fn terms(&self) -> impl Iterator<Item = &Signal> {
+        let controller = &self.nodes.controller.name;
+        let messages = self.database.term_messages(controller, self.name());
+        messages.flat_map(|message| &message.signals)
+    }
+
     /// The outputs of the io node of its plant besides fan and load; none of a recording.
     #[must_use]
     pub fn io_outputs(&self) -> &[IoOutput] {
-        &self.frames.outputs
+        &self.frames.published.outputs
     }
 
     /// All names of all signals.

@@ -6,38 +6,22 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use dbc::signals::TRUTH_MESSAGES;
-use dbc::{Coding, Database, DbcError, Kind, Signal};
+use dbc::names::{CURRENT, POSITION, TARGET_CURRENT};
+use dbc::{Coding, Composer, Database, DbcError, ExternalFrames, Kind, PositionUnit, Signal};
 use miette::Diagnostic;
+use scenario::node::LoopNodes;
 use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{PositionRange, RigFile};
 use scenario::{Scenario, ScenarioError, read_text};
 
-use crate::data_sheet::{CONTROLLER_NODE_ID, FILE_BYTES_MAX};
+use crate::catalogue::{Player, Published};
+use crate::data_sheet::FILE_BYTES_MAX;
 
 /// 36 mm is 36.00000000000001 mm once it was metres.
 const ROUNDING_MILLIMETRES: f64 = 1e-6;
 /// Default name of a rig file, beside the scenarios.
 pub const RIG_FILE: &str = "rig.toml";
-/// Messages of the fan and load module; their identifiers are a function code and the node-ID.
-const FAN_MESSAGES: [(&str, u16); 5] = [
-    ("disturbance_emergency", 0x080),
-    ("disturbance_rpdo1", 0x200),
-    ("disturbance_sdo_answer", 0x580),
-    ("disturbance_sdo_request", 0x600),
-    ("disturbance_heartbeat", 0x700),
-];
-/// The same for the drive, but for its PDOs.
-const DRIVE_MESSAGES: [(&str, u16); 6] = [
-    ("drive_emergency", 0x080),
-    ("drive_sdo_answer", 0x580),
-    ("drive_sdo_request", 0x600),
-    ("drive_sdo2_answer", 0x6C0),
-    ("drive_sdo2_request", 0x680),
-    ("drive_heartbeat", 0x700),
-];
-
 /// Why a rig file cannot be used.
 #[derive(Debug, Diagnostic, thiserror::Error)]
 pub enum RigError {
@@ -86,7 +70,7 @@ pub struct LoadedRig {
     pub eds: String,
     /// The drive's identity and PDOs.
     pub drive: DriveLayout,
-    /// What the frames mean under a law without terms of its own.
+    /// The frames under the law whose terms are in the shipped DBC.
     pub database: Arc<Database>,
 }
 
@@ -139,18 +123,62 @@ impl LoadedRig {
                 rig: path.to_owned(),
                 reason: Box::new(reason),
             })?;
-        let database = database(&file, &drive).map_err(|reason| RigError::Identifier {
-            rig: path.to_owned(),
-            reason,
-        })?;
-        Ok(Self {
+        let mut rig = Self {
             path: path.to_owned(),
             text,
             file,
             eds,
             drive,
-            database: Arc::new(database),
-        })
+            database: Arc::default(),
+        };
+        let mut nodes = LoopNodes::default();
+        rig.name_ids(&mut nodes);
+        let composer = Composer::new(&nodes.controller.name, nodes.controller.id);
+        let published = Published::default();
+        let composer = published.compose(composer, &nodes, ("", 0), Player::OnRig(&rig));
+        let database = composer.finish();
+        (database.refuse_duplicates()).map_err(|reason| RigError::Identifier {
+            rig: path.to_owned(),
+            reason,
+        })?;
+        rig.database = Arc::new(database);
+        Ok(rig)
+    }
+
+    /// Gives the nodes of a loop the IDs that they have on the rig.
+    pub(crate) fn name_ids(&self, nodes: &mut LoopNodes) {
+        nodes.drive.id = self.drive.node_id().get();
+        if let Some(io) = &mut nodes.io {
+            io.id = self.file.fan.node_id;
+        }
+    }
+
+    /// Adds the frames of its drive to those of a bus.
+    pub(crate) fn with_drive(
+        &self,
+        composer: Composer,
+        node: (&str, u8),
+        unit: Option<&PositionUnit<'_>>,
+    ) -> Composer {
+        let drive = &self.drive;
+        let [statusword, controlword] = drive.words();
+        let feedback = |signal: &Signal| match signal.name.as_str() {
+            POSITION => scaled(drive.position()),
+            CURRENT => drive.current().map_or(signal.coding.absent(), scaled),
+            _ => in_word(signal, statusword),
+        };
+        let command = |signal: &Signal| match signal.name.as_str() {
+            TARGET_CURRENT => scaled(drive.target()),
+            _ => in_word(signal, controlword),
+        };
+        let frames = ExternalFrames {
+            identifiers: [drive.feedback_id(), drive.command_id()],
+            lengths_bytes: drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok()),
+            feedback: &feedback,
+            command: &command,
+            heartbeat_milliseconds: self.file.timeouts.drive_heartbeat_milliseconds.into(),
+        };
+        composer.with_drive(node, None, Some(&frames), unit)
     }
 
     /// Refuses, before any current flows, a scenario whose set-point leaves the limits.
@@ -189,37 +217,6 @@ impl LoadedRig {
     }
 }
 
-/// The frames of the bus with this drive on it.
-fn database(file: &RigFile, drive: &DriveLayout) -> Result<Database, DbcError> {
-    let [statusword, controlword] = drive.words();
-    let [feedback_bytes, command_bytes] =
-        drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok());
-    let heartbeat = file.timeouts.drive_heartbeat_milliseconds;
-    let database = Database::shipped()
-        .with_silent(&TRUTH_MESSAGES)
-        .with_identifiers(&identifiers(file, drive))?
-        .with_nodes([
-            (CONTROLLER_NODE_ID, "controller"),
-            (file.drive.node_id, "drive"),
-            (file.fan.node_id, "disturbance"),
-        ])
-        .with_cycle_time("drive_heartbeat", heartbeat.into())
-        .with_layout("drive_tpdo1", feedback_bytes, |signal| {
-            match signal.name.as_str() {
-                "position_millimetres" => scaled(drive.position()),
-                "current_amperes" => drive.current().map_or(signal.coding.absent(), scaled),
-                _ => in_word(signal, statusword),
-            }
-        })
-        .with_layout("drive_rpdo1", command_bytes, |signal| {
-            match signal.name.as_str() {
-                "target_current_amperes" => scaled(drive.target()),
-                _ => in_word(signal, controlword),
-            }
-        });
-    Ok(database)
-}
-
 /// The times of the cycles in which the set-point may have a value that it did not have before: a day has too many to ask for all.
 fn telling_cycles_seconds(
     scenario: &Scenario,
@@ -236,23 +233,6 @@ fn telling_cycles_seconds(
     let times = cycles.map(move |cycle| cycle * period);
     let times = times.filter(move |time| *time < end);
     times.map(|time| Duration::from_nanos_u128(time).as_secs_f64())
-}
-
-/// Where the frames of drive, fan and load module are.
-fn identifiers(file: &RigFile, drive: &DriveLayout) -> Vec<(&'static str, u16)> {
-    let of = |messages: &[(&'static str, u16)], node_id: u8| {
-        let messages = messages.iter();
-        let moved =
-            messages.map(|(name, function_code)| (*name, function_code + u16::from(node_id)));
-        moved.collect::<Vec<_>>()
-    };
-    let mut identifiers = of(&DRIVE_MESSAGES, drive.node_id().get());
-    identifiers.extend(of(&FAN_MESSAGES, file.fan.node_id));
-    identifiers.extend([
-        ("drive_tpdo1", drive.feedback_id()),
-        ("drive_rpdo1", drive.command_id()),
-    ]);
-    identifiers
 }
 
 fn scaled(place: Scaled) -> Coding {
@@ -386,10 +366,10 @@ mod tests {
     fn the_fan_is_where_the_rig_file_says() {
         let rig = load(&format!("{RIG}[fan]\nnode_id = 64\n")).unwrap();
         let frame = CanFrame::new(0x240, &[0x88, 0x13, 0x85, 0xFF]);
-        let factor = rig.database.require(dbc::signals::CONVECTION_FACTOR);
+        let factor = rig.database.require("disturbance_rpdo1.convection_factor");
         assert_eq!(factor.unwrap().decode(&frame), Some(5.0));
         let heartbeat = CanFrame::new(0x740, &[5]);
-        let state = rig.database.require(dbc::signals::FAN_STATE);
+        let state = rig.database.require("disturbance_heartbeat.nmt_state");
         assert_eq!(state.unwrap().decode(&heartbeat), Some(5.0));
         // Either may take the number that is the other's by default.
         let swapped = RIG.replace("node_id = 32", "node_id = 17") + "[fan]\nnode_id = 16\n";

@@ -1,9 +1,10 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
-use dbc::Database;
+use dbc::{Database, Message, names};
+use scenario::node::{LoopNodes, Node, Part};
 use scenario::{Objection, Scenario, nearest};
 
-use crate::data_sheet::DataSheet;
+use crate::data_sheet::{self, DataSheet};
 
 /// Signals that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 10;
@@ -51,18 +52,31 @@ pub struct SignalNames {
 }
 
 impl SignalNames {
-    /// The names of a database's signals, with those of the objects behind them.
+    /// The names of the signals of a loop's nodes and its law, with those of the objects behind them.
     #[must_use]
-    pub fn new(database: &Database, sheets: &[DataSheet]) -> Self {
+    pub fn new(database: &Database, nodes: &LoopNodes, loop_name: &str) -> Self {
+        let sheets = data_sheet::rig_data_sheets();
+        let of_parts = Vec::from_iter(
+            [Part::Controller, Part::Drive, Part::Io]
+                .into_iter()
+                .zip(&sheets),
+        );
+        let sheet = |wanted: Part| {
+            of_parts
+                .iter()
+                .find(|(part, _)| *part == wanted)
+                .map(|one| one.1)
+        };
         let mut aliases = Vec::new();
-        for message in database.messages() {
-            let node = message.name.split('_').next().unwrap_or_default();
-            let sheet = sheets.iter().find(|sheet| sheet.node_name == node);
+        let mut add = |message: &Message, node: Option<&Node>| {
             for signal in &message.signals {
                 let path = format!("{}.{}", message.name, signal.name);
                 let mut names = vec![path.clone(), signal.name.clone()];
-                if let Some(object) = sheet.and_then(|sheet| object_name(sheet, &signal.object)) {
-                    names.push(format!("{node}.{object}"));
+                if let Some(node) = node
+                    && let Some(sheet) = sheet(node.part)
+                    && let Some(object) = object_name(sheet, &signal.object)
+                {
+                    names.push(format!("{}.{object}", node.name));
                     names.push(object);
                 }
                 let alias = |name| Alias {
@@ -71,20 +85,41 @@ impl SignalNames {
                 };
                 aliases.extend(names.into_iter().map(alias));
             }
+        };
+        for message in ["nmt_command", names::SYNC] {
+            database
+                .message(message)
+                .into_iter()
+                .for_each(|message| add(message, None));
         }
-        let entries = |sheet: &DataSheet| {
+        for node in nodes.all() {
+            let services = match node.part {
+                Part::Controller => &names::OF_CONTROLLER[..],
+                Part::Io => &names::OF_IO,
+                Part::Drive | Part::Bench => &names::OF_DRIVE,
+            };
+            let own = services.iter().filter_map(|service| {
+                let name = names::message(&node.name, service);
+                database.message(&name)
+            });
+            own.for_each(|message| add(message, Some(node)));
+        }
+        let terms = database.term_messages(&nodes.controller.name, loop_name);
+        terms.for_each(|message| add(message, Some(&nodes.controller)));
+        let entries = |(part, sheet): &(Part, &DataSheet)| {
             let names = sheet
                 .dictionary
                 .entries()
                 .iter()
                 .map(|entry| entry.name.clone());
-            let node = sheet.node_name.clone();
-            let full = names.clone().map(move |name| format!("{node}.{name}"));
+            let node = nodes.of(*part).map(|node| node.name.clone());
+            let full = names.clone().zip(std::iter::repeat(node));
+            let full = full.filter_map(|(name, node)| Some(format!("{}.{name}", node?)));
             names.chain(full).collect::<Vec<_>>()
         };
         Self {
             aliases,
-            objects: sheets.iter().flat_map(entries).collect(),
+            objects: of_parts.iter().flat_map(entries).collect(),
         }
     }
 
@@ -177,10 +212,9 @@ fn objection(path: String, error: &NameError) -> Objection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data_sheet;
 
     fn of_the_actuator() -> SignalNames {
-        SignalNames::new(Database::shipped(), &data_sheet::rig_data_sheets())
+        SignalNames::new(Database::shipped(), &LoopNodes::default(), "")
     }
 
     #[track_caller]

@@ -4,7 +4,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use dbc::SignalMissing;
-use dbc::scenario_clock::ScenarioClock;
 use scenario::Override;
 
 use crate::exit::Exit;
@@ -97,8 +96,8 @@ pub fn run(
     if plan.names_rig() {
         write_sheets(&folder, plan)?;
     }
-    let progress = ProgressReader::new(&plan.leading().scenario, plan.database())?;
-    let clock = ScenarioClock::new(plan.database())?;
+    let progress = ProgressReader::new(plan.leading())?;
+    let clock = plan.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);
     let (frames, unrecorded) = capture.finish()?;

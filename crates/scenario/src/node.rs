@@ -1,5 +1,7 @@
 //! The nodes of a run, by name, node-ID and part.
 
+use crate::rig::nodes::CONTROLLER_NODE_ID;
+
 /// A node of a run.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Node {
@@ -32,6 +34,41 @@ impl Node {
             name: name.to_owned(),
             id,
             part,
+        }
+    }
+}
+
+/// The nodes of a loop.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct LoopNodes {
+    /// The controller, which leads all loops.
+    pub controller: Node,
+    /// Its drive.
+    pub drive: Node,
+    /// The io node that acts on its plant.
+    pub io: Option<Node>,
+}
+
+impl LoopNodes {
+    /// Its nodes in the order controller, drive, io node.
+    pub fn all(&self) -> impl Iterator<Item = &Node> {
+        [&self.controller, &self.drive].into_iter().chain(&self.io)
+    }
+
+    /// The node with a part in the loop.
+    #[must_use]
+    pub fn of(&self, part: Part) -> Option<&Node> {
+        self.all().find(|node| node.part == part)
+    }
+}
+
+/// The nodes of the rig that ships.
+impl Default for LoopNodes {
+    fn default() -> Self {
+        Self {
+            controller: Node::new("controller", CONTROLLER_NODE_ID, Part::Controller),
+            drive: Node::new("drive", 0x10, Part::Drive),
+            io: Some(Node::new("disturbance", 0x11, Part::Io)),
         }
     }
 }

@@ -74,24 +74,16 @@ pub struct Scenario {
 impl Scenario {
     /// The faults of its loop: those at its drive and plant, and those at no other drive.
     pub fn own_faults(&self) -> impl Iterator<Item = &Fault> {
-        let Wiring {
-            drive_node_id,
-            plant,
-            ..
-        } = &self.wiring;
-        let is_own = |fault: &&Fault| fault.is_of_loop(*drive_node_id, plant);
+        let Wiring { nodes, plant, .. } = &self.wiring;
+        let is_own = |fault: &&Fault| fault.is_of_loop(nodes.drive.id, plant);
         self.faults.iter().filter(is_own)
     }
 
     /// The faults at its drive, and at the plant that the drive moves.
     #[must_use]
     pub fn drive_faults(&self) -> Faults {
-        let Wiring {
-            drive_node_id,
-            plant,
-            ..
-        } = &self.wiring;
-        self.faults.at_drive(*drive_node_id, plant)
+        let Wiring { nodes, plant, .. } = &self.wiring;
+        self.faults.at_drive(nodes.drive.id, plant)
     }
 
     /// Whether one of the faults of the run is of its loop.

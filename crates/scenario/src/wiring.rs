@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::node::LoopNodes;
 use crate::port::{Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in};
 
 /// Outputs that a drive can publish: what fits TPDO2, beside the true position, and TPDO3.
@@ -32,8 +33,8 @@ pub struct LoopOfRig {
 /// What the rig file says of the drive of a loop; that of the shipped rig where nothing else is said.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wiring {
-    /// Its node-ID.
-    pub drive_node_id: u8,
+    /// The nodes of its loop.
+    pub nodes: LoopNodes,
     /// The name of the plant that it moves; empty where no rig file says any.
     pub plant: String,
     /// The input of the plant that its amplifier drives; the plant's first one if empty.
@@ -82,7 +83,7 @@ pub struct LedBy {
 impl Default for Wiring {
     fn default() -> Self {
         Self {
-            drive_node_id: 0x10,
+            nodes: LoopNodes::default(),
             plant: String::new(),
             input: String::new(),
             output: String::new(),
@@ -110,6 +111,15 @@ impl Wiring {
     pub fn range(&self) -> [f64; 2] {
         let max = self.position_max.unwrap_or(TRAVEL_MILLIMETRES);
         [self.position_min, max]
+    }
+
+    /// The name of its loop among several; empty for an only loop.
+    #[must_use]
+    pub fn loop_among_several(&self) -> &str {
+        match self.loops.len() {
+            0 | 1 => "",
+            _ => &self.of_loop,
+        }
     }
 
     /// Its loop as others know it; none where no rig file says any.

@@ -186,7 +186,7 @@ impl<'a> Seen<'a> {
     }
 
     fn last_position(&self, drive: &str) -> Option<Duration> {
-        let position = self.one(drive).database.position().ok()?;
+        let position = self.one(drive).position().ok()?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 

@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
-use dbc::{SignalMissing, signals};
+use dbc::SignalMissing;
+use dbc::names::{ADDED_LOAD, CONVECTION_FACTOR, RPDO1, message as message_name};
 use rig::plan::{ControlLoop, Plan};
 use scenario::fault::Faults;
 use scenario::node::Part;
@@ -49,7 +50,7 @@ impl DisturbanceProducer {
         frames.extend(stop_orders(&plan.shared.faults));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         Ok(Self {
-            clock: ScenarioClock::new(plan.database())?,
+            clock: plan.scenario_clock()?,
             frames: frames.into(),
             due: VecDeque::with_capacity(FRAMES_AT_ONCE),
             real_drives: Vec::new(),
@@ -140,22 +141,26 @@ fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
 fn disturbances(one: &ControlLoop) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
     let (disturbance, database) = (&one.scenario.disturbance, &one.database);
     let commands = disturbance.commands();
-    if commands.is_empty() {
+    let Some(io) = one.nodes.io.as_ref().filter(|_| !commands.is_empty()) else {
         return Ok(Vec::new());
-    }
+    };
+    let outputs = message_name(&io.name, RPDO1);
     let wiring = &one.scenario.wiring;
-    let require = |is_wired: bool, path| is_wired.then(|| database.require(path)).transpose();
+    let require = |is_wired: bool, name| {
+        let signal = is_wired.then(|| database.signal_of(&outputs, name));
+        signal.transpose()
+    };
     let has_both = wiring.first_output() > 0;
-    let convection_factor = require(has_both, signals::CONVECTION_FACTOR)?;
-    let added_load = require(has_both, signals::ADDED_LOAD)?;
-    let others = one.io_outputs().iter().map(|output| {
-        let path = format!("{}.{}", signals::DISTURBANCE_MESSAGE, output.name);
-        Ok((output, database.require(&path)?))
-    });
+    let convection_factor = require(has_both, CONVECTION_FACTOR)?;
+    let added_load = require(has_both, ADDED_LOAD)?;
+    let others = one
+        .io_outputs()
+        .iter()
+        .map(|output| Ok((output, database.signal_of(&outputs, &output.name)?)));
     let others = others.collect::<Result<Vec<_>, SignalMissing>>()?;
     let mut message = database
-        .builder(signals::DISTURBANCE_MESSAGE)
-        .ok_or_else(|| SignalMissing::new(signals::DISTURBANCE_MESSAGE))?;
+        .builder(&outputs)
+        .ok_or_else(|| SignalMissing::new(&outputs))?;
     let frames = commands.into_iter().map(|command| {
         for (signal, value) in [
             (&convection_factor, command.convection_factor),

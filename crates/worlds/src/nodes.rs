@@ -27,11 +27,13 @@ pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldErr
         ..one.scenario.clone()
     });
     let scenarios = Vec::from_iter(scenarios);
+    let clock = plan.scenario_clock()?;
     let drives = scenarios.iter().zip(drives);
     let drives = drives.map(|(scenario, one)| DriveOf {
         scenario,
         place: one.place,
         database: &one.database,
+        clock: &clock,
     });
     // The participant of a rig's only plant has no name of its own, but the plant has.
     let plant = scenarios.first().map(|one| one.wiring.plant.as_str());
@@ -113,7 +115,7 @@ pub fn faulty_controller(
         }
     };
     let faults = faults.without(is_played_elsewhere);
-    let faulty = Faulty::new(node, faults, plan.database(), renew)?;
+    let faulty = Faulty::new(node, faults, plan.scenario_clock()?, renew);
     Ok(Box::new(faulty))
 }
 

@@ -21,7 +21,7 @@ impl SecondMasterWatch {
     pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let is_real = |one: &&ControlLoop| one.is_external(Part::Drive);
         Ok(Self {
-            clock: ScenarioClock::new(plan.database())?,
+            clock: plan.scenario_clock()?,
             drives: (plan.loops.iter().filter(is_real))
                 .map(SourceReader::new)
                 .collect(),

@@ -40,7 +40,7 @@ impl SilenceWatch {
         let drives = plan.loops.iter().map(|one| {
             Ok(Drive {
                 name: drive_name(one).to_owned(),
-                position_id: one.database.position()?.raw_id(),
+                position_id: one.position()?.raw_id(),
                 heard: Duration::ZERO,
             })
         });

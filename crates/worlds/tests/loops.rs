@@ -5,7 +5,6 @@ use std::fs;
 use std::path::Path;
 
 use canopen::CanFrame;
-use dbc::scenario_clock::ScenarioClock;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::sources::Sent;
@@ -22,7 +21,7 @@ fn two_axes() -> Plan {
 
 fn simulated(plan: &Plan) -> Frames {
     let watch = Watch::default();
-    let clock = ScenarioClock::new(plan.database()).unwrap();
+    let clock = plan.scenario_clock().unwrap();
     let mut capture = Capture::in_memory(clock, &watch);
     assert_eq!(simulate(plan, &mut capture).unwrap(), End::Completed);
     capture.finish().unwrap().0
@@ -54,7 +53,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         let fault = format!("[[fault.node.crash]]\nfrom_seconds = 6.0\nnode = \"{node}\"\n");
         let plan = two_axes_with(&fault);
         let watch = Watch::default();
-        let clock = ScenarioClock::new(plan.database()).unwrap();
+        let clock = plan.scenario_clock().unwrap();
         let mut capture = Capture::in_memory(clock, &watch);
         // A fault of the scenario is seen to its end.
         let end = simulate(&plan, &mut capture).unwrap();

@@ -90,7 +90,6 @@ fn message() -> impl Strategy<Value = Message> {
         0..=0x7FF_u32,
         (0..=0x1FFF_FFFF_u32).prop_map(|id| id | EXTENDED_FLAG),
         (0x1FFF_FFF0..=0x1FFF_FFFF_u32).prop_map(|id| id | EXTENDED_FLAG),
-        (0..=0x1FFF_FFFF_u32).prop_map(|id| id | NO_FRAME),
     ];
     let signals = prop::collection::vec(signal(), 0..6);
     let sender = prop::option::of("[a-z]{1,8}");
@@ -121,13 +120,12 @@ fn message() -> impl Strategy<Value = Message> {
     )
 }
 
-/// Messages whose names and identifiers differ; silent ones may share the latter.
+/// Messages whose names and identifiers differ.
 fn database() -> impl Strategy<Value = Database> {
     prop::collection::vec(message(), 0..8).prop_map(|mut messages| {
         let (mut names, mut identifiers) = (BTreeSet::new(), BTreeSet::new());
         messages.retain(|message| {
-            let is_new = message.is_silent() || identifiers.insert(message.raw_id);
-            is_new && names.insert(message.name.clone())
+            identifiers.insert(message.raw_id) && names.insert(message.name.clone())
         });
         Database::from_messages(messages)
     })
@@ -201,16 +199,12 @@ fn what_no_frame_carries_has_identifiers_that_nobody_uses() {
     message.raw_id = IDENTIFIER_MAX;
     message.signals.truncate(1);
     message.signals[0].coding = message.signals[0].coding.absent();
-    let silent =
-        Database::from_messages(vec![shipped("drive_tpdo2").clone()]).with_silent(&["drive_tpdo2"]);
-    let database = Database::from_messages([&[message], silent.messages()].concat());
+    let database = Database::from_messages(vec![message]);
     check(&database);
     let text = database.to_dbc();
     for line in [
-        "BO_ 2684354557 drive_tpdo2: 8 drive",
         "BO_ 2684354558 unplaced_1: 8 drive\n SG_ statusword_state : 0|7@1+ ",
         "BO_ 2684354559 drive_tpdo1: 8 drive\n\n",
-        "BA_ \"SilentIdentifier\" BO_ 2684354557 656;",
         "BA_ \"MessageOfSignal\" BO_ 2684354558 \"drive_tpdo1\";",
         "BA_ \"PlaceInMessage\" SG_ 2684354558 statusword_state 0;",
         "BA_ \"StartBitInMessage\" SG_ 2684354558 statusword_state 64;",

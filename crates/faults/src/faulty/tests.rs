@@ -1,6 +1,7 @@
 //! A faulty node, seen from the bus.
 
 use canopen::CanFrame;
+use dbc::Database;
 
 use super::*;
 use crate::plan::{Output, PlannedFault};
@@ -52,6 +53,10 @@ fn milliseconds(milliseconds: u64) -> Duration {
 }
 
 /// A node with one fault from 50 ms to 100 ms; the scenario begins at 0.
+fn clock() -> ScenarioClock {
+    ScenarioClock::new(Database::shipped(), ["drive"]).unwrap()
+}
+
 fn faulty(kind: FaultKind) -> Faulty<Ticker> {
     let plan = FaultPlan {
         number: 0x10,
@@ -62,10 +67,9 @@ fn faulty(kind: FaultKind) -> Faulty<Ticker> {
             kind,
         }],
     };
-    let mut node = Faulty::new(Ticker::default(), plan, Database::shipped(), |ticker| {
+    let mut node = Faulty::new(Ticker::default(), plan, clock(), |ticker| {
         *ticker = Ticker::default()
-    })
-    .unwrap();
+    });
     node.on_frame(
         Duration::ZERO,
         &CanFrame::new(0x190, &[0x37, 2, 0, 0, 0, 0, 0, 0]),
@@ -152,8 +156,7 @@ fn a_late_node_is_silent_until_it_boots() {
         late_boot: milliseconds(35),
         faults: Vec::new(),
     };
-    let database = Database::shipped();
-    let mut node = Faulty::new(Ticker::default(), plan, database, |_| {}).unwrap();
+    let mut node = Faulty::new(Ticker::default(), plan, clock(), |_| {});
     let sent = run(&mut node, 60);
     assert_eq!(times(&sent, 0x710), [35, 45, 55]);
 }

@@ -44,7 +44,7 @@ impl ScenarioFaults {
             .faults()
             .filter(|fault| !is_late(fault) || is_felt(fault));
         let faults = Vec::from_iter(faults);
-        let drive = one.scenario.wiring.drive_node_id;
+        let drive = one.scenario.wiring.nodes.drive.id;
         let touched = faults.iter().flat_map(|fault| touched(fault, drive));
         let watch = one.rig.as_ref().map_or(0.0, |rig| {
             f64::from(rig.file.timeouts.controller_lost_milliseconds) / 1e3

@@ -13,7 +13,7 @@ pub(crate) const PERIOD_SECONDS: f64 = 0.01;
 const PLANNED_CYCLES: u32 = 200;
 /// A run that goes on behind them has a hold.
 const CYCLES_WITH_HOLD: u32 = 450;
-/// What is longer than this is a silence: 20 SYNC periods, and 20 cycle times of `plant_truth`.
+/// What is longer than this is a silence: 20 SYNC periods, and 20 cycle times of `drive_truth`.
 pub(crate) const SILENCE_SECONDS: f64 = 0.2;
 /// When the scenario begins, in the log.
 const ZERO_MICROS: u64 = 10_000;
@@ -215,7 +215,7 @@ impl Drawn {
                 ("plant_peak_temperature_celsius", truth.peak_temperature),
                 ("plant_time_seconds", micros as f64 / 1e6),
             ];
-            frames.push((micros, message("plant_truth", &values)));
+            frames.push((micros, message("drive_truth", &values)));
         }
         let emergency = CanFrame::new(0x090, &[0x30, 0x81, 0x11, 0, 0, 0, 0, 0]);
         frames.extend(self.emergencies.iter().map(|at| (micros(*at), emergency)));

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dbc::{Database, SignalMissing, signals};
+use dbc::{Database, SignalMissing, names};
 use plant_emulator::sma::Inputs;
 use scenario::plant::Sensor;
 use scenario::rig::RigFile;
@@ -17,7 +17,7 @@ use recording::run_folder::{log_in, own_file};
 use recording::session::{FramesError, ReadError, read_plan};
 use recording::timeline::{self, Timeline};
 use rig::FILE_BYTES_MAX;
-use rig::plan::{Plan, Shared, may_name_rig};
+use rig::plan::{ControlLoop, Plan, Shared, may_name_rig};
 use rig::rig_file::RigError;
 use worlds::catalogue::catalogue;
 
@@ -94,7 +94,7 @@ pub enum RecordingFault {
         /// Frames in the log.
         frames: usize,
         /// The message that was looked for.
-        message: &'static str,
+        message: String,
         /// Its identifier.
         id: u32,
     },
@@ -281,7 +281,7 @@ impl IdentificationData {
         }
         let timelines = timeline::decode(frames, plan)?;
         let timeline = &timelines[0];
-        check_frames(frames, &only.database, timeline)?;
+        check_frames(frames, only, timeline)?;
         check_values(timeline, &only.scenario)?;
         Ok(Self::build(path, timeline, &only.scenario, &plan.shared))
     }
@@ -381,8 +381,7 @@ fn flowed(timeline: &Timeline) -> Vec<f64> {
 /// The command that acts up to each row, for a drive that does not report its current: one computed from the sample of a
 /// SYNC acts from the next one on.
 fn commanded(timeline: &Timeline) -> Vec<f64> {
-    let name = signals::TARGET_CURRENT.split_once('.');
-    let column = name.and_then(|(_, name)| timeline.column(name));
+    let column = timeline.column(names::TARGET_CURRENT);
     let mut last = 0.0;
     let held = column
         .into_iter()
@@ -438,15 +437,13 @@ struct Disturbances<'a> {
 
 impl<'a> Disturbances<'a> {
     fn new(timeline: &'a Timeline) -> Self {
-        let column = |path: &str| {
-            let name = path.split_once('.').map_or(path, |(_, name)| name);
-            timeline
-                .column(name)
-                .map_or(&[][..], |column| &*column.values)
+        let column = |name: &str| {
+            let column = timeline.column(name);
+            column.map_or(&[][..], |column| &*column.values)
         };
         Self {
-            convection_factor: column(signals::CONVECTION_FACTOR),
-            added_load_grams: column(signals::ADDED_LOAD),
+            convection_factor: column(names::CONVECTION_FACTOR),
+            added_load_grams: column(names::ADDED_LOAD),
         }
     }
 
@@ -466,18 +463,15 @@ impl<'a> Disturbances<'a> {
 /// Are these the frames of the rig?
 fn check_frames(
     frames: &[Stamped],
-    database: &Database,
+    one: &ControlLoop,
     timeline: &Timeline,
 ) -> Result<(), RecordingFault> {
-    let position = database.position()?;
-    let message = signals::POSITION
-        .split_once('.')
-        .map_or("", |(message, _)| message);
+    let position = one.position()?;
     let is_drive = |stamped: &Stamped| stamped.frame.raw_id() == position.raw_id();
     if !frames.iter().any(is_drive) {
         return Err(RecordingFault::NoDriveFrames {
             frames: frames.len(),
-            message,
+            message: names::message(&one.nodes.drive.name, names::TPDO1),
             id: position.raw_id(),
         });
     }

@@ -2,9 +2,10 @@
 //! at a time, and only the signals whose bits changed are decoded.
 
 use canopen::CanFrame;
-use dbc::signals::{COLUMN_MESSAGES, OPTIONAL_MESSAGES, POSITION};
-use dbc::{Database, Message, Signal, SignalHandle, SignalMissing};
+use dbc::names::{TPDO1, message};
+use dbc::{Message, Signal, SignalHandle};
 use platform::series::SeriesWriter;
+use rig::plan::ControlLoop;
 
 use super::decoded::Column;
 
@@ -12,16 +13,12 @@ use super::decoded::Column;
 pub(super) struct Columns(Vec<MessageColumns>);
 
 impl Columns {
-    pub(super) fn new(database: &Database) -> Result<Self, SignalMissing> {
-        let mut messages = Vec::new();
-        for name in COLUMN_MESSAGES {
-            match database.message(name) {
-                Some(message) => messages.push(MessageColumns::new(message, database)?),
-                None if OPTIONAL_MESSAGES.contains(&name) => {}
-                None => return Err(SignalMissing::new(name)),
-            }
-        }
-        Ok(Self(messages))
+    pub(super) fn new(one: &ControlLoop) -> Self {
+        let feedback = message(&one.nodes.drive.name, TPDO1);
+        let messages = one.column_messages();
+        let columns =
+            messages.map(|message| MessageColumns::new(message, message.name == feedback));
+        Self(columns.collect())
     }
 
     /// The identifiers of the messages.
@@ -123,18 +120,16 @@ struct MessageColumns {
 }
 
 impl MessageColumns {
-    fn new(message: &Message, database: &Database) -> Result<Self, SignalMissing> {
-        let signals = message.signals.iter().map(|signal| {
-            let handle = database.require(&format!("{}.{}", message.name, signal.name))?;
-            Ok(SignalColumn::new(handle, signal))
-        });
-        Ok(Self {
+    fn new(message: &Message, is_measured: bool) -> Self {
+        let signals = message.signals.iter();
+        let signals = signals.map(|signal| SignalColumn::new(message.handle(signal), signal));
+        Self {
             raw_id: message.raw_id,
-            signals: signals.collect::<Result<_, SignalMissing>>()?,
-            is_measured: POSITION.starts_with(&message.name),
+            signals: signals.collect(),
+            is_measured,
             latest: None,
             rows: 0,
-        })
+        }
     }
 
     fn on_frame(&mut self, frame: &CanFrame, rows: usize) {

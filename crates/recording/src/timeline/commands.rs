@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::{Database, SignalHandle, SignalMissing, signals};
+use dbc::{SignalHandle, SignalMissing};
 use platform::series::{Series, SeriesWriter};
+use rig::plan::ControlLoop;
 
 use crate::events::{Event, Events, Level};
 use crate::losses::PERIODS_MAX;
@@ -43,14 +44,14 @@ pub(super) struct CommandReader {
 
 impl CommandReader {
     pub(super) fn new(
-        database: &Database,
+        one: &ControlLoop,
         words: &NodeWords,
         period: Duration,
     ) -> Result<Self, SignalMissing> {
         let to = words.of_loop().map(|_| format!(" to {}", words.drive()));
         Ok(Self {
-            position_id: database.position()?.raw_id(),
-            command: database.require(signals::TARGET_CURRENT)?,
+            position_id: one.position()?.raw_id(),
+            command: one.target_current()?,
             period,
             what: format!(
                 "command from {}{}",
@@ -149,15 +150,26 @@ impl CommandReader {
 
 #[cfg(test)]
 mod tests {
+    use rig::catalogue::Catalogue;
+    use rig::plan::Plan;
+    use scenario::Scenario;
+
     use super::*;
 
     const PERIOD_MICROS: u64 = 1000;
 
+    fn plan() -> Plan {
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        Plan::new(scenario, &Catalogue::shipped())
+    }
+
     /// What is found of so many cycles: in each the frames of a text at even distances, `s` a SYNC, `p` a position, `c` a command.
     fn found(cycles: &[&str]) -> (Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
-        let mut reader =
-            CommandReader::new(Database::shipped(), &NodeWords::default(), micros(1)).unwrap();
+        let plan = plan();
+        let words = NodeWords::default();
+        let mut reader = CommandReader::new(plan.leading(), &words, micros(1)).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
                 let time = micros(number) + Duration::from_micros(100 * place);

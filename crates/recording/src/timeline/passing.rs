@@ -43,7 +43,7 @@ impl Passing {
     pub(super) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let scenario = &one.scenario;
         Ok(Self {
-            clock: ScenarioClock::new(&one.database)?,
+            clock: one.scenario_clock()?,
             is_order_lost: false,
             traffic: Traffic::new(scenario),
             first_frame: None,

@@ -5,7 +5,7 @@ use std::iter;
 use std::time::Duration;
 
 use dbc::scenario_clock::SYNC_COB_ID;
-use dbc::{SignalMissing, signals};
+use dbc::{SignalMissing, names};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
 use rig::plan::{ControlLoop, Plan, Shared};
 use scenario::Scenario;
@@ -125,20 +125,20 @@ impl TimelineReader {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn new(shared: &Shared, one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let (scenario, database) = (&one.scenario, &*one.database);
+        let scenario = &one.scenario;
         let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
         let end = Duration::from_secs_f64(scenario.duration_seconds);
         let words = NodeWords::new(shared, one);
-        let losses = LossReader::new(scenario, database, &words);
-        let commands = CommandReader::new(database, &words, period)?;
-        let events = EventReader::new(database, words);
-        let truth = TruthReader::new(database)?;
-        let fan = FanReader::new(database)?;
-        let rare = losses.raw_ids().chain([truth.raw_id()]);
+        let losses = LossReader::new(one, &words);
+        let commands = CommandReader::new(one, &words, period)?;
+        let events = EventReader::new(&one.database, words);
+        let truth = TruthReader::new(one)?;
+        let fan = FanReader::new(one);
+        let rare = losses.raw_ids().chain(truth.raw_id());
         let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
-        let columns = Columns::new(database)?;
+        let columns = Columns::new(one);
         let own = [u32::from(SYNC_COB_ID)]
             .into_iter()
             .chain(traces.raw_ids())
@@ -239,7 +239,7 @@ impl TimelineReader {
         // Who was heard before the scenario began is missed from its begin on.
         self.losses
             .on_frame(&stamped.frame, time.unwrap_or_default());
-        if stamped.frame.raw_id() == self.truth.raw_id() {
+        if Some(stamped.frame.raw_id()) == self.truth.raw_id() {
             self.truth.on_frame(stamped);
         }
         self.fan.on_frame(&stamped.frame);
@@ -329,8 +329,8 @@ impl TimelineReader {
             syncs_seconds: Series::default(),
             lost_heartbeats: Vec::new(),
             temperature_silence: None,
-            position: place(&columns, &scenario.wiring.unit.rename(signals::POSITION))?,
-            current: place(&columns, signals::CURRENT)?,
+            position: place(&columns, &scenario.wiring.unit.rename(names::POSITION))?,
+            current: place(&columns, names::CURRENT)?,
             columns,
             events: Events::default(),
             emergencies: Occurrences::default(),
@@ -348,10 +348,9 @@ impl TimelineReader {
 }
 
 /// Where the column of a signal stands.
-fn place(columns: &[Column], path: &str) -> Result<usize, SignalMissing> {
-    let name = path.split_once('.').map_or(path, |(_, name)| name);
+fn place(columns: &[Column], name: &str) -> Result<usize, SignalMissing> {
     let place = columns.iter().position(|column| column.name == name);
-    place.ok_or_else(|| SignalMissing::new(path))
+    place.ok_or_else(|| SignalMissing::new(name))
 }
 
 /// When a cycle begins.
@@ -382,11 +381,13 @@ fn set_points(scenario: &Scenario, time_seconds: &Series<f64>) -> Series<f64> {
 mod tests {
     use canopen::CanFrame;
     use dbc::SignalHandle;
-    use dbc::scenario_clock::STATUSWORD;
     use proptest::prelude::*;
     use rig::catalogue::Catalogue;
 
     use super::*;
+
+    const POSITION: &str = "drive_tpdo1.position_millimetres";
+    const STATUSWORD: &str = "drive_tpdo1.statusword_state";
 
     /// A signal that is read cycle by cycle.
     struct Simple {
@@ -425,7 +426,7 @@ mod tests {
         let position = |millimetres: f64| {
             let mut message = database.builder("drive_tpdo1").unwrap();
             message.set(&database.require(STATUSWORD).unwrap(), 39.0);
-            message.set(&database.require(signals::POSITION).unwrap(), millimetres);
+            message.set(&database.require(POSITION).unwrap(), millimetres);
             message.frame()
         };
         let sync = CanFrame::new(SYNC_COB_ID, &[]);
@@ -492,7 +493,7 @@ mod tests {
             let plan = Plan::new(scenario, &Catalogue::shipped());
             let one = plan.leading();
             let (scenario, database) = (&one.scenario, &*one.database);
-            let paths = [signals::POSITION, signals::CURRENT, STATUSWORD, signals::TARGET_CURRENT];
+            let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];
             let mut expected = paths.map(|path| Simple {
                 handle: database.require(path).unwrap(),
                 is_measured: path.starts_with("drive_tpdo1"),

@@ -16,7 +16,7 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
             shared.duration_seconds,
             shared.bus.bitrate_kilobits_per_second,
         );
-        BusTiming::new(run.frames, end, bitrate, &one.database)
+        BusTiming::new(run.frames, end, bitrate, one)
     });
     let timings = timings.collect::<Result<Vec<_>, _>>()?;
     let timing = &timings[0];

@@ -1,7 +1,6 @@
 //! The section with the plots over time: the position first, then all else.
 
-use dbc::signals::WIRE_TEMPERATURE;
-use dbc::{Database, signals};
+use dbc::names::WIRE_TEMPERATURE;
 use maud::{Markup, html};
 use rig::plan::ControlLoop;
 use scenario::Scenario;
@@ -24,7 +23,7 @@ const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let (timeline, database) = (run.timeline, &*run.own.database);
+    let (timeline, own) = (run.timeline, run.own);
     let error: Series<f64> = timeline
         .set_point_millimetres
         .iter()
@@ -52,14 +51,15 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
             ("current_amperes", "measured", Colour::Measured),
         ],
     ));
-    let has_wire = signals::plant_signals(database).any(|signal| signal.name == WIRE_TEMPERATURE);
+    let mut of_plant = own.plant_signals();
+    let has_wire = of_plant.any(|signal| signal.name == WIRE_TEMPERATURE);
     if has_wire {
         in_time.extend(of_the_wire(timeline));
     } else {
-        in_time.extend(of_another_plant(timeline, database));
+        in_time.extend(of_another_plant(timeline, own));
     }
     if run.own.scenario.controller.own.is_some() {
-        in_time.extend(of_own_terms(timeline, database));
+        in_time.extend(of_own_terms(timeline, own));
     } else {
         in_time.extend(of_the_sliding_mode(timeline));
     }
@@ -135,9 +135,9 @@ fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
 /// The terms of a law from outside, each by itself.
 fn of_own_terms<'a>(
     timeline: &'a Timeline,
-    database: &'a Database,
+    own: &'a ControlLoop,
 ) -> impl Iterator<Item = Plot<'a>> {
-    signals::law_signals(database).map(|term| {
+    own.terms().map(|term| {
         let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
         let mut plot = of_signals(timeline, title(term), shown_unit(&term.unit), &drawn);
         plot.extent = Extent::Typical;
@@ -179,9 +179,9 @@ fn of_the_wire(timeline: &Timeline) -> [Plot<'_>; 2] {
 /// The own signals of any other plant, each by itself.
 fn of_another_plant<'a>(
     timeline: &'a Timeline,
-    database: &'a Database,
+    own: &'a ControlLoop,
 ) -> impl Iterator<Item = Plot<'a>> {
-    signals::plant_signals(database).map(|signal| {
+    own.plant_signals().map(|signal| {
         let name = signal.name.as_str();
         let unit = shown_unit(&signal.unit);
         of_signals(

@@ -73,13 +73,13 @@ impl BusReader {
     /// # Errors
     /// The database lacks a signal.
     pub(crate) fn new(own: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
-        let (scenario, database) = (&own.scenario, &*own.database);
+        let scenario = &own.scenario;
         let stretch_seconds = match is_thinned {
             false => STRETCH_SECONDS,
             true => stretch_seconds(scenario),
         };
         Ok(Self {
-            cycle: CycleReader::new(database)?,
+            cycle: CycleReader::new(own)?,
             period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
             end: Duration::from_secs_f64(scenario.duration_seconds),
             bits_per_second: 1e3 * f64::from(scenario.bus.bitrate_kilobits_per_second),

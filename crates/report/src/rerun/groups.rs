@@ -4,7 +4,7 @@ use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
-use dbc::{Database, signals};
+use dbc::Database;
 use platform::series::passing;
 use scenario::Scenario;
 use scenario::plant::SMA_ACTUATOR;
@@ -130,11 +130,13 @@ pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
         plant, controller, ..
     } = &own.scenario;
     let has_view = |name: &str| known(name).is_some_and(|style| style.group != POSITION);
-    let signals = signals::plant_signals(&own.database)
+    let signals = own
+        .plant_signals()
         // A position that the loop does not follow is no second line beside its own.
         .filter(|it| plant.own.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
-    let terms = signals::law_signals(&own.database)
+    let terms = own
+        .terms()
         .filter(|_| controller.own.is_some())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
@@ -186,7 +188,7 @@ pub(super) fn expected(own: &ControlLoop) -> BTreeSet<&str> {
         groups.insert("error");
     }
     let views = own_views(own);
-    let signals = signals::plant_signals(&own.database);
+    let signals = own.plant_signals();
     groups.extend(signals.map(|signal| style(&signal.name, || true, &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
     if scenario.plant.name() == SMA_ACTUATOR {

@@ -1,5 +1,6 @@
 //! Makes plans of files: scenarios of one loop and of several, rig files, recordings.
 
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -8,16 +9,14 @@ use std::sync::Arc;
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use scenario::loops::{Loops, OneLoop};
-use scenario::node::{Node, Part};
-use scenario::rig::nodes::{Rig, RigNode};
+use scenario::rig::nodes::Rig;
 use scenario::{Objection, Scenario, ScenarioError, Texts, read_text};
 
-use super::{ControlLoop, LoopName, LoopNodes, Plan};
+use super::{ControlLoop, LoopName, Plan};
 use crate::FILE_BYTES_MAX;
 use crate::bus_budget::BusBudget;
-use crate::catalogue::{Catalogue, Frames};
+use crate::catalogue::Catalogue;
 use crate::external::External;
-use crate::named_nodes::names_by_id;
 use crate::ports;
 use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
@@ -115,8 +114,7 @@ impl Plan {
         let no_table = |_: &str| Err(io::ErrorKind::NotFound.into());
         let scenario = Scenario::parse(text, "a rig", no_table);
         let scenario = scenario.expect("this scenario is valid");
-        let frames = Arc::new(Frames::from_database(Arc::clone(&rig.database)));
-        let only = ControlLoop::with_frames(scenario, frames);
+        let only = ControlLoop::of_recording(scenario, &rig.database);
         Self::of_one(only).recorded_on(&Arc::new(rig))
     }
 
@@ -134,10 +132,9 @@ impl Plan {
         if may_name_rig(&text) {
             return loops_of_recording(path, database, external);
         }
-        let frames = Arc::new(Frames::from_database(Arc::clone(database)));
-        let objections = |scenario: &Scenario| SignalNames::objections(scenario, || frames.names());
+        let objections = |scenario: &Scenario| recorded_objections(scenario, database);
         let (scenario, texts) = Scenario::load_recorded(path, objections)?;
-        let only = ControlLoop::with_frames(scenario, frames);
+        let only = ControlLoop::of_recording(scenario, database);
         Ok(Self::of_one(only).with_texts(path, texts))
     }
 
@@ -201,28 +198,13 @@ fn loops_of_recording(
     external: &[String],
 ) -> Result<Plan, ScenarioError> {
     let recorded = |loops: Loops<Scenario>| {
-        let first = loops.loops.first().map(|one| one.name.clone());
-        let first = first.unwrap_or_default();
-        let frames = |name: &str| match name == first {
-            true => Database::clone(database),
-            false => database.seen_from(&first, name),
-        };
-        let names = Vec::from_iter(loops.loops.iter().map(|one| one.name.clone()));
-        named(
-            loops,
-            |name, scenario| {
-                let frames = frames(name);
-                let others = names.iter().map(String::as_str);
-                let others = Vec::from_iter(others.filter(|other| *other != name));
-                // The names of signals in the scenario are the loop's own, as when it was played.
-                let one = ControlLoop::of_recording(scenario, frames.without(&others));
-                one.with_database(Arc::new(frames))
-            },
-            ControlLoop::recorded_on,
-        )
+        named(loops, |scenario| {
+            ControlLoop::of_recording(scenario, database)
+        })
     };
     let object = |loops: &Loops<Scenario>| recorded(loops.clone()).err();
-    let (loops, texts) = Loops::load_recorded(path, |_| Vec::new(), object)?;
+    let objections = |scenario: &Scenario| recorded_objections(scenario, database);
+    let (loops, texts) = Loops::load_recorded(path, objections, object)?;
     let plan = recorded(loops).expect("a rig without objections");
     Ok(plan.recorded_external(external).with_texts(path, texts))
 }
@@ -268,15 +250,11 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
 
 /// The plan of the loops of a rig, each with the frames of the whole bus.
 fn planned(loops: Loops<Scenario>, catalogue: &Catalogue) -> Result<Plan, Objection> {
-    let alone = |_: &str, scenario: Scenario| {
+    let alone = |scenario: Scenario| {
         let frames = catalogue.frames(&scenario);
         ControlLoop::with_frames(scenario, frames)
     };
-    let mut plan = named(loops, alone, ControlLoop::on)?;
-    for one in &mut plan.loops {
-        one.database = Arc::new(one.database.at(&place_in_shipped(one)));
-    }
-    plan.loops = with_each_other(&plan.loops);
+    let plan = named(loops, alone)?.composed();
     match plan.database().refuse_duplicates() {
         Err(error) => Err(Objection {
             path: "node".to_owned(),
@@ -290,17 +268,17 @@ fn planned(loops: Loops<Scenario>, catalogue: &Catalogue) -> Result<Plan, Object
     }
 }
 
-/// Where the frames of a loop are to be moved to: those of a drive with a rig of its own are where that says.
-fn place_in_shipped(one: &ControlLoop) -> LoopPlace {
-    let (place, shipped) = (one.place, LoopPlace::SHIPPED);
-    match one.rig {
-        None => place,
-        Some(_) => LoopPlace {
-            drive_node_id: shipped.drive_node_id,
-            disturbance_node_id: place.disturbance_node_id.and(shipped.disturbance_node_id),
-            ..place
-        },
+/// The names of signals in a scenario that its recording does not have. Of an external drive the truth is missing.
+fn recorded_objections(scenario: &Scenario, database: &Arc<Database>) -> Vec<Objection> {
+    let wiring = &scenario.wiring;
+    let drive = &wiring.nodes.drive.name;
+    if database.plant_messages(drive).next().is_none() {
+        return Vec::new();
     }
+    let name = wiring.loop_among_several();
+    let names = OnceCell::new();
+    let make = || SignalNames::new(database, &wiring.nodes, name);
+    SignalNames::objections(scenario, || names.get_or_init(make))
 }
 
 /// The rig of the drive of a loop, where that is external.
@@ -319,11 +297,10 @@ fn own_rig<T>(loops: &Loops<T>, name: &str) -> Result<Option<Arc<LoadedRig>>, Ob
     Ok(Some(Arc::new(loaded)))
 }
 
-/// The plan of loops that `make` makes, each with its name and its place; `put_on` puts one on the rig of its external drive.
+/// The plan of loops that `make` makes, each with its name and its place, on the rig of its external drive.
 fn named(
     loops: Loops<Scenario>,
-    make: impl Fn(&str, Scenario) -> ControlLoop,
-    put_on: impl Fn(ControlLoop, Arc<LoadedRig>) -> ControlLoop,
+    make: impl Fn(Scenario) -> ControlLoop,
 ) -> Result<Plan, Objection> {
     let rigs = loops.loops.iter();
     let rigs = rigs.map(|one| own_rig(&loops, &one.name));
@@ -335,27 +312,12 @@ fn named(
         ..
     } = loops;
     let is_only = loops.len() == 1;
-    let nodes = |name: &str| {
-        let drive = rig.drive_of_loop(name);
-        let named = |(name, node): (&str, &RigNode), part| Node::new(name, node.node_id, part);
-        let controller = rig.controller().map(|node| named(node, Part::Controller));
-        LoopNodes {
-            controller: controller.unwrap_or_else(|| Node::new("", 0, Part::Controller)),
-            drive: Node::new(
-                drive,
-                rig.node.get(drive).map_or(0, |node| node.node_id),
-                Part::Drive,
-            ),
-            io: rig.io_of(drive).map(|node| named(node, Part::Io)),
-        }
-    };
     let several = loops.iter().filter(|_| !is_only);
-    let nodes_of_loops = several.map(|one| (one.name.clone(), nodes(&one.name)));
+    let nodes_of_loops = several.map(|one| (one.name.clone(), one.scenario.wiring.nodes.clone()));
     let nodes_of_loops = BTreeMap::from_iter(nodes_of_loops);
     let mut external = External::default();
-    for (name, node) in rig.node.iter().filter(|(_, node)| node.external) {
-        external.insert(&Node::new(name, node.node_id, Part::Drive));
-    }
+    let others = rig.node.values().filter(|node| node.external);
+    others.for_each(|node| external.insert(node.node_id));
     let loops = (0..).zip(loops).zip(rigs);
     let loops = loops.map(|((number, one), own_rig)| {
         let OneLoop {
@@ -369,7 +331,6 @@ fn named(
         });
         let one = ControlLoop {
             loop_name,
-            nodes: nodes(&name),
             external: external.clone(),
             place: LoopPlace {
                 number,
@@ -377,10 +338,10 @@ fn named(
                 disturbance_node_id: place.io,
                 truth_every_cycles: place.truth_every_cycles,
             },
-            ..make(&name, scenario)
+            ..make(scenario)
         };
         match own_rig {
-            Some(rig) => put_on(one, rig),
+            Some(rig) => one.recorded_on(rig),
             None => one,
         }
     });
@@ -388,21 +349,6 @@ fn named(
     let mut plan = Plan::of_loops(loops, contours, nodes_of_loops);
     plan.shared.names_rig = true;
     Ok(plan)
-}
-
-/// The loops, each with the frames of the others.
-fn with_each_other(alone: &[ControlLoop]) -> Vec<ControlLoop> {
-    let whole = |own: &ControlLoop| {
-        let others = alone.iter().filter(|other| other.place != own.place);
-        let bus = others.fold(Database::clone(&own.database), |bus, other| {
-            bus.beside(other.name(), &other.database)
-        });
-        bus.with_nodes(names_by_id(alone))
-    };
-    let loops = alone
-        .iter()
-        .map(|own| own.clone().with_database(Arc::new(whole(own))));
-    loops.collect()
 }
 
 #[cfg(test)]

@@ -11,7 +11,6 @@ use crate::exit::Exit;
 use crate::output::write_with;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use dbc::SignalMissing;
-use dbc::scenario_clock::ScenarioClock;
 use exports::{asc, blf, events, frames, mcap, mf4, parquet};
 use report::csv;
 use worlds::catalogue::catalogue;
@@ -159,7 +158,7 @@ fn frame_table<'a>(
 
 /// When scenario time began, on the clock of the frames; their own time 0 if it never did.
 fn zero(recorded: &Recorded) -> Result<Duration, SignalMissing> {
-    let mut clock = ScenarioClock::new(recorded.plan.database())?;
+    let mut clock = recorded.plan.scenario_clock()?;
     let mut frames = recorded.log.frames.iter();
     frames.any(|stamped| clock.on_frame(stamped.time, &stamped.frame));
     Ok(clock.zero().unwrap_or_default())

@@ -1,7 +1,6 @@
 //! `canrig signals`: what a scenario, a recording or canrig's built-in drive and controller put on the bus, by the names that `[expect]` takes.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use clap::Args;
 use dbc::{Database, Message, Signal};
@@ -101,37 +100,18 @@ fn in_words(limit: f64) -> String {
     }
 }
 
-/// The frames as one loop knows them.
-struct Frames {
-    of_loop: Option<String>,
-    database: Arc<Database>,
-}
-
-impl Frames {
-    fn of(one: ControlLoop) -> Self {
-        Self {
-            of_loop: one.loop_name.map(|names| names.name),
-            database: one.database,
-        }
-    }
-}
-
 /// Lists the signals.
 #[must_use]
 pub fn signals(args: &SignalsArgs) -> Exit {
-    let frames = match &args.source {
-        None => Ok(vec![Frames {
-            of_loop: None,
-            database: Arc::new(Database::shipped().clone()),
-        }]),
-        Some(source) => {
-            plan_of(source).map(|plan| Vec::from_iter(plan.loops.into_iter().map(Frames::of)))
-        }
-    };
-    match frames {
+    let plan = args.source.as_deref().map(plan_of).transpose();
+    match plan {
         Err(error) => refuse(error),
-        Ok(frames) => {
-            let signals = listed(&frames);
+        Ok(plan) => {
+            let database = plan
+                .as_ref()
+                .map_or(Database::shipped(), |plan| plan.database());
+            let loops = plan.as_ref().map_or(&[][..], |plan| &plan.loops);
+            let signals = listed(database, loops);
             print(&match args.json {
                 true => serde_json::to_string_pretty(&signals).expect("plain data"),
                 false => table(&signals),
@@ -152,42 +132,22 @@ fn plan_of(source: &Path) -> Result<Plan, RecordedError> {
     plan.map_err(|error| RecordedError::Scenario(Box::new(error)))
 }
 
-/// Every signal that a frame carries, in the order of the identifiers, loop by loop: first those that all loops have.
-fn listed(loops: &[Frames]) -> Vec<ListedSignal<'_>> {
-    let is_shared = |message: &Message| {
-        let mut others = loops.iter();
-        others.all(|frames| frames.database.message(&message.name) == Some(message))
-    };
-    let shared = loops.iter().take(1).flat_map(|frames| {
-        let messages = frames.database.messages().iter();
-        messages
-            .filter(|message| is_shared(message))
-            .map(|message| (None, message))
+/// Every signal that a frame carries, in the order of the identifiers, loop by loop: first those that belong to no single loop.
+fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSignal<'a>> {
+    let owner = |message: &Message| loops.iter().find(|one| one.owns(&message.name));
+    let messages = || database.messages().iter();
+    let several = loops.iter().filter(|_| loops.len() > 1);
+    let of_loops = several.flat_map(|one| {
+        let own = messages().filter(|message| one.owns(&message.name));
+        own.map(|message| (Some(one.name()), message))
     });
-    let own = loops.iter().flat_map(|frames| {
-        let messages = frames.database.messages().iter();
-        let own = messages
-            .filter(|message| !is_shared(message) && !is_of_another(message, frames, loops));
-        own.map(|message| (frames.of_loop.as_deref(), message))
-    });
-    let audible = shared
-        .chain(own)
-        .filter(|(_, message)| !message.is_silent());
-    let signals = audible.flat_map(|(of_loop, message)| {
+    let is_shared = |message: &&Message| loops.len() < 2 || owner(message).is_none();
+    let shared = messages().filter(is_shared).map(|message| (None, message));
+    let signals = shared.chain(of_loops).flat_map(|(of_loop, message)| {
         let signals = message.signals.iter();
         signals.map(move |signal| ListedSignal::of(of_loop, message, signal))
     });
     signals.collect()
-}
-
-/// Whether a message is that of another loop, whose name is before its own.
-fn is_of_another(message: &Message, own: &Frames, loops: &[Frames]) -> bool {
-    let mut others = loops.iter().filter(|frames| frames.of_loop != own.of_loop);
-    others.any(|frames| {
-        let name = frames.of_loop.as_deref();
-        let end = name.and_then(|name| message.name.strip_prefix(name));
-        end.is_some_and(|end| end.starts_with('_'))
-    })
 }
 
 fn table(signals: &[ListedSignal<'_>]) -> String {

@@ -5,7 +5,7 @@ use crate::error::Problem;
 use crate::fault::{Fault, Faults, Group, Time};
 use crate::plant::Plant;
 
-/// COB-ID of `plant_truth`, by which the run is judged.
+/// COB-ID of `drive_truth`, by which the run is judged.
 const TRUTH_COB_ID: u32 = 0x6B0;
 
 /// Faults that begin within the run and end after they begin.
@@ -60,7 +60,7 @@ fn forged(document: &Document<'_>, fault: &Fault) -> Option<Problem> {
     (is_foreign && is_truth).then(|| {
         let path = format!("{}.identifier", fault.path());
         let message = "no foreign node may forge what the plant says of itself";
-        document.problem(&path, message, "0x6B0 is `plant_truth`")
+        document.problem(&path, message, "0x6B0 is `drive_truth`")
     })
 }
 

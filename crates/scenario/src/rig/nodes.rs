@@ -12,6 +12,7 @@ use super::{
     RigFile, Timeouts,
 };
 use crate::bus::Bus;
+use crate::node::{LoopNodes, Node, Part};
 use crate::own::Own;
 use crate::plant::{DcMotor, Fmu, Heat, Mechanics, Phase, SmaPair};
 use crate::port::Unit;
@@ -151,7 +152,7 @@ impl Rig {
         let outputs = outputs.unwrap_or_default();
         let beside = self.drives_beside(drive);
         Wiring {
-            drive_node_id: node.node_id,
+            nodes: self.nodes_of(drive, node.node_id),
             plant: self.plant_of(drive).unwrap_or_default().to_owned(),
             input: amplifier_port(node).unwrap_or_default(),
             output: name_of(sensor.port.as_deref()).unwrap_or_default(),
@@ -174,6 +175,17 @@ impl Rig {
             led_by: self.led_by(drive),
             of_loop: self.loop_of(drive).to_owned(),
             loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
+        }
+    }
+
+    /// The nodes of the loop of a drive.
+    fn nodes_of(&self, drive: &str, node_id: u8) -> LoopNodes {
+        let named = |(name, node): (&str, &RigNode), part| Node::new(name, node.node_id, part);
+        let controller = self.controller().map(|node| named(node, Part::Controller));
+        LoopNodes {
+            controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
+            drive: Node::new(drive, node_id, Part::Drive),
+            io: self.io_of(drive).map(|node| named(node, Part::Io)),
         }
     }
 

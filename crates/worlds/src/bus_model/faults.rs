@@ -19,7 +19,7 @@ use crate::names::emulator_name;
 /// Frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;
 
-/// COB-IDs of `plant_truth` of all emulated drives.
+/// COB-IDs of the truth of all emulated drives.
 const TRUTH_COB_IDS: RangeInclusive<u16> = 0x6A1..=0x6BF;
 
 /// The node-ID in a COB-ID (CiA 301, 7.3.5).
@@ -216,7 +216,7 @@ impl BusFaults {
             foreign: foreign.map(Foreign::new).collect(),
             held: vec![Vec::new(); seats.len()],
             states: vec![ErrorState::default(); seats.len()],
-            clock: ScenarioClock::new(plan.database())?,
+            clock: plan.scenario_clock()?,
             seats,
         }))
     }

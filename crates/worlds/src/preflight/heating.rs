@@ -48,7 +48,7 @@ impl<'a> Heating<'a> {
         Ok(Self {
             rig,
             unit,
-            clock: ScenarioClock::new(&rig.database)?,
+            clock: ScenarioClock::new(&rig.database, ["drive"])?,
             frames_read: 0,
             commanded_amperes: 0.0,
             phase: Phase::new(),

@@ -18,7 +18,6 @@ use std::time::Duration;
 
 use canopen::eds;
 use canopen::nmt::NodeId;
-use dbc::scenario_clock::ScenarioClock;
 use platform::clock;
 use scenario::Scenario;
 use scenario::node::Part;
@@ -256,8 +255,8 @@ fn heat(
     } = &ramp.shared;
     let folder = RunFolder::create(parent, name, *seed, text)?;
     write_plan(&folder, &ramp)?;
-    let progress = ProgressReader::new(&ramp.leading().scenario, &rig.database)?;
-    let clock = ScenarioClock::new(&rig.database)?;
+    let progress = ProgressReader::new(ramp.leading())?;
+    let clock = ramp.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
     let mut heating = Heating::new(rig, &one.scenario.wiring.unit)?;
     let mut is_enough = |capture: &Capture<'_>| {

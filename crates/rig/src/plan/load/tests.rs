@@ -1,6 +1,7 @@
 use std::fs;
 
 use canopen::CanFrame;
+use scenario::node::Part;
 
 use super::*;
 
@@ -59,16 +60,15 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
         // Its text is a rig file of one drive.
         let read = scenario::rig::RigFile::parse(&rig.text, "x.toml").unwrap();
         assert_eq!(read, rig.file);
-        let position = one.database.require("drive_tpdo1.position_millimetres");
         let feedback = rig.drive.feedback_id();
-        assert_eq!(position.as_ref().unwrap().raw_id(), u32::from(feedback));
-        assert!(one.database.message("plant_truth").unwrap().is_silent());
+        assert_eq!(one.position().unwrap().raw_id(), u32::from(feedback));
+        assert!(one.message(&one.nodes.drive, "truth").is_err());
     }
     let id = |name: &str| x.database.message(name).unwrap().raw_id;
-    assert_eq!(id("y_drive_heartbeat"), 0x722);
-    assert_eq!(id("y_controller_tpdo1"), 0x1A1);
+    assert_eq!(id("y_heartbeat"), 0x722);
+    assert_eq!(id("controller_y_tpdo1"), 0x1A1);
     let frame = CanFrame::new(0x722, &[5]);
-    assert!(y.database.message_of(&frame).unwrap().name == "drive_heartbeat");
+    assert!(y.database.message_of(&frame).unwrap().name == "y_heartbeat");
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     let catalogue = Catalogue::new(plants, |_| None, |_| None);
     let plan = Plan::of_rig(Path::new("two_axes_rig.toml"), TWO_AXES, &catalogue).unwrap();
     let truth = |plan: &Plan| {
-        let names = ["plant_truth", "y_plant_truth"];
-        names.map(|name| plan.database().message(name).unwrap().is_silent())
+        let names = ["x_truth", "y_truth"];
+        names.map(|name| plan.database().message(name).is_none())
     };
     assert_eq!(truth(&plan), [false, false]);
     let external = |names: &[&str]| {

@@ -220,7 +220,7 @@ fn wrong_faults(
     let is_known = |one: &&Scenario| one.plant.own.is_none() || matches!(reading, Reading::ToPlay);
     let plant_of = |fault: &Fault| {
         let is_at =
-            |one: &&Scenario| fault.is_at_drive(one.wiring.drive_node_id, &one.wiring.plant);
+            |one: &&Scenario| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
         let at = scenarios().find(is_at).filter(is_known);
         at.map(|one| &one.plant)
     };

@@ -1,0 +1,533 @@
+//! The frames of a rig, composed of those of its nodes.
+//!
+//! Each node contributes its messages under its own name. The shipped DBC is the smallest rig; its messages are the patterns of
+//! all others.
+
+use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
+use crate::database::{Database, Message, Signal};
+use crate::law::{self, LawTerm};
+use crate::loops::law_offset;
+use crate::names::{self, WIRE_TEMPERATURE};
+
+/// The names of the nodes of the shipped DBC.
+const CONTROLLER: &str = "controller";
+const DRIVE: &str = "drive";
+const IO: &str = "disturbance";
+/// Messages that belong to the bus.
+const OF_BUS: [&str; 2] = ["nmt_command", "sync"];
+/// Pattern, name behind that of the node, and function code of each message (CiA 301, 7.3.5).
+const OF_CONTROLLER: [(&str, &str, u32); 4] = [
+    ("controller_emergency", names::EMERGENCY, 0x080),
+    ("controller_sdo_answer", names::SDO_ANSWER, 0x580),
+    ("controller_sdo_request", names::SDO_REQUEST, 0x600),
+    ("controller_heartbeat", names::HEARTBEAT, 0x700),
+];
+const OF_DRIVE: [(&str, &str, u32); 8] = [
+    ("drive_emergency", names::EMERGENCY, 0x080),
+    (FEEDBACK, names::TPDO1, 0x180),
+    ("drive_rpdo1", names::RPDO1, 0x200),
+    ("drive_sdo_answer", names::SDO_ANSWER, 0x580),
+    ("drive_sdo_request", names::SDO_REQUEST, 0x600),
+    ("drive_sdo2_request", "sdo2_request", 0x680),
+    ("drive_sdo2_answer", "sdo2_answer", 0x6C0),
+    ("drive_heartbeat", names::HEARTBEAT, 0x700),
+];
+/// The messages in which an emulated drive publishes the truth about its plant.
+const OF_PLANT: [(&str, &str, u32); 3] = [
+    (PLANT_SIGNALS, names::TPDO2, 0x280),
+    (PLANT_SIGNALS, names::TPDO3, 0x380),
+    ("drive_truth", names::TRUTH, 0x6A0),
+];
+const OF_IO: [(&str, &str, u32); 5] = [
+    ("disturbance_emergency", names::EMERGENCY, 0x080),
+    ("disturbance_rpdo1", names::RPDO1, 0x200),
+    ("disturbance_sdo_answer", names::SDO_ANSWER, 0x580),
+    ("disturbance_sdo_request", names::SDO_REQUEST, 0x600),
+    ("disturbance_heartbeat", names::HEARTBEAT, 0x700),
+];
+const FEEDBACK: &str = "drive_tpdo1";
+const PLANT_SIGNALS: &str = "drive_tpdo2";
+/// Signals of a plant before the true position.
+const SIGNALS_IN_TPDO2: usize = 2;
+const BITS: u8 = 16;
+const MILLIMETRES: &str = "mm";
+/// The words of the shipped DBC for a wire in the controller's emergencies, and those for any other plant.
+const WORDS_OF_A_WIRE: [(&str, &str); 2] = [
+    (
+        "position changes faster than the wire moves",
+        "position changes faster than the plant moves",
+    ),
+    (
+        "position stands still although the wire is heated",
+        "position stands still away from the set-point at the largest current",
+    ),
+];
+
+/// A signal of an emulated plant or an io node: 16 bits, signed where its range begins below zero.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantSignal {
+    /// Name; the unit is its end.
+    pub name: String,
+    /// Unit; empty for a number without one.
+    pub unit: String,
+    /// Meaning.
+    pub comment: String,
+    /// Physical value of one step.
+    pub resolution: f64,
+    /// Lowest and highest value.
+    pub range: Range,
+}
+
+/// The unit of the positions of a loop, where it is not the millimetre.
+pub struct PositionUnit<'a> {
+    /// The unit as a DBC writes it.
+    pub symbol: &'a str,
+    /// One count of the position of an emulated drive; `None` for an external one.
+    pub resolution: Option<f64>,
+    /// The name in this unit of a signal in millimetres.
+    pub rename: &'a dyn Fn(&str) -> String,
+}
+
+/// The frames of an external drive where they differ from those of the emulated one.
+pub struct ExternalFrames<'a> {
+    /// Identifiers of its feedback and of the command to it.
+    pub identifiers: [u16; 2],
+    /// Lengths of both; `None` for those of the emulated drive.
+    pub lengths_bytes: [Option<u8>; 2],
+    /// The coding of a signal of the feedback.
+    pub feedback: &'a dyn Fn(&Signal) -> Coding,
+    /// The coding of a signal of the command.
+    pub command: &'a dyn Fn(&Signal) -> Coding,
+    /// Time between two heartbeats.
+    pub heartbeat_milliseconds: u64,
+}
+
+/// Composes a database node by node.
+#[derive(Debug)]
+pub struct Composer {
+    controller: String,
+    drives: Vec<String>,
+    io_nodes: Vec<String>,
+    /// Names by node-ID.
+    nodes: Vec<(u8, String)>,
+    messages: Vec<Message>,
+}
+
+impl Composer {
+    /// A bus with its controller.
+    #[must_use]
+    pub fn new(controller: &str, node_id: u8) -> Self {
+        let mut composer = Self {
+            controller: controller.to_owned(),
+            drives: Vec::new(),
+            io_nodes: Vec::new(),
+            nodes: Vec::new(),
+            messages: OF_BUS.map(pattern).into(),
+        };
+        composer.add_node(controller, node_id, &OF_CONTROLLER);
+        composer
+    }
+
+    fn add_node(&mut self, name: &str, node_id: u8, messages: &[(&str, &str, u32)]) -> usize {
+        let first = self.messages.len();
+        self.nodes.push((node_id, name.to_owned()));
+        self.add(name, node_id, messages);
+        first
+    }
+
+    fn add(&mut self, name: &str, node_id: u8, messages: &[(&str, &str, u32)]) {
+        let own = messages.iter().map(|(like, end, function)| {
+            let mut message = pattern(like);
+            message.name = names::message(name, end);
+            message.raw_id = function + u32::from(node_id);
+            message.sender = message.sender.map(|sender| self.own(&sender, name));
+            for signal in &mut message.signals {
+                for receiver in &mut signal.receivers {
+                    *receiver = self.own(receiver, name);
+                }
+            }
+            message
+        });
+        let own = Vec::from_iter(own);
+        self.messages.extend(own);
+    }
+
+    /// The name of a node of the shipped DBC on this bus, in a message of `own`.
+    fn own(&self, shipped: &str, own: &str) -> String {
+        match shipped {
+            CONTROLLER => self.controller.clone(),
+            DRIVE | IO => own.to_owned(),
+            other => other.to_owned(),
+        }
+    }
+
+    /// Adds a drive, with the signals that an emulated one publishes of its plant.
+    #[must_use]
+    pub fn with_drive(
+        mut self,
+        (name, node_id): (&str, u8),
+        published: Option<&[PlantSignal]>,
+        layout: Option<&ExternalFrames<'_>>,
+        unit: Option<&PositionUnit<'_>>,
+    ) -> Self {
+        let first = self.add_node(name, node_id, &OF_DRIVE);
+        if let Some(layout) = layout {
+            self.lay_out(name, layout);
+        }
+        if let Some(published) = published {
+            self.add_plant((name, node_id), published);
+        }
+        self.drives.push(name.to_owned());
+        if let Some(unit) = unit {
+            let feedback = names::message(name, names::TPDO1);
+            for message in &mut self.messages[first..] {
+                let is_feedback = message.name == feedback;
+                unit.apply(message, is_feedback);
+            }
+        }
+        self
+    }
+
+    fn lay_out(&mut self, name: &str, layout: &ExternalFrames<'_>) {
+        let [feedback, command] = [names::TPDO1, names::RPDO1].map(|end| names::message(name, end));
+        let heartbeat = names::message(name, names::HEARTBEAT);
+        for message in &mut self.messages {
+            let (place, coding) = match &message.name {
+                own if *own == feedback => (0, layout.feedback),
+                own if *own == command => (1, layout.command),
+                own if *own == heartbeat => {
+                    message.cycle_time_milliseconds = layout.heartbeat_milliseconds;
+                    continue;
+                }
+                _ => continue,
+            };
+            message.raw_id = layout.identifiers[place].into();
+            message.length_bytes = layout.lengths_bytes[place].unwrap_or(message.length_bytes);
+            for signal in &mut message.signals {
+                signal.coding = coding(signal);
+            }
+        }
+    }
+
+    /// The first two signals of a plant stand before its true position, the others in a message of their own.
+    fn add_plant(&mut self, (name, node_id): (&str, u8), published: &[PlantSignal]) {
+        let (first, others) = published.split_at(published.len().min(SIGNALS_IN_TPDO2));
+        let place = self.messages.len();
+        self.add(name, node_id, &OF_PLANT);
+        let [tpdo2, tpdo3, _] = &mut self.messages[place..] else {
+            return;
+        };
+        let like = std::mem::take(&mut tpdo2.signals);
+        tpdo2.signals = laid_out(first, &like);
+        tpdo2.signals.extend_from_slice(&like[SIGNALS_IN_TPDO2..]);
+        if others.is_empty() {
+            self.messages.remove(place + 1);
+            return;
+        }
+        tpdo3.signals = laid_out(others, &like);
+        tpdo3.length_bytes = bytes_of(&tpdo3.signals);
+        "TPDO3 of the emulated drive, every SYNC: more of the truth."
+            .clone_into(&mut tpdo3.comment);
+    }
+
+    /// Adds an io node with these outputs from the place `first` on; those of the shipped one stand before it.
+    #[must_use]
+    pub fn with_io(
+        mut self,
+        (name, node_id): (&str, u8),
+        outputs: &[PlantSignal],
+        first: usize,
+    ) -> Self {
+        self.add_node(name, node_id, &OF_IO);
+        self.io_nodes.push(name.to_owned());
+        let commands = names::message(name, names::RPDO1);
+        let message = self.messages.iter_mut().find(|one| one.name == commands);
+        if let Some(message) = message.filter(|_| !outputs.is_empty()) {
+            let own = laid_out(outputs, &message.signals).into_iter().zip(first..);
+            let own = own.map(|(mut signal, place)| {
+                let place = u8::try_from(place).unwrap_or(u8::MAX);
+                signal.coding.start_bit = place.saturating_mul(BITS);
+                // Write analogue output 16-bit (CiA 401).
+                signal.coding.kind = Kind::Signed;
+                signal.object = format!("0x6411:{:02X}", place.saturating_add(1));
+                signal
+            });
+            let own = Vec::from_iter(own);
+            message.signals.truncate(first);
+            message.signals.extend(own);
+            message.length_bytes = bytes_of(&message.signals);
+        }
+        self
+    }
+
+    /// Adds the terms of the law of a loop, whose name is empty where it is the only one; `None` for those of the shipped DBC.
+    #[must_use]
+    pub fn with_terms(
+        mut self,
+        (loop_name, number): (&str, u8),
+        terms: Option<&[LawTerm]>,
+        unit: Option<&PositionUnit<'_>>,
+    ) -> Self {
+        let messages = match terms {
+            Some(terms) => law::messages(terms),
+            None => Vec::from_iter(law::SHIPPED.map(pattern)),
+        };
+        for (place, mut message) in (0..).zip(messages) {
+            message.name = names::terms(&self.controller, loop_name, place);
+            message.raw_id += law_offset(number);
+            message.sender = Some(self.controller.clone());
+            if let Some(unit) = unit {
+                unit.apply(&mut message, false);
+            }
+            self.messages.push(message);
+        }
+        self
+    }
+
+    /// Whether a node has this ID already.
+    #[must_use]
+    pub fn has_node(&self, node_id: u8) -> bool {
+        self.nodes.iter().any(|(id, _)| *id == node_id)
+    }
+
+    /// The database. Two of its messages may have one identifier or one name: see [`Database::refuse_duplicates`].
+    #[must_use]
+    pub fn finish(mut self) -> Database {
+        let listeners = self.drives.iter().chain(&self.io_nodes).cloned();
+        let listeners = Vec::from_iter(listeners.chain(["bench".to_owned()]));
+        let heartbeat = names::message(&self.controller, names::HEARTBEAT);
+        let is_for_all = |message: &&mut Message| {
+            OF_BUS.contains(&message.name.as_str()) || message.name == heartbeat
+        };
+        for message in self.messages.iter_mut().filter(is_for_all) {
+            message.sender = Some(self.controller.clone());
+            for signal in &mut message.signals {
+                signal.receivers.clone_from(&listeners);
+            }
+        }
+        let mut signals = self.messages.iter().flat_map(|message| &message.signals);
+        if !signals.any(|signal| signal.name == WIRE_TEMPERATURE) {
+            let signals = self.messages.iter_mut().flat_map(|one| &mut one.signals);
+            for (_, label) in signals.flat_map(|signal| &mut signal.labels) {
+                let mut words = WORDS_OF_A_WIRE.iter();
+                if let Some((_, of_a_plant)) = words.find(|(of_a_wire, _)| label == of_a_wire) {
+                    (*of_a_plant).clone_into(label);
+                }
+            }
+        }
+        let database = Database::from_messages(self.messages);
+        let nodes = self.nodes.iter();
+        database.with_nodes(nodes.map(|(node_id, name)| (*node_id, name.as_str())))
+    }
+}
+
+impl PositionUnit<'_> {
+    fn apply(&self, message: &mut Message, is_feedback: bool) {
+        for signal in &mut message.signals {
+            let name = (self.rename)(&signal.name);
+            if name == signal.name || !signal.unit.starts_with(MILLIMETRES) {
+                continue;
+            }
+            signal.unit = signal.unit.replacen(MILLIMETRES, self.symbol, 1);
+            if let Some(resolution) = self.resolution.filter(|_| is_feedback) {
+                let coding = &mut signal.coding;
+                (coding.factor, coding.scale) = (resolution, Scale::new(resolution));
+                coding.range = None;
+            }
+            signal.name = name;
+        }
+    }
+}
+
+/// A message of the shipped DBC.
+fn pattern(name: &str) -> Message {
+    let message = Database::shipped().message(name);
+    message.expect("a test composes the shipped rig").clone()
+}
+
+fn bytes_of(signals: &[Signal]) -> u8 {
+    signals.iter().map(|_| BITS / 8).sum()
+}
+
+/// Signals one behind the other from the first bit on, with the receivers of these patterns and the objects of those that have
+/// the same name.
+fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
+    let starts = (0..=u8::MAX).step_by(usize::from(BITS));
+    let laid_out = signals
+        .iter()
+        .zip(starts)
+        .map(|(signal, start_bit)| Signal {
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            coding: Coding {
+                start_bit,
+                length_bits: BITS,
+                byte_order: ByteOrder::LittleEndian,
+                kind: if signal.range.minimum < 0.0 {
+                    Kind::Signed
+                } else {
+                    Kind::Unsigned
+                },
+                factor: signal.resolution,
+                offset: 0.0,
+                range: Some(signal.range),
+                scale: Scale::new(signal.resolution),
+            },
+            labels: Vec::new(),
+            receivers: like[0].receivers.clone(),
+            object: (like.iter().find(|known| known.name == signal.name))
+                .map_or_else(String::new, |known| known.object.clone()),
+            comment: signal.comment.clone(),
+        });
+    laid_out.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use canopen::CanFrame;
+
+    use super::*;
+
+    fn signal(name: &str, minimum: f64) -> PlantSignal {
+        PlantSignal {
+            name: name.to_owned(),
+            unit: String::new(),
+            comment: String::new(),
+            resolution: 0.5,
+            range: Range {
+                minimum,
+                maximum: 100.0,
+            },
+        }
+    }
+
+    fn with_plant(signals: &[PlantSignal]) -> Database {
+        let composer = Composer::new("controller", 1);
+        let composer = composer.with_drive(("drive", 0x10), Some(signals), None, None);
+        composer.finish()
+    }
+
+    /// Two loops, of which the second has no io node.
+    fn two_loops() -> Database {
+        Composer::new("hand", 1)
+            .with_drive(("left", 0x10), Some(&[]), None, None)
+            .with_io(("fan", 0x11), &[], 0)
+            .with_terms(("x", 0), None, None)
+            .with_drive(("right", 0x12), Some(&[]), None, None)
+            .with_terms(("y", 1), None, None)
+            .finish()
+    }
+
+    #[test]
+    fn the_shipped_rig_is_the_shipped_dbc() {
+        let shipped = Database::shipped();
+        let messages = shipped.plant_messages("drive");
+        let signals = messages.flat_map(|message| &message.signals);
+        let signals = signals.filter(|signal| !signal.name.starts_with(names::TRUE_POSITION_IN));
+        let signals = signals.map(|signal| PlantSignal {
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            comment: signal.comment.clone(),
+            resolution: signal.coding.factor,
+            range: signal.coding.range.unwrap(),
+        });
+        let composed = Composer::new("controller", 1)
+            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None, None)
+            .with_io(("disturbance", 0x11), &[], 0)
+            .with_terms(("", 0), None, None)
+            .finish();
+        for (ours, theirs) in composed.messages().iter().zip(shipped.messages()) {
+            assert_eq!(ours, theirs);
+        }
+        assert_eq!(&composed, shipped);
+    }
+
+    #[test]
+    fn a_third_signal_goes_into_a_message_of_its_own() {
+        let database = with_plant(&[signal("a", 0.0), signal("b", 0.0), signal("c", -100.0)]);
+        let frame = CanFrame::new(0x390, &[0xFE, 0xFF]);
+        let handle = database.signal("drive_tpdo3.c").unwrap();
+        assert_eq!(handle.decode(&frame), Some(-1.0));
+        assert_eq!(database.message_of(&frame).unwrap().length_bytes, 2);
+        let has = |path| database.signal(path).is_some();
+        assert!(has("drive_tpdo2.b") && has("drive_tpdo2.true_position_millimetres"));
+        assert!(!has("drive_tpdo2.martensite_fraction"));
+        assert!(
+            with_plant(&[signal("a", 0.0)])
+                .message("drive_tpdo3")
+                .is_none()
+        );
+    }
+
+    #[test]
+    fn an_emergency_speaks_of_a_wire_only_where_there_is_one() {
+        let count = |signals: &[PlantSignal], word: &str| {
+            let database = with_plant(signals);
+            let message = database.message("controller_emergency").unwrap();
+            let labels = message.signals.iter().flat_map(|signal| &signal.labels);
+            labels.filter(|(_, label)| label.contains(word)).count()
+        };
+        let (wire, motor) = (
+            [signal(WIRE_TEMPERATURE, 0.0)],
+            [signal("angle_degrees", 0.0)],
+        );
+        assert!(count(&wire, "wire") > 0);
+        assert_eq!(count(&motor, "wire"), 0);
+        assert!(count(&motor, "the plant moves") > 0);
+    }
+
+    #[test]
+    fn each_message_has_the_name_and_the_identifier_of_its_node() {
+        let both = two_loops();
+        assert_eq!(both.refuse_duplicates(), Ok(()));
+        for (id, name) in [
+            (0x000, "nmt_command"),
+            (0x080, "sync"),
+            (0x181, "hand_x_tpdo1"),
+            (0x190, "left_tpdo1"),
+            (0x192, "right_tpdo1"),
+            (0x1A1, "hand_y_tpdo1"),
+            (0x211, "fan_rpdo1"),
+            (0x212, "right_rpdo1"),
+            (0x6B2, "right_truth"),
+            (0x701, "hand_heartbeat"),
+        ] {
+            let frame = CanFrame::new(id, &[0; 8]);
+            let found = both.message_of(&frame).map(|message| message.name.as_str());
+            assert_eq!(found, Some(name), "0x{id:03X}");
+        }
+        let message = |name| both.message(name).unwrap();
+        assert_eq!(message("right_tpdo1").sender.as_deref(), Some("right"));
+        assert_eq!(message("right_rpdo1").sender.as_deref(), Some("hand"));
+        let receivers = &message("sync").signals[0].receivers;
+        assert_eq!(receivers[..], ["left", "right", "fan", "bench"]);
+        assert_eq!(
+            message("left_tpdo1").signals[0].receivers[..],
+            ["hand", "bench"]
+        );
+        let labels = &message("nmt_command").signals[1].labels;
+        let labels = Vec::from_iter(labels.iter().map(|(id, name)| (*id, name.as_str())));
+        assert_eq!(
+            labels[1..],
+            [(1, "hand"), (16, "left"), (17, "fan"), (18, "right")]
+        );
+    }
+
+    #[test]
+    fn scenario_time_begins_once_every_drive_is_enabled() {
+        use std::time::Duration;
+
+        use crate::scenario_clock::ScenarioClock;
+
+        let mut clock = ScenarioClock::new(&two_loops(), ["left", "right"]).unwrap();
+        let of = |id, data: &[u8]| CanFrame::new(id, data);
+        let on = [0x37, 0x12, 0, 0, 0, 0, 0, 0];
+        let [sync, x, y] = [of(0x080, &[1]), of(0x190, &on), of(0x192, &on)];
+        let off = of(0x190, &[0x33, 0x12, 0, 0, 0, 0, 0, 0]);
+        let frames = [x, sync, off, y, sync, x, sync];
+        for (time, frame) in (0..).map(Duration::from_millis).zip(&frames) {
+            clock.on_frame(time, frame);
+        }
+        assert_eq!(clock.zero(), Some(Duration::from_millis(6)));
+    }
+}
