@@ -1,6 +1,7 @@
 //! What holds for the physics under any history of current, fan and load.
 
-use plant_emulator::sma::{Actuator, Inputs};
+use plant_emulator::plant::Inputs;
+use plant_emulator::plants::sma::Actuator;
 use proptest::prelude::*;
 use scenario::plant::{Plant, StressStrain};
 
