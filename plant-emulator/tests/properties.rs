@@ -18,7 +18,6 @@ fn inputs() -> impl Strategy<Value = Inputs> {
             current_amperes: (2.0 * current - 0.5).clamp(0.0, 1.0),
             convection_factor,
             added_load_kilograms: load,
-            ..Inputs::default()
         },
     )
 }

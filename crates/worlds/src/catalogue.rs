@@ -29,29 +29,19 @@ fn law_objection(scenario: &Scenario) -> Option<Objection> {
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
     let plant = scenario.plant.name();
-    let is_wired = !scenario.wiring.input.is_empty();
-    let invalid = match (&scenario.plant.fmu, plants::check(scenario)) {
-        (Some(fmu), _) if is_wired => return fmu_plant::objection(fmu),
-        (None, Err(InvalidEmulator::Plant(invalid))) => invalid,
-        (Some(_), _)
-        | (
-            None,
-            Err(
-                InvalidEmulator::UnknownPort(_)
-                | InvalidEmulator::Unit { .. }
-                | InvalidEmulator::TooManyOutputs(_),
-            ),
-        ) => {
-            return Some(Objection {
-                path: format!("plant.{plant}"),
-                message: format!("the plant `{plant}` needs a rig file"),
-                label: "its ports are not those of one axis".to_owned(),
-                help: Some(
-                    "write schema = 2, and rig = \"FILE.toml\" for a rig file that wires its ports"
-                        .to_owned(),
-                ),
-            });
+    if let Some(fmu) = &scenario.plant.fmu {
+        if scenario.wiring.loops.is_empty() {
+            return Some(without_rig(plant));
         }
+        return fmu_plant::objection(fmu);
+    }
+    let invalid = match plants::check(scenario) {
+        Err(InvalidEmulator::Plant(invalid)) => invalid,
+        Err(
+            InvalidEmulator::UnknownPort(_)
+            | InvalidEmulator::Unit { .. }
+            | InvalidEmulator::TooManyOutputs(_),
+        ) => return Some(without_rig(plant)),
         _ => return None,
     };
     let path = match invalid.parameter() {
@@ -64,6 +54,19 @@ fn plant_objection(scenario: &Scenario) -> Option<Objection> {
         label: invalid.to_string(),
         help: None,
     })
+}
+
+/// The objection to a plant that no rig file wires, and that has other ports than those of one axis.
+fn without_rig(plant: &str) -> Objection {
+    Objection {
+        path: format!("plant.{plant}"),
+        message: format!("the plant `{plant}` needs a rig file"),
+        label: "its ports are not those of one axis".to_owned(),
+        help: Some(
+            "write schema = 2, and rig = \"FILE.toml\" for a rig file that wires its ports"
+                .to_owned(),
+        ),
+    }
 }
 
 #[cfg(test)]
@@ -87,6 +90,18 @@ mod tests {
             for modulus in ["1e-9", "1e6", "1e9"] {
                 assert_eq!(objection(law, modulus).as_ref(), Some(&path), "{modulus}");
             }
+        }
+    }
+
+    #[test]
+    fn a_plant_with_other_ports_than_those_of_one_axis_needs_a_rig_file() {
+        for plant in ["sma_pair", "fmu"] {
+            let text = format!(
+                "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.{plant}]\n"
+            );
+            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            let message = plant_objection(&scenario).unwrap().message;
+            assert_eq!(message, format!("the plant `{plant}` needs a rig file"));
         }
     }
 

@@ -164,7 +164,7 @@ impl Plant for FmuPlant {
             Remote::load(worker, &unpacked, &wiring.configuration, &mut raw).map_err(invalid)?;
         let conversions =
             |ports: &[table::Port]| ports.iter().map(|port| port.conversion).collect();
-        let mut plant = FmuPlant {
+        let mut plant = Self {
             ports: ports_of(&wiring),
             remote: Some(remote),
             _unpacked: unpacked,
