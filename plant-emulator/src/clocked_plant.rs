@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::time::Duration;
 
-use crate::plant::{Faults, Plant, Port};
+use crate::plant::{Faults, Plant};
 
 /// Longest time that is caught up at once. After this long under constant inputs everything has settled, so nothing
 /// is lost by leaving out the rest.
@@ -78,11 +78,11 @@ impl ClockedPlant {
 
     #[cold]
     fn fail(&mut self) {
-        let ports = self.ports();
-        let mut wrong = ports.iter().zip(&self.outputs);
-        let wrong = wrong.find(|(_, value)| !value.is_finite());
-        let reason = self.plant.as_ref().and_then(|plant| plant.failure());
-        self.failure = match (reason, wrong) {
+        let Some(plant) = &self.plant else { return };
+        let ports = plant.ports().outputs;
+        let mut values = ports.iter().zip(&self.outputs);
+        let wrong = values.find(|(_, value)| !value.is_finite());
+        self.failure = match (plant.failure(), wrong) {
             (Some(reason), _) => Some(reason.to_owned()),
             (None, Some((port, value))) => Some(format!(
                 "its port `{}` is {value} after {:.3} s: no finite number",
@@ -125,12 +125,6 @@ impl ClockedPlant {
         &self.inputs
     }
 
-    /// The ports of the outputs.
-    pub(crate) fn ports(&self) -> Vec<Port> {
-        let plant = self.plant.as_ref();
-        plant.map_or_else(Vec::new, |plant| plant.ports().outputs)
-    }
-
     pub(crate) fn heated_celsius(&self, input: usize) -> Option<f64> {
         self.plant.as_ref()?.heated_celsius(input)
     }
@@ -166,7 +160,7 @@ impl ClockedPlant {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::{CURRENT, InvalidPlant, Ports};
+    use crate::plant::{CURRENT, InvalidPlant, Port, Ports};
     use crate::plants::sma::Actuator;
 
     fn clocked() -> ClockedPlant {

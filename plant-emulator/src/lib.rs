@@ -185,7 +185,7 @@ impl PlantEmulator {
                     outputs: wires.outputs.clone(),
                 });
             }
-            parts.push((Parts::new(&in_hand, wires, of)?, of));
+            parts.push((Parts::new(&in_hand, &ports, wires, of)?, of));
         }
         for (parts, of) in parts {
             let plant = std::mem::replace(&mut in_hand, ClockedPlant::none());

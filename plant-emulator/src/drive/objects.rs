@@ -6,7 +6,7 @@ use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
 use dbc::data_sheets::{TruthPace, si_velocity};
 use dbc::loops::LoopPlace;
-use scenario::port::Unit;
+use scenario::port::{Ports, Unit};
 use scenario::wiring::RECORDED_MAX;
 
 use crate::clocked_plant::ClockedPlant;
@@ -197,15 +197,19 @@ pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), 
     cia402::check_mode(mode, supported.unwrap_or_default())
 }
 
-/// Puts what the drive publishes of its plant into the dictionary of the shipped data sheet, and those that TPDO2 has no room
-/// for into a TPDO3.
-pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, wires: &Wires) {
+/// Puts the published outputs of the plant into the dictionary of the shipped data sheet, and those for which TPDO2 has no room into a
+/// TPDO3.
+pub(crate) fn declare(
+    dictionary: &mut ObjectDictionary,
+    plant: &ClockedPlant,
+    ports: &Ports,
+    wires: &Wires,
+) {
     let published = &wires.published;
-    let ports = plant.ports();
     for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
         let entry = match published.get(place) {
             Some(signal) => {
-                let port = ports.get(signal.output);
+                let port = ports.outputs.get(signal.output);
                 let name = port.map_or("", |port| &port.name);
                 object(index, name, data_type(signal), raw(signal, plant))
             }
