@@ -8,7 +8,7 @@ use std::time::Duration;
 use canopen::{CanFrame, Node};
 use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
-use plant_emulator::sma::Actuator;
+use plant_emulator::plants::sma::Actuator;
 use platform::counting_allocator::allocations;
 use scenario::loops::Loops;
 use scenario::{ControllerView, Scenario, without_colours};

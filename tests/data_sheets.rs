@@ -9,7 +9,7 @@ use canopen::object_dictionary::{Access, DataType, Entry};
 use canopen::sdo_client::{SdoClient, SdoFailure};
 use canopen::{AbortCode, CanFrame, Node, ObjectDictionary, eds};
 use plant_emulator::PlantEmulator;
-use plant_emulator::sma::Actuator;
+use plant_emulator::plants::sma::Actuator;
 use scenario::Scenario;
 
 use crate::support::scenario;

@@ -149,11 +149,13 @@ fn replays_undecided_again(run: &Path) {
     );
 }
 
-/// How many cells of a column hold a value.
+/// The number of cells of a column that hold a value; 0 where there is no such column.
 fn values(run: &Path, column: &str) -> usize {
     let table = fs::read_to_string(run.join("signals.csv")).unwrap();
     let place = |line: &str| line.split(',').position(|name| name == column);
-    let place = place(table.lines().next().unwrap()).unwrap();
+    let Some(place) = place(table.lines().next().unwrap()) else {
+        return 0;
+    };
     let cells = table
         .lines()
         .skip(1)

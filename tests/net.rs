@@ -10,7 +10,7 @@ use std::process::Command;
 use clap::Parser;
 use controller::catalogue::{LawRow, register_laws};
 use fmu::description::Version;
-use plant_emulator::catalogue::{OwnPlant, register_plants};
+use plant_emulator::catalogue::{PlantRow, register_plants};
 use runner::commands::simulate::{SimulateArgs, simulate};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -23,8 +23,8 @@ use crate::support::{canrig, only_run, output, root};
 #[path = "../canrig/src/new/law/loops/lib.rs"]
 #[expect(unreachable_pub, reason = "it is the library of a crate")]
 mod my_law;
-/// The plant with ports that `canrig new plant --ports` writes.
-#[path = "../canrig/src/new/plant/ports/lib.rs"]
+/// The plant that `canrig new plant` writes.
+#[path = "../canrig/src/new/plant/lib.rs"]
 #[expect(
     unreachable_pub,
     clippy::cast_possible_truncation,
@@ -324,7 +324,7 @@ fn simulate_outside() {
         return;
     };
     register_laws(vec![LawRow::of::<my_law::MyLaw>()]).unwrap();
-    register_plants(vec![OwnPlant::with_ports::<my_plant::MyPlant>()]).unwrap();
+    register_plants(vec![PlantRow::of::<my_plant::MyPlant>()]).unwrap();
     let words = ["simulate", "--output"].into_iter().chain(words.lines());
     let _ = simulate(&Outside::parse_from(words).simulate);
 }
@@ -371,7 +371,7 @@ fn rigs_are_played_as_before() {
         "my_law",
         &["law", "--loops", "2"],
     ));
-    lines.extend(simulated_outside(folder, "my_plant", &["plant", "--ports"]));
+    lines.extend(simulated_outside(folder, "my_plant", &["plant"]));
     for scenario in NOT_PLAYED {
         let path = root().join(scenario);
         lines.extend(signal_lines(

@@ -77,7 +77,6 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "dbc",
             "scenario",
             "faults",
-            "plant-emulator",
             "rig",
             "recording",
             "judge",

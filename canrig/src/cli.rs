@@ -62,7 +62,7 @@ Examples:
   canrig coverage runs/* --requirements requirements.csv
                                              which requirement is tested, and met?
   canrig export RUN -f blf -o run.blf        the frames as Vector's binary log
-  canrig new plant pendulum                  a plant of your own, in a crate of its own
+  canrig new plant hot_plate                 a plant of your own, in a crate of its own
   canrig new law fuzzy                       a control law of your own
   canrig fmu motor.fmu                       a plant from a modelling tool: its ports
   canrig fmu --export dc_motor -o motor.fmu  one of ours, for another tool

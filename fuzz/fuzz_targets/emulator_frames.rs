@@ -4,8 +4,8 @@
 use canrig_fuzz::{Journey, SCENARIO, expect_alive};
 use libfuzzer_sys::fuzz_target;
 use plant_emulator::PlantEmulator;
-use plant_emulator::ports::CURRENT;
-use plant_emulator::sma::Actuator;
+use plant_emulator::plant::CURRENT;
+use plant_emulator::plants::sma::Actuator;
 
 fuzz_target!(|bytes: &[u8]| {
     let mut journey = Journey::new(PlantEmulator::new::<Actuator>(&SCENARIO, &SCENARIO.plant).expect("the plant is valid"));

@@ -1,130 +1,44 @@
-//! The plants that scenarios can choose, by name: those that ship, and those that a bench of somebody else's brings.
+//! The plants that scenarios can choose, by name: those of [`plants`](crate::plants), and those that a bench of somebody else's brings.
 
-use std::sync::{LazyLock, OnceLock};
+use std::sync::OnceLock;
 
 use canopen::Node;
+use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
-use dbc::{Database, PlantSignal, Range};
 use scenario::Scenario;
-use scenario::own::{OwnTable, Parameters, Section, is_name};
-use scenario::port::Ports;
+use scenario::own::{OwnTable, Section, defaults};
+use scenario::plant::is_of_format;
 use scenario::registration::{InvalidOwn, register};
 
-use crate::dc_motor::DcMotor;
-use crate::plant::{Plant, SIGNALS_MAX, Signal};
-use crate::ports::{PlantWithPorts, PortedPlant, SingleAxis};
-use crate::sma::Actuator;
-use crate::sma::pair::SmaPair;
+use crate::plant::{Plant, Ports};
+use crate::plants::SHIPPED;
 use crate::wires::Wires;
 use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 
-/// Name of the actuator of the paper.
-pub const SMA_ACTUATOR: &str = Actuator::NAME;
-
-/// What makes a plant of a scenario's table.
-type Make = Box<dyn Fn(&Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> + Send + Sync>;
-
-/// What says which ports a plant will have, where to make it is much more.
-type FindPorts = fn(&Scenario) -> Result<Ports, InvalidEmulator>;
-
-/// A plant by its name, and what makes it.
-pub struct Kind {
-    name: &'static str,
-    /// What a drive publishes of a plant of one axis, which never changes.
-    signals: Option<Vec<PlantSignal>>,
-    make: Make,
-    /// None where the plant is made to see its ports.
-    ports: Option<FindPorts>,
+/// A plant that a scenario can choose by the table that has its name.
+#[derive(Clone, Copy)]
+pub struct PlantRow {
+    name: fn() -> &'static str,
+    table: fn() -> OwnTable,
+    make: fn(&Scenario) -> Result<Box<dyn Plant>, InvalidEmulator>,
+    ports: fn(&Scenario) -> Result<Ports, InvalidEmulator>,
+    /// The ports by the parameters that an empty table stands for; `None` where some must be given.
+    default_ports: fn() -> Option<Ports>,
 }
 
-impl Kind {
-    /// A plant of one axis; `config` gives its parameters in a scenario.
-    fn of<P: Plant>(config: fn(&Scenario) -> Result<P::Config, InvalidEmulator>) -> Self {
+impl PlantRow {
+    /// The plant `P`.
+    #[must_use]
+    pub const fn of<P: Plant>() -> Self {
         Self {
-            name: P::NAME,
-            signals: Some(P::SIGNALS.iter().map(described).collect()),
-            make: Box::new(move |scenario| {
-                let plant = P::new(&config(scenario)?)?;
-                Ok(Box::new(SingleAxis::new(plant)))
-            }),
-            ports: None,
+            name: P::name,
+            table: || OwnTable::new::<P::Config>(P::name()).with_faults(P::faults()),
+            make: |scenario| Ok(Box::new(scenario.plant.with_parameters(P::new)??)),
+            ports: |scenario| Ok(scenario.plant.with_parameters(P::ports_by)??),
+            default_ports: || P::ports_by(&defaults().ok()?).ok(),
         }
     }
-
-    /// A plant whose code is not the emulator's: `ports` says which ports it will have, `make` makes it.
-    #[must_use]
-    pub fn elsewhere(
-        name: &'static str,
-        ports: FindPorts,
-        make: fn(&Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator>,
-    ) -> Self {
-        Self {
-            name,
-            signals: None,
-            make: Box::new(make),
-            ports: Some(ports),
-        }
-    }
-
-    /// A plant with ports of its own.
-    fn with_ports<P: PlantWithPorts>(
-        config: fn(&Scenario) -> Result<P::Config, InvalidEmulator>,
-    ) -> Self {
-        Self {
-            name: P::NAME,
-            signals: None,
-            make: Box::new(move |scenario| Ok(Box::new(P::new(&config(scenario)?)?))),
-            ports: None,
-        }
-    }
-
-    /// The plant's name.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        self.name
-    }
-
-    /// What a drive publishes of a plant of one axis; none for a plant with ports of its own, where the parameters may say.
-    #[must_use]
-    pub fn signals(&self) -> Option<&[PlantSignal]> {
-        self.signals.as_deref()
-    }
-}
-
-/// A plant from outside, with the table that it has in a scenario.
-pub struct OwnPlant {
-    kind: Kind,
-    table: OwnTable,
-}
-
-impl OwnPlant {
-    /// The plant `P`, which is one of one axis.
-    #[must_use]
-    pub fn of<P: Plant>() -> Self {
-        Self {
-            kind: Kind::of::<P>(|scenario| own_parameters(scenario, P::NAME)),
-            table: OwnTable::new::<P::Config>(P::NAME).with_faults(P::FAULTS),
-        }
-    }
-
-    /// The plant `P`, which has ports of its own.
-    #[must_use]
-    pub fn with_ports<P: PlantWithPorts>() -> Self {
-        Self {
-            kind: Kind::with_ports::<P>(|scenario| own_parameters(scenario, P::NAME)),
-            table: OwnTable::new::<P::Config>(P::NAME).with_faults(P::FAULTS),
-        }
-    }
-}
-
-fn own_parameters<C: Parameters>(scenario: &Scenario, name: &str) -> Result<C, InvalidEmulator> {
-    let own = scenario
-        .plant
-        .own
-        .as_ref()
-        .ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))?;
-    Ok(own.parameters::<C>()?)
 }
 
 /// Why a plant from outside cannot be registered.
@@ -133,127 +47,72 @@ pub enum InvalidOwnPlant {
     /// Its table cannot be one.
     #[error(transparent)]
     Table(#[from] InvalidOwn),
-    /// Too many signals.
-    #[error("the plant `{plant}` has {count} signals of its own (limit {SIGNALS_MAX})")]
-    TooManySignals {
+    /// A port that it cannot have.
+    #[error("the port `{port}` of the plant `{plant}` {reason}")]
+    Port {
         /// The plant.
         plant: &'static str,
-        /// How many.
-        count: usize,
-    },
-    /// A signal that the bus cannot carry.
-    #[error("the signal `{signal}` of the plant `{plant}` {reason}")]
-    Signal {
-        /// The plant.
-        plant: &'static str,
-        /// The signal.
-        signal: String,
+        /// The port.
+        port: String,
         /// Why not.
         reason: &'static str,
     },
 }
 
-static SHIPPED: LazyLock<[Kind; 3]> = LazyLock::new(|| {
-    [
-        Kind::of::<Actuator>(|scenario| Ok(scenario.plant.clone())),
-        Kind::of::<DcMotor>(|scenario| Ok(scenario.plant.dc_motor.clone().unwrap_or_default())),
-        Kind::with_ports::<SmaPair>(|scenario| {
-            Ok(scenario.plant.sma_pair.clone().unwrap_or_default())
-        }),
-    ]
-});
+static OWN: OnceLock<Vec<PlantRow>> = OnceLock::new();
 
-static OWN: OnceLock<Vec<Kind>> = OnceLock::new();
+static FMU: OnceLock<PlantRow> = OnceLock::new();
 
-static FMU: OnceLock<Kind> = OnceLock::new();
-
-/// Hands in what plays FMUs, which takes processes. Where nobody does, there is no such plant. Later ones change nothing.
-pub fn register_fmu(kind: Kind) {
-    FMU.get_or_init(|| kind);
+/// Hands in the plant that plays FMUs, which takes processes. Without it there is no such plant. Later ones change nothing.
+pub fn register_fmu(row: PlantRow) {
+    FMU.get_or_init(|| row);
 }
 
-/// Registers the plants from outside, once and before any scenario is read.
+/// Registers the plants from outside, once and before any scenario is read, and those that ship and that the format of scenarios does
+/// not have.
 ///
 /// # Errors
-/// One of them has a name, parameters or signals that it cannot have.
-pub fn register_plants(plants: Vec<OwnPlant>) -> Result<(), InvalidOwnPlant> {
-    plants.iter().try_for_each(|plant| {
-        check_signals(plant.kind.name, plant.kind.signals().unwrap_or_default())
-    })?;
-    let (kinds, tables) = plants
-        .into_iter()
-        .map(|plant| (plant.kind, plant.table))
-        .unzip();
-    register(Section::Plant, tables)?;
-    OWN.set(kinds)
+/// One of them has a name, parameters or ports that it cannot have.
+pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidOwnPlant> {
+    plants.iter().try_for_each(check_ports)?;
+    let shipped = SHIPPED.iter().filter(|row| !is_of_format((row.name)()));
+    let tables = shipped.chain(&plants).map(|row| (row.table)());
+    let tables = Vec::from_iter(tables);
+    if !tables.is_empty() {
+        register(Section::Plant, tables)?;
+    }
+    OWN.set(plants)
         .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::RegisteredAlready))
 }
 
-/// Whether the bus can carry a plant's signals.
-fn check_signals(plant: &'static str, signals: &[PlantSignal]) -> Result<(), InvalidOwnPlant> {
-    let count = signals.len();
-    if count > SIGNALS_MAX {
-        return Err(InvalidOwnPlant::TooManySignals { plant, count });
+/// Refuses ports that the bus cannot carry.
+fn check_ports(row: &PlantRow) -> Result<(), InvalidOwnPlant> {
+    let ports = (row.default_ports)().unwrap_or_default();
+    match ports.flaw() {
+        None => Ok(()),
+        Some((port, reason)) => Err(InvalidOwnPlant::Port {
+            plant: (row.name)(),
+            port: port.name.clone(),
+            reason,
+        }),
     }
-    for (place, signal) in signals.iter().enumerate() {
-        let is_double = signals[..place]
-            .iter()
-            .any(|other| other.name == signal.name);
-        if let Some(reason) = flaw(signal).or(is_double.then_some("is there twice")) {
-            let signal = signal.name.clone();
-            return Err(InvalidOwnPlant::Signal {
-                plant,
-                signal,
-                reason,
-            });
-        }
-    }
-    Ok(())
-}
-
-/// What is wrong with a signal by itself.
-fn flaw(signal: &PlantSignal) -> Option<&'static str> {
-    let Range { minimum, maximum } = signal.range;
-    // As the bus rounds: -32.768 in steps of 0.001 are -32768.
-    let steps = [minimum, maximum].map(|limit| libm::round(limit / signal.resolution));
-    let fits = match minimum < 0.0 {
-        true => steps[0] >= f64::from(i16::MIN) && steps[1] <= f64::from(i16::MAX),
-        false => steps[1] <= f64::from(u16::MAX),
-    };
-    if !is_name(&signal.name) {
-        return Some("needs a name of at most 64 small letters, digits and underscores");
-    }
-    if !(signal.resolution > 0.0 && signal.resolution.is_finite()) {
-        return Some("needs a number of steps per unit above 0");
-    }
-    let is_range = minimum < maximum;
-    if !is_range {
-        return Some("has an empty range");
-    }
-    (!fits).then_some("does not fit 16 bits over its range: take fewer steps per unit")
-}
-
-/// All plants, the shipped ones first.
-pub fn kinds() -> impl Iterator<Item = &'static Kind> {
-    let own = OWN.get().into_iter().flatten();
-    SHIPPED.iter().chain(FMU.get()).chain(own)
 }
 
 /// The plant that a scenario chooses.
 ///
 /// # Errors
 /// It makes no sense.
-pub fn plant(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
-    (kind_of(scenario)?.make)(scenario)
+pub fn plant(scenario: &Scenario) -> Result<Box<dyn Plant>, InvalidEmulator> {
+    (row_of(scenario)?.make)(scenario)
 }
 
-/// Looks whether the plant that a scenario chooses makes sense and, where no rig file wires it, has the ports of a plant of one axis.
+/// Checks that the plant that a scenario chooses makes sense and, where no rig file wires it, has the ports of a plant of one axis.
 ///
 /// # Errors
 /// It makes none, or has others.
 pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
-    let ports = ports(scenario)?;
-    // What a rig file wires is checked with it; a drive that is somebody else's has no port.
+    let ports = (row_of(scenario)?.ports)(scenario)?;
+    // The wiring of a rig file is checked with it; a drive that is somebody else's has no port.
     let is_wired = !scenario.wiring.loops.is_empty();
     if !is_wired {
         Wires::new(&ports, &scenario.wiring)?;
@@ -261,19 +120,12 @@ pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
     Ok(())
 }
 
-/// The ports of the plant that a scenario chooses.
-///
-/// # Errors
-/// It makes no sense.
-pub fn ports(scenario: &Scenario) -> Result<Ports, InvalidEmulator> {
-    if let Some(find) = kind_of(scenario)?.ports {
-        return find(scenario);
-    }
-    let plant = plant(scenario)?;
-    Ok(Ports {
-        inputs: plant.inputs().to_vec(),
-        outputs: plant.outputs().to_vec(),
-    })
+/// The ports of the plant that a scenario chooses; those by default where its parameters make no sense, so that the rest of the
+/// scenario can be checked. `None` where neither is known.
+#[must_use]
+pub fn ports(scenario: &Scenario) -> Option<Ports> {
+    let row = row_of(scenario).ok()?;
+    (row.ports)(scenario).ok().or_else(row.default_ports)
 }
 
 /// The emulator of the plant that a scenario chooses.
@@ -302,21 +154,12 @@ pub fn emulator_of(name: &str, drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, 
     Ok(Box::new(emulator))
 }
 
-fn kind_of(scenario: &Scenario) -> Result<&'static Kind, InvalidEmulator> {
+fn row_of(scenario: &Scenario) -> Result<&'static PlantRow, InvalidEmulator> {
     let name = scenario.plant.name();
-    let kind = kinds().find(|kind| kind.name == name);
-    kind.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))
-}
-
-fn described<P>(signal: &Signal<P>) -> PlantSignal {
-    let [minimum, maximum] = signal.range;
-    PlantSignal {
-        name: signal.name.to_owned(),
-        unit: signal.unit.to_owned(),
-        comment: signal.comment.to_owned(),
-        resolution: 1.0 / signal.steps_per_unit,
-        range: Range { minimum, maximum },
-    }
+    let own = OWN.get().into_iter().flatten();
+    let mut rows = SHIPPED.iter().chain(FMU.get()).chain(own);
+    let row = rows.find(|row| (row.name)() == name);
+    row.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))
 }
 
 #[cfg(test)]
@@ -324,6 +167,7 @@ mod tests {
     use std::time::Duration;
 
     use canopen::CanFrame;
+    use dbc::{PlantSignal, Range};
 
     use super::*;
 
@@ -333,23 +177,28 @@ mod tests {
         Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
     }
 
-    fn signals(plant: &str) -> Vec<PlantSignal> {
-        let scenario = scenario(plant);
-        let kind = kind_of(&scenario).unwrap();
-        kind.signals().unwrap().to_vec()
-    }
-
-    fn database(plant: &str) -> Database {
-        let composer = dbc::Composer::new("controller", 1);
-        let signals = signals(plant);
-        composer
-            .with_drive(("drive", 0x10), Some(&signals), None, None)
+    /// The frames of the drive that moves a plant.
+    fn database(scenario: &Scenario) -> Database {
+        let ports = ports(scenario).unwrap();
+        let recorded = scenario.wiring.recorded(&ports).unwrap().into_iter();
+        let signals = recorded.map(|(_, port)| PlantSignal {
+            name: port.name.clone(),
+            unit: port.symbol.clone(),
+            comment: port.comment.clone(),
+            resolution: 1.0 / port.steps_per_unit,
+            range: Range {
+                minimum: port.range[0],
+                maximum: port.range[1],
+            },
+        });
+        dbc::Composer::new("controller", 1)
+            .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None, None)
             .finish()
     }
 
     #[test]
     fn the_actuator_s_frames_are_those_of_the_shipped_dbc() {
-        let (ours, shipped) = (database(""), Database::shipped());
+        let (ours, shipped) = (database(&scenario("")), Database::shipped());
         let ours = Vec::from_iter(ours.plant_messages("drive"));
         assert_eq!(ours, Vec::from_iter(shipped.plant_messages("drive")));
     }
@@ -365,7 +214,7 @@ mod tests {
             node.on_frame(Duration::from_millis(1), &CanFrame::new(id, data));
         }
         let frames: Vec<_> = std::iter::from_fn(|| node.next_frame()).collect();
-        let database = database("[plant.dc_motor]\n");
+        let database = database(&scenario);
         let value = |path| {
             let signal = database.require(path).unwrap();
             frames.iter().find_map(|frame| signal.decode(frame))
@@ -380,33 +229,18 @@ mod tests {
 
     #[test]
     fn the_shipped_plants_could_come_from_outside() {
-        for table in ["", "[plant.dc_motor]\n"] {
-            let signals = signals(table);
-            assert_eq!(check_signals("shipped", &signals), Ok(()), "{table}");
+        for row in &SHIPPED {
+            assert_eq!(check_ports(row), Ok(()), "{}", (row.name)());
         }
     }
 
     #[test]
-    fn a_signal_that_the_bus_cannot_carry_is_refused() {
-        let signal = |name: &str, resolution, minimum, maximum| PlantSignal {
-            name: name.to_owned(),
-            unit: String::new(),
-            comment: String::new(),
-            resolution,
-            range: Range { minimum, maximum },
-        };
-        assert_eq!(flaw(&signal("angle_degrees", 0.01, -180.0, 180.0)), None);
-        assert_eq!(flaw(&signal("speed", 0.001, -32.768, 32.767)), None);
-        for (wrong, reason) in [
-            (signal("Angle (°)", 1.0, 0.0, 1.0), "name"),
-            (signal("angle", 0.0, 0.0, 1.0), "above 0"),
-            (signal("angle", f64::NAN, 0.0, 1.0), "above 0"),
-            (signal("angle", 1.0, 1.0, 1.0), "empty"),
-            (signal("angle", 1.0, f64::NAN, 1.0), "empty"),
-            (signal("angle", 0.001, -180.0, 180.0), "16 bits"),
-            (signal("angle", 1.0, 0.0, 65_536.0), "16 bits"),
-        ] {
-            assert!(flaw(&wrong).unwrap().contains(reason), "{wrong:?}");
-        }
+    fn ports_are_those_by_default_where_parameters_make_no_sense() {
+        let wrong = scenario(
+            "[plant.dc_motor]\nload_kilograms = 0.0\nspring_newtons_per_metre = 1e6\n\
+            rotor_inertia_kilogram_square_metres = 1e-12\ngear_inertia_kilogram_square_metres = 0.0\n",
+        );
+        assert!(matches!(check(&wrong), Err(InvalidEmulator::Plant(_))));
+        assert_eq!(ports(&wrong), ports(&scenario("[plant.dc_motor]\n")));
     }
 }

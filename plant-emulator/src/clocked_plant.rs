@@ -3,20 +3,19 @@
 use std::any::Any;
 use std::time::Duration;
 
-use scenario::fault::Faults;
-
-use crate::ports::{NoPlant, Port, PortedPlant};
+use crate::plant::{Faults, Plant};
 
 /// Longest time that is caught up at once. After this long under constant inputs everything has settled, so nothing
 /// is lost by leaving out the rest.
 const CATCH_UP_MAX: Duration = Duration::from_secs(60);
 
-/// The plant, the time it has reached, what acts on it since, and what was seen of it then.
+/// The plant, the time that it has reached, its inputs since then, and its outputs at that time.
 #[derive(Debug)]
 pub(crate) struct ClockedPlant {
-    plant: Box<dyn PortedPlant>,
+    /// `None` where another drive has the plant in hand.
+    plant: Option<Box<dyn Plant>>,
     inputs: Vec<f64>,
-    /// As they were when the plant reached its time: all that look at it then see the same, whatever acts on it from then on.
+    /// Those at the plant's time, so that all who look then see the same, whatever acts from then on.
     outputs: Vec<f64>,
     time: Duration,
     /// Why it does not go on.
@@ -25,12 +24,12 @@ pub(crate) struct ClockedPlant {
 
 impl ClockedPlant {
     /// A plant at time zero, undisturbed.
-    pub(crate) fn new(plant: Box<dyn PortedPlant>) -> Self {
-        let inputs = plant.inputs().iter().map(|port| port.at_rest).collect();
+    pub(crate) fn new(plant: Box<dyn Plant>) -> Self {
+        let ports = plant.ports();
         let mut clocked = Self {
-            inputs,
-            outputs: vec![0.0; plant.outputs().len()],
-            plant,
+            inputs: ports.inputs.iter().map(|port| port.at_rest).collect(),
+            outputs: vec![0.0; ports.outputs.len()],
+            plant: Some(plant),
             time: Duration::ZERO,
             failure: None,
         };
@@ -38,10 +37,10 @@ impl ClockedPlant {
         clocked
     }
 
-    /// None: what a drive holds while another one has the plant in hand. Allocates nothing.
+    /// No plant: the place of one that another drive has in hand. Allocates nothing.
     pub(crate) fn none() -> Self {
         Self {
-            plant: Box::new(NoPlant),
+            plant: None,
             inputs: Vec::new(),
             outputs: Vec::new(),
             time: Duration::ZERO,
@@ -61,34 +60,37 @@ impl ClockedPlant {
             return;
         }
         let seconds = elapsed.min(CATCH_UP_MAX).as_secs_f64();
-        self.plant.step(seconds, &self.inputs);
-        self.look();
+        if let Some(plant) = &mut self.plant {
+            plant.step(seconds, &self.inputs);
+            self.look();
+        }
     }
 
-    /// Takes what is seen of the plant, if it is numbers.
+    /// Reads the outputs, and stops the plant where they are not finite.
     fn look(&mut self) {
-        self.plant.read(&mut self.outputs);
+        let Some(plant) = &self.plant else { return };
+        plant.read(&mut self.outputs);
         let is_sound = self.outputs.iter().all(|value| value.is_finite());
-        if is_sound && self.plant.failure().is_none() {
-            return;
+        if !is_sound || plant.failure().is_some() {
+            self.fail();
         }
-        self.fail();
     }
 
     #[cold]
     fn fail(&mut self) {
-        let ports = self.plant.outputs().iter().zip(&self.outputs);
-        let mut wrong = ports.filter(|(_, value)| !value.is_finite());
-        let words = match (self.plant.failure(), wrong.next()) {
-            (Some(reason), _) => reason.to_owned(),
-            (None, Some((port, value))) => format!(
+        let Some(plant) = &self.plant else { return };
+        let ports = plant.ports().outputs;
+        let mut values = ports.iter().zip(&self.outputs);
+        let wrong = values.find(|(_, value)| !value.is_finite());
+        self.failure = match (plant.failure(), wrong) {
+            (Some(reason), _) => Some(reason.to_owned()),
+            (None, Some((port, value))) => Some(format!(
                 "its port `{}` is {value} after {:.3} s: no finite number",
                 port.name,
                 self.time.as_secs_f64()
-            ),
-            (None, None) => return,
+            )),
+            (None, None) => None,
         };
-        self.failure = Some(words);
         for value in &mut self.outputs {
             *value = if value.is_finite() { *value } else { 0.0 };
         }
@@ -99,41 +101,37 @@ impl ClockedPlant {
         self.failure.as_deref()
     }
 
-    /// What acts on a port.
+    /// Value at an input.
     #[inline]
     pub(crate) fn input(&self, place: usize) -> f64 {
         self.inputs.get(place).copied().unwrap_or_default()
     }
 
-    /// What was seen at a port at the plant's time.
+    /// Value at an output at the plant's time.
     #[inline]
     pub(crate) fn output(&self, place: usize) -> f64 {
         self.outputs.get(place).copied().unwrap_or_default()
     }
 
-    /// What acts on a port from the present time on.
+    /// Sets the value at an input from the present time on.
     pub(crate) fn set_input(&mut self, place: usize, value: f64) {
         if let Some(input) = self.inputs.get_mut(place) {
             *input = value;
         }
     }
 
-    /// All that acts on it.
+    /// Values at all inputs.
     pub(crate) fn inputs(&self) -> &[f64] {
         &self.inputs
     }
 
-    /// The ports at which it is seen.
-    pub(crate) fn ports(&self) -> &[Port] {
-        self.plant.outputs()
-    }
-
     pub(crate) fn heated_celsius(&self, input: usize) -> Option<f64> {
-        self.plant.heated_celsius(input)
+        self.plant.as_ref()?.heated_celsius(input)
     }
 
     pub(crate) fn conducts(&self, input: usize) -> bool {
-        self.plant.conducts(input)
+        let plant = self.plant.as_ref();
+        plant.is_none_or(|plant| plant.conducts(input))
     }
 
     pub(crate) fn is_condition_new(
@@ -142,16 +140,19 @@ impl ClockedPlant {
         faults: &Faults,
         time_seconds: f64,
     ) -> bool {
-        self.plant.is_condition_new(input, faults, time_seconds)
+        let plant = self.plant.as_ref();
+        plant.is_some_and(|plant| plant.is_condition_new(input, faults, time_seconds))
     }
 
     pub(crate) fn set_condition(&mut self, input: usize, faults: &Faults, time_seconds: f64) {
-        self.plant.set_condition(input, faults, time_seconds);
+        if let Some(plant) = &mut self.plant {
+            plant.set_condition(input, faults, time_seconds);
+        }
     }
 
     /// The plant itself, if it is of this type.
-    pub(crate) fn plant<P: PortedPlant>(&self) -> Option<&P> {
-        let plant: &dyn Any = &*self.plant;
+    pub(crate) fn plant<P: Plant>(&self) -> Option<&P> {
+        let plant: &dyn Any = &**self.plant.as_ref()?;
         plant.downcast_ref()
     }
 }
@@ -159,13 +160,12 @@ impl ClockedPlant {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ports::{CURRENT, SingleAxis};
-    use crate::sma::Actuator;
-    use scenario::plant;
+    use crate::plant::{CURRENT, InvalidPlant, Port, Ports};
+    use crate::plants::sma::Actuator;
 
     fn clocked() -> ClockedPlant {
-        let plant = Actuator::new(&plant::Plant::default());
-        ClockedPlant::new(Box::new(SingleAxis::new(plant)))
+        let plant = Actuator::new(&scenario::plant::Plant::default());
+        ClockedPlant::new(Box::new(plant))
     }
 
     #[test]
@@ -197,21 +197,33 @@ mod tests {
         assert_eq!(plant.time, Duration::from_secs(1_000_000_000));
     }
 
-    /// Is no number from a time on.
-    #[derive(Debug)]
+    /// A plant whose height is `after` from a time on.
+    #[derive(Debug, Default)]
     struct Diverging {
-        ports: [Port; 2],
         seconds: f64,
         after: f64,
     }
 
-    impl PortedPlant for Diverging {
-        fn inputs(&self) -> &[Port] {
-            &[]
+    impl Plant for Diverging {
+        type Config = f64;
+
+        fn name() -> &'static str {
+            "diverging"
         }
 
-        fn outputs(&self) -> &[Port] {
-            &self.ports
+        fn new(after: &f64) -> Result<Self, InvalidPlant> {
+            Ok(Self {
+                after: *after,
+                ..Self::default()
+            })
+        }
+
+        fn ports(&self) -> Ports {
+            let ports = ["time_seconds", "height_metres"];
+            Ports {
+                outputs: ports.map(|name| Port::output(name, [0.0, 9.0])).into(),
+                ..Ports::default()
+            }
         }
 
         fn step(&mut self, duration_seconds: f64, _inputs: &[f64]) {
@@ -225,15 +237,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_named_and_the_plant_stops() {
+    fn an_output_that_is_not_finite_is_named_and_the_plant_stops() {
         for after in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            let ports = ["time_seconds", "height_metres"];
-            let ports = ports.map(|name| Port::output(name, [0.0, 9.0]));
-            let diverging = Diverging {
-                ports,
-                seconds: 0.0,
-                after,
-            };
+            let diverging = Diverging::new(&after).unwrap();
             let mut plant = ClockedPlant::new(Box::new(diverging));
             plant.advance_to(Duration::from_millis(400));
             assert_eq!((plant.failure(), plant.output(1)), (None, 1.0));

@@ -124,7 +124,7 @@ impl Drive {
         })
     }
 
-    /// The plant on the emulator's own clock; none's where another drive has it in hand.
+    /// The plant on the emulator's own clock; empty where another drive has it in hand.
     pub(crate) fn plant(&self) -> &ClockedPlant {
         &self.plant
     }

@@ -13,6 +13,7 @@ use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
 use crate::data_sheet::{dictionary, node_id};
 use crate::drive::{self, Drive};
+use crate::plant::Ports;
 use crate::truth::Truth;
 use crate::wires::Wires;
 
@@ -167,6 +168,7 @@ pub(crate) struct Parts {
 impl Parts {
     pub(crate) fn new(
         plant: &ClockedPlant,
+        ports: &Ports,
         wires: Wires,
         of: &DriveOf<'_>,
     ) -> Result<Self, InvalidEmulator> {
@@ -184,7 +186,7 @@ impl Parts {
         if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {
             set_product_code(&mut objects, code);
         }
-        drive::declare(&mut objects, plant, &wires);
+        drive::declare(&mut objects, plant, ports, &wires);
         drive::declare_unit(&mut objects, &scenario.wiring.unit);
         drive::set_truth_pace(&mut objects, place);
         Ok(Self {

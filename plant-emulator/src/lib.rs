@@ -3,10 +3,9 @@
 //! Comes in: a scenario, and the frames of whoever leads the drives. Goes out: the frames of the drives and disturbance
 //! modules of a plant, and the truth about the plant that no real drive publishes.
 //!
-//! [`ports`] says what a plant is to the emulator: named inputs and outputs; [`plant`] what a plant of one axis is, which has the
-//! same ports as all of its kind. [`sma`] is the actuator of the paper and [`dc_motor`] a motor with gearbox, one file for
-//! each part of the model; [`catalogue`] lists them with those that a bench from outside brings. [`drive`] and
-//! [`disturbance`] are the nodes that act on a plant; [`PlantEmulator`] is all of them and the plant as one participant.
+//! [`plant`] has the trait of all plants: named inputs and outputs, and time. [`plants`] are those that ship, one file for each part
+//! of a model; [`catalogue`] lists them with those that a bench from outside brings. [`drive`] and [`disturbance`] are the nodes
+//! that act on a plant; [`PlantEmulator`] is all of them and the plant as one participant.
 //!
 //! It does not know: control laws, what is expected of a run, and in which world it runs. The platform is named in `main.rs`
 //! only.
@@ -16,7 +15,6 @@ pub mod amplifier;
 pub mod catalogue;
 mod clocked_plant;
 mod data_sheet;
-pub mod dc_motor;
 pub mod disturbance;
 pub mod drive;
 mod drive_node;
@@ -24,14 +22,12 @@ mod faults;
 pub mod integrator;
 mod objects;
 pub mod plant;
-pub mod ports;
+pub mod plants;
 pub mod sensor;
-pub mod sma;
 pub mod thermal_protection;
 mod truth;
 mod wires;
 
-use std::io;
 use std::time::Duration;
 
 use canopen::device::PDOS_AND_SDOS;
@@ -50,9 +46,8 @@ pub use drive_node::DriveOf;
 use drive_node::{DriveNode, Parts};
 pub use objects::MissingObject;
 use plant::{InvalidPlant, Plant};
-use ports::{PortedPlant, Ports, SingleAxis};
 use scenario::Scenario;
-use scenario::wiring::IoOutput;
+use scenario::wiring::{IoOutput, RECORDED_MAX};
 use wires::Wires;
 
 /// Node-ID of the manager, by the bench's convention.
@@ -81,23 +76,15 @@ pub enum InvalidEmulator {
     /// There is no such plant.
     #[error("there is no plant `{0}`")]
     UnknownPlant(String),
-    /// A plant whose code is not the emulator's cannot be made.
-    #[error("plant: {0}")]
-    Elsewhere(String),
-    /// The machine does not let it be made now.
-    #[error("plant: {what}: {source}")]
-    Machine {
-        /// What it refuses.
-        what: String,
-        /// Why.
-        source: io::Error,
-    },
     /// The table of a plant from outside is that of another one.
     #[error("plant: {0}")]
     Parameters(#[from] toml::de::Error),
     /// The plant has no such port.
     #[error("the plant has no port `{0}`")]
     UnknownPort(String),
+    /// The frames of a drive have no room for that many outputs.
+    #[error("the drive would publish {0} outputs of the plant (limit {RECORDED_MAX})")]
+    TooManyOutputs(usize),
     /// A sensor cannot have this unit.
     #[error("the port `{port}` cannot be measured in {unit}")]
     Unit {
@@ -156,12 +143,12 @@ struct Module {
 }
 
 impl PlantEmulator {
-    /// The emulator of a plant of one axis with these parameters in a scenario, with the objects of the shipped data sheets.
+    /// The emulator of a plant with these parameters in a scenario, with the objects of the shipped data sheets.
     ///
     /// # Errors
     /// A plant that makes no sense, or a data sheet that does not suit.
     pub fn new<P: Plant>(scenario: &Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
-        let plant = Box::new(SingleAxis::new(P::new(config)?));
+        let plant = Box::new(P::new(config)?);
         let database = Database::shipped();
         let only = DriveOf {
             scenario,
@@ -169,7 +156,7 @@ impl PlantEmulator {
             database,
             clock: &ScenarioClock::new(database, ["drive"])?,
         };
-        Self::of(P::NAME, plant, &[only])
+        Self::of(P::name(), plant, &[only])
     }
 
     /// The emulator of a plant with these drives; errors call the plant `name`.
@@ -178,13 +165,10 @@ impl PlantEmulator {
     /// A port that the plant has not, or a data sheet that does not suit.
     pub fn of(
         name: &str,
-        plant: Box<dyn PortedPlant>,
+        plant: Box<dyn Plant>,
         drives: &[DriveOf<'_>],
     ) -> Result<Self, InvalidEmulator> {
-        let ports = Ports {
-            inputs: plant.inputs().to_vec(),
-            outputs: plant.outputs().to_vec(),
-        };
+        let ports = plant.ports();
         let mut in_hand = ClockedPlant::new(plant);
         let mut sorted = Vec::from_iter(drives);
         sorted.sort_by_key(|drive| drive.place.drive_node_id);
@@ -204,7 +188,7 @@ impl PlantEmulator {
                     outputs: wires.outputs.clone(),
                 });
             }
-            parts.push((Parts::new(&in_hand, wires, of)?, of));
+            parts.push((Parts::new(&in_hand, &ports, wires, of)?, of));
         }
         for (parts, of) in parts {
             let plant = std::mem::replace(&mut in_hand, ClockedPlant::none());
@@ -219,19 +203,13 @@ impl PlantEmulator {
         })
     }
 
-    /// The plant of one axis, if it is of this type, as far as it has been brought up to date: to the latest SYNC or tick, or later.
+    /// The plant, if it is of this type, as far as it has been brought up to date: to the latest SYNC or tick, or later.
     #[must_use]
     pub fn plant<P: Plant>(&self) -> Option<&P> {
-        self.ported_plant::<SingleAxis<P>>().map(SingleAxis::plant)
-    }
-
-    /// The plant, if it is of this type.
-    #[must_use]
-    pub fn ported_plant<P: PortedPlant>(&self) -> Option<&P> {
         self.in_hand()?.plant()
     }
 
-    /// What acts on the plant, in the order of its inputs.
+    /// Values at the inputs of the plant.
     #[must_use]
     pub fn inputs(&self) -> &[f64] {
         self.in_hand().map_or(&[], ClockedPlant::inputs)

@@ -1,114 +1,168 @@
-//! What every plant is: something that a current moves, behind the drive, its sensor and its amplifier.
+//! The trait of all plants, and the ports of a plant of one axis.
 
-use std::fmt;
+use std::any::Any;
+use std::{fmt, io};
 
-use scenario::fault::Faults;
+pub use scenario::fault::Faults;
 use scenario::own::Parameters;
+pub use scenario::port::{Port, Ports};
 
-/// Most signals of its own that a plant may have: what fits TPDO2, beside the true position, and TPDO3.
-pub const SIGNALS_MAX: usize = 6;
-
-/// A plant: parameters in, a current and disturbances in, a position and signals of its own out.
+/// A plant: parameters in, and from then on values at named ports.
 ///
-/// The emulator owns the rest: the drive node, sensor, amplifier, I²t protection, their faults, and time.
-pub trait Plant: Clone + fmt::Debug + Send + 'static {
-    /// Its name, and that of its table in a scenario.
-    const NAME: &'static str;
-
+/// Values come and go in the order of the ports, and a rig file wires drives and io nodes to them. The emulator owns the rest: the
+/// drive nodes, sensors, amplifiers, I²t protection, their faults, and when time passes. A plant of one axis has the ports of
+/// [`one_axis`], which need no rig file.
+pub trait Plant: Any + fmt::Debug + Send {
     /// Its parameters: what a scenario's table is read into.
-    type Config: Parameters;
+    type Config: Parameters
+    where
+        Self: Sized;
 
-    /// What can be wrong with it; by default nothing is. `()` for a plant to which no fault means anything.
-    type Condition: Copy + fmt::Debug + Default + PartialEq + Send;
+    /// Its name, and that of its table in a scenario or a rig file.
+    fn name() -> &'static str
+    where
+        Self: Sized;
 
-    /// Its own signals, at most [`SIGNALS_MAX`]: no real drive measures them, the emulated one publishes them at every SYNC.
-    const SIGNALS: &'static [Signal<Self>];
-
-    /// What more of it a sensor may measure, by a rig file; nobody publishes it.
-    const FURTHER: &'static [Signal<Self>] = &[];
-
-    /// The kinds of `[[fault.plant.…]]` that [`Plant::condition`] looks at; others are refused.
-    const FAULTS: &'static [&'static str] = &[];
+    /// The kinds of `[[fault.plant.…]]` that its conditions look at; others are refused.
+    #[must_use]
+    fn faults() -> &'static [&'static str]
+    where
+        Self: Sized,
+    {
+        &[]
+    }
 
     /// The plant with these parameters, at rest, without current and undisturbed.
     ///
     /// # Errors
     /// The parameters make no physical sense.
-    fn new(config: &Self::Config) -> Result<Self, InvalidPlant>;
+    fn new(config: &Self::Config) -> Result<Self, InvalidPlant>
+    where
+        Self: Sized;
 
-    /// What is wrong with it at a scenario time.
-    fn condition(_faults: &Faults, _time_seconds: f64) -> Self::Condition {
-        Self::Condition::default()
+    /// The ports of the plant with these parameters, for a plant that takes more than memory to make.
+    ///
+    /// # Errors
+    /// As [`Plant::new`].
+    fn ports_by(config: &Self::Config) -> Result<Ports, InvalidPlant>
+    where
+        Self: Sized,
+    {
+        Ok(Self::new(config)?.ports())
     }
 
-    /// Whether a current can flow through it.
-    fn conducts(_condition: &Self::Condition) -> bool {
+    /// Inputs that act on it and outputs that are seen of it. They depend on the parameters alone.
+    fn ports(&self) -> Ports;
+
+    /// Lets time pass under constant inputs, a millisecond or less in most runs. Many short steps come to the same as one long one.
+    /// Allocates nothing.
+    fn step(&mut self, duration_seconds: f64, inputs: &[f64]);
+
+    /// Writes the outputs. Allocates nothing.
+    fn read(&self, outputs: &mut [f64]);
+
+    /// The temperature of the part that a current at an input heats; `None` where it is not known.
+    fn heated_celsius(&self, _input: usize) -> Option<f64> {
+        None
+    }
+
+    /// Whether a current can flow through an input.
+    fn conducts(&self, _input: usize) -> bool {
         true
     }
 
-    /// Lets time pass under constant inputs, a millisecond or less in most runs. Many short steps come to the same as one
-    /// long one.
-    fn step(&mut self, duration_seconds: f64, inputs: &Inputs<Self::Condition>);
+    /// Whether the faults at a scenario time change the condition of the part behind an input.
+    fn is_condition_new(&self, _input: usize, _faults: &Faults, _time_seconds: f64) -> bool {
+        false
+    }
 
-    /// What the position sensor sees.
-    fn position_metres(&self) -> f64;
+    /// Takes over the condition that the faults at a scenario time give the part behind an input.
+    fn set_condition(&mut self, _input: usize, _faults: &Faults, _time_seconds: f64) {}
 
-    /// The part that the current heats.
-    fn temperature_celsius(&self) -> f64;
+    /// Why it cannot go on, such as a model that ended by itself; `None` while it can. The emulator finds outputs that are not finite.
+    fn failure(&self) -> Option<&str> {
+        None
+    }
 }
 
-/// What acts on a plant.
+/// Place of the current among the inputs of [`one_axis`].
+pub const CURRENT: usize = 0;
+
+/// Range of the current, in A.
+const CURRENT_RANGE: [f64; 2] = [-1.0, 1.0];
+/// Ranges of the 16-bit outputs of the module with fan and load.
+const CONVECTION_RANGE: [f64; 2] = [0.0, 32.767];
+const LOAD_RANGE: [f64; 2] = [-3.276_8, 3.276_7];
+/// The travel of the rig that ships.
+const TRAVEL_METRES: [f64; 2] = [0.0, 0.06];
+
+/// The ports of a plant of one axis: [`Inputs`] act on it, and its position and these further outputs are seen of it.
+#[must_use]
+pub fn one_axis(further: impl IntoIterator<Item = Port>) -> Ports {
+    let position =
+        Port::output("position_metres", TRAVEL_METRES).with_comment("Position of the load.");
+    Ports {
+        inputs: vec![
+            Port::input("current_amperes", CURRENT_RANGE)
+                .with_comment("Current that the amplifier puts out."),
+            Port::input("convection_factor", CONVECTION_RANGE)
+                .resting_at(1.0)
+                .with_comment("Multiplies the convection to the air."),
+            Port::input("added_load_kilograms", LOAD_RANGE).with_comment("Added to the load."),
+        ],
+        outputs: [position].into_iter().chain(further).collect(),
+    }
+}
+
+/// Inputs of a plant of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Inputs<C> {
+pub struct Inputs {
     /// Current that the amplifier puts out.
     pub current_amperes: f64,
     /// Multiplies the convection to the air; 1 in still air.
     pub convection_factor: f64,
     /// Added to the load. For the shipped plants a scenario never takes more than there is.
     pub added_load_kilograms: f64,
-    /// What is wrong with the plant.
-    pub condition: C,
 }
 
-impl<C: Default> Default for Inputs<C> {
+impl Inputs {
+    /// From values in the order of [`one_axis`].
+    #[must_use]
+    #[inline]
+    pub fn of(inputs: &[f64]) -> Self {
+        let [current_amperes, convection_factor, added_load_kilograms] =
+            inputs.try_into().unwrap_or_default();
+        Self {
+            current_amperes,
+            convection_factor,
+            added_load_kilograms,
+        }
+    }
+
+    /// Values in the order of [`one_axis`].
+    #[must_use]
+    pub fn values(&self) -> [f64; 3] {
+        [
+            self.current_amperes,
+            self.convection_factor,
+            self.added_load_kilograms,
+        ]
+    }
+}
+
+impl Default for Inputs {
     /// No current, still air, the load alone.
     fn default() -> Self {
         Self {
             current_amperes: 0.0,
             convection_factor: 1.0,
             added_load_kilograms: 0.0,
-            condition: C::default(),
         }
     }
 }
 
-/// A signal of a plant's own: 16 bits on the bus.
-#[derive(Debug)]
-pub struct Signal<P> {
-    /// Its name in DBC and recording; the unit is its end.
-    pub name: &'static str,
-    /// The unit as the DBC writes it; empty for a number without one.
-    pub unit: &'static str,
-    /// What it is.
-    pub comment: &'static str,
-    /// Steps of one unit on the bus: 100 for a resolution of 0.01.
-    pub steps_per_unit: f64,
-    /// Lowest and highest value; the signal is signed where the lowest is negative.
-    pub range: [f64; 2],
-    /// Reads it.
-    pub value: fn(&P) -> f64,
-}
-
-impl<P> Signal<P> {
-    /// Whether its 16 bits have a sign.
-    #[must_use]
-    pub fn is_signed(&self) -> bool {
-        self.range[0] < 0.0
-    }
-}
-
 /// Why a plant cannot be emulated.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum InvalidPlant {
     /// A parameter outside its range.
     #[error("{name} is {value}, it must be {requirement}")]
@@ -144,19 +198,27 @@ pub enum InvalidPlant {
         /// The limit: one by the step size.
         limit_per_second: f64,
     },
+    /// The machine does not let it be made now.
+    #[error("{what}: {source}")]
+    Machine {
+        /// The thing that it refuses.
+        what: String,
+        /// Why.
+        source: io::Error,
+    },
     /// Anything else, in words.
     #[error("{0}")]
     Other(String),
 }
 
 impl InvalidPlant {
-    /// The parameter that is to blame, where it is one.
+    /// The parameter that is to blame, if it is one.
     #[must_use]
     pub fn parameter(&self) -> Option<&'static str> {
         match self {
             Self::OutOfRange { name, .. } => Some(name),
             Self::WrongOrder { cold_name, .. } => Some(cold_name),
-            Self::TooFast { .. } | Self::Other(_) => None,
+            Self::TooFast { .. } | Self::Machine { .. } | Self::Other(_) => None,
         }
     }
 }
@@ -164,7 +226,7 @@ impl InvalidPlant {
 /// Refuses a parameter that is not above 0.
 ///
 /// # Errors
-/// So it is.
+/// It is not.
 pub fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "above 0", |value| value > 0.0)
 }
@@ -172,15 +234,15 @@ pub fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
 /// Refuses a negative parameter.
 ///
 /// # Errors
-/// So it is.
+/// It is negative.
 pub fn not_negative(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "0 or above", |value| value >= 0.0)
 }
 
-/// Refuses a parameter that is no number.
+/// Refuses a parameter that is not finite.
 ///
 /// # Errors
-/// So it is.
+/// It is not.
 pub fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "a finite number", |_| true)
 }
@@ -188,7 +250,7 @@ pub fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
 /// Refuses a parameter that does not meet its requirement.
 ///
 /// # Errors
-/// So it is.
+/// It does not.
 pub fn require(
     name: &'static str,
     value: f64,
@@ -206,10 +268,10 @@ pub fn require(
     }
 }
 
-/// Refuses a part that is faster than one by the integration step.
+/// Refuses a part that changes faster than once per integration step.
 ///
 /// # Errors
-/// So it is.
+/// It does.
 pub fn follows(
     part: &'static str,
     rate_per_second: f64,

@@ -1,10 +1,9 @@
 //! Which ports of a plant a drive is wired to: their places, found once.
 
 use scenario::port::{Port, Ports, conversion};
-use scenario::wiring::{IoOutput, Wiring};
+use scenario::wiring::{IoOutput, RECORDED_MAX, Wiring};
 
 use crate::InvalidEmulator;
-use crate::plant::SIGNALS_MAX;
 
 /// An output that a drive publishes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,9 +47,10 @@ impl Wires {
         let factor = wiring.unit.factor_from(&ports.outputs[output].unit);
         let recorded = wiring
             .recorded(ports)
-            .map_err(InvalidEmulator::UnknownPort)?
-            .into_iter()
-            .take(SIGNALS_MAX);
+            .map_err(InvalidEmulator::UnknownPort)?;
+        if recorded.len() > RECORDED_MAX {
+            return Err(InvalidEmulator::TooManyOutputs(recorded.len()));
+        }
         let place = |name: &Option<String>| {
             let name = name.as_deref()?;
             ports.input(name)
@@ -67,7 +67,7 @@ impl Wires {
                 unit: wiring.unit.to_string(),
             })?,
             counts_per_metre: wiring.unit.counts() * 1e3,
-            published: recorded
+            published: (recorded.into_iter())
                 .map(|(output, port)| published(output, port))
                 .collect(),
             fan: place(&wiring.fan),

@@ -1,6 +1,8 @@
 //! The DC motor's physics, held to closed forms and to numbers of the data sheet that are no parameters.
 
-use plant_emulator::dc_motor::{DcMotor, Inputs};
+use plant_emulator::plant::{CURRENT, Inputs, Plant};
+use plant_emulator::plants::dc_motor::DcMotor;
+use scenario::Scenario;
 use scenario::plant::DcMotor as Config;
 
 /// `g`, m/s².
@@ -302,14 +304,15 @@ fn the_load_rests_on_its_stop_until_the_current_lifts_it() {
 fn a_jammed_pinion_stands_and_a_dropped_load_no_longer_pulls() {
     let config = config(false, 20.0);
     let mut motor = DcMotor::let_go_at(&config, 0.03);
-    let mut inputs = current(holding_amperes(&config, 0.03));
-    inputs.condition.is_jammed = true;
-    inputs.current_amperes = 1.0;
-    motor.advance(1.0, &inputs);
+    let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n[plant.dc_motor]\n\
+                [[fault.plant.jammed_pulley]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
+                [[fault.plant.dropped_load]]\nfrom_seconds = 2.0\n";
+    let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+    motor.set_condition(CURRENT, &scenario.faults, 1.5);
+    motor.advance(1.0, &current(1.0));
     assert_eq!(motor.position_metres(), 0.03);
-    let mut inputs = current(holding_amperes(&config, 0.03));
-    inputs.condition.is_load_dropped = true;
-    motor.advance(60.0, &inputs);
+    motor.set_condition(CURRENT, &scenario.faults, 2.5);
+    motor.advance(60.0, &current(holding_amperes(&config, 0.03)));
     let higher = config.load_kilograms * GRAVITY / config.spring_newtons_per_metre;
     assert!((motor.position_metres() - 0.03 - higher).abs() < 1e-6);
 }

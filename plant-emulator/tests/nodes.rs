@@ -7,7 +7,7 @@ use std::time::Duration;
 use canopen::cia402::State;
 use canopen::{AbortCode, CanFrame, Progress};
 use manager::{DISTURBANCE, DRIVE, Manager, milliseconds};
-use plant_emulator::sma::Actuator;
+use plant_emulator::plants::sma::Actuator;
 use proptest::prelude::*;
 
 const ENABLE_OPERATION: u16 = 0x0F;

@@ -6,7 +6,7 @@ use canopen::{CanFrame, Node, Progress};
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
-use plant_emulator::ports::{Port, PortedPlant};
+use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
 use scenario::Scenario;
 use scenario::port::Unit;
@@ -15,8 +15,6 @@ use scenario::wiring::Wiring;
 /// Two currents add up to an angle by the second; after a time it is something else.
 #[derive(Debug)]
 struct Arm {
-    inputs: [Port; 2],
-    outputs: [Port; 1],
     angle: f64,
     seconds: f64,
     breaks_at_seconds: f64,
@@ -24,19 +22,13 @@ struct Arm {
 }
 
 impl Arm {
-    fn new() -> Self {
+    fn sound() -> Self {
         Self::breaking(f64::INFINITY, 0.0)
     }
 
     /// An arm whose angle is `broken` after a time.
     fn breaking(breaks_at_seconds: f64, broken: f64) -> Self {
-        let input = |name| Port::input(name, [-1.0, 1.0]);
         Self {
-            inputs: [
-                input("left_current_amperes"),
-                input("right_current_amperes"),
-            ],
-            outputs: [Port::output("angle_degrees", [-90.0, 90.0])],
             angle: 0.0,
             seconds: 0.0,
             breaks_at_seconds,
@@ -45,13 +37,23 @@ impl Arm {
     }
 }
 
-impl PortedPlant for Arm {
-    fn inputs(&self) -> &[Port] {
-        &self.inputs
+impl Plant for Arm {
+    type Config = ();
+
+    fn name() -> &'static str {
+        "arm"
     }
 
-    fn outputs(&self) -> &[Port] {
-        &self.outputs
+    fn new((): &()) -> Result<Self, InvalidPlant> {
+        Ok(Self::sound())
+    }
+
+    fn ports(&self) -> Ports {
+        let inputs = ["left_current_amperes", "right_current_amperes"];
+        Ports {
+            inputs: inputs.map(|name| Port::input(name, [-1.0, 1.0])).into(),
+            outputs: vec![Port::output("angle_degrees", [-90.0, 90.0])],
+        }
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
@@ -155,7 +157,7 @@ impl Bench {
 
 #[test]
 fn two_drives_move_one_plant_and_measure_the_same() {
-    let mut bench = Bench::enabled(Arm::new());
+    let mut bench = Bench::enabled(Arm::sound());
     let mut positions = Vec::new();
     for _ in 0..2001 {
         positions = bench.cycle(15, [800, 300]);
@@ -197,7 +199,7 @@ fn a_plant_that_is_no_number_ends_the_run_by_name_and_has_no_current() {
 
 #[test]
 fn a_drive_that_is_wired_to_nothing_is_refused() {
-    let error = emulator(Arm::new(), &["left", "middle"].map(scenario)).unwrap_err();
+    let error = emulator(Arm::sound(), &["left", "middle"].map(scenario)).unwrap_err();
     assert_eq!(
         error.to_string(),
         "the plant has no port `middle_current_amperes`"

@@ -1,6 +1,7 @@
 //! What holds for the physics under any history of current, fan and load.
 
-use plant_emulator::sma::{Actuator, Inputs};
+use plant_emulator::plant::Inputs;
+use plant_emulator::plants::sma::Actuator;
 use proptest::prelude::*;
 use scenario::plant::{Plant, StressStrain};
 
@@ -17,7 +18,6 @@ fn inputs() -> impl Strategy<Value = Inputs> {
             current_amperes: (2.0 * current - 0.5).clamp(0.0, 1.0),
             convection_factor,
             added_load_kilograms: load,
-            ..Inputs::default()
         },
     )
 }

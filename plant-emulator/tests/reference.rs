@@ -1,6 +1,7 @@
 //! The reference trajectories, made by an independent event-located integrator, are met at the shipped step size.
 
-use plant_emulator::sma::{Actuator, Inputs};
+use plant_emulator::plant::Inputs;
+use plant_emulator::plants::sma::Actuator;
 use scenario::plant::Plant;
 
 /// Time between two rows.

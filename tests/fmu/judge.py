@@ -436,7 +436,7 @@ def ours():
 def cost():
     """A step of 1 ms in the worker beside one of the emulator's own plant; printed, since machines differ."""
     for plant in ["sma", "dc_motor"]:
-        outputs = {"position_metres": "position_metres", "temperature_celsius": "temperature_celsius"}
+        outputs = {"position_metres": "position_metres"}
         path = table(f"{plant}3-cost", {"current_amperes": "current_amperes", **outputs})
         words = ["--steps", 20000, "--cost"]
         own = run("fmu-play", "--plant", plant, *words).strip()

@@ -40,22 +40,12 @@ pub(crate) struct NewArgs {
 /// What to write.
 #[derive(Debug, Subcommand)]
 pub(crate) enum What {
-    /// Write a crate for a plant: something that a current moves, behind the emulated drive
-    Plant(PlantArgs),
+    /// Write a crate for a plant, with a rig file that wires drives to it
+    Plant(CrateArgs),
     /// Write a crate for a control law: from a position and a set-point to a current
     Law(LawArgs),
     /// Write a rig file of two drives, with a scenario
     Rig(RigArgs),
-}
-
-/// The crate of a plant to write.
-#[derive(Args, Debug)]
-pub(crate) struct PlantArgs {
-    /// A plant with ports of its own, two inputs and three outputs, with the rig file that wires it
-    #[arg(long)]
-    pub ports: bool,
-    #[command(flatten)]
-    pub of: CrateArgs,
 }
 
 /// The crate of a law to write.
@@ -108,19 +98,8 @@ const PLANT: Skeleton = Skeleton {
     library: include_str!("plant/lib.rs"),
     program: include_str!("plant/main.rs"),
     scenario: include_str!("plant/scenario.toml"),
-    rig: None,
+    rig: Some(include_str!("plant/rig.toml")),
     readme: include_str!("plant/README.md"),
-};
-
-const PLANT_WITH_PORTS: Skeleton = Skeleton {
-    section: Section::Plant,
-    name: "my_plant",
-    manifest: include_str!("plant/manifest.toml"),
-    library: include_str!("plant/ports/lib.rs"),
-    program: include_str!("plant/ports/main.rs"),
-    scenario: include_str!("plant/ports/scenario.toml"),
-    rig: Some(include_str!("plant/ports/rig.toml")),
-    readme: include_str!("plant/ports/README.md"),
 };
 
 const LAW: Skeleton = Skeleton {
@@ -181,10 +160,7 @@ impl NewError {
 #[must_use]
 pub(crate) fn new(args: &NewArgs) -> Exit {
     let written = match &args.what {
-        What::Plant(PlantArgs { ports, of }) => {
-            let skeleton = if *ports { &PLANT_WITH_PORTS } else { &PLANT };
-            written(skeleton, of).map(|made| made.words(&of.name))
-        }
+        What::Plant(of) => written(&PLANT, of).map(|made| made.words(&of.name)),
         What::Law(LawArgs { loops, of }) => {
             let skeleton = if *loops == 1 { &LAW } else { &LAW_OF_LOOPS };
             written(skeleton, of).map(|made| made.words(&of.name))
@@ -361,7 +337,7 @@ mod tests {
 
     #[test]
     fn a_crate_is_written_once_and_nothing_of_the_skeleton_s_name_is_left() {
-        for skeleton in [&PLANT, &LAW, &PLANT_WITH_PORTS, &LAW_OF_LOOPS] {
+        for skeleton in [&PLANT, &LAW, &LAW_OF_LOOPS] {
             let folder = tempfile::tempdir().unwrap();
             let args = args(folder.path(), "swing_arm");
             let written_to = written(skeleton, &args).unwrap().folder;
@@ -403,22 +379,22 @@ mod tests {
     fn the_walk_throughs_show_what_the_skeletons_say() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
         for (page, skeletons) in [
-            ("your-plant.md", [PLANT, PLANT_WITH_PORTS]),
-            ("your-law.md", [LAW, LAW_OF_LOOPS]),
-            ("law-of-all-loops.md", [LAW, LAW_OF_LOOPS]),
+            ("your-plant.md", &[PLANT][..]),
+            ("your-law.md", &[LAW, LAW_OF_LOOPS]),
+            ("law-of-all-loops.md", &[LAW, LAW_OF_LOOPS]),
         ] {
             let page = fs::read_to_string(folder.join(page)).unwrap();
             let prose = page.split("```").step_by(2);
             let lines: usize = prose.map(|text| text.lines().count()).sum();
             assert!(lines < 100, "a walk is short");
-            let files = skeletons.each_ref();
-            let files = files.map(|one| {
+            let files = skeletons.iter().flat_map(|one| {
                 let rig = one.rig.unwrap_or_default();
                 [one.library, one.program, one.scenario, rig]
             });
+            let files = Vec::from_iter(files);
             for block in page.split("```").skip(1).step_by(2) {
                 let (kind, code) = block.split_once('\n').unwrap();
-                let is_shown = files.as_flattened().iter().any(|file| file.contains(code));
+                let is_shown = files.iter().any(|file| file.contains(code));
                 assert!(is_shown || kind == "sh", "not in the skeleton:\n{code}");
             }
         }

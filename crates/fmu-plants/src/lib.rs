@@ -1,22 +1,22 @@
 //! Plants of the emulator as models of FMUs.
 //!
-//! Comes in: a [`Plant`] or a [`PlantWithPorts`], by its parameters' schema and its ports. Goes out: a [`fmu::export::Exported`]
-//! model, which steps the plant as the emulator does. Faults are the bench's, so an FMU has none.
+//! Comes in: a [`Plant`], by its parameters' schema and its ports. Goes out: a [`fmu::export::Exported`] model, which steps the plant
+//! as the emulator does. Faults are the bench's, so an FMU has none.
 //!
 //! [`export!`] makes a `cdylib` the library of FMUs: the crate `fmu-library` for the plants that ship, a crate of one's own for its
 //! plants.
 
 mod parameters;
 
+use std::marker::PhantomData;
+
 use fmu::StartValue;
 use fmu::export::{Exported, Model, ModelVariable, Role, Running};
 use fmu::unit::of_name;
-use plant_emulator::dc_motor::DcMotor;
-use plant_emulator::plant::{InvalidPlant, Plant};
-use plant_emulator::ports::{CURRENT, PlantWithPorts, Port, PortedPlant, SingleAxis};
-use plant_emulator::sma::Actuator;
-use plant_emulator::sma::pair::SmaPair;
-use scenario::own;
+use plant_emulator::plant::{Plant, Port, Ports};
+use plant_emulator::plants::dc_motor::DcMotor;
+use plant_emulator::plants::sma::Actuator;
+use plant_emulator::plants::sma::pair::SmaPair;
 
 #[doc(hidden)]
 pub use fmu;
@@ -29,19 +29,19 @@ const NOT_THE_ACTUATOR_S: [&str; 5] = ["amplifier", "dc_motor", "fmu", "sensor",
 #[must_use]
 pub fn shipped() -> Vec<Box<dyn Exported>> {
     vec![
-        Box::new(Of {
+        Box::new(Of::<Actuator> {
             name: "sma",
             description: "A shape-memory-alloy wire that lifts a load by a pulley, by a paper's model.",
             without: &NOT_THE_ACTUATOR_S,
-            ..of_one_axis::<Actuator>()
+            ..Of::new()
         }),
-        Box::new(Of {
+        Box::new(Of::<DcMotor> {
             description: "A DC motor that lifts a load through gearbox, pinion and rack, against a spring.",
-            ..of_one_axis::<DcMotor>()
+            ..Of::new()
         }),
-        Box::new(Of {
+        Box::new(Of::<SmaPair> {
             description: "A joint that two shape-memory-alloy wires turn, one each way.",
-            ..with_ports::<SmaPair>()
+            ..Of::new()
         }),
     ]
 }
@@ -49,23 +49,16 @@ pub fn shipped() -> Vec<Box<dyn Exported>> {
 /// A plant from outside.
 #[must_use]
 pub fn plant<P: Plant>() -> Box<dyn Exported> {
-    Box::new(of_one_axis::<P>())
+    Box::new(Of::<P>::new())
 }
 
-/// A plant with ports from outside.
-#[must_use]
-pub fn plant_with_ports<P: PlantWithPorts>() -> Box<dyn Exported> {
-    Box::new(with_ports::<P>())
-}
-
-/// Makes a crate of type `cdylib` the library of its plants' FMUs, which are named as the bench's are:
-/// `export!(plant::<Motor>, plant_with_ports::<Heater>)`.
+/// Makes a crate of type `cdylib` the library of its plants' FMUs: `export!(Motor, Heater)`.
 #[macro_export]
 macro_rules! export {
-    ($($kind:ident::<$plant:ty>),+ $(,)?) => {
+    ($($plant:ty),+ $(,)?) => {
         const _: () = {
             fn models() -> Vec<Box<dyn $crate::fmu::export::Exported>> {
-                vec![$($crate::$kind::<$plant>()),+]
+                vec![$($crate::plant::<$plant>()),+]
             }
             $crate::fmu::export!(models);
         };
@@ -73,95 +66,77 @@ macro_rules! export {
 }
 
 /// A plant as a model.
-struct Of<C> {
+struct Of<P> {
     name: &'static str,
     description: &'static str,
     /// Tables of its parameters that are left out.
     without: &'static [&'static str],
-    /// What is seen of it beside its ports: names, and the inputs whose currents heat what they are the temperatures of.
-    heated: &'static [(&'static str, usize)],
-    make: fn(&C) -> Result<Box<dyn PortedPlant>, InvalidPlant>,
+    plant: PhantomData<fn() -> P>,
 }
 
-fn of_one_axis<P: Plant>() -> Of<P::Config> {
-    Of {
-        name: P::NAME,
-        description: "",
-        without: &[],
-        heated: &[("temperature_celsius", CURRENT)],
-        make: |config| Ok(Box::new(SingleAxis::new(P::new(config)?))),
+impl<P: Plant> Of<P> {
+    fn new() -> Self {
+        Self {
+            name: P::name(),
+            description: "",
+            without: &[],
+            plant: PhantomData,
+        }
     }
-}
 
-fn with_ports<P: PlantWithPorts>() -> Of<P::Config> {
-    Of {
-        name: P::NAME,
-        description: "",
-        without: &[],
-        heated: &[],
-        make: |config| Ok(Box::new(P::new(config)?)),
-    }
-}
-
-impl<C: own::Parameters> Of<C> {
     fn parameters(&self) -> Parameters {
-        Parameters::of::<C>(self.without)
+        Parameters::of::<P::Config>(self.without)
     }
 
-    fn made(&self, parameters: &[StartValue]) -> Result<Box<dyn PortedPlant>, String> {
-        let config = self.parameters().read::<C>(parameters)?;
-        (self.make)(&config).map_err(|error| error.to_string())
+    fn made(&self, parameters: &[StartValue]) -> Result<P, String> {
+        let config = self.parameters().read::<P::Config>(parameters)?;
+        P::new(&config).map_err(|error| error.to_string())
+    }
+
+    /// The ports by the defaults of all parameters.
+    fn ports(&self) -> Result<Ports, String> {
+        let defaults = Vec::from_iter(self.parameters().defaults());
+        Ok(self.made(&defaults)?.ports())
     }
 }
 
-impl<C: own::Parameters> Exported for Of<C> {
+impl<P: Plant> Exported for Of<P> {
     fn name(&self) -> &str {
         self.name
     }
 
-    /// Its ports are those that it has by its defaults.
     fn model(&self) -> Result<Model, String> {
+        let Ports { inputs, outputs } = self.ports()?;
         let parameters = self.parameters();
-        let plant = self.made(&Vec::from_iter(parameters.defaults()))?;
-        let inputs = plant.inputs().iter();
-        let inputs = inputs.map(|port| of_port(port, Role::Input(port.at_rest)));
-        let outputs = plant.outputs().iter();
-        let outputs = outputs.map(|port| of_port(port, Role::Output));
-        let heated = self.heated.iter().map(|(name, _)| ModelVariable {
-            name: (*name).to_owned(),
-            description: "Temperature of the part that the current heats.".to_owned(),
-            unit: of_name(name).map_or("", |known| known.symbol),
-            role: Role::Output,
-        });
-        let seen = inputs.chain(outputs).chain(heated);
+        let seen = outputs.iter().map(|port| of_port(port, Role::Output));
+        let acting = inputs.iter();
+        let acting = acting.map(|port| of_port(port, Role::Input(port.at_rest)));
         Ok(Model {
             name: self.name.to_owned(),
             description: self.description.to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            variables: seen.chain(parameters.variables()).collect(),
+            variables: acting.chain(seen).chain(parameters.variables()).collect(),
         })
     }
 
     fn start(&self, parameters: &[StartValue]) -> Result<Box<dyn Running>, String> {
         let plant = self.made(parameters)?;
-        let described = self.made(&Vec::from_iter(self.parameters().defaults()))?;
-        if !has_the_ports_of(&*plant, &*described) {
+        if !have_the_same_names(&plant.ports(), &self.ports()?) {
             return Err(
                 "with these parameters it has other ports than it was exported with".to_owned(),
             );
         }
         Ok(Box::new(Runs {
-            heated: self.heated,
+            outputs: plant.ports().outputs.len(),
             plant,
         }))
     }
 }
 
-/// Whether two plants have ports of the same names.
-fn has_the_ports_of(one: &dyn PortedPlant, other: &dyn PortedPlant) -> bool {
-    let names = |plant: &dyn PortedPlant| {
+fn have_the_same_names(one: &Ports, other: &Ports) -> bool {
+    let names = |ports: &Ports| {
         let names = |ports: &[Port]| Vec::from_iter(ports.iter().map(|port| port.name.clone()));
-        [names(plant.inputs()), names(plant.outputs())]
+        [names(&ports.inputs), names(&ports.outputs)]
     };
     names(one) == names(other)
 }
@@ -175,23 +150,20 @@ fn of_port(port: &Port, role: Role) -> ModelVariable {
     }
 }
 
-/// A plant that runs.
-struct Runs {
-    plant: Box<dyn PortedPlant>,
-    heated: &'static [(&'static str, usize)],
+/// A plant that runs, and the number of its outputs.
+struct Runs<P> {
+    plant: P,
+    outputs: usize,
 }
 
-impl Running for Runs {
+impl<P: Plant> Running for Runs<P> {
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
         self.plant.step(duration_seconds, inputs);
     }
 
     fn outputs(&self) -> Vec<f64> {
-        let mut outputs = vec![0.0; self.plant.outputs().len()];
+        let mut outputs = vec![0.0; self.outputs];
         self.plant.read(&mut outputs);
-        let heated = self.heated.iter();
-        outputs
-            .extend(heated.map(|(_, input)| self.plant.heated_celsius(*input).unwrap_or(f64::NAN)));
         outputs
     }
 }

@@ -3,13 +3,9 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use dbc::names::{
-    self, CURRENT, POSITION, RPDO1, TARGET_CURRENT, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION,
-    TRUE_POSITION_IN, message,
-};
+use dbc::names::{self, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION_IN, message};
 use dbc::{Composer, Database, LawTerm, Message, PlantSignal, PositionUnit, Range};
 use scenario::node::{LoopNodes, Node};
-use scenario::plant::SMA_ACTUATOR;
 use scenario::port::{Port, Ports, Unit};
 use scenario::wiring::IoOutput;
 use scenario::{Objection, Scenario};
@@ -18,26 +14,22 @@ use crate::rig_file::LoadedRig;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
 
-/// Columns of each drive, besides the signals of its plant.
-const COLUMNS_OF_DRIVE: [&str; 4] = [POSITION, CURRENT, TARGET_CURRENT, TRUE_POSITION];
-
-/// Why a scenario's plant, or its law, makes no sense.
+/// The reason why a scenario's plant, or its law, makes no sense.
 type FindObjection = fn(&Scenario) -> Option<Objection>;
 
-/// The ports of a scenario's plant; none for a plant that nobody knows here, or that cannot be made.
+/// The ports of a scenario's plant; `None` for a plant that is not known here, or that cannot be made.
 type FindPorts = fn(&Scenario) -> Option<Ports>;
 
-/// The terms that a scenario's law publishes; none for a law that nobody knows here.
+/// The terms that a scenario's law publishes; empty for a law that is not known here.
 type FindTerms = fn(&Scenario) -> Vec<LawTerm>;
 
 /// The plants and laws that scenarios may choose.
 ///
-/// It knows them by what they put on the bus, not by their code: who plays them hands in the rest.
+/// It knows them by their ports and terms, not by their code: who plays them hands in the rest.
 pub struct Catalogue {
-    /// Plants of one axis, of which a drive always publishes the same.
-    plants: Vec<(String, Vec<PlantSignal>)>,
     plant_objection: FindObjection,
-    find_ports: FindPorts,
+    /// `None` where all plants are taken to publish what the shipped DBC has.
+    find_ports: Option<FindPorts>,
     law_objection: FindObjection,
     /// `None` where all laws are taken to publish what the shipped DBC has.
     find_terms: Option<FindTerms>,
@@ -45,7 +37,7 @@ pub struct Catalogue {
     frames: Mutex<Vec<Arc<Frames>>>,
 }
 
-/// What a loop puts on the bus, by its plant, its law and its io node.
+/// The part of the frames of a loop that follows from its plant, its law and its io node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Published {
     /// The signals of its plant that its drive publishes.
@@ -59,23 +51,26 @@ pub(crate) struct Published {
 }
 
 impl Catalogue {
-    /// The plants of one axis, each by its name with what it says on the bus. `plant_objection` says why a scenario's plant makes no
-    /// physical sense, and `find_ports` which ports it has. All laws publish what the shipped DBC has.
+    /// The SMA actuator under the sliding-mode law, by the DBC that ships: enough to read its recordings without any plant's code.
     #[must_use]
-    pub fn new<'a>(
-        plants: impl Iterator<Item = (&'a str, &'a [PlantSignal])>,
-        plant_objection: FindObjection,
-        find_ports: FindPorts,
-    ) -> Self {
+    pub fn shipped() -> Self {
         Self {
-            plants: plants
-                .map(|(name, signals)| (name.to_owned(), signals.to_vec()))
-                .collect(),
-            plant_objection,
-            find_ports,
+            plant_objection: |_| None,
+            find_ports: None,
             law_objection: |_| None,
             find_terms: None,
             frames: Mutex::default(),
+        }
+    }
+
+    /// Plants, by their ports, and by what says why a scenario's plant makes no physical sense. All laws publish what the shipped DBC
+    /// has.
+    #[must_use]
+    pub fn new(find_ports: FindPorts, plant_objection: FindObjection) -> Self {
+        Self {
+            find_ports: Some(find_ports),
+            plant_objection,
+            ..Self::shipped()
         }
     }
 
@@ -89,32 +84,14 @@ impl Catalogue {
         }
     }
 
-    /// The SMA actuator under the sliding-mode law, by the DBC that ships: enough to read its recordings without any plant's code.
-    #[must_use]
-    pub fn shipped() -> Self {
-        let messages = Database::shipped().plant_messages("drive");
-        let signals = messages.flat_map(|message| &message.signals);
-        let own = signals.filter(|signal| !signal.name.starts_with(TRUE_POSITION_IN));
-        let wire = own.map(|signal| PlantSignal {
-            name: signal.name.clone(),
-            unit: signal.unit.clone(),
-            comment: signal.comment.clone(),
-            resolution: signal.coding.factor,
-            range: signal.coding.range.unwrap_or(Range {
-                minimum: 0.0,
-                maximum: 1.0,
-            }),
-        });
-        let wire = Vec::from_iter(wire);
-        let plants = [(SMA_ACTUATOR, wire.as_slice())];
-        Self::new(plants.into_iter(), |_| None, |_| None)
-    }
-
     /// The frames of a scenario's loop alone on its bus.
     #[must_use]
     pub fn frames(&self, scenario: &Scenario) -> Arc<Frames> {
         let published = Published {
-            signals: self.signals(scenario),
+            signals: match self.find_ports {
+                Some(_) => self.signals(scenario).unwrap_or_default(),
+                None => signals_of_the_wire(),
+            },
             terms: self.find_terms.map(|find| find(scenario)),
             outputs: self.outputs(scenario),
             unit: scenario.wiring.unit.clone(),
@@ -134,32 +111,18 @@ impl Catalogue {
         frames
     }
 
-    /// What the drive of a scenario publishes of its plant.
-    fn signals(&self, scenario: &Scenario) -> Vec<PlantSignal> {
-        let wiring = &scenario.wiring;
-        let is_plain = wiring.record.is_none()
-            && wiring.outputs.is_empty()
-            && wiring.unit == Unit::Millimetres;
-        let plant = scenario.plant.name();
-        let mut plants = self.plants.iter();
-        match plants.find(|(name, _)| is_plain && name == plant) {
-            Some((_, signals)) => signals.clone(),
-            None => self.published(scenario).unwrap_or_default(),
-        }
-    }
-
-    /// The ports of a scenario's plant; none where nobody knows them here.
-    #[must_use]
-    pub fn ports(&self, scenario: &Scenario) -> Option<Ports> {
-        (self.find_ports)(scenario)
-    }
-
-    /// What a drive publishes that does not always publish the same.
-    fn published(&self, scenario: &Scenario) -> Option<Vec<PlantSignal>> {
+    /// The signals that the drive of a scenario publishes of its plant.
+    fn signals(&self, scenario: &Scenario) -> Option<Vec<PlantSignal>> {
         let ports = self.ports(scenario)?;
         let recorded = scenario.wiring.recorded(&ports).ok()?;
         let signals = recorded.into_iter().map(|(_, port)| signal_of(port));
         Some(signals.collect())
+    }
+
+    /// The ports of a scenario's plant; `None` where they are not known here.
+    #[must_use]
+    pub fn ports(&self, scenario: &Scenario) -> Option<Ports> {
+        (self.find_ports?)(scenario)
     }
 
     /// The outputs of the io node of a scenario's plant, besides fan and load.
@@ -219,22 +182,6 @@ impl Catalogue {
         let path = format!("plant.{plant}.{}", below.unwrap_or_default());
         Some(Objection { path, ..objection })
     }
-
-    /// Refuses a plant with two signals that would be one column of `signals.csv`.
-    ///
-    /// # Errors
-    /// The first two of them, in words.
-    pub fn check(&self) -> Result<(), String> {
-        self.plants.iter().try_for_each(|(plant, signals)| {
-            let names = signals.iter().map(|signal| signal.name.as_str());
-            match twice(names.chain(COLUMNS_OF_DRIVE)) {
-                None => Ok(()),
-                Some(name) => Err(format!(
-                    "with the plant `{plant}` two signals are called `{name}`"
-                )),
-            }
-        })
-    }
 }
 
 /// Whether a scenario's plant is an FMU in a rig file.
@@ -242,13 +189,24 @@ fn is_wired_fmu(scenario: &Scenario) -> bool {
     scenario.plant.fmu.is_some() && !scenario.wiring.input.is_empty()
 }
 
-/// A term of a law that is called like another column of its loop.
+/// Two signals that would be one column: a term of the law called like another signal of its loop, or an output of the plant.
 fn two_columns(frames: &Frames, scenario: &Scenario) -> Option<Objection> {
     let name = name_of_two_columns(&frames.database, &frames.nodes, &frames.of_loop)?;
+    let mut terms = frames.published.terms.iter().flatten();
+    let (path, owner) = match terms.any(|term| term.name == name) {
+        true => (
+            format!("controller.{}", scenario.controller.law_name()),
+            "a term of this law",
+        ),
+        false => (
+            format!("plant.{}", scenario.plant.name()),
+            "an output of this plant",
+        ),
+    };
     Some(Objection {
-        path: format!("controller.{}", scenario.controller.law_name()),
+        path,
         message: format!("two signals are called `{name}`"),
-        label: "one is a term of this law: give it another name".to_owned(),
+        label: format!("one is {owner}: give it another name"),
         help: None,
     })
 }
@@ -382,6 +340,24 @@ impl Published {
     }
 }
 
+/// The signals of the wire, which the shipped DBC has.
+fn signals_of_the_wire() -> Vec<PlantSignal> {
+    let messages = Database::shipped().plant_messages("drive");
+    let signals = messages.flat_map(|message| &message.signals);
+    let own = signals.filter(|signal| !signal.name.starts_with(TRUE_POSITION_IN));
+    let wire = own.map(|signal| PlantSignal {
+        name: signal.name.clone(),
+        unit: signal.unit.clone(),
+        comment: signal.comment.clone(),
+        resolution: signal.coding.factor,
+        range: signal.coding.range.unwrap_or(Range {
+            minimum: 0.0,
+            maximum: 1.0,
+        }),
+    });
+    wire.collect()
+}
+
 /// A port as the bus has it.
 fn signal_of(port: &Port) -> PlantSignal {
     let [minimum, maximum] = port.range;
@@ -401,16 +377,13 @@ mod tests {
     use super::*;
     use crate::plan::Plan;
 
-    fn signal(name: &str) -> PlantSignal {
-        PlantSignal {
-            name: name.to_owned(),
-            unit: String::new(),
-            comment: String::new(),
-            resolution: 1.0,
-            range: Range {
-                minimum: 0.0,
-                maximum: 1.0,
-            },
+    /// A plant whose drive publishes one signal.
+    fn plant_with(signal: &str) -> Ports {
+        Ports {
+            inputs: vec![Port::input("current_amperes", [0.0, 1.0])],
+            outputs: ["position_metres", signal]
+                .map(|name| Port::output(name, [0.0, 1.0]))
+                .into(),
         }
     }
 
@@ -431,9 +404,7 @@ mod tests {
 
     #[test]
     fn plants_and_laws_have_frames_of_their_own() {
-        let motor = [signal("spring_force_newtons")];
-        let plants = [("sma_actuator", &[][..]), ("dc_motor", &motor[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), |_| None, |_| None);
+        let catalogue = Catalogue::new(|_| Some(plant_with("spring_force_newtons")), |_| None);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let frames = catalogue.frames(&scenario);
@@ -462,9 +433,13 @@ mod tests {
             "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
              position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n",
         );
-        let signals = [signal("a"), signal("b"), signal("c")];
-        let plants = [("dc_motor", &signals[..])].into_iter();
-        let catalogue = Catalogue::new(plants, |_| None, |_| None);
+        fn three() -> Ports {
+            let mut ports = plant_with("a");
+            let more = ["b", "c"].map(|name| Port::output(name, [0.0, 1.0]));
+            ports.outputs.extend(more);
+            ports
+        }
+        let catalogue = Catalogue::new(|_| Some(three()), |_| None);
         let catalogue = catalogue.with_laws(|_| vec![sum()], |_| None);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
@@ -481,11 +456,20 @@ mod tests {
     }
 
     #[test]
-    fn two_signals_of_one_name_are_refused() {
-        let double = [signal("position_millimetres")];
-        let plants = [("mine", &double[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), |_| None, |_| None);
-        let refused = "with the plant `mine` two signals are called `position_millimetres`";
-        assert_eq!(catalogue.check(), Err(refused.to_owned()));
+    fn two_signals_of_one_name_are_refused_with_their_owner() {
+        let plants = Catalogue::new(|_| Some(plant_with("position_millimetres")), |_| None);
+        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let said = |catalogue: &Catalogue| {
+            let objections = catalogue.objections(&scenario).into_iter();
+            Vec::from_iter(objections.map(|one| format!("{}: {}", one.path, one.message)))
+        };
+        let plants = plants.with_laws(|_| Vec::new(), |_| None);
+        let twice = "plant.sma_actuator: two signals are called `position_millimetres`";
+        assert_eq!(said(&plants), [twice]);
+        let laws = Catalogue::new(|_| Some(plant_with("sum")), |_| None);
+        let laws = laws.with_laws(|_| vec![sum()], |_| None);
+        let twice = "controller.open_loop: two signals are called `sum`";
+        assert_eq!(said(&laws), [twice]);
     }
 }

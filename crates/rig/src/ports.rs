@@ -1,7 +1,6 @@
 //! Whether the drives and io nodes of a rig file are wired to ports that its plants have.
 
 use scenario::loops::{Loops, OneLoop};
-use scenario::own::is_name;
 use scenario::port::{Direction, Port, Ports, Unit, conversion, unit_in};
 use scenario::wiring::RECORDED_MAX;
 use scenario::{Objection, Scenario, nearest};
@@ -65,7 +64,7 @@ struct Wired<'a> {
 }
 
 impl Wired<'_> {
-    /// A plant whose ports are none.
+    /// Ports that a plant cannot have.
     fn plant_objection(&self) -> Option<Objection> {
         let Ports { inputs, outputs } = self.ports;
         let count = inputs.len() + outputs.len();
@@ -78,26 +77,9 @@ impl Wired<'_> {
             let message = format!("the plant `{plant}` has {count} ports");
             return at_plant(message, format!("at most {PORTS_MAX}"));
         }
-        let all = Vec::from_iter(inputs.iter().chain(outputs));
-        for (place, port) in all.iter().enumerate() {
-            let name = &port.name;
-            let [min, max] = port.range;
-            let is_second = all[..place].iter().any(|other| other.name == *name);
-            let reason = match () {
-                () if !is_name(name) => "needs a name of small letters, digits and underscores",
-                () if is_second => "is there twice",
-                () if min.is_nan() || max.is_nan() || min >= max => {
-                    "has a range that ends where it has not begun"
-                }
-                () if !(port.steps_per_unit > 0.0 && port.steps_per_unit.is_finite()) => {
-                    "needs a number of steps per unit above 0"
-                }
-                () => continue,
-            };
-            let message = format!("the port `{name}` of the plant `{plant}` {reason}");
-            return at_plant(message, "this plant".to_owned());
-        }
-        None
+        let (port, reason) = self.ports.flaw()?;
+        let message = format!("the port `{}` of the plant `{plant}` {reason}", port.name);
+        at_plant(message, "this plant".to_owned())
     }
 
     /// The port of this name, which goes this way.

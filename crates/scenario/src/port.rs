@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::metrics::METRICS;
+use crate::own::is_name;
 
 /// Steps that 16 bits have.
 const STEPS_MAX: f64 = 32_767.0;
@@ -160,6 +161,33 @@ impl Port {
         }
     }
 
+    /// The reason why it cannot be a port of a plant, as the end of a sentence.
+    fn flaw(&self) -> Option<&'static str> {
+        let [min, max] = self.range;
+        // As the bus rounds: -32.768 in steps of 0.001 are -32768.
+        let [lowest, highest] = self.range.map(|end| libm::round(end * self.steps_per_unit));
+        let highest_max = match min < 0.0 {
+            true => f64::from(i16::MAX),
+            false => f64::from(u16::MAX),
+        };
+        let is_range = min < max;
+        match () {
+            () if !is_name(&self.name) => {
+                Some("needs a name of at most 64 small letters, digits and underscores")
+            }
+            () if !is_range => Some("has a range that ends where it has not begun"),
+            () if !(self.steps_per_unit > 0.0 && self.steps_per_unit.is_finite()) => {
+                Some("needs a number of steps per unit above 0")
+            }
+            () if self.has_range()
+                && !(lowest >= f64::from(i16::MIN) && highest <= highest_max) =>
+            {
+                Some("does not fit 16 bits over its range: take fewer steps per unit")
+            }
+            () => None,
+        }
+    }
+
     /// Whether its range is one: two finite numbers, the lower one first.
     #[must_use]
     pub fn has_range(&self) -> bool {
@@ -182,6 +210,17 @@ impl Ports {
     #[must_use]
     pub fn input(&self, name: &str) -> Option<usize> {
         self.inputs.iter().position(|port| port.name == name)
+    }
+
+    /// The first port that a plant cannot have, and the reason as the end of a sentence.
+    #[must_use]
+    pub fn flaw(&self) -> Option<(&Port, &'static str)> {
+        let all = Vec::from_iter(self.inputs.iter().chain(&self.outputs));
+        all.iter().enumerate().find_map(|(place, port)| {
+            let is_second = all[..place].iter().any(|other| other.name == port.name);
+            let reason = port.flaw().or(is_second.then_some("is there twice"))?;
+            Some((*port, reason))
+        })
     }
 
     /// The place of an output.
@@ -569,6 +608,26 @@ mod tests {
             ([-1e-310, 1e-310], 1.0),
         ] {
             assert!((steps_for(range) / steps - 1.0).abs() < 1e-9, "{range:?}");
+        }
+    }
+
+    #[test]
+    fn a_port_that_the_bus_cannot_carry_is_refused() {
+        let port = |name: &str, steps, min, max| Port::output(name, [min, max]).in_steps(steps);
+        assert_eq!(port("angle_degrees", 100.0, -180.0, 180.0).flaw(), None);
+        assert_eq!(port("speed", 1e3, -32.768, 32.767).flaw(), None);
+        let endless = port("turns", 1.0, f64::NEG_INFINITY, f64::INFINITY);
+        assert_eq!(endless.flaw(), None);
+        for (wrong, reason) in [
+            (port("Angle (°)", 1.0, 0.0, 1.0), "name"),
+            (port("angle", 0.0, 0.0, 1.0), "above 0"),
+            (port("angle", f64::NAN, 0.0, 1.0), "above 0"),
+            (port("angle", 1.0, 1.0, 1.0), "has not begun"),
+            (port("angle", 1.0, 1.0, f64::NAN), "has not begun"),
+            (port("angle", 1e3, -180.0, 180.0), "16 bits"),
+            (port("angle", 1.0, 0.0, 65_536.0), "16 bits"),
+        ] {
+            assert!(wrong.flaw().unwrap().contains(reason), "{wrong:?}");
         }
     }
 

@@ -3,23 +3,21 @@
 use std::sync::LazyLock;
 
 use controller::catalogue as laws;
+use plant_emulator::catalogue::PlantRow;
 use plant_emulator::{InvalidEmulator, catalogue as plants};
 use scenario::{Objection, Scenario};
 
 use rig::catalogue::Catalogue;
 
-use crate::fmu_plant;
+use crate::fmu_plant::{self, FmuPlant};
 
 /// Every plant and every law that a scenario may choose. Plants and laws from outside are registered before it is first used.
 #[must_use]
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
-        plants::register_fmu(fmu_plant::kind());
-        let of_one_axis = plants::kinds();
-        let of_one_axis = of_one_axis.filter_map(|kind| Some((kind.name(), kind.signals()?)));
-        let find_ports = |scenario: &Scenario| plants::ports(scenario).ok();
+        plants::register_fmu(PlantRow::of::<FmuPlant>());
         let find_terms = |scenario: &Scenario| laws::terms(&scenario.controller, &scenario.wiring);
-        let catalogue = Catalogue::new(of_one_axis, plant_objection, find_ports);
+        let catalogue = Catalogue::new(plants::ports, plant_objection);
         catalogue.with_laws(find_terms, law_objection)
     });
     &CATALOGUE
@@ -31,7 +29,10 @@ fn law_objection(scenario: &Scenario) -> Option<Objection> {
 
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
     let plant = scenario.plant.name();
-    if let Some(fmu) = scenario.plant.fmu.as_ref().filter(|_| is_wired(scenario)) {
+    if let Some(fmu) = &scenario.plant.fmu {
+        if scenario.wiring.loops.is_empty() {
+            return Some(without_rig(plant));
+        }
         return fmu_plant::objection(fmu);
     }
     let invalid = match plants::check(scenario) {
@@ -39,19 +40,8 @@ fn plant_objection(scenario: &Scenario) -> Option<Objection> {
         Err(
             InvalidEmulator::UnknownPort(_)
             | InvalidEmulator::Unit { .. }
-            | InvalidEmulator::Elsewhere(_)
-            | InvalidEmulator::Machine { .. },
-        ) => {
-            return Some(Objection {
-                path: format!("plant.{plant}"),
-                message: format!("the plant `{plant}` needs a rig file"),
-                label: "its ports are not those of one axis".to_owned(),
-                help: Some(
-                    "write schema = 2, and rig = \"FILE.toml\" for a rig file that wires its ports"
-                        .to_owned(),
-                ),
-            });
-        }
+            | InvalidEmulator::TooManyOutputs(_),
+        ) => return Some(without_rig(plant)),
         _ => return None,
     };
     let path = match invalid.parameter() {
@@ -66,9 +56,17 @@ fn plant_objection(scenario: &Scenario) -> Option<Objection> {
     })
 }
 
-/// Whether a rig file wires the plant.
-fn is_wired(scenario: &Scenario) -> bool {
-    !scenario.wiring.input.is_empty()
+/// The objection to a plant that no rig file wires, and that has other ports than those of one axis.
+fn without_rig(plant: &str) -> Objection {
+    Objection {
+        path: format!("plant.{plant}"),
+        message: format!("the plant `{plant}` needs a rig file"),
+        label: "its ports are not those of one axis".to_owned(),
+        help: Some(
+            "write schema = 2, and rig = \"FILE.toml\" for a rig file that wires its ports"
+                .to_owned(),
+        ),
+    }
 }
 
 #[cfg(test)]
@@ -96,7 +94,29 @@ mod tests {
     }
 
     #[test]
+    fn a_plant_with_other_ports_than_those_of_one_axis_needs_a_rig_file() {
+        for plant in ["sma_pair", "fmu"] {
+            let text = format!(
+                "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.{plant}]\n"
+            );
+            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            let message = plant_objection(&scenario).unwrap().message;
+            assert_eq!(message, format!("the plant `{plant}` needs a rig file"));
+        }
+    }
+
+    #[test]
     fn every_column_of_the_shipped_plants_and_laws_has_a_name_of_its_own() {
-        assert_eq!(catalogue().check(), Ok(()));
+        for tables in [
+            "[controller.sliding_mode]",
+            "[controller.pid]\n[plant.dc_motor]",
+        ] {
+            let text = format!(
+                "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n{tables}\n\
+                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
+            );
+            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            assert_eq!(catalogue().objections(&scenario), []);
+        }
     }
 }

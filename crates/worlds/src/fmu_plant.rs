@@ -13,23 +13,16 @@ use fmu::table::{self, Misfit, wiring};
 use fmu::unit::Conversion;
 use fmu::worker::{LOAD_PATIENCE, Remote};
 use fmu::{Archive, FmuError, Unpacked};
-use plant_emulator::InvalidEmulator;
-use plant_emulator::catalogue::Kind;
-use plant_emulator::ports::{Port, PortedPlant, Ports};
+use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use rig::plan::Plan;
+use scenario::Objection;
 use scenario::plant::{FMU, Fmu};
 use scenario::port::{symbol_of, unit_in};
-use scenario::{Objection, Scenario};
 
 use crate::fmu_worker;
 
 /// FMUs whose descriptions are kept.
 const KEPT_MAX: usize = 16;
-
-/// Plants that are FMUs, for the catalogue of plants.
-pub(crate) fn kind() -> Kind {
-    Kind::elsewhere(FMU, ports, make)
-}
 
 /// How much longer than others the drives of these loops may take until they are there.
 pub(crate) fn more_patience(plan: &Plan) -> Duration {
@@ -72,31 +65,21 @@ fn instance(fmu: &Fmu) -> String {
     name.to_string_lossy().into_owned()
 }
 
-fn of(scenario: &Scenario) -> Result<&Fmu, InvalidEmulator> {
-    let fmu = scenario.plant.fmu.as_ref();
-    fmu.ok_or_else(|| InvalidEmulator::UnknownPlant(FMU.to_owned()))
+fn invalid(error: impl ToString) -> InvalidPlant {
+    InvalidPlant::Other(error.to_string())
 }
 
-fn elsewhere(error: impl ToString) -> InvalidEmulator {
-    InvalidEmulator::Elsewhere(error.to_string())
-}
-
-/// The FMU of a scenario, and what its table makes of it.
-fn wired(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidEmulator> {
-    let opened = Opened::find(Path::new(&fmu.file)).map_err(elsewhere)?;
+/// The FMU of a table, and the ports that the table makes of its variables.
+fn wired(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> {
+    let opened = Opened::find(Path::new(&fmu.file)).map_err(invalid)?;
     let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
     let wiring = wiring.map_err(|misfit| {
-        elsewhere(FmuError {
+        invalid(FmuError {
             file: PathBuf::from(&fmu.file),
             fault: misfit.fault,
         })
     })?;
     Ok((opened, wiring))
-}
-
-fn ports(scenario: &Scenario) -> Result<Ports, InvalidEmulator> {
-    let (_, wiring) = wired(of(scenario)?)?;
-    Ok(ports_of(&wiring))
 }
 
 fn ports_of(wiring: &table::Wiring) -> Ports {
@@ -127,45 +110,11 @@ fn described(port: Port, of: &table::Port) -> Port {
     port.with_comment(&words)
 }
 
-fn make(scenario: &Scenario) -> Result<Box<dyn PortedPlant>, InvalidEmulator> {
-    let fmu = of(scenario)?;
-    let (opened, wiring) = wired(fmu)?;
-    let unpacked = opened.unpacked().map_err(|error| match error.fault {
-        Fault::File { place, source } => InvalidEmulator::Machine {
-            what: format!("{}: {place}", error.file.display()),
-            source,
-        },
-        _ => elsewhere(error),
-    })?;
-    let worker = fmu_worker::start().map_err(|source| InvalidEmulator::Machine {
-        what: format!("no process to load {} can be started", fmu.file),
-        source,
-    })?;
-    let mut raw = vec![0.0; wiring.outputs.len()];
-    let remote =
-        Remote::load(worker, &unpacked, &wiring.configuration, &mut raw).map_err(elsewhere)?;
-    let conversions = |ports: &[table::Port]| ports.iter().map(|port| port.conversion).collect();
-    let mut plant = FmuPlant {
-        ports: ports_of(&wiring),
-        remote: Some(remote),
-        _unpacked: unpacked,
-        time: Duration::ZERO,
-        from_ports: conversions(&wiring.inputs),
-        to_ports: conversions(&wiring.outputs),
-        set: vec![0.0; wiring.inputs.len()],
-        seen: vec![0.0; raw.len()],
-        raw,
-        failure: None,
-    };
-    plant.look();
-    Ok(Box::new(plant))
-}
-
 /// A plant that an FMU in a worker process plays.
 #[derive(Debug)]
-struct FmuPlant {
+pub(crate) struct FmuPlant {
     ports: Ports,
-    /// None once it has failed: its worker is gone.
+    /// `None` once it has failed: its worker is gone.
     remote: Option<Remote>,
     /// The files that the worker has open.
     _unpacked: Arc<Unpacked>,
@@ -173,9 +122,9 @@ struct FmuPlant {
     time: Duration,
     from_ports: Vec<Conversion>,
     to_ports: Vec<Conversion>,
-    /// What acts, in the FMU's units.
+    /// Inputs in the FMU's units.
     set: Vec<f64>,
-    /// What is seen, in the FMU's units and in those of the ports.
+    /// Outputs in the FMU's units, and in those of the ports.
     raw: Vec<f64>,
     seen: Vec<f64>,
     failure: Option<String>,
@@ -190,13 +139,54 @@ impl FmuPlant {
     }
 }
 
-impl PortedPlant for FmuPlant {
-    fn inputs(&self) -> &[Port] {
-        &self.ports.inputs
+impl Plant for FmuPlant {
+    type Config = Fmu;
+
+    fn name() -> &'static str {
+        FMU
     }
 
-    fn outputs(&self) -> &[Port] {
-        &self.ports.outputs
+    fn new(fmu: &Fmu) -> Result<Self, InvalidPlant> {
+        let (opened, wiring) = wired(fmu)?;
+        let unpacked = opened.unpacked().map_err(|error| match error.fault {
+            Fault::File { place, source } => InvalidPlant::Machine {
+                what: format!("{}: {place}", error.file.display()),
+                source,
+            },
+            _ => invalid(error),
+        })?;
+        let worker = fmu_worker::start().map_err(|source| InvalidPlant::Machine {
+            what: format!("no process to load {} can be started", fmu.file),
+            source,
+        })?;
+        let mut raw = vec![0.0; wiring.outputs.len()];
+        let remote =
+            Remote::load(worker, &unpacked, &wiring.configuration, &mut raw).map_err(invalid)?;
+        let conversions =
+            |ports: &[table::Port]| ports.iter().map(|port| port.conversion).collect();
+        let mut plant = Self {
+            ports: ports_of(&wiring),
+            remote: Some(remote),
+            _unpacked: unpacked,
+            time: Duration::ZERO,
+            from_ports: conversions(&wiring.inputs),
+            to_ports: conversions(&wiring.outputs),
+            set: vec![0.0; wiring.inputs.len()],
+            seen: vec![0.0; raw.len()],
+            raw,
+            failure: None,
+        };
+        plant.look();
+        Ok(plant)
+    }
+
+    fn ports_by(fmu: &Fmu) -> Result<Ports, InvalidPlant> {
+        let (_, wiring) = wired(fmu)?;
+        Ok(ports_of(&wiring))
+    }
+
+    fn ports(&self) -> Ports {
+        self.ports.clone()
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {

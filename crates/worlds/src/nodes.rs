@@ -6,6 +6,7 @@ use ::faults::{FaultKind, FaultPlan, Faulty};
 use canopen::Node;
 use controller::ControllerNode;
 use dbc::loops::seed_of_drive;
+use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
 use scenario::loops::{NodesOfLoop, OneLoop};
 use scenario::rig::nodes::CONTROLLER_NODE_ID;
@@ -45,7 +46,9 @@ pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldErr
 fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
     let name = name.to_owned();
     match error {
-        InvalidEmulator::Machine { what, source } => WorldError::NodeNow { name, what, source },
+        InvalidEmulator::Plant(InvalidPlant::Machine { what, source }) => {
+            WorldError::NodeNow { name, what, source }
+        }
         error => WorldError::Node {
             name,
             reason: error.to_string(),

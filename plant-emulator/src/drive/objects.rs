@@ -6,11 +6,11 @@ use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
 use dbc::data_sheets::{TruthPace, si_velocity};
 use dbc::loops::LoopPlace;
-use scenario::port::Unit;
+use scenario::port::{Ports, Unit};
+use scenario::wiring::RECORDED_MAX;
 
 use crate::clocked_plant::ClockedPlant;
 use crate::objects::{self, MissingObject};
-use crate::plant::SIGNALS_MAX;
 use crate::thermal_protection::Limits;
 use crate::wires::{Published, Wires};
 
@@ -22,7 +22,7 @@ const MOTOR_RATED_CURRENT: u16 = 0x6075;
 const TORQUE_ACTUAL_VALUE: u16 = 0x6077;
 const CURRENT_ACTUAL_VALUE: u16 = 0x6078;
 /// The plant's own signals, in their order.
-const PLANT_SIGNALS: [u16; SIGNALS_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x2106, 0x2107];
+const PLANT_SIGNALS: [u16; RECORDED_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x2106, 0x2107];
 const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
 const SI_UNIT_POSITION: u16 = 0x60A8;
@@ -197,14 +197,19 @@ pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), 
     cia402::check_mode(mode, supported.unwrap_or_default())
 }
 
-/// Puts what the drive publishes of its plant into the dictionary of the shipped data sheet, and those that TPDO2 has no room
-/// for into a TPDO3.
-pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, wires: &Wires) {
+/// Puts the published outputs of the plant into the dictionary of the shipped data sheet, and those for which TPDO2 has no room into a
+/// TPDO3.
+pub(crate) fn declare(
+    dictionary: &mut ObjectDictionary,
+    plant: &ClockedPlant,
+    ports: &Ports,
+    wires: &Wires,
+) {
     let published = &wires.published;
     for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
         let entry = match published.get(place) {
             Some(signal) => {
-                let port = plant.ports().get(signal.output);
+                let port = ports.outputs.get(signal.output);
                 let name = port.map_or("", |port| &port.name);
                 object(index, name, data_type(signal), raw(signal, plant))
             }
@@ -216,7 +221,7 @@ pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, w
         dictionary.insert(entry);
     }
     if published.len() > SIGNALS_IN_TPDO2 {
-        let count = published.len().min(SIGNALS_MAX);
+        let count = published.len().min(RECORDED_MAX);
         declare_tpdo3(dictionary, &PLANT_SIGNALS[SIGNALS_IN_TPDO2..count]);
     }
 }

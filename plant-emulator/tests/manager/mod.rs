@@ -5,7 +5,8 @@ use std::time::Duration;
 use canopen::cia402::State;
 use canopen::{AbortCode, CanFrame, Node, Progress};
 use plant_emulator::PlantEmulator;
-use plant_emulator::sma::{Actuator, Inputs};
+use plant_emulator::plant::Inputs;
+use plant_emulator::plants::sma::Actuator;
 use scenario::Scenario;
 
 pub(crate) const DRIVE: u16 = 0x10;
@@ -128,16 +129,7 @@ impl Manager {
     }
 
     pub(crate) fn inputs(&self) -> Inputs {
-        let &[current_amperes, convection_factor, added_load_kilograms] = self.emulator.inputs()
-        else {
-            panic!("a plant of one axis has three inputs");
-        };
-        Inputs {
-            current_amperes,
-            convection_factor,
-            added_load_kilograms,
-            ..Inputs::default()
-        }
+        Inputs::of(self.emulator.inputs())
     }
 
     pub(crate) fn current_amperes(&self) -> f64 {

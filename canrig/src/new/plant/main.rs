@@ -1,4 +1,4 @@
-//! The bench with my_plant: every command of canrig, and the table `[plant.my_plant]`.
+//! The bench with my_plant: every command of canrig, and the model `my_plant` in rig files.
 
 use std::process::ExitCode;
 

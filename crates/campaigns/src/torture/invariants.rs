@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use canopen::{CanFrame, NmtCommand, NodeId};
 use dbc::scenario_clock::SYNC_COB_ID;
-use plant_emulator::catalogue::SMA_ACTUATOR;
 use scenario::Scenario;
+use scenario::plant::SMA_ACTUATOR;
 
 use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;

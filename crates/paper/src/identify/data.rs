@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dbc::{Database, SignalMissing, names};
-use plant_emulator::sma::Inputs;
+use plant_emulator::plant::Inputs;
 use scenario::plant::Sensor;
 use scenario::rig::RigFile;
 use scenario::{Scenario, ScenarioError, Texts};

@@ -1,6 +1,6 @@
 //! The question put to the optimisers: how far is the simulated position from the measured one?
 
-use plant_emulator::sma::{self, Actuator, STEP_SECONDS_MAX};
+use plant_emulator::plants::sma::{self, Actuator, STEP_SECONDS_MAX};
 use scenario::plant::Plant;
 
 use super::data::IdentificationData;

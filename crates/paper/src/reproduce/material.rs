@@ -1,6 +1,6 @@
 //! The wire itself: transformation, stress and strain, and which parameters explain what it does.
 
-use plant_emulator::sma::stress_pascals;
+use plant_emulator::plants::sma::stress_pascals;
 use scenario::plant::{Mechanics, Plant, StressStrain};
 
 use super::bases;

@@ -219,28 +219,25 @@ mod tests {
     use rig::plan::Plan;
 
     use super::*;
-    use dbc::{PlantSignal, Range};
     use rig::catalogue::Catalogue;
+    use scenario::port::{Port, Ports};
 
     #[test]
     fn what_no_shipped_plant_has_gets_a_view_of_its_own() {
-        let signal = |name: &str, unit: &str, comment: &str| PlantSignal {
-            name: name.to_owned(),
-            unit: unit.to_owned(),
-            comment: comment.to_owned(),
-            resolution: 1.0,
-            range: Range {
-                minimum: 0.0,
-                maximum: 1.0,
-            },
+        let find_ports = |_: &Scenario| {
+            let output = |name: &str| Port::output(name, [0.0, 1.0]);
+            let outputs = vec![
+                output("height_millimetres"),
+                output("winding_temperature_celsius").with_comment("Winding."),
+                output("position_metres").with_comment("Position of the load."),
+                output("flexor_tension_newtons"),
+            ];
+            Some(Ports {
+                outputs,
+                ..Ports::default()
+            })
         };
-        let signals = [
-            signal("winding_temperature_celsius", "degC", "Winding."),
-            signal("position_metres", "m", "Position of the load."),
-            signal("flexor_tension_newtons", "N", ""),
-        ];
-        let plants = [("dc_motor", &signals[..])];
-        let catalogue = Catalogue::new(plants.into_iter(), |_| None, |_| None);
+        let catalogue = Catalogue::new(find_ports, |_| None);
         let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &catalogue);

@@ -4,7 +4,7 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::outside::Outside;
 use crate::own::Section;
-use crate::plant::{DC_MOTOR, FMU, Heat, Mechanics, Phase, SMA_PAIR};
+use crate::plant::{Heat, Mechanics, Phase, WITH_TABLE};
 use crate::scenario::Scenario;
 
 /// The tables of the SMA actuator, which no other plant has.
@@ -58,9 +58,10 @@ fn without_wire(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
 fn second_plants(document: &Document<'_>, scenario: &Scenario, outside: &Outside) -> Vec<Problem> {
     let name = scenario.plant.name();
     let from_outside = outside.names(Section::Plant);
-    let others = document.keys("plant").into_iter().filter(|key| {
-        *key != name && ([DC_MOTOR, SMA_PAIR, FMU].contains(key) || from_outside.contains(key))
-    });
+    let others = document
+        .keys("plant")
+        .into_iter()
+        .filter(|key| *key != name && (WITH_TABLE.contains(key) || from_outside.contains(key)));
     let problems = others.map(|other| {
         let message = format!("`{other}` is a second plant beside `{name}`");
         let help = "leave one of them out".to_owned();

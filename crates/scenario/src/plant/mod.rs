@@ -5,14 +5,16 @@ mod fmu;
 mod sma;
 mod sma_pair;
 
+use std::any::Any;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::left_out::is_zero;
-use crate::own::{self, Own};
+use crate::own::{self, Own, Parameters, defaults};
 pub use dc_motor::DcMotor;
 pub use fmu::{Fmu, FmuPort};
-pub use sma::{Heat, Mechanics, Phase, StressStrain};
+pub use sma::{Heat, Mechanics, Phase, SMA_FAULTS, StressStrain};
 pub use sma_pair::SmaPair;
 
 /// Name of the plant of a scenario without a table of another one: the actuator of the paper.
@@ -23,6 +25,14 @@ pub(crate) const DC_MOTOR: &str = "dc_motor";
 pub const SMA_PAIR: &str = "sma_pair";
 /// Name of a plant from a modelling tool, and of its table.
 pub const FMU: &str = "fmu";
+/// Plants with a table of their own in the format.
+pub(crate) const WITH_TABLE: [&str; 3] = [DC_MOTOR, SMA_PAIR, FMU];
+
+/// Whether the format has the table of a plant; those of others are registered.
+#[must_use]
+pub fn is_of_format(plant: &str) -> bool {
+    plant == SMA_ACTUATOR || WITH_TABLE.contains(&plant)
+}
 
 /// The rig: a plant with its sensor and its amplifier. Without a plant's own table, such as `[plant.dc_motor]`, it is the SMA
 /// actuator.
@@ -61,8 +71,8 @@ impl Plant {
         match self.model() {
             Model::Own(own) => own.name(),
             Model::DcMotor(_) => DC_MOTOR,
-            Model::SmaPair => SMA_PAIR,
-            Model::Fmu => FMU,
+            Model::SmaPair(_) => SMA_PAIR,
+            Model::Fmu(_) => FMU,
             Model::Actuator => SMA_ACTUATOR,
         }
     }
@@ -73,19 +83,40 @@ impl Plant {
         match self.model() {
             Model::Own(own) => own::faults_of(own.name()),
             Model::DcMotor(_) => DcMotor::FAULTS,
-            Model::SmaPair => SmaPair::FAULTS,
-            Model::Fmu => &[],
-            Model::Actuator => sma::FAULTS,
+            Model::SmaPair(_) => SmaPair::FAULTS,
+            Model::Fmu(_) => &[],
+            Model::Actuator => SMA_FAULTS,
         }
     }
 
-    /// What hangs on the plant, without what disturbances add; a plant from outside knows by itself.
+    /// The mass that hangs on the plant, without that of disturbances; a plant from outside knows by itself.
     #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
         match self.model() {
-            Model::Own(_) | Model::SmaPair | Model::Fmu => None,
+            Model::Own(_) | Model::SmaPair(_) | Model::Fmu(_) => None,
             Model::DcMotor(motor) => Some(motor.load_kilograms),
             Model::Actuator => Some(self.mechanics.load_kilograms),
+        }
+    }
+
+    /// Makes something of the plant's parameters.
+    ///
+    /// # Errors
+    /// They are those of another plant.
+    pub fn with_parameters<P: Parameters, T>(
+        &self,
+        make: impl FnOnce(&P) -> T,
+    ) -> Result<T, toml::de::Error> {
+        let table: &dyn Any = match self.model() {
+            Model::Own(own) => return Ok(make(&own.parameters()?)),
+            Model::DcMotor(motor) => motor,
+            Model::SmaPair(pair) => pair,
+            Model::Fmu(fmu) => fmu,
+            Model::Actuator => self,
+        };
+        match table.downcast_ref() {
+            Some(parameters) => Ok(make(parameters)),
+            None => Ok(make(&defaults()?)),
         }
     }
 
@@ -93,19 +124,19 @@ impl Plant {
         match (&self.own, &self.dc_motor, &self.sma_pair, &self.fmu) {
             (Some(own), _, _, _) => Model::Own(own),
             (None, Some(motor), _, _) => Model::DcMotor(motor),
-            (None, None, Some(_), _) => Model::SmaPair,
-            (None, None, None, Some(_)) => Model::Fmu,
+            (None, None, Some(pair), _) => Model::SmaPair(pair),
+            (None, None, None, Some(fmu)) => Model::Fmu(fmu),
             (None, None, None, None) => Model::Actuator,
         }
     }
 }
 
-/// Which plant a table describes.
+/// The plant that a table describes.
 enum Model<'a> {
     Own(&'a Own),
     DcMotor(&'a DcMotor),
-    SmaPair,
-    Fmu,
+    SmaPair(&'a SmaPair),
+    Fmu(&'a Fmu),
     Actuator,
 }
 

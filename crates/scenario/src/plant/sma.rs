@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Faults of `[[fault.plant.…]]` that mean something to the actuator: all.
-pub(super) const FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
+pub const SMA_FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
 
 /// Heat balance of the wire, Eq. (1); all per metre of wire.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

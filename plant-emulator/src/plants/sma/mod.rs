@@ -1,14 +1,13 @@
 //! The SMA actuator: heat, phase and motion put together and integrated.
 
 mod condition;
-mod faults;
 mod heat;
 pub mod pair;
 mod phase;
 mod validity;
 mod wire;
 
-pub use condition::{Condition, Inputs};
+use condition::Condition;
 use heat::{HeatBalance, Heating};
 pub use phase::Branch;
 use phase::Transformation;
@@ -18,16 +17,16 @@ use wire::{Load, Mechanics};
 
 use std::borrow::Borrow;
 
-use scenario::fault::Faults;
+use scenario::plant::SMA_ACTUATOR;
 
 use crate::integrator::runge_kutta_4_from;
-use crate::plant::{InvalidPlant, Plant, Signal};
+use crate::plant::{Faults, Inputs, InvalidPlant, Plant, Port, Ports, one_axis};
 
-/// By so much of a step the steps together may be longer: a SYNC of 1 kHz that comes some bits late, as every fourth does,
+/// Share of a step by which the steps together may be longer: a SYNC of 1 kHz that comes some bits late, as every fourth does,
 /// needs no second step.
 const STEP_EXCESS: f64 = 0.1;
 
-/// What inputs come to in the equations.
+/// The inputs as terms of the equations.
 #[derive(Clone, Copy, Debug)]
 struct Acting {
     heating: Heating,
@@ -35,7 +34,7 @@ struct Acting {
     condition: Condition,
 }
 
-/// What is integrated, and what follows from it.
+/// The integrated quantities, and the fraction that follows from them.
 #[derive(Clone, Copy, Debug)]
 struct State {
     /// `T`.
@@ -55,6 +54,7 @@ pub struct Actuator {
     phase: Transformation,
     mechanics: Mechanics,
     state: State,
+    condition: Condition,
     step_seconds_max: f64,
 }
 
@@ -77,6 +77,7 @@ impl Actuator {
             phase,
             mechanics: Mechanics::new(&plant.mechanics),
             state,
+            condition: Condition::default(),
             step_seconds_max: STEP_SECONDS_MAX,
         }
     }
@@ -106,12 +107,12 @@ impl Actuator {
     }
 
     fn acting(&self, inputs: &Inputs) -> Acting {
+        let condition = self.condition;
+        let heating_amperes = condition.heating_amperes(inputs);
         Acting {
-            heating: self
-                .heat
-                .heating(inputs.heating_amperes(), inputs.convection_factor),
-            load: self.mechanics.load(inputs.added_load_kilograms()),
-            condition: inputs.condition,
+            heating: (self.heat).heating(heating_amperes, inputs.convection_factor),
+            load: (self.mechanics).load(condition.added_load_kilograms(inputs)),
+            condition,
         }
     }
 
@@ -262,60 +263,65 @@ impl Actuator {
     /// Where the wire's temperature would settle under these inputs.
     #[must_use]
     pub fn equilibrium_celsius(&self, inputs: &Inputs) -> f64 {
-        self.heat
-            .equilibrium_celsius(inputs.heating_amperes(), inputs.convection_factor)
+        self.heat.equilibrium_celsius(
+            self.condition.heating_amperes(inputs),
+            inputs.convection_factor,
+        )
     }
 }
 
 impl Plant for Actuator {
-    const NAME: &'static str = "sma_actuator";
     type Config = scenario::plant::Plant;
-    type Condition = Condition;
 
-    const SIGNALS: &'static [Signal<Self>] = &[
-        Signal {
-            name: "wire_temperature_celsius",
-            unit: "degC",
-            comment: "Wire temperature.",
-            steps_per_unit: 1e2,
-            range: [-273.15, 327.67],
-            value: Self::temperature_celsius,
-        },
-        Signal {
-            name: "martensite_fraction",
-            unit: "",
-            comment: "Martensite fraction of the wire.",
-            steps_per_unit: 5e4,
-            range: [0.0, 1.0],
-            value: Self::martensite_fraction,
-        },
-    ];
+    fn name() -> &'static str {
+        SMA_ACTUATOR
+    }
 
-    const FAULTS: &'static [&'static str] =
-        &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
+    fn faults() -> &'static [&'static str] {
+        scenario::plant::SMA_FAULTS
+    }
 
     fn new(config: &Self::Config) -> Result<Self, InvalidPlant> {
         check(config)?;
         Ok(Self::new(config))
     }
 
-    fn condition(faults: &Faults, time_seconds: f64) -> Condition {
-        faults::condition(faults, time_seconds)
+    fn ports(&self) -> Ports {
+        one_axis([
+            Port::output("wire_temperature_celsius", [-273.15, 327.67])
+                .in_steps(1e2)
+                .with_comment("Wire temperature."),
+            Port::output("martensite_fraction", [0.0, 1.0])
+                .in_steps(5e4)
+                .with_comment("Martensite fraction of the wire."),
+        ])
     }
 
-    fn conducts(condition: &Condition) -> bool {
-        !condition.is_wire_broken
+    fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
+        self.advance(duration_seconds, &Inputs::of(inputs));
     }
 
-    fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {
-        self.advance(duration_seconds, inputs);
+    fn read(&self, outputs: &mut [f64]) {
+        outputs.copy_from_slice(&[
+            self.position_metres(),
+            self.temperature_celsius(),
+            self.martensite_fraction(),
+        ]);
     }
 
-    fn position_metres(&self) -> f64 {
-        self.position_metres()
+    fn heated_celsius(&self, _input: usize) -> Option<f64> {
+        Some(self.temperature_celsius())
     }
 
-    fn temperature_celsius(&self) -> f64 {
-        self.temperature_celsius()
+    fn conducts(&self, _input: usize) -> bool {
+        !self.condition.is_wire_broken
+    }
+
+    fn is_condition_new(&self, _input: usize, faults: &Faults, time_seconds: f64) -> bool {
+        Condition::at(faults, time_seconds) != self.condition
+    }
+
+    fn set_condition(&mut self, _input: usize, faults: &Faults, time_seconds: f64) {
+        self.condition = Condition::at(faults, time_seconds);
     }
 }

@@ -2,8 +2,8 @@
 
 use scenario::plant::DcMotor;
 
-use super::condition::Inputs;
 use crate::integrator::runge_kutta_4;
+use crate::plant::Inputs;
 
 /// Temperature coefficient of copper, 1/K.
 const COPPER_PER_KELVIN: f64 = 0.003_93;
@@ -70,8 +70,8 @@ impl Heat {
 
     /// An upper limit of how fast the balances change, at the strongest fan that the bus can command.
     pub(super) fn fastest_rate_per_second(&self) -> f64 {
-        let housing =
-            self.winding_conductance + crate::sma::CONVECTION_FACTOR_MAX * self.housing_conductance;
+        let housing = self.winding_conductance
+            + crate::plants::sma::CONVECTION_FACTOR_MAX * self.housing_conductance;
         (self.winding_conductance / self.winding_capacity).max(housing / self.housing_capacity)
     }
 

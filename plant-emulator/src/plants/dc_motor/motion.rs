@@ -2,8 +2,9 @@
 
 use scenario::plant::DcMotor;
 
-use super::condition::Inputs;
+use super::condition::Condition;
 use crate::integrator::runge_kutta_4;
+use crate::plant::Inputs;
 
 /// `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
@@ -70,11 +71,11 @@ impl Motion {
     }
 
     /// One step. Coulomb friction and the stop change the equation where the load turns, so the step is divided there.
-    pub(super) fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {
-        let forces = self.forces(inputs);
+    pub(super) fn step(&mut self, duration_seconds: f64, inputs: &Inputs, condition: Condition) {
+        let forces = self.forces(inputs, condition);
         let mut left = duration_seconds;
         for _ in 0..TURNS_MAX {
-            let direction = if inputs.condition.is_jammed {
+            let direction = if condition.is_jammed {
                 0.0
             } else {
                 self.direction(&forces)
@@ -97,8 +98,8 @@ impl Motion {
         }
     }
 
-    fn forces(&self, inputs: &Inputs) -> Forces {
-        let load_kilograms = if inputs.condition.is_load_dropped {
+    fn forces(&self, inputs: &Inputs, condition: Condition) -> Forces {
+        let load_kilograms = if condition.is_load_dropped {
             0.0
         } else {
             (self.load_kilograms + inputs.added_load_kilograms).max(0.0)

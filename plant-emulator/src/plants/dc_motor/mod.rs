@@ -7,10 +7,10 @@ mod condition;
 mod heat;
 mod motion;
 
-use scenario::fault::Faults;
-
-use crate::plant::{InvalidPlant, Plant, Signal, follows, not_negative, positive};
-pub use condition::{Condition, Inputs};
+use crate::plant::{
+    Faults, Inputs, InvalidPlant, Plant, Port, Ports, follows, not_negative, one_axis, positive,
+};
+use condition::Condition;
 use heat::Heat;
 use motion::Motion;
 
@@ -22,6 +22,7 @@ pub const STEP_SECONDS_MAX: f64 = 1e-3;
 pub struct DcMotor {
     heat: Heat,
     motion: Motion,
+    condition: Condition,
 }
 
 impl DcMotor {
@@ -31,6 +32,7 @@ impl DcMotor {
         Self {
             heat: Heat::new(config),
             motion: Motion::new(config),
+            condition: Condition::default(),
         }
     }
 
@@ -53,7 +55,7 @@ impl DcMotor {
         let mut index = 0.0;
         while index < steps {
             self.heat.step(step_seconds, inputs);
-            self.motion.step(step_seconds, inputs);
+            self.motion.step(step_seconds, inputs, self.condition);
             index += 1.0;
         }
     }
@@ -102,70 +104,62 @@ impl DcMotor {
 }
 
 impl Plant for DcMotor {
-    const NAME: &'static str = "dc_motor";
     type Config = scenario::plant::DcMotor;
-    type Condition = Condition;
 
-    const SIGNALS: &'static [Signal<Self>] = &[
-        Signal {
-            name: "winding_temperature_celsius",
-            unit: "degC",
-            comment: "Temperature of the motor's winding.",
-            steps_per_unit: 1e2,
-            range: [-273.15, 327.67],
-            value: Self::winding_celsius,
-        },
-        Signal {
-            name: "motor_speed_revolutions_per_minute",
-            unit: "rpm",
-            comment: "Speed of the motor's shaft, upwards.",
-            steps_per_unit: 1.0,
-            range: [-32_768.0, 32_767.0],
-            value: Self::speed_revolutions_per_minute,
-        },
-        Signal {
-            name: "spring_force_newtons",
-            unit: "N",
-            comment: "Force of the spring, downwards.",
-            steps_per_unit: 1e2,
-            range: [-327.68, 327.67],
-            value: Self::spring_newtons,
-        },
-    ];
+    fn name() -> &'static str {
+        "dc_motor"
+    }
 
-    const FURTHER: &'static [Signal<Self>] = &[Signal {
-        name: "pinion_angle_degrees",
-        unit: "deg",
-        comment: "Angle of the pinion, or of a spindle in its place, upwards.",
-        steps_per_unit: 1.0,
-        range: [-32_768.0, 32_767.0],
-        value: Self::pinion_angle_degrees,
-    }];
-
-    const FAULTS: &'static [&'static str] = scenario::plant::DcMotor::FAULTS;
+    fn faults() -> &'static [&'static str] {
+        scenario::plant::DcMotor::FAULTS
+    }
 
     fn new(config: &Self::Config) -> Result<Self, InvalidPlant> {
         check(config)?;
         Ok(Self::with(config))
     }
 
-    fn condition(faults: &Faults, time_seconds: f64) -> Condition {
-        Condition {
-            is_jammed: faults.any_acts("jammed_pulley", time_seconds),
-            is_load_dropped: faults.any_acts("dropped_load", time_seconds),
-        }
+    fn ports(&self) -> Ports {
+        one_axis([
+            Port::output("winding_temperature_celsius", [-273.15, 327.67])
+                .in_steps(1e2)
+                .with_comment("Temperature of the motor's winding."),
+            Port::output("motor_speed_revolutions_per_minute", [-32_768.0, 32_767.0])
+                .in_steps(1.0)
+                .with_comment("Speed of the motor's shaft, upwards."),
+            Port::output("spring_force_newtons", [-327.68, 327.67])
+                .in_steps(1e2)
+                .with_comment("Force of the spring, downwards."),
+            // Without a range it is there for a sensor only.
+            Port::output("pinion_angle_degrees", [f64::NEG_INFINITY, f64::INFINITY])
+                .with_comment("Angle of the pinion, or of a spindle in its place, upwards."),
+        ])
     }
 
-    fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {
-        self.advance(duration_seconds, inputs);
+    fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
+        self.advance(duration_seconds, &Inputs::of(inputs));
     }
 
-    fn position_metres(&self) -> f64 {
-        self.position_metres()
+    fn read(&self, outputs: &mut [f64]) {
+        outputs.copy_from_slice(&[
+            self.position_metres(),
+            self.winding_celsius(),
+            self.speed_revolutions_per_minute(),
+            self.spring_newtons(),
+            self.pinion_angle_degrees(),
+        ]);
     }
 
-    fn temperature_celsius(&self) -> f64 {
-        self.winding_celsius()
+    fn heated_celsius(&self, _input: usize) -> Option<f64> {
+        Some(self.winding_celsius())
+    }
+
+    fn is_condition_new(&self, _input: usize, faults: &Faults, time_seconds: f64) -> bool {
+        Condition::at(faults, time_seconds) != self.condition
+    }
+
+    fn set_condition(&mut self, _input: usize, faults: &Faults, time_seconds: f64) {
+        self.condition = Condition::at(faults, time_seconds);
     }
 }
 

@@ -4,23 +4,19 @@
 //! `J θ̈ + c θ̇ = r (T_flexor − T_extensor) − r m g`, with an added load on a cord round the same pulley, which pulls towards the
 //! extensor's side.
 
-use scenario::fault::Faults;
 use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
-use scenario::port::{Port, Ports};
 
 use super::condition::Condition;
-use super::faults::condition;
 use super::heat::{HeatBalance, Heating};
 use super::phase::Transformation;
 use super::validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check_heat, check_phase};
 use super::wire::Mechanics;
 use crate::integrator::runge_kutta_4;
-use crate::plant::{InvalidPlant, follows, not_negative, positive};
-use crate::ports::{PlantWithPorts, PortedPlant};
+use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows, not_negative, positive};
 
 /// `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
-/// By so much of a step the steps together may be longer, as the actuator's.
+/// Share of a step by which the steps together may be longer, as the actuator's.
 const STEP_EXCESS: f64 = 0.1;
 
 const FLEXOR: usize = 0;
@@ -54,16 +50,16 @@ pub struct SmaPair {
     damping: f64,
     /// Contraction of both wires in the middle, m.
     middle: f64,
-    /// The stops, in radians from the middle.
-    stop: f64,
+    /// The stops, from the middle.
+    stop_degrees: f64,
+    stop_radians: f64,
     /// `θ`, towards the flexor's side.
     angle_radians: f64,
     /// `θ̇`.
     speed_radians_per_second: f64,
-    ports: Ports,
 }
 
-/// What acts in a step.
+/// The inputs as terms of the equations.
 struct Acting {
     heating: [Heating; 2],
     /// `m`, kg.
@@ -87,10 +83,10 @@ impl SmaPair {
             inertia: config.inertia_kilogram_square_metres,
             damping: config.damping_newton_metre_seconds,
             middle: 0.5 * mechanics.recoverable_strain * mechanics.wire_length_metres,
-            stop: config.stop_degrees.to_radians(),
+            stop_degrees: config.stop_degrees,
+            stop_radians: config.stop_degrees.to_radians(),
             angle_radians: 0.0,
             speed_radians_per_second: 0.0,
-            ports: ports(config),
             heat,
         }
     }
@@ -116,7 +112,7 @@ impl SmaPair {
     /// Whether the joint rests on a stop, against which it is pushed.
     fn is_resting(&self, angle: f64, speed: f64, acceleration: f64) -> bool {
         let side = angle.signum();
-        angle.abs() >= self.stop && speed * side >= 0.0 && acceleration * side >= 0.0
+        angle.abs() >= self.stop_radians && speed * side >= 0.0 && acceleration * side >= 0.0
     }
 
     /// `(dT/dt, dT/dt, θ̇, θ̈)`.
@@ -172,8 +168,8 @@ impl SmaPair {
             });
         self.wires[FLEXOR].temperature_celsius = flexor;
         self.wires[EXTENSOR].temperature_celsius = extensor;
-        let is_stopped = angle.abs() > self.stop || self.is_jammed();
-        self.angle_radians = angle.clamp(-self.stop, self.stop);
+        let is_stopped = angle.abs() > self.stop_radians || self.is_jammed();
+        self.angle_radians = angle.clamp(-self.stop_radians, self.stop_radians);
         self.speed_radians_per_second = if is_stopped { 0.0 } else { speed };
     }
 
@@ -198,55 +194,94 @@ fn mechanics(config: &Config) -> MechanicsConfig {
     }
 }
 
-fn ports(config: &Config) -> Ports {
-    let current = |wire: &str| {
-        let name = format!("{wire}_current_amperes");
-        Port::input(&name, [0.0, 1.0]).with_comment(&format!("Current through the {wire}."))
-    };
-    let temperature = |wire: &str| {
-        let name = format!("{wire}_temperature_celsius");
-        Port::output(&name, [-273.15, 327.67])
-            .in_steps(1e2)
-            .with_comment(&format!("Temperature of the {wire}."))
-    };
-    let tension = |wire: &str| {
-        let name = format!("{wire}_tension_newtons");
-        Port::output(&name, [0.0, 655.35])
-            .in_steps(1e2)
-            .with_comment(&format!("Tension of the {wire}; 0 where it is slack."))
-    };
-    let stop = config.stop_degrees;
-    Ports {
-        inputs: vec![
-            current("flexor"),
-            current("extensor"),
-            Port::input("convection_factor", [0.0, 32.767])
-                .resting_at(1.0)
-                .with_comment("Multiplies the convection to the air."),
-            Port::input("added_load_kilograms", [0.0, 3.276_7])
-                .with_comment("Hangs on the pulley and pulls towards the extensor's side."),
-        ],
-        outputs: vec![
-            Port::output("angle_degrees", [-stop, stop])
-                .with_comment("Angle of the joint, towards the flexor's side."),
-            temperature("flexor"),
-            tension("flexor"),
-            temperature("extensor"),
-            tension("extensor"),
-            Port::output("speed_degrees_per_second", [-3_276.8, 3_276.7])
-                .in_steps(10.0)
-                .with_comment("Speed of the joint."),
-        ],
-    }
-}
+impl Plant for SmaPair {
+    type Config = Config;
 
-impl PortedPlant for SmaPair {
-    fn inputs(&self) -> &[Port] {
-        &self.ports.inputs
+    fn name() -> &'static str {
+        plant::SMA_PAIR
     }
 
-    fn outputs(&self) -> &[Port] {
-        &self.ports.outputs
+    fn faults() -> &'static [&'static str] {
+        Config::FAULTS
+    }
+
+    fn new(config: &Config) -> Result<Self, InvalidPlant> {
+        check_heat(&config.heat)?;
+        check_phase(&config.phase)?;
+        for (name, value) in [
+            (
+                "pulley_radius_millimetres",
+                config.pulley_radius_millimetres,
+            ),
+            ("wire_length_millimetres", config.wire_length_millimetres),
+            (
+                "wire_diameter_millimetres",
+                config.wire_diameter_millimetres,
+            ),
+            ("recoverable_strain", config.recoverable_strain),
+            (
+                "austenite_modulus_pascals",
+                config.austenite_modulus_pascals,
+            ),
+            (
+                "inertia_kilogram_square_metres",
+                config.inertia_kilogram_square_metres,
+            ),
+            ("stop_degrees", config.stop_degrees),
+        ] {
+            positive(name, value)?;
+        }
+        not_negative(
+            "damping_newton_metre_seconds",
+            config.damping_newton_metre_seconds,
+        )?;
+        let pair = Self::with(config);
+        let heat = pair.heat.rate_per_second(CONVECTION_FACTOR_MAX);
+        follows("heat", heat, STEP_SECONDS_MAX)?;
+        follows("motion", pair.fastest_rate_per_second(), STEP_SECONDS_MAX)?;
+        Ok(pair)
+    }
+
+    fn ports(&self) -> Ports {
+        let current = |wire: &str| {
+            let name = format!("{wire}_current_amperes");
+            Port::input(&name, [0.0, 1.0]).with_comment(&format!("Current through the {wire}."))
+        };
+        let temperature = |wire: &str| {
+            let name = format!("{wire}_temperature_celsius");
+            Port::output(&name, [-273.15, 327.67])
+                .in_steps(1e2)
+                .with_comment(&format!("Temperature of the {wire}."))
+        };
+        let tension = |wire: &str| {
+            let name = format!("{wire}_tension_newtons");
+            Port::output(&name, [0.0, 655.35])
+                .in_steps(1e2)
+                .with_comment(&format!("Tension of the {wire}; 0 where it is slack."))
+        };
+        let stop = self.stop_degrees;
+        Ports {
+            inputs: vec![
+                current("flexor"),
+                current("extensor"),
+                Port::input("convection_factor", [0.0, 32.767])
+                    .resting_at(1.0)
+                    .with_comment("Multiplies the convection to the air."),
+                Port::input("added_load_kilograms", [0.0, 3.276_7])
+                    .with_comment("Hangs on the pulley and pulls towards the extensor's side."),
+            ],
+            outputs: vec![
+                Port::output("angle_degrees", [-stop, stop])
+                    .with_comment("Angle of the joint, towards the flexor's side."),
+                temperature("flexor"),
+                tension("flexor"),
+                temperature("extensor"),
+                tension("extensor"),
+                Port::output("speed_degrees_per_second", [-3_276.8, 3_276.7])
+                    .in_steps(10.0)
+                    .with_comment("Speed of the joint."),
+            ],
+        }
     }
 
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
@@ -292,56 +327,13 @@ impl PortedPlant for SmaPair {
 
     fn is_condition_new(&self, input: usize, faults: &Faults, time_seconds: f64) -> bool {
         let wire = self.wires.get(input);
-        wire.is_some_and(|wire| wire.condition != condition(faults, time_seconds))
+        wire.is_some_and(|wire| wire.condition != Condition::at(faults, time_seconds))
     }
 
     fn set_condition(&mut self, input: usize, faults: &Faults, time_seconds: f64) {
         if let Some(wire) = self.wires.get_mut(input) {
-            wire.condition = condition(faults, time_seconds);
+            wire.condition = Condition::at(faults, time_seconds);
         }
-    }
-}
-
-impl PlantWithPorts for SmaPair {
-    const NAME: &'static str = plant::SMA_PAIR;
-    type Config = Config;
-    const FAULTS: &'static [&'static str] = Config::FAULTS;
-
-    fn new(config: &Config) -> Result<Self, InvalidPlant> {
-        check_heat(&config.heat)?;
-        check_phase(&config.phase)?;
-        for (name, value) in [
-            (
-                "pulley_radius_millimetres",
-                config.pulley_radius_millimetres,
-            ),
-            ("wire_length_millimetres", config.wire_length_millimetres),
-            (
-                "wire_diameter_millimetres",
-                config.wire_diameter_millimetres,
-            ),
-            ("recoverable_strain", config.recoverable_strain),
-            (
-                "austenite_modulus_pascals",
-                config.austenite_modulus_pascals,
-            ),
-            (
-                "inertia_kilogram_square_metres",
-                config.inertia_kilogram_square_metres,
-            ),
-            ("stop_degrees", config.stop_degrees),
-        ] {
-            positive(name, value)?;
-        }
-        not_negative(
-            "damping_newton_metre_seconds",
-            config.damping_newton_metre_seconds,
-        )?;
-        let pair = Self::with(config);
-        let heat = pair.heat.rate_per_second(CONVECTION_FACTOR_MAX);
-        follows("heat", heat, STEP_SECONDS_MAX)?;
-        follows("motion", pair.fastest_rate_per_second(), STEP_SECONDS_MAX)?;
-        Ok(pair)
     }
 }
 

@@ -1,0 +1,13 @@
+//! The plants that ship: a file or folder for each, and its two lines here.
+
+pub mod dc_motor;
+pub mod sma;
+
+use crate::catalogue::PlantRow;
+
+/// The plants that ship.
+pub(crate) const SHIPPED: [PlantRow; 3] = [
+    PlantRow::of::<sma::Actuator>(),
+    PlantRow::of::<dc_motor::DcMotor>(),
+    PlantRow::of::<sma::pair::SmaPair>(),
+];
