@@ -219,6 +219,23 @@ mod tests {
     }
 
     #[test]
+    fn a_row_of_the_bus_is_that_of_the_loop_with_a_limit() {
+        let load = |limit| Metric::new("bus_load_percent", Ok(9.0), limit);
+        let limit = Some(Limit {
+            min: None,
+            max: Some(10.0),
+        });
+        let row_of = |x, y| {
+            let mut loops = two(Outcome::Pass, Outcome::Pass);
+            (loops[0].1.metrics, loops[1].1.metrics) = (vec![load(x)], vec![load(y)]);
+            joined(loops, &[]).metrics
+        };
+        assert_eq!(row_of(None, None), [load(None)]);
+        assert_eq!(row_of(limit, None), [load(limit)]);
+        assert_eq!(row_of(None, limit), [load(limit)]);
+    }
+
+    #[test]
     fn one_loop_fails_all() {
         use Outcome::{Fail, Incomplete, Inconclusive, Pass};
         for (x, y, all) in [
