@@ -247,7 +247,103 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
         if plant_of(drive) != victim {
             assert_eq!(last_current(&log, one), 0.0, "{drive} after {victim}");
         }
+        // A drive that died with its emulator says nothing.
+        let is_off = (plant_of(drive) != victim).then_some(true);
+        let row = format!("{}.drive_off", one.name());
+        assert_eq!(row_passed(&verdict, &row), is_off, "{row} after {victim}");
     }
+}
+
+/// Whether a row of a verdict passed; none where it is not judged.
+fn row_passed(verdict: &serde_json::Value, name: &str) -> Option<bool> {
+    let mut rows = verdict["metrics"].as_array().unwrap().iter();
+    let row = rows.find(|row| row["name"] == name).expect(name);
+    row["passed"].as_bool()
+}
+
+/// The controller of four drives dies: the recording shows that each drive is off by its own watches, and a replay of one that is not
+/// fails.
+fn drives_are_off_by_themselves(clock: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenario, drives) = several_drives(folder.path(), 4, "");
+    if clock == "lockstep" {
+        let text = fs::read_to_string(&scenario).unwrap();
+        let long = text.replace("duration_seconds = 20.0", "duration_seconds = 590.0");
+        fs::write(&scenario, long).unwrap();
+    }
+    let run = Run::start(&scenario, clock);
+    kill_process(run.node("controller"), Signal::KILL).unwrap();
+    let run_folder = run.run_folder().unwrap();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(4), "{text}");
+    let verdict = verdict(folder.path());
+    for (drive, node_id) in &drives {
+        let row = format!("of_{drive}.drive_off");
+        assert_eq!(row_passed(&verdict, &row), Some(true), "{verdict}");
+        let heartbeat_error = format!(" {:03X}#3081", 0x080 + u16::from(*node_id));
+        let log = fs::read_to_string(run_folder.join("bus.log")).unwrap();
+        assert!(log.contains(&heartbeat_error), "{drive}");
+    }
+    let log = fs::read_to_string(run_folder.join("bus.log")).unwrap();
+    let off = "592#4B4160001800";
+    assert_eq!(log.matches(off).count(), 1, "{drives:?}");
+    let on = log.replace(off, "592#4B4160003702");
+    fs::write(run_folder.join("bus.log"), on).unwrap();
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, told, stderr) = output(replay.arg("replay").arg(&run_folder));
+    assert_eq!(code, Some(1), "{told}{stderr}");
+    assert!(told.contains("drive_1: on 0."), "{told}");
+}
+
+/// The drive of one loop dies: it is the cause, and the other loop is judged by what came until then.
+fn other_loops_are_not_judged(clock: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenario, _) = several_drives(folder.path(), 2, "");
+    let mut text = fs::read_to_string(&scenario).unwrap();
+    if clock == "lockstep" {
+        text = text.replace("duration_seconds = 20.0", "duration_seconds = 590.0");
+    }
+    for drive in ["drive_0", "drive_1"] {
+        text += &format!("[expect.of_{drive}]\nposition_millimetres_max = {{ max = 50.0 }}\n");
+    }
+    fs::write(&scenario, text).unwrap();
+    let run = Run::start(&scenario, clock);
+    kill_process(run.node("motor_1"), Signal::ABORT).unwrap();
+    let (code, text, folder) = run.end();
+    assert_eq!(code, Some(1), "{text}");
+    let verdict = verdict(folder.path());
+    assert_eq!(verdict["cause"]["node"], "drive_1");
+    let rows = ["of_drive_0", "of_drive_1"].map(|name| format!("{name}.position_millimetres_max"));
+    assert_eq!(
+        rows.map(|row| row_passed(&verdict, &row)),
+        [None, Some(false)]
+    );
+    assert!(text.contains("not judged, ended by drive_1"), "{text}");
+    assert_eq!(
+        row_passed(&verdict, "of_drive_0.drive_off"),
+        Some(true),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_drive_that_dies_leaves_the_other_loops_unjudged() {
+    in_real_time(|| other_loops_are_not_judged("real-time"));
+}
+
+#[test]
+fn a_drive_that_dies_in_lockstep_leaves_the_other_loops_unjudged() {
+    other_loops_are_not_judged("lockstep");
+}
+
+#[test]
+fn four_drives_are_off_after_their_controller_was_killed() {
+    in_real_time(|| drives_are_off_by_themselves("real-time"));
+}
+
+#[test]
+fn four_drives_are_off_after_their_controller_was_killed_in_lockstep() {
+    drives_are_off_by_themselves("lockstep");
 }
 
 #[test]

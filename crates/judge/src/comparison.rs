@@ -232,4 +232,44 @@ mod tests {
             assert!(different.signals.iter().all(SignalDifference::agrees));
         }
     }
+
+    #[test]
+    fn metrics_of_either_run_are_compared_by_their_tolerances() {
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let tolerances = Tolerances {
+            given: &[],
+            time_seconds: 0.0,
+            scales: vec![Scale::of(plan.leading())],
+        };
+        let verdict = |rows: &[(&str, Option<f64>)]| {
+            let row = |(name, value): &(&str, Option<f64>)| {
+                Metric::new(*name, value.ok_or_else(|| "none".to_owned()), None)
+            };
+            Verdict {
+                metrics: rows.iter().map(row).collect(),
+                ..Verdict::incomplete("compared", 1, "")
+            }
+        };
+        let a = verdict(&[
+            ("settling_time_seconds", Some(0.2)),
+            ("overshoot_percent", Some(4.0)),
+            ("sine_gain", None),
+        ]);
+        let b = verdict(&[
+            ("settling_time_seconds", Some(0.21)),
+            ("overshoot_percent", Some(4.6)),
+            ("bandwidth_hertz", Some(2.0)),
+        ]);
+        let differences = metrics(&tolerances, &a, &b);
+        let found = differences
+            .iter()
+            .map(|one| (&*one.name, one.a, one.b, one.agrees));
+        let expected = [
+            ("bandwidth_hertz", None, Some(2.0), false),
+            ("overshoot_percent", Some(4.0), Some(4.6), false),
+            ("settling_time_seconds", Some(0.2), Some(0.21), true),
+            ("sine_gain", None, None, true),
+        ];
+        assert_eq!(Vec::from_iter(found), expected);
+    }
 }

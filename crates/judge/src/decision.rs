@@ -8,7 +8,7 @@ use recording::unrecorded::Unrecorded;
 use recording::work::Way;
 use rig::plan::Plan;
 use scenario::metrics::is_of_traffic;
-use scenario::node::LoopNodes;
+use scenario::node::{LoopNodes, Part};
 
 use crate::attribution::breaches::Duty;
 use crate::attribution::cause::{Lasting, NamedCause, node_name};
@@ -23,6 +23,7 @@ use crate::evidence::Evidence;
 use crate::loops::whole;
 use crate::metric::{Metric, leave_open, not_judged};
 use crate::metrics::metrics;
+use crate::off::{DRIVE_OFF, drive_off};
 use crate::quality::{cut_short, incomplete_recording, two_sources};
 use crate::verdict::{Outcome, Verdict};
 
@@ -52,12 +53,47 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
     });
     let all = Vec::from_iter(evidence);
     let broke_off = end.and_then(|end| broke_off(&all, end));
+    let elsewhere = end.map(|end| Circumstances {
+        ended_early: Some(EarlyEnd {
+            by: EndedBy::Bench,
+            ..end.clone()
+        }),
+        ..circumstances.clone()
+    });
     let verdicts = all.iter().map(|evidence| {
-        let verdict = judge_loop(plan, evidence, broke_off.as_ref());
+        let node = broke_off.as_ref();
+        let node = node.and_then(|end| end.node_elsewhere(evidence));
+        let verdict = match node.zip(elsewhere.as_ref()) {
+            None => judge_loop(plan, evidence, broke_off.as_ref()),
+            Some((node, elsewhere)) => {
+                let cut = Evidence::new(evidence.timeline, evidence.own, elsewhere);
+                let cut = cut.among(evidence.contours, evidence.loops);
+                let verdict = judge_loop(plan, &cut, broke_off.as_ref());
+                ended_elsewhere(verdict, node, end)
+            }
+        };
         way.go(1);
         verdict
     });
     whole(plan, verdicts.collect())
+}
+
+/// The verdict of a loop whose nodes are not why the run ended: what is missing for that is not judged.
+fn ended_elsewhere(verdict: Verdict, node: &str, end: Option<&EarlyEnd>) -> Verdict {
+    let is_unseen =
+        |row: &Metric| row.value.is_none() && row.passed != Some(false) && row.name != DRIVE_OFF;
+    let unseen = |row: Metric| match is_unseen(&row) {
+        true => Metric {
+            remark: Some(format!("not judged, ended by {node}")),
+            ..row
+        },
+        false => row,
+    };
+    Verdict {
+        ended_early: end.cloned(),
+        metrics: verdict.metrics.into_iter().map(unseen).collect(),
+        ..verdict
+    }
 }
 
 /// The verdict of one loop. The contours are among the rows of their first loop.
@@ -69,11 +105,15 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
         Some(end) => {
             // What a node kept from being seen is missed; of what the bench broke off only the traffic says something.
             let is_kept = |metric: &Metric| {
-                end.by == EndedBy::Node || is_of_traffic(&metric.name) && metric.value.is_some()
+                broke_off.is_some() || is_of_traffic(&metric.name) && metric.value.is_some()
             };
             metrics.retain(is_kept);
             let foreign = two_sources(evidence).filter(|_| end.by != EndedBy::User);
-            decide_broken(end, broke_off, foreign, &mut metrics)
+            let decision = decide_broken(end, broke_off, foreign, &mut metrics);
+            let off = drive_off(evidence, end);
+            let decision = with_drive(evidence, off.as_ref(), decision);
+            metrics.extend(off);
+            decision
         }
     };
     let unrecorded = &circumstances.unrecorded;
@@ -100,6 +140,21 @@ struct BrokeOff {
     is_of_host: bool,
     /// The end follows from it by the watch of another node.
     is_before_end: bool,
+}
+
+impl BrokeOff {
+    /// The node that ended the run, where it is none of a loop's.
+    fn node_elsewhere(&self, evidence: &Evidence<'_>) -> Option<&str> {
+        let LoopNodes {
+            controller, drive, ..
+        } = &evidence.own.nodes;
+        let loops = evidence.loops.iter();
+        let mut drives = loops.map(|(one, _)| one.nodes.drive.name.as_str());
+        let node = self.cause.node.as_str();
+        let is_own = [controller, drive].iter().any(|own| own.name == node);
+        let is_elsewhere = !is_own && drives.any(|one| one == node);
+        is_elsewhere.then_some(node)
+    }
 }
 
 /// The earliest breach of all loops that lasts to the end which a node put to a run; else the end itself.
@@ -180,6 +235,23 @@ fn decide_broken(
         false => end.to_string(),
     };
     (Outcome::Fail, Some(reason), cause)
+}
+
+/// A run that broke off, after which its drive was not off, fails whatever else it was.
+fn with_drive(evidence: &Evidence<'_>, off: Option<&Metric>, decision: Decision) -> Decision {
+    let Some(on) = off.filter(|off| off.passed == Some(false)) else {
+        return decision;
+    };
+    let words = on.remark.clone().unwrap_or_default();
+    let (_, reason, cause) = decision;
+    let reason = reason.map_or_else(|| words.clone(), |reason| format!("{words}; {reason}"));
+    let cause = cause.unwrap_or_else(|| NamedCause {
+        node: node_name(evidence, Part::Drive).to_owned(),
+        duty: "off".to_owned(),
+        at_seconds: on.at_seconds,
+        words,
+    });
+    (Outcome::Fail, Some(reason), Some(cause))
 }
 
 /// A run that was played to its end, or a recording that ends somewhere. Opens the limits that stalls explain.

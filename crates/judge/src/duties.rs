@@ -142,3 +142,40 @@ fn sync_intervals<'a>(evidence: &Evidence<'a>) -> impl Iterator<Item = (f64, f64
     let pairs = syncs.iter().copied().zip(syncs.iter().skip(1).copied());
     pairs.take_while(move |(_, until)| *until < end)
 }
+
+#[cfg(test)]
+mod tests {
+    use recording::timeline::{Series, decode};
+    use rig::catalogue::Catalogue;
+    use rig::plan::Plan;
+
+    use super::*;
+    use crate::Circumstances;
+    use crate::tests::{frames, scenario};
+
+    /// The largest error of a controller that sends SYNCs so many milliseconds apart.
+    fn error(intervals: &[f64]) -> f64 {
+        let plan = Plan::new(scenario(""), &Catalogue::shipped());
+        let mut timeline = decode(frames(4, |_| Some(10.0)), &plan).unwrap().remove(0);
+        let times = intervals.iter().scan(0.0, |time, interval| {
+            *time += interval / 1e3;
+            Some(*time)
+        });
+        timeline.syncs_seconds = [0.0].into_iter().chain(times).collect::<Series<f64>>();
+        let circumstances = Circumstances::default();
+        let evidence = Evidence::new(&timeline, plan.leading(), &circumstances);
+        let (percent, _) = largest_period_error(&evidence, true).unwrap();
+        percent
+    }
+
+    #[test]
+    fn a_controller_that_catches_up_breaks_no_period() {
+        let regular = [1.0; 100];
+        assert!((error(&[1.03; 100]) - 3.0).abs() < 1e-6);
+        let late = [&regular[..], &[10.0], &[0.1; 10], &regular].concat();
+        assert!(error(&late) < 1e-6, "{}", error(&late));
+        // Nobody held it up.
+        let burst = [&regular[..], &[0.1; 10], &regular].concat();
+        assert!(error(&burst) > 10.0, "{}", error(&burst));
+    }
+}

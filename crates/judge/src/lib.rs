@@ -25,6 +25,7 @@ mod holds;
 mod loops;
 mod metric;
 mod metrics;
+mod off;
 mod quality;
 mod reactions;
 mod sequences;

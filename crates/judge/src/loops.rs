@@ -61,7 +61,9 @@ pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
 fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let outcome = loops.iter().map(|(_, verdict)| verdict.outcome);
     let outcome = outcome.max_by_key(gravity);
-    let reason = joined_reason(&loops);
+    let first = first_cause(&loops, outcome);
+    let cause = first.and_then(|first| loops[first].1.cause.clone());
+    let reason = joined_reason(&loops, first.unwrap_or_default());
     let ended_early = first_end(&loops);
     let mut shared: Vec<Metric> = Vec::new();
     let mut metrics = Vec::new();
@@ -98,6 +100,7 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     Verdict {
         outcome: outcome.expect("there is a loop"),
         reason,
+        cause,
         ended_early,
         metrics,
         losses,
@@ -106,10 +109,30 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     }
 }
 
-/// Why the verdict is what it is: what is said of all loops once, else with the names of those of which it is said.
-fn joined_reason(loops: &[(String, Verdict)]) -> Option<String> {
+/// The loop with the earliest cause among those that decide.
+fn first_cause(loops: &[(String, Verdict)], outcome: Option<Outcome>) -> Option<usize> {
+    let causes = loops
+        .iter()
+        .enumerate()
+        .filter_map(|(place, (_, verdict))| {
+            let cause = verdict.cause.as_ref()?;
+            let at = cause.at_seconds.unwrap_or(f64::INFINITY);
+            (Some(verdict.outcome) == outcome).then_some((place, at))
+        });
+    let first = causes.min_by(|(_, one), (_, other)| one.total_cmp(other));
+    first.map(|(place, _)| place)
+}
+
+/// Why the verdict is what it is, the reason of one loop first: what is said of all loops once, else with the names of those of which
+/// it is said.
+fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
     let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
-    for (name, verdict) in loops {
+    let others = loops
+        .iter()
+        .enumerate()
+        .filter(|(place, _)| *place != first);
+    let others = others.map(|(_, other)| other);
+    for (name, verdict) in loops.get(first).into_iter().chain(others) {
         let Some(reason) = verdict.reason.as_deref() else {
             continue;
         };
@@ -193,6 +216,23 @@ mod tests {
             ]
         );
         assert_eq!((whole.outcome, whole.reason), (Outcome::Pass, None));
+    }
+
+    #[test]
+    fn a_row_of_the_bus_is_that_of_the_loop_with_a_limit() {
+        let load = |limit| Metric::new("bus_load_percent", Ok(9.0), limit);
+        let limit = Some(Limit {
+            min: None,
+            max: Some(10.0),
+        });
+        let row_of = |x, y| {
+            let mut loops = two(Outcome::Pass, Outcome::Pass);
+            (loops[0].1.metrics, loops[1].1.metrics) = (vec![load(x)], vec![load(y)]);
+            joined(loops, &[]).metrics
+        };
+        assert_eq!(row_of(None, None), [load(None)]);
+        assert_eq!(row_of(limit, None), [load(limit)]);
+        assert_eq!(row_of(None, limit), [load(limit)]);
     }
 
     #[test]

@@ -338,15 +338,18 @@ fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
     };
     let mut rows = timeline.time_seconds.iter().zip(&column.values);
     let last = rows.rfind(|(time, value)| **time >= from_seconds && !value.is_nan());
-    last.is_some_and(|(_, value)| {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a signal of 7 bits"
-        )]
-        let statusword = *value as u16;
-        State::from_statusword(statusword) == Some(State::OperationEnabled)
-    })
+    last.is_some_and(|(_, value)| state(*value) == Some(State::OperationEnabled))
+}
+
+/// The state that a statusword stands for.
+pub(crate) fn state(statusword: f64) -> Option<State> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a word of 16 bits"
+    )]
+    let statusword = statusword as u16;
+    State::from_statusword(statusword)
 }
 
 /// 0 where all emergencies that are demanded came.

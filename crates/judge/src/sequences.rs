@@ -312,6 +312,17 @@ mod tests {
         check_frames(&heard, &longer, &[(short, false)]);
     }
 
+    /// The last SYNC came at 0.599 s.
+    #[test]
+    fn a_loss_is_when_the_first_missing_frame_was_due() {
+        let is_silent = |stamped: &Stamped| stamped.time >= Duration::from_millis(700);
+        let heard: Vec<Stamped> = frames().into_iter().filter(|one| !is_silent(one)).collect();
+        let again = Stamped::new(Duration::from_millis(900), CanFrame::new(0x080, &[1]));
+        let heard = [heard, vec![again]].concat();
+        let lost = "from_seconds = 0.6\nevent = [{ text = \"loss: no SYNC\" }]";
+        check_frames(&heard, lost, &[(Ok(0.0), true)]);
+    }
+
     #[test]
     fn what_does_not_come_fails_with_all_that_was_to_follow() {
         let other = "{ emcy = \"drive 0x8100\", within_milliseconds = 10 }";

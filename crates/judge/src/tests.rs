@@ -727,6 +727,22 @@ fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
     assert_eq!(verdict.outcome, Outcome::Fail);
 }
 
+/// All that the check would be held against was in the shadow of the stall.
+#[test]
+fn a_check_of_what_a_stall_moved_is_open() {
+    let check = "[[expect.signal]]\nname = \"position_millimetres\"\nfrom_seconds = 1.17\nuntil_seconds = 1.3\n\
+        stays = { max = 20.0 }\n";
+    let verdict = beside_a_stall(check, 1150..1165, (1150, 1165), step_response(1.1));
+    assert_eq!(
+        verdict.outcome,
+        Outcome::Inconclusive,
+        "{:?}",
+        verdict.reason
+    );
+    let verdict = beside_a_stall(check, 0..0, (1150, 1165), step_response(1.1));
+    assert_eq!(verdict.outcome, Outcome::Fail);
+}
+
 #[test]
 fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
     for (missed, stall) in [(1300..1315, (1300, 1315)), (3000..3200, (3000, 3200))] {
@@ -798,6 +814,31 @@ fn missed_commands_have_their_limit_without_those_of_the_bench() {
         judged(Who::PlantEmulator),
         (Outcome::Fail, reason.to_owned())
     );
+}
+
+/// The drive is given up in a stall in which nothing was missed.
+#[test]
+fn an_end_in_a_stall_proves_nothing() {
+    let plan = Plan::new(scenario(""), &Catalogue::shipped());
+    let mut frames = frames(2000, |_| Some(10.0));
+    answer_positions(&mut frames);
+    let timelines = decode(&frames, &plan).unwrap();
+    let judged = |stall: (u64, u64)| {
+        let [from, until] = [stall.0, stall.1].map(|time| Duration::from_millis(1 + time));
+        let circumstances = Circumstances {
+            ended_early: Some(EarlyEnd {
+                node: Some("drive".to_owned()),
+                since_seconds: Some(1.9),
+                at_seconds: Some(2.0),
+                ..EarlyEnd::without_node(EndedBy::Node, "given up")
+            }),
+            stalls: vec![Stall::new(from, until, Who::Machine, What::StoodStill)],
+            ..Circumstances::default()
+        };
+        judge(&plan, &timelines, &circumstances).outcome
+    };
+    assert_eq!(judged((1900, 2000)), Outcome::Inconclusive);
+    assert_eq!(judged((1000, 1100)), Outcome::Fail);
 }
 
 #[test]

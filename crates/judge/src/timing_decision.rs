@@ -158,6 +158,27 @@ mod tests {
     }
 
     #[test]
+    fn what_both_loops_counted_is_told_and_limited_together() {
+        let mut both = timing(0.0, &[]);
+        let report = |overruns, frames_delayed| {
+            Some(NodeReport {
+                overruns,
+                frames_delayed,
+                ..NodeReport::default()
+            })
+        };
+        (both.controller, both.plant_emulator) = (report(1, 0), report(0, 2));
+        let told = "controller: 1 overruns, 0 frames dropped; plant emulator: 0 overruns, 0 frames dropped, \
+            2 frames delayed by a full queue of the bus";
+        assert_eq!(both.losses(), told);
+        assert_eq!(both.rows().len(), 5);
+        let mut limits = Expect::default();
+        limits.timing.frames_delayed = max(1.0);
+        let rows = both.metrics(&limits.timing);
+        assert_eq!((rows[0].value, rows[0].passed), (Some(2.0), Some(false)));
+    }
+
+    #[test]
     fn limits_on_time_pass_only_where_the_timing_is_trusted() {
         let name = "round_trip_microseconds_p99";
         let mut limits = Expect::default();

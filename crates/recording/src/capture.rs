@@ -63,6 +63,8 @@ pub struct Capture<'a> {
     written: usize,
     log: Option<BusLog>,
     clock: ScenarioClock,
+    /// Time of the last frame of a run that broke off; the frames behind it show how the nodes stop.
+    broke_off: Option<Duration>,
     progress: Option<ProgressReader>,
     watch: &'a Watch,
     observers: Vec<FrameQueue>,
@@ -99,6 +101,7 @@ impl<'a> Capture<'a> {
             log: None,
             progress: None,
             clock,
+            broke_off: None,
             watch,
             observers: Vec::new(),
         }
@@ -133,6 +136,19 @@ impl<'a> Capture<'a> {
     #[must_use]
     pub fn zero(&self) -> Option<Duration> {
         self.clock.zero()
+    }
+
+    /// Notes that the run breaks off here, unless it has before.
+    pub fn break_off(&mut self) {
+        let last = self.frames.last().map(|last| last.time);
+        self.broke_off = self.broke_off.or(last);
+    }
+
+    /// The latest frames up to where the run broke off.
+    #[must_use]
+    pub fn frames_of_run(&self) -> &[Stamped] {
+        let is_of_run = |stamped: &Stamped| self.broke_off.is_none_or(|end| stamped.time <= end);
+        &self.frames[..self.frames.partition_point(is_of_run)]
     }
 
     /// Whether the user wants the run to end.

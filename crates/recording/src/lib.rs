@@ -12,6 +12,7 @@
 pub mod bus_log;
 pub mod capture;
 pub mod cell;
+pub mod drive_reports;
 pub mod ending;
 pub mod events;
 mod fan;

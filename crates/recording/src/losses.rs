@@ -42,13 +42,18 @@ struct Watched {
 }
 
 impl Watched {
+    /// When the first frame that is missing since a time was due.
+    fn due(&self, last: Duration) -> Duration {
+        last + self.period
+    }
+
     /// The heartbeat that is missing since the last one, until a scenario time.
     fn lost(&self, back_seconds: f64) -> Option<LostHeartbeat> {
         // One that was never heard in the scenario is not missed.
         let last = self.last.filter(|last| !last.is_zero())?;
         Some(LostHeartbeat {
             node: self.heartbeat_of?,
-            due_seconds: (last + self.period).as_secs_f64(),
+            due_seconds: self.due(last).as_secs_f64(),
             back_seconds,
         })
     }
@@ -74,7 +79,8 @@ impl LossReader {
             io,
         } = &one.nodes;
         let of = |node, service| one.message(node, service).ok();
-        let cyclic_limit = PERIODS_MAX * scenario.bus.sync_period();
+        let sync_period = scenario.bus.sync_period();
+        let cyclic_limit = PERIODS_MAX * sync_period;
         let sync = one.database.message(names::SYNC);
         let position = of(led, names::TPDO1);
         let temperature = of(led, names::TPDO2);
@@ -94,7 +100,8 @@ impl LossReader {
         let regular = cyclic.into_iter().chain(heartbeats);
         let watched = regular.filter_map(|(message, what, limit, heartbeat_of)| {
             let message = message?;
-            let period = Duration::from_millis(message.cycle_time_milliseconds);
+            let heartbeat_period = Duration::from_millis(message.cycle_time_milliseconds);
+            let period = limit.map_or(heartbeat_period, |_| sync_period);
             let watched = Watched {
                 heartbeat_of,
                 is_temperature: what.is_empty(),
@@ -129,7 +136,6 @@ impl LossReader {
         };
         let last = *watched.last.get_or_insert_default();
         if time.saturating_sub(last) > watched.limit {
-            let silent = time.saturating_sub(last);
             if watched.is_temperature {
                 let silence = (last.as_secs_f64(), time.as_secs_f64());
                 self.temperature_silence.get_or_insert(silence);
@@ -137,9 +143,10 @@ impl LossReader {
                 return;
             }
             let what = &watched.what;
+            let silent = time.saturating_sub(last);
             let text = format!("loss: no {what} for {} ms", silent.as_millis());
             let loss = Event::new(Level::Error, &text);
-            self.events.add(last.as_secs_f64(), loss);
+            self.events.add(watched.due(last).as_secs_f64(), loss);
             let back = Event::new(Level::Info, &format!("{what} is back"));
             self.events.add(time.as_secs_f64(), back);
             self.heartbeats.extend(watched.lost(time.as_secs_f64()));
@@ -160,7 +167,7 @@ impl LossReader {
             } else {
                 let text = format!("loss: no {} from here on", watched.what);
                 let loss = Event::new(Level::Error, &text);
-                self.events.add(last.as_secs_f64(), loss);
+                self.events.add(watched.due(last).as_secs_f64(), loss);
                 self.heartbeats.extend(watched.lost(f64::INFINITY));
             }
         }

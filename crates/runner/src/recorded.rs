@@ -243,7 +243,10 @@ impl Recorded {
             identity: stored.and_then(|stored| stored.identity.clone()),
             ..self.verdict_of_frames(timelines)
         };
-        if let Some(stored) = stored.filter(|stored| stored.outcome == Outcome::Incomplete) {
+        let is_incomplete = |stored: &&Verdict| stored.outcome == Outcome::Incomplete;
+        // A drive that is still on fails also a run that the bench ended.
+        let is_on = verdict.ended_early.is_some() && verdict.outcome == Outcome::Fail;
+        if let Some(stored) = stored.filter(is_incomplete).filter(|_| !is_on) {
             verdict.outcome = Outcome::Incomplete;
             verdict.reason.clone_from(&stored.reason);
             verdict.ended_early = ended_early;
@@ -275,12 +278,9 @@ impl Recorded {
     fn verdict_of_frames(&self, timelines: &[Timeline]) -> Verdict {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
-        // Where the bench ended it for a second master, the frames show that.
-        let is_open = stored.is_some_and(|stored| stored.outcome == Outcome::Inconclusive);
-        let by_node = ended_early.filter(|end| end.by == EndedBy::Node || is_open);
         let circumstances = Circumstances {
             unrecorded: self.unrecorded(timelines),
-            ended_early: by_node,
+            ended_early: ended_early.filter(|end| end.by != EndedBy::User),
             stalls: self.stalls.clone(),
             sent: self.sent.clone(),
             reports: stored

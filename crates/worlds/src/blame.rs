@@ -45,7 +45,7 @@ pub(crate) fn end_by_node(
 ) -> Result<EarlyEnd, WorldError> {
     let seen = Seen {
         plan,
-        frames: capture.frames(),
+        frames: capture.frames_of_run(),
         zero: capture.zero(),
     };
     match error {

@@ -196,13 +196,29 @@ impl<'a> Coordinator<'a> {
         self.accept_answer(index)
     }
 
-    /// Goes on without a participant that does not answer any more.
+    /// Goes on without a participant that does not answer any more. Its last words still reach the bus.
     pub(crate) fn leave_out(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         slot.answer.progress = Progress::Stopped;
         slot.answer.reached = self.now;
-        slot.outbox.clear();
         self.agenda.note(index, slot);
+    }
+
+    /// Puts a frame of nobody's on the bus as soon as that is free, when nobody is ahead.
+    ///
+    /// # Errors
+    /// As [`Coordinator::step`].
+    pub(crate) fn put(
+        &mut self,
+        frame: CanFrame,
+        wire: &mut dyn Wire,
+    ) -> Result<(), CoordinatorError> {
+        while self.in_flight.is_some() {
+            self.step(wire)?;
+        }
+        self.now = self.now.max(self.bus.free_at());
+        self.transmit(None, frame);
+        Ok(())
     }
 
     /// True when a participant has reached its safe state and all its frames have passed.

@@ -9,6 +9,7 @@
 //! What it does not know: what is judged, what a run folder holds besides the recording, and who reads it. It prints nothing:
 //! what happens meanwhile is reported to the caller.
 
+mod after_end;
 mod agenda;
 mod blame;
 mod bus_choice;

@@ -8,6 +8,7 @@ use platform::bus::Bus;
 use platform::clock::Clock;
 use platform::lockstep::{Local, LockstepError, Participant};
 
+use crate::after_end::{self, ANSWER_TIME};
 use crate::blame::end_by_node;
 use crate::bus_model::faults::{BusFaults, Seat};
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
@@ -130,10 +131,14 @@ pub fn play(
     if let Err(error) = &ended
         && let Some(dead) = names.iter().position(|name| is_gone(name, error))
     {
-        // The others live on until they have taken their currents away, which the recording shows. Why the run ended is known.
+        taps.capture.break_off();
         coordinator.leave_out(dead);
         left.remove(&dead);
-        let _: Result<(), WorldError> = stop(&mut coordinator, &mut taps, &names, &left, is_faulty);
+        let manager = BTreeSet::from_iter(left.take(&(names.len() - 1)));
+        // Why the run ended is known, whatever comes now.
+        let _ = stop(&mut coordinator, &mut taps, &names, &manager, is_faulty);
+        let _ = ask_drives(plan, &mut coordinator, &mut taps);
+        let _ = stop(&mut coordinator, &mut taps, &names, &left, is_faulty);
         return ended;
     }
     let end = ended?;
@@ -141,18 +146,44 @@ pub fn play(
     Ok(end)
 }
 
-/// Whether a run ended since this participant is not there any more: its process has ended, or its plant cannot go on. A
-/// controller that gives up has taken its currents away before.
+/// Whether a run ended since this participant is not there any more: its process has ended or hangs, or it gave up.
 fn is_gone(name: &str, error: &WorldError) -> bool {
     match error {
-        WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
-            name: ended,
-        })) => ended == name,
-        WorldError::Coordinator(CoordinatorError::Failed { name: failed, .. }) => {
-            failed == name && ![CONTROLLER, BENCH].contains(&name)
-        }
+        WorldError::Coordinator(
+            CoordinatorError::Participant(
+                LockstepError::Ended { name: gone } | LockstepError::NoAnswer { name: gone, .. },
+            )
+            | CoordinatorError::Failed { name: gone, .. },
+        ) => gone == name,
         _ => false,
     }
+}
+
+/// Lets the drives that nobody leads any more live until their watches have passed, and asks them then whether they are off.
+fn ask_drives(
+    plan: &Plan,
+    coordinator: &mut Coordinator<'_>,
+    taps: &mut Taps<'_, '_, '_>,
+) -> Result<(), WorldError> {
+    go_on(coordinator, taps, after_end::watch(plan))?;
+    for round in after_end::requests(plan) {
+        for request in round {
+            coordinator.put(request, taps)?;
+        }
+        go_on(coordinator, taps, ANSWER_TIME)?;
+    }
+    Ok(())
+}
+
+fn go_on(
+    coordinator: &mut Coordinator<'_>,
+    taps: &mut Taps<'_, '_, '_>,
+    time: Duration,
+) -> Result<(), WorldError> {
+    let until = coordinator.now() + time;
+    coordinator.set_horizon(until);
+    while coordinator.step(taps)?.is_some_and(|now| now < until) {}
+    Ok(coordinator.settle(taps)?)
 }
 
 /// Asks these participants for their safe states, the last first, and waits for each.

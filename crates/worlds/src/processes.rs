@@ -75,8 +75,25 @@ impl Processes {
 
     /// Stops all, the manager first.
     pub(super) async fn stop(&mut self) -> Vec<Stopped> {
+        let mut stopped = self.stop_manager().await;
+        stopped.extend(self.stop_others().await);
+        stopped
+    }
+
+    /// Stops the manager.
+    pub(super) async fn stop_manager(&mut self) -> Vec<Stopped> {
+        self.stop_those(|name| name == CONTROLLER).await
+    }
+
+    /// Stops all but the manager.
+    pub(super) async fn stop_others(&mut self) -> Vec<Stopped> {
+        self.stop_those(|name| name != CONTROLLER).await
+    }
+
+    async fn stop_those(&mut self, is_one: impl Fn(&str) -> bool) -> Vec<Stopped> {
         let mut stopped = Vec::new();
-        for process in self.0.iter_mut().rev() {
+        let those = self.0.iter_mut().filter(|process| is_one(process.name()));
+        for process in those.rev() {
             let (report, ended) = process.stop().await;
             stopped.push(Stopped {
                 name: process.name().to_owned(),

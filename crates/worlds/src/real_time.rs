@@ -7,6 +7,7 @@ use std::time::Duration;
 use platform::clock::Clock;
 use platform::real_time::RunError;
 
+use crate::after_end;
 use crate::blame::end_by_node;
 use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
 use crate::child::NodeProcess;
@@ -67,12 +68,14 @@ pub fn play(
                 () = ended(&bench) => Ok(End::Interrupted),
                 end = run.follow() => end,
             };
-            if matches!(end, Err(WorldError::SecondMaster(_))) {
+            let is_second_master = matches!(end, Err(WorldError::SecondMaster(_)));
+            if is_second_master {
                 // The bench stops the drives at once.
                 stopper = None;
             }
+            let is_broken_off = (bench.is_finished() || end.is_err()) && !is_second_master;
             // However the run went, nothing may stay heated or running.
-            (end, run.processes.stop().await)
+            (end, run.stop(is_broken_off).await)
         });
         drop(stopper);
         let bench = bench
@@ -245,6 +248,43 @@ impl Run<'_, '_> {
             }
             silence.check(now, self.capture)?;
         }
+    }
+
+    /// Stops all nodes, the manager first. Of a run that broke off it is recorded whether the drives are off by themselves.
+    async fn stop(&mut self, is_broken_off: bool) -> Vec<Stopped> {
+        if is_broken_off && self.connection.collect(self.capture).is_ok() {
+            self.capture.break_off();
+        }
+        let mut stopped = self.processes.stop_manager().await;
+        if is_broken_off && self.capture.zero().is_some() {
+            // Why the run ended is known, whatever comes now.
+            let _ = self.ask_drives().await;
+        }
+        stopped.extend(self.processes.stop_others().await);
+        stopped
+    }
+
+    /// Lets the drives that nobody leads any more live until their watches have passed, and asks them then whether they are off.
+    async fn ask_drives(&mut self) -> Result<(), WorldError> {
+        let mut bus = self.connection.join(&[])?;
+        self.go_on(after_end::watch(self.plan)).await?;
+        for round in after_end::requests(self.plan) {
+            for request in round {
+                bus.send(&request)?;
+            }
+            self.go_on(after_end::ANSWER_TIME).await?;
+        }
+        Ok(())
+    }
+
+    async fn go_on(&mut self, time: Duration) -> Result<(), WorldError> {
+        let clock = Clock::start();
+        let mut ticks = tokio::time::interval(COLLECT_PERIOD);
+        while clock.now() < time {
+            ticks.tick().await;
+            self.connection.collect(self.capture)?;
+        }
+        Ok(())
     }
 
     /// Does to the controller's process what the scenario's faults say by now. Faults of an external controller were refused

@@ -328,7 +328,12 @@ impl Totals {
 
     fn add(&mut self, breach: Breach, cause: Cause) {
         self.all += 1;
-        let goes_on = |stay: &Stay| stay.last_cycle + 1 == breach.cycle;
+        // What another node leaves out behind a stall is a breach of its own.
+        let is_of_another = |stay: &Stay| match (stay.cause, cause) {
+            (Cause::Host(_), Cause::Node(duty)) => duty.node() != stay.first.duty.node(),
+            _ => false,
+        };
+        let goes_on = |stay: &Stay| stay.last_cycle + 1 == breach.cycle && !is_of_another(stay);
         self.latest = Some(match self.latest.filter(goes_on) {
             None => Stay {
                 first: breach,

@@ -3,7 +3,9 @@ use std::time::Duration;
 use canopen::CanFrame;
 use dbc::Database;
 use proptest::prelude::*;
+use recording::latency::NodeReport;
 use recording::log::Stamped;
+use recording::losses::LostHeartbeat;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
 use rig::plan::Plan;
@@ -325,4 +327,125 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
     let end = |by| Some(EarlyEnd::without_node(by, "it ended"));
     assert_eq!(percent(&cut, end(EndedBy::Node)), 60.0);
     assert_eq!(percent(&cut, end(EndedBy::User)), 0.0);
+}
+
+/// A stall in cycles that are missed, and one cycle that the controller left out by itself.
+#[test]
+fn a_window_is_the_hosts_by_what_is_missed_in_it() {
+    let mut cycles = vec![Cycle::Served; 100];
+    cycles[10..14].fill(Cycle::WithoutSync);
+    cycles[60] = Cycle::WithoutSync;
+    let external = ["controller"];
+    let plan = setup(100, &[], &external);
+    let timelines = decode(frames(&cycles), &plan).unwrap();
+    let held = Held {
+        from: 100,
+        length: 40,
+        who: Who::Machine,
+    };
+    let circumstances = Circumstances {
+        stalls: vec![held.stall()],
+        ..Circumstances::default()
+    };
+    let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+    let is_of_the_host = |from_seconds, until_seconds| {
+        attribution.is_of_the_host(Window {
+            from_seconds,
+            until_seconds,
+        })
+    };
+    assert!(is_of_the_host(0.1, 0.14));
+    assert!(is_of_the_host(0.0, 0.6));
+    assert!(!is_of_the_host(0.6, 0.61));
+    assert!(!is_of_the_host(0.0, 1.0));
+    assert!(!is_of_the_host(0.2, 0.5), "nothing is missed");
+}
+
+/// A controller that was silent from 0.3 to 0.5 s and came back, in real time.
+#[test]
+fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs_own() {
+    let stood = |nodes: &[&str]| {
+        let plan = setup(100, &[], nodes);
+        let mut timeline = decode(frames(&[Cycle::Served; 100]), &plan)
+            .unwrap()
+            .remove(0);
+        timeline.lost_heartbeats = vec![LostHeartbeat {
+            node: Part::Controller,
+            due_seconds: 0.3,
+            back_seconds: 0.5,
+        }];
+        let circumstances = Circumstances {
+            reports: [Some(NodeReport::default()), None],
+            ..Circumstances::default()
+        };
+        let attribution = Attribution::new(&timeline, plan.leading(), &circumstances);
+        let stretch = attribution.stood_since(Part::Controller, 0.35);
+        stretch.map(|stretch| (stretch.from_seconds, stretch.until_seconds))
+    };
+    assert_eq!(stood(&[]), Some((0.3, 0.5)));
+    assert_eq!(stood(&["drive"]), Some((0.3, 0.5)));
+    assert_eq!(stood(&["controller"]), None);
+}
+
+/// The emulator stands still, and the controller gives up.
+#[test]
+fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
+    let mut cycles = vec![Cycle::Served; 100];
+    cycles[40..50].fill(Cycle::WithoutPosition);
+    cycles[50..].fill(Cycle::WithoutSync);
+    let plan = setup(100, &[], &[]);
+    let lasting = |cycles: &[Cycle], who| {
+        let timelines = decode(frames(cycles), &plan).unwrap();
+        let held = Held {
+            from: 400,
+            length: 100,
+            who,
+        };
+        let circumstances = Circumstances {
+            stalls: vec![held.stall()],
+            ..Circumstances::default()
+        };
+        let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+        let stay = attribution.cycles().lasting(100).unwrap();
+        (stay.first.cycle, word(stay.cause))
+    };
+    assert_eq!(lasting(&cycles, Who::PlantEmulator), (50, "node"));
+    // Of one node all that is missing is one breach.
+    cycles[40..50].fill(Cycle::WithoutSync);
+    assert_eq!(lasting(&cycles, Who::Controller), (40, "node"));
+}
+
+/// A node of canrig's that missed cycles although its loop was done with each in time was not run in them.
+#[test]
+fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
+    let too_many = |overruns, nodes: &[&str]| {
+        let mut cycles = vec![Cycle::Served; 100];
+        cycles[40..45].fill(Cycle::WithoutSync);
+        let plan = setup(100, &[], nodes);
+        let timelines = decode(frames(&cycles), &plan).unwrap();
+        let report = NodeReport {
+            ticks: 95,
+            overruns,
+            ..NodeReport::default()
+        };
+        let circumstances = Circumstances {
+            reports: [Some(report), None],
+            ..Circumstances::default()
+        };
+        let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+        attribution.cycles().too_many(1.0, 0).len()
+    };
+    assert_eq!(too_many(0, &[]), 0);
+    assert_eq!(too_many(1, &[]), 1);
+    assert_eq!(too_many(0, &["controller"]), 1);
+}
+
+#[test]
+fn times_touch_at_their_ends() {
+    let spans = stalls::Spans::of(vec![(1.0, 2.0), (4.0, 5.0)]);
+    let touched =
+        [(0.5, 1.0), (2.0, 3.0), (3.0, 4.0)].map(|(from, until)| spans.touch(from, until));
+    assert_eq!(touched, [true; 3]);
+    let apart = [(0.0, 0.9), (2.1, 3.9), (5.1, 6.0)].map(|(from, until)| spans.touch(from, until));
+    assert_eq!(apart, [false; 3]);
 }

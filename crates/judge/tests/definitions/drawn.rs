@@ -16,7 +16,9 @@ const CYCLES_WITH_HOLD: u32 = 450;
 /// What is longer than this is a silence: 20 SYNC periods, and 20 cycle times of `drive_truth`.
 pub(crate) const SILENCE_SECONDS: f64 = 0.2;
 /// When the scenario begins, in the log.
-const ZERO_MICROS: u64 = 10_000;
+pub(crate) const ZERO_MICROS: u64 = 10_000;
+/// The message with the temperature comes so long after its SYNC.
+pub(crate) const TEMPERATURE_MICROS: u64 = 260;
 
 const ENABLED: u8 = 39;
 const FAULT: u8 = 8;
@@ -196,7 +198,7 @@ impl Drawn {
                     ("wire_temperature_celsius", sent.temperature),
                     ("true_position_millimetres", sent.true_position),
                 ];
-                frames.push((micros + 260, message("drive_tpdo2", &own)));
+                frames.push((micros + TEMPERATURE_MICROS, message("drive_tpdo2", &own)));
             }
             if let Some(current) = cycle.command {
                 let command = [("target_current_amperes", current)];

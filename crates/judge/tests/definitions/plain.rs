@@ -5,7 +5,10 @@ use std::f64::consts::TAU;
 
 use canopen::CanFrame;
 
-use crate::drawn::{Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, scenario_seconds};
+use crate::drawn::{
+    Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, TEMPERATURE_MICROS, ZERO_MICROS,
+    scenario_seconds,
+};
 
 /// A value for each row; none where the row has no value.
 pub(crate) type Rows = BTreeMap<String, Option<f64>>;
@@ -571,7 +574,7 @@ impl Plain<'_> {
     fn temperature(&self) -> Option<f64> {
         let run = (0.0, self.drawn.duration());
         let is_seen = match self.drawn.truth.as_slice() {
-            [] => self.seen(run).is_some(),
+            [] => self.seen(run).is_some() && self.has_each_temperature(),
             truth => !has_silence(truth.iter().map(|one| one.time_seconds), run),
         };
         let peaks = self.drawn.truth.iter().map(|truth| truth.peak_temperature);
@@ -581,6 +584,17 @@ impl Plain<'_> {
             .iter()
             .filter_map(|cycle| Some(cycle.sent?.temperature));
         peaks.chain(sent).reduce(f64::max).filter(|_| is_seen)
+    }
+
+    /// Whether the drive's messages with the temperature, which come behind their positions, follow each other without a silence.
+    fn has_each_temperature(&self) -> bool {
+        let cycles = self.drawn.cycles.iter();
+        let sent = cycles.filter(|cycle| cycle.sent.is_some());
+        let times =
+            sent.map(|cycle| scenario_seconds(ZERO_MICROS + cycle.micros + TEMPERATURE_MICROS));
+        let times = times.filter(|time| *time <= self.drawn.duration());
+        let times = Vec::from_iter([0.0].into_iter().chain(times));
+        !has_silence(times.iter().copied(), (0.0, *times.last().unwrap_or(&0.0)))
     }
 
     /// The first instant from which on no current flows for 0.1 s, and in which nobody was silent.

@@ -8,6 +8,7 @@ use rig::plan::prefix_of;
 use scenario::expect::Emergency;
 use scenario::port::Unit;
 
+use crate::drive_reports::DriveReports;
 use crate::events::{Event, Events};
 use crate::losses::LostHeartbeat;
 use crate::occurrences::{Occurrence, Occurrences};
@@ -93,6 +94,8 @@ pub struct Timeline {
     pub truth: Series<PlantTruth>,
     /// Whether the fan and load module was there and got its commands.
     pub has_fan: bool,
+    /// The drive's answers to the bench; none in a piece.
+    pub drive_reports: DriveReports,
     /// The signals that the scenario's checks name.
     pub traces: Vec<SignalTrace>,
     /// When the scenario began, on the recording's clock; none if it never did.
@@ -180,6 +183,7 @@ impl Timeline {
             syncs_seconds: Series::default(),
             lost_heartbeats: Vec::new(),
             temperature_silence: None,
+            drive_reports: DriveReports::default(),
             events: self.events.at_times(is_inside),
             emergencies: Occurrences::default(),
             truth: Series::default(),

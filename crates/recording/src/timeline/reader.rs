@@ -14,6 +14,7 @@ use super::columns::Columns;
 use super::commands::CommandReader;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
+use crate::drive_reports::{DriveReportReader, DriveReports};
 use crate::events::{EventReader, Events};
 use crate::fan::FanReader;
 use crate::identifiers::{Identifiers, Readers};
@@ -104,9 +105,10 @@ pub struct TimelineReader {
     losses: LossReader,
     truth: TruthReader,
     fan: FanReader,
+    drive_reports: DriveReportReader,
     /// The messages that make events. Those of other loops are among them, but of most frames only a state is looked at.
     eventful: Identifiers,
-    /// The messages that losses, the truth and the fan are read from.
+    /// The messages that losses, the truth, the fan and the drive's reports are read from.
     rare: Identifiers,
     /// The messages that all but events is read from. Where a rig has several loops, most frames are those of others.
     own: Identifiers,
@@ -134,7 +136,9 @@ impl TimelineReader {
         let events = EventReader::new(&one.database, words);
         let truth = TruthReader::new(one)?;
         let fan = FanReader::new(one);
+        let drive_reports = DriveReportReader::new(one);
         let rare = losses.raw_ids().chain(truth.raw_id());
+        let rare = rare.chain([drive_reports.raw_id()]);
         let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
@@ -161,6 +165,7 @@ impl TimelineReader {
             losses,
             truth,
             fan,
+            drive_reports,
             traces,
             sources,
             columns,
@@ -242,6 +247,11 @@ impl TimelineReader {
         if Some(stamped.frame.raw_id()) == self.truth.raw_id() {
             self.truth.on_frame(stamped);
         }
+        if stamped.frame.raw_id() == self.drive_reports.raw_id()
+            && let Some(time) = time
+        {
+            self.drive_reports.on_frame(time, &stamped.frame);
+        }
         self.fan.on_frame(&stamped.frame);
     }
 
@@ -295,6 +305,7 @@ impl TimelineReader {
         rest.emergencies = self.events.take_emergencies(zero);
         rest.truth = self.truth.take_all(zero);
         rest.traces = self.traces.take_all();
+        rest.drive_reports = self.drive_reports.take_all();
         Ok(rest)
     }
 
@@ -336,6 +347,7 @@ impl TimelineReader {
             emergencies: Occurrences::default(),
             truth: Series::default(),
             has_fan: self.fan.has_fan(),
+            drive_reports: DriveReports::default(),
             traces: Vec::new(),
             zero_seconds: zero.map(|zero| zero.as_secs_f64()),
             origin_seconds: origin.as_secs_f64(),

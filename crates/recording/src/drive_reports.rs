@@ -1,0 +1,111 @@
+//! A drive's report on itself after the end that a node put to a run: its power state and its current, which the bench asks for by SDO
+//! once the drive's watches have passed. A drive that hears no SYNC says nothing by itself.
+
+use std::time::Duration;
+
+use canopen::CanFrame;
+use canopen::cia402::STATUSWORD;
+use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
+use dbc::{Coding, names};
+use rig::plan::ControlLoop;
+use scenario::rig::{ObjectAddress, Timeouts};
+
+/// The client's command that reads an object.
+const UPLOAD: u8 = 0x40;
+/// The server's answer with the value in it, whatever its length.
+const EXPEDITED: (u8, u8) = (0b1110_0010, 0b0100_0010);
+const STATUSWORD_OBJECT: ObjectAddress = ObjectAddress {
+    index: STATUSWORD,
+    sub_index: 0,
+};
+/// SYNC periods after which a drive misses the SYNC.
+const SYNC_PERIODS: u32 = 3;
+/// Time of the longest watch that is waited for.
+const WATCH_MAX: Duration = Duration::from_secs(1);
+
+/// Time after which a drive that nobody leads any more is off by itself: its watches for heartbeat and SYNC have passed.
+#[must_use]
+pub fn watch(one: &ControlLoop) -> Duration {
+    let rig = one.rig.as_ref();
+    let timeouts = rig.map_or_else(Timeouts::default, |rig| rig.file.timeouts);
+    let heartbeat = Duration::from_millis(timeouts.controller_lost_milliseconds.into());
+    let sync = SYNC_PERIODS * one.scenario.bus.sync_period();
+    heartbeat.max(sync).min(WATCH_MAX)
+}
+
+/// The requests that make a drive report its power state and its current, where it measures that.
+#[must_use]
+pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
+    let drive = one.nodes.drive.id;
+    let request = |object: ObjectAddress| {
+        let [low, high] = object.index.to_le_bytes();
+        let data = [UPLOAD, low, high, object.sub_index, 0, 0, 0, 0];
+        CanFrame::new(DEFAULT_REQUEST_ID + u16::from(drive), &data)
+    };
+    let current = current(one).map(|(object, _)| object);
+    [Some(STATUSWORD_OBJECT), current].map(|object| object.map(request))
+}
+
+/// The object of the measured current, and how its value is read.
+fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
+    let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
+    let signal = feedback.signal(names::CURRENT)?;
+    let rig = one.rig.as_ref().map(|rig| &rig.file.drive.current.object);
+    let object = rig.unwrap_or(&signal.object).parse().ok()?;
+    Some((object, signal.coding.starting_at(0)))
+}
+
+/// The answers of a drive, each with its scenario time in seconds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DriveReports {
+    pub statuswords: Vec<(f64, f64)>,
+    pub currents_amperes: Vec<(f64, f64)>,
+}
+
+/// Reads the answers of one drive.
+pub(crate) struct DriveReportReader {
+    raw_id: u32,
+    current: Option<(ObjectAddress, Coding)>,
+    reports: DriveReports,
+}
+
+impl DriveReportReader {
+    pub(crate) fn new(one: &ControlLoop) -> Self {
+        let drive = one.nodes.drive.id;
+        Self {
+            raw_id: u32::from(DEFAULT_RESPONSE_ID) + u32::from(drive),
+            current: current(one),
+            reports: DriveReports::default(),
+        }
+    }
+
+    pub(crate) fn raw_id(&self) -> u32 {
+        self.raw_id
+    }
+
+    /// Takes a frame of that identifier.
+    pub(crate) fn on_frame(&mut self, time: Duration, frame: &CanFrame) {
+        let &[command, low, high, sub_index, a, b, c, d] = frame.data() else {
+            return;
+        };
+        if command & EXPEDITED.0 != EXPEDITED.1 {
+            return;
+        }
+        let index = u16::from_le_bytes([low, high]);
+        let object = ObjectAddress { index, sub_index };
+        let time_seconds = time.as_secs_f64();
+        if object == STATUSWORD_OBJECT {
+            let word = f64::from(u16::from_le_bytes([a, b]));
+            self.reports.statuswords.push((time_seconds, word));
+        }
+        if let Some((_, coding)) = self.current.filter(|(current, _)| *current == object) {
+            let amperes = coding.decode(&[a, b, c, d, 0, 0, 0, 0]);
+            self.reports.currents_amperes.push((time_seconds, amperes));
+        }
+    }
+
+    /// All reports in the order of time.
+    pub(crate) fn take_all(&mut self) -> DriveReports {
+        std::mem::take(&mut self.reports)
+    }
+}

@@ -1,0 +1,28 @@
+//! After a run that broke off: the drives live until their watches have passed, and are asked then whether they are off.
+
+use std::time::Duration;
+
+use canopen::CanFrame;
+use recording::drive_reports;
+use rig::plan::Plan;
+
+/// Time in which all drives answer a request.
+pub(crate) const ANSWER_TIME: Duration = Duration::from_millis(20);
+/// Time by which a watch may run out later than it should, on a busy machine.
+const MARGIN: Duration = Duration::from_millis(50);
+
+/// Time after which each drive is off by itself.
+pub(crate) fn watch(plan: &Plan) -> Duration {
+    let watches = plan.loops.iter().map(drive_reports::watch);
+    watches.fold(MARGIN, |longest, watch| longest.max(watch + MARGIN))
+}
+
+/// The requests to all drives: each answers one before it gets the next.
+pub(crate) fn requests(plan: &Plan) -> [Vec<CanFrame>; 2] {
+    let mut rounds = [Vec::new(), Vec::new()];
+    for of_drive in plan.loops.iter().map(drive_reports::requests) {
+        let each = rounds.iter_mut().zip(of_drive);
+        each.for_each(|(round, request)| round.extend(request));
+    }
+    rounds
+}
