@@ -28,7 +28,9 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     if end.by == EndedBy::User || timeline.zero_seconds.is_none() {
         return None;
     }
-    let of_cycles = timeline.column(names::STATUSWORD).map(|column| &column.values);
+    let of_cycles = timeline
+        .column(names::STATUSWORD)
+        .map(|column| &column.values);
     let of_cycles = of_cycles.and_then(|words| latest(evidence, words));
     let reports = &timeline.drive_reports;
     let (state_at, word) = later(of_cycles, reports.statuswords.last())?;
