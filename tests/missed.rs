@@ -251,8 +251,9 @@ fn of_several_loops_no_command_is_due_where_a_position_is_missing() {
     });
     let frames = frames.unwrap().remove(0).unwrap();
     plan = plan.recorded_external(&[CONTROLLER.to_owned()]);
-    let id = |place: usize, message: &str| {
-        let message = plan.loops[place].database.message(message).unwrap();
+    let id = |place: usize, service: &str| {
+        let one = &plan.loops[place];
+        let message = one.message(&one.nodes.drive, service).unwrap();
         u16::try_from(message.raw_id).unwrap()
     };
     let percent = |frames: &[Stamped]| {
@@ -263,9 +264,9 @@ fn of_several_loops_no_command_is_due_where_a_position_is_missing() {
         row.unwrap().value.unwrap()
     };
     let fiftieth = |number: u32| number.is_multiple_of(50);
-    let uncommanded = without(&frames, &[id(0, "drive_rpdo1")], fiftieth);
+    let uncommanded = without(&frames, &[id(0, "rpdo1")], fiftieth);
     let missed = percent(&uncommanded);
     assert!((missed - 2.0).abs() < 0.01, "{missed}");
-    let unanswered = without(&uncommanded, &[id(1, "drive_tpdo1")], fiftieth);
+    let unanswered = without(&uncommanded, &[id(1, "tpdo1")], fiftieth);
     assert_eq!(percent(&unanswered), 0.0);
 }

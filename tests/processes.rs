@@ -196,9 +196,8 @@ const FAULT_TO_COME: &str =
 
 /// The current that flowed last, as the plant of a drive says.
 fn last_current(log: &str, one: &rig::plan::ControlLoop) -> f64 {
-    let current = (one.database)
-        .require("drive_truth.plant_current_amperes")
-        .unwrap();
+    let truth = one.message(&one.nodes.drive, "truth").unwrap();
+    let current = truth.handle(truth.signal("plant_current_amperes").unwrap());
     let frames = log.lines().rev().filter_map(|line| {
         let (id, data) = line.rsplit_once(' ')?.1.split_once('#')?;
         let id = u16::from_str_radix(id, 16).ok()?;
