@@ -1,7 +1,6 @@
 //! `canrig node`: one node as a process of its own.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use canopen::Node;
@@ -18,7 +17,6 @@ use scenario::{ScenarioError, without_colours};
 
 use recording::latency::{NodeReport, Quantiles};
 use rig::plan::Plan;
-use rig::rig_file::LoadedRig;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::catalogue::catalogue;
@@ -37,9 +35,6 @@ pub(crate) struct NodeArgs {
     /// The plant that it emulates, where a scenario has several
     #[arg(long)]
     pub plant: Option<String>,
-    /// The rig file; none for the emulated drive
-    #[arg(long)]
-    pub rig: Option<PathBuf>,
     #[command(flatten)]
     pub host: HostArgs,
 }
@@ -106,16 +101,9 @@ impl From<RunError> for Failure {
     }
 }
 
-/// The plan that this node has a part in, on the rig that the arguments name.
+/// The plan that this node has a part in.
 fn plan_of(args: &NodeArgs) -> Result<Plan, Failure> {
-    let plan = Plan::load(&args.scenario, catalogue()).map_err(Failure::of_file)?;
-    // A scenario that names its rig has a file of its own for it, whatever that is called.
-    let rig = args.rig.as_deref().filter(|_| !plan.names_rig());
-    let rig = rig.map(LoadedRig::load).transpose();
-    Ok(match rig.map_err(Failure::of_plan)? {
-        Some(rig) => plan.on(&Arc::new(rig)),
-        None => plan,
-    })
+    Plan::load(&args.scenario, catalogue()).map_err(Failure::of_file)
 }
 
 /// The controller's process.

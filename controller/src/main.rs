@@ -9,13 +9,13 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use controller::ControllerNode;
-use miette::{IntoDiagnostic, WrapErr};
+use miette::IntoDiagnostic;
 use platform::bus::BusAddress;
 use platform::stop::StopSignal;
 use platform::terminal::printable;
 use platform::{real_time, scheduling};
-use scenario::rig::RigFile;
-use scenario::{ControllerView, read_text, without_colours};
+use scenario::loops::Loops;
+use scenario::{Beside, ScenarioError, read_text, without_colours};
 
 /// Leads the drive on a CAN bus through a scenario until it is stopped (Ctrl-C).
 ///
@@ -29,13 +29,10 @@ struct Arguments {
     /// Scenario file; its plant, disturbances and limits are ignored.
     #[arg(long)]
     scenario: PathBuf,
-    /// Rig file of the drive, with its EDS beside it; without it, the drive that canrig emulates.
-    #[arg(long)]
-    rig: Option<PathBuf>,
 }
 
-/// Longest EDS.
-const EDS_BYTES_MAX: u64 = 1 << 20;
+/// Longest scenario.
+const SCENARIO_BYTES_MAX: u64 = 1 << 20;
 const SCENARIO_INVALID: u8 = 3;
 const FAILED: u8 = 4;
 
@@ -54,18 +51,21 @@ fn main() -> ExitCode {
 }
 
 fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
-    let view = ControllerView::load(&arguments.scenario)?;
-    let Some(path) = &arguments.rig else {
-        return ControllerNode::new(&view).into_diagnostic();
-    };
-    let (rig, _) = RigFile::load_with_text(path)?;
-    let eds = match rig.eds_path(path) {
-        Some(eds) => read_text(&eds, EDS_BYTES_MAX)
-            .into_diagnostic()
-            .wrap_err_with(|| format!("the EDS {} cannot be read", eds.display()))?,
-        None => dbc::DRIVE_EDS.to_owned(),
-    };
-    ControllerNode::on_rig(&view, &rig, &eds).into_diagnostic()
+    let path = &arguments.scenario;
+    let text = read_text(path, SCENARIO_BYTES_MAX)
+        .map_err(|error| ScenarioError::unreadable(path, &error))?;
+    let beside = Beside::new(path);
+    let Loops {
+        rig, loops, sheets, ..
+    } = Loops::parse_view(&beside, text, |name| beside.read(name))?;
+    let drives = loops.iter().map(|one| {
+        let name = rig.drive_of_loop(&one.name);
+        let eds = sheets.get(name).map_or(dbc::DRIVE_EDS, String::as_str);
+        (rig.real_drive(name), eds)
+    });
+    let drives = Vec::from_iter(drives);
+    let drives = drives.iter().map(|(real, eds)| Some((real.as_ref()?, *eds)));
+    ControllerNode::of_loops(loops.iter().zip(drives)).into_diagnostic()
 }
 
 fn run(address: &BusAddress, mut node: ControllerNode) -> miette::Result<()> {

@@ -28,7 +28,7 @@ use scenario::loops::OneLoop;
 use scenario::plant::SMA_ACTUATOR;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
-use scenario::rig::{Limits, RigDrive, RigFile, Timeouts};
+use scenario::rig::{Limits, RealDrive, RigDrive, Timeouts};
 
 use crate::catalogue;
 use crate::error::ControllerError;
@@ -64,19 +64,19 @@ impl ControllerNode {
         Self::leading(vec![plan], vec![DISTURBANCE])
     }
 
-    /// As [`ControllerNode::new`], for several loops, each with a drive of its own: an emulated one, or that of a rig file with
-    /// its EDS, whose limits it obeys.
+    /// As [`ControllerNode::new`], for several loops, each with a drive of its own: an emulated one, or a real one with its EDS,
+    /// whose limits it obeys.
     ///
     /// # Errors
     /// As [`ControllerNode::new`].
     pub fn of_loops<'a>(
-        loops: impl IntoIterator<Item = (&'a OneLoop<ControllerView>, Option<(&'a RigFile, &'a str)>)>,
+        loops: impl IntoIterator<Item = (&'a OneLoop<ControllerView>, Option<(&'a RealDrive, &'a str)>)>,
     ) -> Result<Self, ControllerError> {
         let mut plans = Vec::new();
         let mut io_nodes = Vec::new();
-        for (one, rig) in loops {
-            plans.push(match rig {
-                Some((rig, eds)) => LoopPlan::on_rig(&one.scenario, rig, eds)?,
+        for (one, real_drive) in loops {
+            plans.push(match real_drive {
+                Some((real, eds)) => LoopPlan::real(&one.scenario, real, eds)?,
                 None => LoopPlan::emulated(&one.scenario, one.place.drive)?,
             });
             if let Some(id) = one.place.io {
@@ -84,25 +84,6 @@ impl ControllerNode {
             }
         }
         Self::leading(plans, io_nodes)
-    }
-
-    /// As [`ControllerNode::new`], for the drive of a rig file, whose limits it obeys.
-    ///
-    /// # Errors
-    /// As [`ControllerNode::new`].
-    pub fn on_rig(
-        view: &ControllerView,
-        rig: &RigFile,
-        drive_eds: &str,
-    ) -> Result<Self, ControllerError> {
-        let view = ControllerView {
-            bus: rig.bus.of_scenario(),
-            ..view.clone()
-        };
-        let fan = rig.fan.node_id;
-        let fan = NodeId::new(fan).ok_or(ControllerError::NodeId(fan))?;
-        let plan = LoopPlan::on_rig(&view, rig, drive_eds)?;
-        Self::leading(vec![plan], vec![fan])
     }
 
     fn leading(plans: Vec<LoopPlan<'_>>, io_nodes: Vec<NodeId>) -> Result<Self, ControllerError> {
@@ -205,7 +186,7 @@ fn further_drives(plans: &[LoopPlan<'_>], leader: &LoopPlan<'_>) -> Vec<usize> {
 struct LoopPlan<'a> {
     view: &'a ControllerView,
     drive: DriveLayout,
-    /// The rig's.
+    /// A real drive's.
     limits: Option<&'a Limits>,
     timeouts: Timeouts,
 }
@@ -216,7 +197,7 @@ impl<'a> LoopPlan<'a> {
             node_id,
             ..RigDrive::default()
         };
-        rig.position.units_per_millimetre = view.wiring.unit.counts();
+        rig.position.increments_per_unit = view.wiring.unit.counts();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
         Ok(Self {
             view,
@@ -226,17 +207,17 @@ impl<'a> LoopPlan<'a> {
         })
     }
 
-    fn on_rig(
+    fn real(
         view: &'a ControllerView,
-        rig: &'a RigFile,
+        real: &'a RealDrive,
         drive_eds: &str,
     ) -> Result<Self, ControllerError> {
-        let dictionary = dbc::dictionary(drive_eds, rig.drive.node_id)?;
+        let dictionary = dbc::dictionary(drive_eds, real.drive.node_id)?;
         Ok(Self {
             view,
-            drive: DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes)?,
-            limits: Some(&rig.limits),
-            timeouts: rig.timeouts,
+            drive: DriveLayout::new(dictionary, &real.drive, real.limits.current_amperes)?,
+            limits: Some(&real.limits),
+            timeouts: real.timeouts,
         })
     }
 }

@@ -26,8 +26,8 @@ const WATCH_MAX: Duration = Duration::from_secs(1);
 /// Time after which a drive that nobody leads any more is off by itself: its watches for heartbeat and SYNC have passed.
 #[must_use]
 pub fn watch(one: &ControlLoop) -> Duration {
-    let rig = one.rig.as_ref();
-    let timeouts = rig.map_or_else(Timeouts::default, |rig| rig.file.timeouts);
+    let real = one.real_drive.as_ref();
+    let timeouts = real.map_or_else(Timeouts::default, |drive| drive.real.timeouts);
     let heartbeat = Duration::from_millis(timeouts.controller_lost_milliseconds.into());
     let sync = SYNC_PERIODS * one.scenario.bus.sync_period();
     heartbeat.max(sync).min(WATCH_MAX)
@@ -50,8 +50,9 @@ pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
 fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
     let signal = feedback.signal(names::CURRENT)?;
-    let rig = one.rig.as_ref().map(|rig| &rig.file.drive.current.object);
-    let object = rig.unwrap_or(&signal.object).parse().ok()?;
+    let real = one.real_drive.as_ref();
+    let object = real.map(|drive| &drive.real.drive.current.object);
+    let object = object.unwrap_or(&signal.object).parse().ok()?;
     Some((object, signal.coding.starting_at(0)))
 }
 

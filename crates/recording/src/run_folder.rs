@@ -42,8 +42,6 @@ pub mod file {
     pub const SENT: &str = "sent.csv";
     /// What the frames mean, as a DBC.
     pub const FRAMES: &str = "frames.dbc";
-    /// The rig file as it was used; only in runs on a rig.
-    pub const RIG: &str = rig::rig_file::RIG_FILE;
     /// The folder of the nodes' data sheets; only in runs on a rig that names its nodes.
     pub const SHEETS: &str = "eds";
     /// The recording for the Rerun viewer.
@@ -125,13 +123,6 @@ impl RunFolder {
             true => Ok(folder),
             false => written.map(|()| folder),
         }
-    }
-
-    /// The rig file's copy in the folder; none in runs on the emulated rig.
-    #[must_use]
-    pub fn rig(&self) -> Option<PathBuf> {
-        let path = self.path.join(file::RIG);
-        path.exists().then_some(path)
     }
 
     /// The scenario's copy in the folder.

@@ -8,7 +8,6 @@ use dbc::{Database, DbcError};
 use rig::catalogue::{Catalogue, name_of_two_columns};
 use rig::named_nodes::node_sheets;
 use rig::plan::Plan;
-use rig::rig_file::{LoadedRig, RigError};
 use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file, own_file};
@@ -54,27 +53,21 @@ pub fn write_tables(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), 
 
 /// FMUs are not copied: beside the hash of each, a link leads to where it is, so that the nodes find it.
 fn link_fmus(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
-    let beside = plan.shared.path.parent().unwrap_or(Path::new(""));
     let hashes = plan.shared.tables.keys();
     let mut files = hashes.filter_map(|name| name.strip_suffix(HASH_SUFFIX));
-    files.try_for_each(|file| match beside.join(file).canonicalize() {
+    files.try_for_each(|file| match plan.shared.beside.place(file).canonicalize() {
         Ok(target) => folder.link(&Path::new(place).join(file), &target),
         // Who needs it will say so.
         Err(_) => Ok(()),
     })
 }
 
-/// The files that are played, by the names of their copies in a folder: the tables that the scenario names, the rig file with
-/// its EDS, and the scenario.
+/// The files that are played, by the names of their copies in a folder: those that the scenario names, its rig with the EDS of real
+/// drives among them, and the scenario.
 pub fn files_of(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
     let tables = plan.shared.tables.iter();
     let tables = tables.map(|(name, text)| (name.as_str(), text.as_str()));
-    // The scenario of several loops names its rig file.
-    let rig = (plan.leading().rig.as_deref()).filter(|_| !plan.names_rig());
-    let eds = rig.and_then(|rig| Some((rig.file.drive.eds.as_deref()?, rig.eds.as_str())));
-    let rig = rig.map(|rig| (file::RIG, rig.text.as_str()));
-    let scenario = (file::SCENARIO, plan.shared.text.as_str());
-    tables.chain(rig).chain(eds).chain([scenario])
+    tables.chain([(file::SCENARIO, plan.shared.text.as_str())])
 }
 
 /// The plan of a recording cannot be read back.
@@ -82,8 +75,6 @@ pub fn files_of(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
 pub enum ReadError {
     #[error(transparent)]
     Scenario(Box<ScenarioError>),
-    #[error(transparent)]
-    Rig(Box<RigError>),
     #[error(transparent)]
     Frames(#[from] FramesError),
     #[error("{} cannot be read: {source}", path.display())]
@@ -117,8 +108,8 @@ enum FramesFault {
 }
 
 /// Reads back the plan of a run, with its nodes of somebody else, if those are known. The folder's own `frames.dbc` says what the
-/// frames mean; then no plant and no law of this bench is asked for anything. A folder of an older canrig has none: there it
-/// follows from the scenario's plant and law, which must be in the catalogue, and from the rig file.
+/// frames mean; then no plant and no law of this bench is asked for anything. Beside a log of another tool there is none: there it
+/// follows from the scenario's rig and law, which must be in the catalogue.
 ///
 /// # Errors
 /// A file cannot be read or is not valid.
@@ -145,26 +136,6 @@ pub fn read_plan(
         let fault = FramesFault::TwoColumns(name.to_owned());
         return Err(FramesError { path, fault }.into());
     }
-    if plan.names_rig() {
-        return Ok(plan);
-    }
-    let rig = || -> Result<_, ReadError> {
-        own(folder, file::RIG)?;
-        let rig = LoadedRig::in_folder(folder).map_err(|error| ReadError::Rig(Box::new(error)))?;
-        let eds = rig.as_ref().and_then(|rig| rig.file.drive.eds.as_deref());
-        eds.map_or(Ok(()), |eds| own(folder, eds).map(drop))?;
-        Ok(rig.map(Arc::new))
-    };
-    // A log beside a scenario: nobody says that it was played on the rig beside it.
-    if frames.is_none() && external.is_none() {
-        return Ok(plan);
-    }
-    let plan = match (frames, rig()?) {
-        (_, None) => plan,
-        (Some(_), Some(rig)) => plan.recorded_on(&rig),
-        (None, Some(rig)) => plan.on(&rig),
-    };
-    // A later version may know nodes that this one does not.
     Ok(plan.recorded_external(external.unwrap_or_default()))
 }
 
@@ -220,14 +191,14 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use scenario::Scenario;
+    use scenario::Beside;
 
     /// A folder that holds its scenario is taken for whole, so a sweep that was killed would go on without the table.
     #[test]
     fn a_folder_without_the_files_of_its_scenario_has_no_scenario() {
         let place = tempfile::tempdir().unwrap();
         let scenario = place.path().join("t.toml");
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
             [[reference.table]]\nfrom_seconds = 0.0\nfile = \"course.csv\"\n";
         fs::write(&scenario, text).unwrap();
         let table = place.path().join("course.csv");
@@ -248,21 +219,22 @@ mod tests {
     #[test]
     fn a_rig_is_read_back_from_the_folder_with_its_eds() {
         let place = tempfile::tempdir().unwrap();
-        let (rig, eds) = (place.path().join("bench.toml"), dbc::DRIVE_EDS);
-        let limits = "[limits]\ncurrent_amperes = 0.9\nposition_millimetres = { min = -1.0, max = 45.0 }\n\
-            speed_millimetres_per_second = 400.0\n";
-        let text =
-            format!("schema = 1\nname = \"b\"\n{limits}[drive]\neds = \"sheets/drive.eds\"\n");
+        let rig = "schema = 1\nname = \"b\"\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n[node.drive]\n\
+            kind = \"drive\"\nnode_id = 16\neds = \"sheets/drive.eds\"\n\
+            limits = { current_amperes = 0.9, min = -1.0, max = 45.0, rate_max = 400.0 }\n\
+            [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n";
         fs::create_dir(place.path().join("sheets")).unwrap();
-        fs::write(place.path().join("sheets/drive.eds"), eds).unwrap();
-        fs::write(&rig, &text).unwrap();
-        let rig = LoadedRig::load(&rig).unwrap();
-        let played = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(played, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped()).on(&Arc::new(rig));
-        let folder = RunFolder::create(&place.path().join("runs"), "t", 1, played).unwrap();
+        fs::write(place.path().join("sheets/drive.eds"), dbc::DRIVE_EDS).unwrap();
+        let path = place.path().join("bench.toml");
+        fs::write(&path, rig).unwrap();
+        let text = "schema = 1\nrig = \"rig/bench.toml\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n";
+        let beside = Beside::new(Path::new("t.toml")).with_rig(&path);
+        let plan = Plan::parse_beside(&beside, text.to_owned(), &Catalogue::shipped()).unwrap();
+        let folder = RunFolder::create(&place.path().join("runs"), "t", 1, text).unwrap();
         write_plan(&folder, &plan).unwrap();
-        let read = LoadedRig::in_folder(folder.path()).unwrap().unwrap();
-        assert_eq!((read.text, read.eds.as_str()), (text, eds));
+        let read = read_plan(folder.path(), None, &Catalogue::shipped()).unwrap();
+        let drive = |plan: &Plan| plan.loops[0].real_drive.as_ref().unwrap().eds.clone();
+        assert_eq!(drive(&read), drive(&plan));
+        assert_eq!(read.shared.tables, plan.shared.tables);
     }
 }

@@ -7,7 +7,6 @@ use canopen::frame_bits::occupied_bits_max;
 use dbc::loops::TERMS_EVERY_CYCLES;
 use dbc::{Message, names};
 use scenario::node::LoopNodes;
-use scenario::rig::nodes::Rig;
 
 use crate::plan::{ControlLoop, Plan};
 
@@ -92,27 +91,25 @@ impl BusShare {
 }
 
 impl BusBudget {
-    /// The budget of a rig with the plan of its loops.
+    /// The budget of a plan.
     #[must_use]
-    pub fn new(rig: &Rig, plan: &Plan) -> Self {
-        let controller = rig.controller().map_or("", |(name, _)| name);
+    pub fn new(plan: &Plan) -> Self {
+        let controller = plan.controller_name();
         let sync = BusShare {
             node: controller.to_owned(),
             what: "SYNC".to_owned(),
             bits: Sent::of(plan.database().message(names::SYNC)).bits,
             pace: EACH,
         };
-        let loops = rig.loops.values().zip(&plan.loops);
-        let of_loops = loops.flat_map(|(of_rig, one)| {
-            let drive = of_rig.drives.first().map_or("", String::as_str);
-            of_loop(controller, drive, one)
-        });
+        let loops = plan.loops.iter();
+        let of_loops = loops.flat_map(|one| of_loop(controller, &one.nodes.drive.name, one));
         let mut shares = Vec::from_iter([sync].into_iter().chain(of_loops));
-        shares.sort_by_key(|share| rig.node.get(&share.node).map(|node| node.node_id));
+        let id = |name: &str| plan.nodes().find(|node| node.name == name).map(|node| node.id);
+        shares.sort_by_key(|share| id(&share.node));
         Self {
             shares,
-            bitrate_kilobits_per_second: rig.bus.bitrate_kilobits_per_second.into(),
-            period_milliseconds: rig.bus.sync_period_milliseconds,
+            bitrate_kilobits_per_second: plan.shared.bus.bitrate_kilobits_per_second.into(),
+            period_milliseconds: plan.shared.bus.sync_period_milliseconds,
         }
     }
 

@@ -10,7 +10,7 @@ use scenario::port::{Port, Ports, Unit};
 use scenario::wiring::IoOutput;
 use scenario::{Objection, Scenario};
 
-use crate::rig_file::LoadedRig;
+use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
 
@@ -290,8 +290,8 @@ pub(crate) enum Player<'a> {
     Emulator,
     /// Somebody else, with a drive like the emulated one.
     External,
-    /// Somebody else, with a drive of this rig.
-    OnRig(&'a LoadedRig),
+    /// Somebody else, with this drive.
+    Real(&'a LoadedDrive),
 }
 
 impl Published {
@@ -307,14 +307,14 @@ impl Published {
         let is_emulated = matches!(player, Player::Emulator);
         let unit = PositionUnit {
             symbol: self.unit.symbol(),
-            resolution: (!matches!(player, Player::OnRig(_))).then(|| 1.0 / self.unit.counts()),
+            resolution: (!matches!(player, Player::Real(_))).then(|| 1.0 / self.unit.counts()),
             rename: &rename,
         };
         let unit = (self.unit != Unit::Millimetres).then_some(&unit);
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match player {
-            Player::OnRig(rig) => rig.with_drive(composer, drive, unit),
+            Player::Real(real) => real.with_drive(composer, drive, unit),
             _ => composer.with_drive(drive, signals, None, unit),
         };
         let composer = match &nodes.io {

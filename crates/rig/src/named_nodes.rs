@@ -61,7 +61,7 @@ fn sheet(name: &str, node_id: u8, eds: &str, of_drive: Option<&OfDrive>) -> Node
 
 fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
     let drive = &one.nodes.drive;
-    let drive_sheet = match &one.rig {
+    let drive_sheet = match &one.real_drive {
         // The maker's, who says nothing of this rig.
         Some(rig) => NodeSheet {
             name: drive.name.clone(),

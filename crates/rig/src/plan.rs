@@ -1,7 +1,7 @@
 //! The plan of a run: its loops, and all that they share.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,7 +9,8 @@ use dbc::loops::LoopPlace;
 use dbc::names;
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
-use scenario::Bus;
+use scenario::rig::nodes::Rig;
+use scenario::{Beside, Bus};
 use scenario::fault::{Fault, Faults, Group};
 use scenario::loops::Contour;
 use scenario::node::{LoopNodes, Node, Part};
@@ -19,15 +20,13 @@ use scenario::{Scenario, Texts};
 
 use crate::catalogue::{Catalogue, Frames, Player, column_messages};
 use crate::external::{External, no_such_node};
-use crate::rig_file::LoadedRig;
+use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 
 mod load;
 
-pub use load::{check_rig, may_name_rig};
+pub use load::check_rig;
 
-/// Name of the io node on the command line of a scenario without a rig.
-pub const FAN: &str = "fan";
 /// A run: the loops of a scenario and all that they share. A single loop is a list of one.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -40,11 +39,11 @@ pub struct Plan {
 /// The facts of a run that belong to no single loop.
 #[derive(Clone, Debug)]
 pub struct Shared {
-    /// The scenario's file; empty where it lies nowhere.
-    pub path: PathBuf,
+    /// Where the scenario is and the files that it names; empty where it lies nowhere.
+    pub beside: Beside,
     /// The file's text.
     pub text: String,
-    /// The texts of the tables that the scenario names, by these names.
+    /// The texts of the files that the scenario names, its rig among them, by these names.
     pub tables: BTreeMap<String, String>,
     /// The scenario's name.
     pub name: String,
@@ -66,8 +65,8 @@ pub struct Shared {
     pub contours: Vec<Contour>,
     /// The nodes of each loop by the loop's name; empty for an only loop.
     pub nodes_of_loops: BTreeMap<String, LoopNodes>,
-    /// Whether the scenario names its rig.
-    pub names_rig: bool,
+    /// The rig; an empty one where only a scenario is known.
+    pub rig: Arc<Rig>,
 }
 
 /// The name of one of several loops.
@@ -92,8 +91,8 @@ pub struct ControlLoop {
     pub place: LoopPlace,
     /// The nodes of the run that canrig does not play.
     pub external: External,
-    /// The rig that it is played on; none for the emulated one.
-    pub rig: Option<Arc<LoadedRig>>,
+    /// Its drive, if that is a real one.
+    pub real_drive: Option<Arc<LoadedDrive>>,
     /// The meaning of all frames on the bus.
     pub database: Arc<Database>,
     frames: Arc<Frames>,
@@ -102,7 +101,7 @@ pub struct ControlLoop {
 }
 
 impl Plan {
-    /// The plan of a scenario of one loop that lies in no file.
+    /// The plan of the scenario of a rig with one loop.
     #[must_use]
     pub fn new(scenario: Scenario, catalogue: &Catalogue) -> Self {
         let frames = catalogue.frames(&scenario);
@@ -127,7 +126,7 @@ impl Plan {
         }
         let scenario = &loops[0].scenario;
         let shared = Shared {
-            path: PathBuf::new(),
+            beside: Beside::default(),
             text: String::new(),
             tables: BTreeMap::new(),
             name: scenario.name.clone(),
@@ -140,22 +139,24 @@ impl Plan {
             sweep: scenario.sweep.clone(),
             contours,
             nodes_of_loops,
-            names_rig: false,
+            rig: Arc::default(),
         };
         Self { shared, loops }
     }
 
     /// The same, read from a file with this text.
     #[must_use]
-    pub fn from_file(mut self, path: impl Into<PathBuf>, text: String) -> Self {
-        self.shared.path = path.into();
-        self.shared.text = text;
-        self
+    pub fn from_file(self, path: impl AsRef<Path>, text: String) -> Self {
+        let tables = BTreeMap::new();
+        let scenario = text;
+        self.with_texts(&Beside::new(path.as_ref()), Texts { scenario, tables })
     }
 
-    fn with_texts(mut self, path: impl Into<PathBuf>, texts: Texts) -> Self {
+    fn with_texts(mut self, beside: &Beside, texts: Texts) -> Self {
+        self.shared.beside = beside.clone();
+        self.shared.text = texts.scenario;
         self.shared.tables = texts.tables;
-        self.from_file(path, texts.scenario)
+        self
     }
 
     /// The same with each loop changed.
@@ -170,30 +171,12 @@ impl Plan {
         self.map(|one| one.with_database(Arc::clone(database)))
     }
 
-    /// The same on a rig, whose drive is external and whose bus takes the place of the scenario's.
-    #[must_use]
-    pub fn on(self, rig: &Arc<LoadedRig>) -> Self {
-        self.recorded_on(rig).composed()
-    }
-
-    /// As [`Plan::on`], for a recording that says by itself what its frames mean.
-    #[must_use]
-    pub fn recorded_on(self, rig: &Arc<LoadedRig>) -> Self {
-        self.on_bus_of(rig)
-            .map(|one| one.recorded_on(Arc::clone(rig)))
-    }
-
-    fn on_bus_of(mut self, rig: &LoadedRig) -> Self {
-        self.shared.bus = rig.file.bus.of_scenario();
-        self
-    }
-
     /// The same with further external nodes, by name. An external drive publishes no truth.
     ///
     /// # Errors
     /// The run has no such node, or it cannot be external.
     pub fn with_external(self, names: &[String]) -> Result<Self, String> {
-        let known = BTreeSet::from_iter(self.nodes().map(|node| self.shared.name_of(node)));
+        let known = BTreeSet::from_iter(self.nodes().map(|node| node.name.as_str()));
         if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
             return Err(no_such_node(name, &Vec::from_iter(known)));
         }
@@ -201,7 +184,7 @@ impl Plan {
         let real_fan = |one: &ControlLoop| one.is_external(Part::Io) && one.is_ours(Part::Drive);
         if let Some(one) = plan.loops.iter().find(|one| real_fan(one)) {
             let io = one.nodes.io.as_ref();
-            let io = io.map_or("", |node| plan.shared.name_of(node));
+            let io = io.map_or("", |node| node.name.as_str());
             let drive = &one.nodes.drive.name;
             return Err(format!(
                 "--external {io} needs --external {drive}: a real fan cannot cool an emulated wire"
@@ -219,7 +202,7 @@ impl Plan {
     /// As [`Plan::with_external`], for a recording.
     #[must_use]
     pub fn recorded_external(mut self, names: &[String]) -> Self {
-        let is_named = |node: &&Node| names.iter().any(|name| name == self.shared.name_of(node));
+        let is_named = |node: &&Node| names.contains(&node.name);
         let named = Vec::from_iter(self.nodes().filter(is_named).map(|node| node.id));
         for one in &mut self.loops {
             named.iter().for_each(|id| one.external.insert(*id));
@@ -262,9 +245,8 @@ impl Plan {
             } = &one.nodes;
             let nodes = [drive, controller].into_iter().chain(io);
             for node in nodes.filter(|node| one.external.has(node)) {
-                let name = self.shared.name_of(node).to_owned();
-                if !names.contains(&name) {
-                    names.push(name);
+                if !names.contains(&node.name) {
+                    names.push(node.name.clone());
                 }
             }
         }
@@ -309,26 +291,10 @@ impl Plan {
         self.shared.bus.sync_period()
     }
 
-    /// Whether the scenario names its rig.
-    #[must_use]
-    pub fn names_rig(&self) -> bool {
-        self.shared.names_rig
-    }
-
     /// Whether anything goes wrong on purpose.
     #[must_use]
     pub fn has_faults(&self) -> bool {
         !self.shared.faults.is_empty()
-    }
-}
-
-impl Shared {
-    /// The name of a node on the command line and in a verdict.
-    fn name_of<'a>(&self, node: &'a Node) -> &'a str {
-        match node.part {
-            Part::Io if !self.names_rig => FAN,
-            _ => &node.name,
-        }
     }
 }
 
@@ -340,8 +306,8 @@ fn compose(loops: &[ControlLoop]) -> Database {
     };
     let composer = Composer::new(&controller.name, controller.id);
     let composer = loops.iter().fold(composer, |composer, one| {
-        let player = match &one.rig {
-            Some(rig) => Player::OnRig(rig),
+        let player = match &one.real_drive {
+            Some(real) => Player::Real(real),
             None if one.is_external(Part::Drive) => Player::External,
             None => Player::Emulator,
         };
@@ -369,7 +335,7 @@ impl ControlLoop {
             loop_name: None,
             place: LoopPlace::SHIPPED,
             external: External::default(),
-            rig: None,
+            real_drive: None,
             database: Arc::clone(&frames.database),
             frames,
             drives: Arc::default(),
@@ -394,16 +360,6 @@ impl ControlLoop {
 
     fn with_database(self, database: Arc<Database>) -> Self {
         Self { database, ..self }
-    }
-
-    fn recorded_on(mut self, rig: Arc<LoadedRig>) -> Self {
-        self.scenario.bus = rig.file.bus.of_scenario();
-        rig.name_ids(&mut self.nodes);
-        self.external.insert(self.nodes.drive.id);
-        Self {
-            rig: Some(rig),
-            ..self
-        }
     }
 
     /// Whether the node with a part in the loop is external.

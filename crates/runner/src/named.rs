@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use scenario::Scenario;
-use scenario::rig::RigFile;
 use scenario::rig::nodes::Rig;
 
 use crate::console::print_diagnostic;
 use crate::exit::Exit;
 use crate::recorded::{read_played, refuse};
-use crate::scenarios::{load, read_rig, rig_text};
+use crate::play::ValueArgs;
+use crate::scenarios::{load, rig_text};
 use rig::plan::Plan;
 use worlds::catalogue::catalogue;
 
@@ -28,19 +28,11 @@ pub fn plan_of(path: &Path) -> Result<Plan, Exit> {
     };
     // What cannot be read may be the name of a scenario that ships.
     let Ok(text) = rig_text(path) else {
-        return load(path, &[]);
+        return load(path, &ValueArgs::default());
     };
-    let is_of_one_drive = RigFile::is_meant(&text);
     // Who asks for nodes names a rig, unless it is a scenario.
-    if Rig::is_meant(&text) || !is_of_one_drive && !Scenario::may_be(&text) {
+    if Rig::is_meant(&text) || !Scenario::may_be(&text) {
         return Plan::of_rig(path, &text, catalogue()).map_err(invalid);
     }
-    if is_of_one_drive {
-        let plan = read_rig(path).map(Plan::of_loaded_rig);
-        return plan.map_err(|error| {
-            print_diagnostic(error);
-            Exit::CannotStart
-        });
-    }
-    load(path, &[])
+    load(path, &ValueArgs::default())
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use clap::Args;
+use scenario::rig::shipped;
 use scenario::Override;
 
 use crate::console::usage_error;
@@ -57,6 +58,37 @@ pub struct ValueArgs {
     /// Play with another value, such as reference.step[0].position_millimetres=20
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<Override>,
+    /// Play on another rig in place of the scenario's: a rig file, such as that of a real drive, or the name of one that ships
+    #[arg(long, value_name = "RIG")]
+    pub rig: Option<PathBuf>,
+}
+
+impl ValueArgs {
+    /// The rig file that takes the place of the scenario's; none for one that ships.
+    pub(crate) fn rig_file(&self) -> Option<&Path> {
+        let rig = self.rig.as_deref()?;
+        let text = |name| shipped::text(name);
+        let ships = rig.to_str().and_then(text).is_some();
+        (!ships).then_some(rig)
+    }
+
+    /// All values, the rig among them.
+    ///
+    /// # Panics
+    /// Never: any text can be a value.
+    #[must_use]
+    pub fn all(&self) -> Vec<Override> {
+        let name = self.rig.as_deref().map(|rig| match self.rig_file() {
+            Some(file) => {
+                let name = file.file_name().unwrap_or_default();
+                format!("{}/{}", shipped::FOLDER, name.to_string_lossy())
+            }
+            None => rig.to_string_lossy().into_owned(),
+        });
+        let rig = name.map(|name| format!("rig={name:?}"));
+        let rig = rig.map(|text| text.parse().expect("a key and a value"));
+        self.overrides.iter().cloned().chain(rig).collect()
+    }
 }
 
 impl PlayArgs {
@@ -160,7 +192,7 @@ pub(crate) fn prepared(
     testbed: &dyn Testbed,
     listener: &dyn Listener,
 ) -> Result<Plan, Exit> {
-    let plan = load(path, &values.overrides)?;
+    let plan = load(path, values)?;
     testbed.prepare(plan).map_err(|reason| {
         listener.on_event(&RunEvent::Failed(format!("{}: {reason}", path.display())));
         Exit::CannotStart
@@ -233,7 +265,7 @@ fn play_one(
     let Stage {
         watch, listener, ..
     } = stage;
-    let (shared, path) = (&plan.shared, &plan.shared.path);
+    let (shared, path) = (&plan.shared, plan.shared.beside.scenario());
     if let Some(sweep) = &shared.sweep {
         let (runs, path) = (sweep.runs(), path.display());
         listener.on_event(&RunEvent::Note(format!(
@@ -247,7 +279,7 @@ fn play_one(
     let place = RunPlace {
         parent: &args.output,
         is_long: shared.duration_seconds > args.compress_above,
-        overrides: &args.values.overrides,
+        overrides: &args.values.all(),
         is_strict: args.strict,
     };
     let judged = run(plan, place, watch, queues, |folder, capture| {

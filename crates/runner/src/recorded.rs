@@ -24,7 +24,6 @@ use recording::timeline::{self, Timeline, events_of};
 use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::plan::Plan;
-use rig::rig_file::RigError;
 
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
 const VERDICT_BYTES_MAX: u64 = 16 << 20;
@@ -77,9 +76,6 @@ pub enum RecordedError {
     /// The scenario is not valid.
     #[error("the scenario of the recording is not valid")]
     Scenario(Box<ScenarioError>),
-    /// The rig file is not valid.
-    #[error("the rig file of the recording is not valid")]
-    Rig(Box<RigError>),
     /// The folder's DBC is not valid.
     #[error(transparent)]
     Frames(#[from] FramesError),
@@ -117,7 +113,6 @@ impl From<ReadError> for RecordedError {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Scenario(error) => Self::Scenario(error),
-            ReadError::Rig(error) => Self::Rig(error),
             ReadError::Frames(error) => Self::Frames(error),
             ReadError::Link { path, source } => Self::Read { path, source },
         }
@@ -352,7 +347,6 @@ fn is_folder(path: &Path) -> Result<bool, RecordedError> {
 pub fn refuse(error: RecordedError) -> Exit {
     match error {
         RecordedError::Scenario(error) => print_diagnostic(*error),
-        RecordedError::Rig(error) => print_diagnostic(*error),
         error => print_error(&format!("canrig: {error}")),
     }
     Exit::CannotStart

@@ -93,9 +93,7 @@ pub fn run(
     let identity = identity(plan)?;
     let is_long = place.is_long;
     let folder = create_folder(place, plan, &identity)?;
-    if plan.names_rig() {
-        write_sheets(&folder, plan)?;
-    }
+    write_sheets(&folder, plan)?;
     let progress = ProgressReader::new(plan.leading())?;
     let clock = plan.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);

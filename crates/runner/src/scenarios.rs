@@ -7,14 +7,15 @@ use std::path::{Path, PathBuf};
 use miette::Diagnostic;
 use scenario::overrides::{OverrideError, overridden};
 use scenario::rig::nodes::Rig;
-use scenario::{Override, ScenarioError, read_text};
+use scenario::rig::shipped::{FOLDER, text as shipped_rig};
+use scenario::{Beside, ScenarioError, read_text};
 
 use crate::console::print_diagnostic;
 use crate::exit::Exit;
+use crate::play::ValueArgs;
 use crate::shipped::{self, ShippedFile};
 use rig::FILE_BYTES_MAX;
 use rig::plan::Plan;
-use rig::rig_file::{LoadedRig, RIG_FILE, RigError};
 use worlds::catalogue::catalogue;
 
 /// Levels of folders that are searched for scenarios.
@@ -51,7 +52,7 @@ pub enum NoScenario {
 ///
 /// # Errors
 /// There is none, or it is not valid.
-pub fn read(path: &Path, overrides: &[Override]) -> Result<Plan, NoScenario> {
+pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
         let meant = shipped::meant(&path.to_string_lossy());
@@ -72,29 +73,20 @@ pub fn read(path: &Path, overrides: &[Override]) -> Result<Plan, NoScenario> {
             Err(_) => return Ok(Plan::load(path, catalogue())?),
         },
     };
-    let text = overridden(text, overrides).map_err(|source| NoScenario::Override {
+    let text = overridden(text, &values.all()).map_err(|source| NoScenario::Override {
         path: path.to_owned(),
         source,
     })?;
-    Ok(match shipped {
-        None => Plan::parse_beside(path, text, catalogue())?,
-        Some(shipped) => {
-            let beside = |name: &str| shipped.beside(name);
-            Plan::parse(path, text, beside, catalogue())?
-        }
-    })
-}
-
-/// Reads and checks a rig file, or where there is none, the one that ships by this name.
-///
-/// # Errors
-/// There is none, or it is not valid.
-pub(crate) fn read_rig(path: &Path) -> Result<LoadedRig, RigError> {
-    let Some(shipped) = shipped::rig(path) else {
-        return LoadedRig::load(path);
+    let mut beside = Beside::new(path);
+    if let Some(rig) = values.rig_file() {
+        beside = beside.with_rig(rig);
+    }
+    let is_of_rig = |name: &str| Path::new(name).starts_with(FOLDER);
+    let read = |name: &str| match shipped {
+        Some(shipped) if !is_of_rig(name) => shipped.beside(name),
+        _ => beside.read(name),
     };
-    let path = path.to_owned();
-    LoadedRig::from_text(shipped.text).map(|rig| LoadedRig { path, ..rig })
+    Ok(Plan::parse(&beside, text, read, catalogue())?)
 }
 
 /// The text of a rig file, or where there is none, of the one that ships by this name.
@@ -102,8 +94,10 @@ pub(crate) fn read_rig(path: &Path) -> Result<LoadedRig, RigError> {
 /// # Errors
 /// There is none, or it cannot be read.
 pub(crate) fn rig_text(path: &Path) -> io::Result<String> {
-    match shipped::rig(path) {
-        Some(shipped) => Ok(shipped.text.to_owned()),
+    let by_name = path.to_str().and_then(shipped_rig);
+    let shipped = by_name.or_else(|| Some(shipped::rig(path)?.text));
+    match shipped.filter(|_| !path.exists()) {
+        Some(text) => Ok(text.to_owned()),
         None => read_text(path, FILE_BYTES_MAX),
     }
 }
@@ -117,8 +111,8 @@ fn is_bare_name(path: &Path) -> bool {
 ///
 /// # Errors
 /// The exit code for it.
-pub fn load(path: &Path, overrides: &[Override]) -> Result<Plan, Exit> {
-    read(path, overrides).map_err(|error| {
+pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Exit> {
+    read(path, values).map_err(|error| {
         print_diagnostic(error);
         Exit::CannotStart
     })
@@ -130,7 +124,7 @@ pub(crate) fn is_scenario(path: &Path) -> bool {
         let text = read_text(path, FILE_BYTES_MAX);
         text.is_ok_and(|text| Rig::is_meant(&text))
     };
-    !path.ends_with(RIG_FILE) && !is_rig()
+    !is_rig()
 }
 
 /// The scenario files that the arguments name: files as they are, folders with everything wanted below them in order.

@@ -14,16 +14,14 @@ mod tests;
 use crate::controller::{Controller, drives_led_by};
 use crate::document::Document;
 use crate::error::Problem;
-use crate::fault::Fault;
 use crate::nearest::meant_or_known;
-use crate::outside::Outside;
 use crate::reference::{Chirp, Reference};
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
 use crate::scenario::Scenario;
 use crate::wiring::Wiring;
 
 pub(crate) use signals::read_courses;
-pub(crate) use sweep::{check as sweep, check_on as sweep_on};
+pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
 pub(crate) use fault::{faults, faults_of_plants};
@@ -71,26 +69,9 @@ pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
 }
 
 /// Checks disturbances, plant and limits.
-pub(crate) fn bench(
-    document: &Document<'_>,
-    scenario: &Scenario,
-    outside: &Outside,
-) -> Vec<Problem> {
+pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = disturbances(document, scenario);
-    // On a rig they are checked once for all loops.
-    if document.has("fault") {
-        problems.extend(faults(
-            document,
-            &scenario.faults,
-            scenario.duration_seconds,
-        ));
-        // Which faults mean something to the plant of a recording, only the bench knows that played it.
-        if scenario.plant.own.is_none() || !outside.is_recorded() {
-            let plant = |_: &Fault| Some(&scenario.plant);
-            problems.extend(faults_of_plants(document, &scenario.faults, plant));
-        }
-    }
-    problems.extend(plant::check(document, scenario, outside));
+    problems.extend(plant::check(document, scenario));
     problems.extend(limits(document, scenario));
     problems.extend(reactions(document, scenario));
     problems.extend(signals::check(document, scenario));

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io;
+use std::path::Path;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -42,8 +43,10 @@ impl ScenarioError {
         }
     }
 
-    /// A file of this kind that is not there or cannot be read.
-    pub(crate) fn unreadable(kind: &'static str, file_name: &str, error: &io::Error) -> Self {
+    /// A scenario that is not there or cannot be read.
+    #[must_use]
+    pub fn unreadable(path: &Path, error: &io::Error) -> Self {
+        let (kind, file_name) = ("scenario", &path.display().to_string());
         let message = match error.kind() {
             io::ErrorKind::NotFound => "there is no such file".to_owned(),
             _ => error.to_string(),

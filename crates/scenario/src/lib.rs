@@ -1,7 +1,7 @@
 //! Scenario files say what to try and what passes; rig files say on which drive.
 //!
 //! Comes in: the text of a scenario or a rig file, the tables that it names, the tables of plants and laws from outside, the
-//! objects of a drive's EDS. Goes out: a [`Scenario`] or a [`rig::RigFile`], or every [`Problem`] with the character where it
+//! objects of a drive's EDS. Goes out: [`loops::Loops`] on a [`rig::nodes::Rig`], or every [`Problem`] with the character where it
 //! stands; the JSON Schemas of both; what a rig file makes of a drive ([`rig::drive`]) and the watch over its limits
 //! ([`rig::limits`]).
 //!
@@ -10,6 +10,7 @@
 //! It does not know: the signals of the bus (the caller brings an [`Objection`] to a name that is none), which data sheets
 //! ship, how a plant behaves, how a run is played or judged.
 
+mod beside;
 mod bus;
 mod check;
 pub mod chirp;
@@ -57,6 +58,7 @@ pub mod wiring;
 /// Longest run, and latest time of a scenario: a week, in which a soak over a weekend has room.
 pub const TIME_SECONDS_MAX: f64 = 604_800.0;
 
+pub use beside::Beside;
 pub use bus::Bus;
 pub use error::{Problem, ScenarioError, without_colours};
 pub use file::{open_file, open_to_write, read_text, require_file};

@@ -5,7 +5,6 @@
 mod kind;
 mod loops;
 mod nodes;
-mod rig;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -22,9 +21,9 @@ pub(crate) use loops::InUnit;
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::fault::{self, Faults, NodesOfRun};
-use crate::file::read_text;
-use crate::fingerprint::{HASH_SUFFIX, hash_line};
+use crate::beside::Beside;
+use crate::fault::Faults;
+use crate::loops::Loops;
 use crate::outside::{self, Outside};
 use crate::own::{Own, Section};
 use crate::plant::Sensor;
@@ -40,8 +39,6 @@ use crate::{schema, structure};
 pub(crate) const SCENARIO_BYTES_MAX: u64 = 1 << 20;
 /// What the file is for people.
 const KIND: &str = "scenario";
-/// Longest table.
-const TABLE_BYTES_MAX: u64 = 64 << 20;
 
 /// Something wrong that only the caller can know, such as a signal that the bus does not have.
 #[derive(Clone, Debug, PartialEq)]
@@ -92,138 +89,33 @@ struct OfRun {
 /// Finds what else is wrong with a scenario.
 type FindObjections<'a> = &'a dyn Fn(&Scenario) -> Vec<Objection>;
 
-// The functions that deserialize take trait objects: a generic one would be compiled again, with all of TOML and every
-// type of a scenario, in each crate that calls it.
 impl Scenario {
-    /// Reads a scenario file and the tables that it names.
-    ///
-    /// # Errors
-    /// The file cannot be read, or everything that is wrong in it.
-    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        Self::load_for(path, Reading::ToPlay, &|_| Vec::new()).map(|(scenario, _)| scenario)
-    }
-
-    /// As [`Scenario::load`], with the very texts that were read. `objections` says what else is wrong.
-    ///
-    /// # Errors
-    /// As [`Scenario::load`], and every objection.
-    pub fn load_with_text(
-        path: &Path,
-        objections: impl Fn(&Self) -> Vec<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        Self::load_for(path, Reading::ToPlay, &objections)
-    }
-
-    /// As [`Scenario::load_with_text`], for a text that is at hand; the tables that it names lie beside `path`.
-    ///
-    /// # Errors
-    /// Everything that is wrong in the text and its tables, and every objection.
-    pub fn parse_beside(
-        path: &Path,
-        text: String,
-        objections: impl Fn(&Self) -> Vec<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        parse_beside(path, text, |text, name, read_table| {
-            Self::parse_for(text, name, read_table, Reading::ToPlay, &objections)
-        })
-    }
-
-    /// As [`Scenario::parse_beside`], for tables that `read_table` gives by their names.
-    ///
-    /// # Errors
-    /// As [`Scenario::parse_beside`].
-    pub fn parse_with(
-        path: &Path,
-        text: String,
-        read_table: impl FnMut(&str) -> io::Result<String>,
-        objections: impl Fn(&Self) -> Vec<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        reading(path, text, read_table, |text, name, read_table| {
-            Self::parse_for(text, name, read_table, Reading::ToPlay, &objections)
-        })
-    }
-
-    /// As [`Scenario::load_with_text`], for a scenario that was played already: tables of plants and laws from outside are
-    /// kept as they are, whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what
-    /// a sweep would vary.
-    ///
-    /// # Errors
-    /// As [`Scenario::load_with_text`], but for these tables.
-    pub fn load_recorded(
-        path: &Path,
-        objections: impl Fn(&Self) -> Vec<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        Self::load_for(path, Reading::Recorded, &objections)
-    }
-
-    /// Whether a text may be meant as a scenario, of whatever schema: it has a key that no rig file has, or is not even TOML.
-    #[must_use]
-    pub fn may_be(text: &str) -> bool {
-        let keys = ["duration_seconds", "controller", "reference", "rig"];
-        match Document::parse(Source::new("", text), text) {
-            Ok(document) => keys.iter().any(|key| document.has(key)),
-            Err(_) => true,
-        }
-    }
-
-    fn load_for(
-        path: &Path,
-        reading: Reading,
-        find_objections: FindObjections<'_>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        load(path, |text, name, read_table| {
-            Self::parse_for(text, name, read_table, reading, find_objections)
-        })
-    }
-
-    /// Reads a scenario from text. `file_name` names it in errors; `read_table` gives the text of a table by the
-    /// name that the scenario uses.
+    /// Reads the scenario of a rig with one loop from text. `file_name` names it in errors; `read_table` gives the text of a table
+    /// by the name that the scenario uses.
     ///
     /// # Errors
     /// Everything that is wrong in the text and its tables.
+    ///
+    /// # Panics
+    /// The rig has several loops.
     pub fn parse(
         text: &str,
         file_name: &str,
-        mut read_table: impl FnMut(&str) -> io::Result<String>,
+        read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
-        Self::parse_for(text, file_name, &mut read_table, Reading::ToPlay, &|_| {
-            Vec::new()
-        })
+        let beside = Beside::new(Path::new(file_name));
+        let text = text.to_owned();
+        let (loops, _) = Loops::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
+        Ok(loops.only().expect("a rig with one loop"))
     }
 
-    fn parse_for(
-        text: &str,
-        file_name: &str,
-        read_table: ReadTable<'_>,
-        reading: Reading,
-        find_objections: FindObjections<'_>,
-    ) -> Result<Self, ScenarioError> {
-        let fail = |problems| ScenarioError::new(KIND, file_name, problems);
-        let document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
-        if kind::is_rig_of_one_drive(&document) {
-            let help = "scenarios are played on it: canrig run SCENARIO --rig FILE";
-            let problem = document.problem("name", "this is a rig file, not a scenario", "a rig");
-            return Err(fail(vec![problem.with_help(help)]));
+    /// Whether a text may be meant as a scenario: it has a key that no rig file has, or is not even TOML.
+    #[must_use]
+    pub fn may_be(text: &str) -> bool {
+        match Document::parse(Source::new("", text), text) {
+            Ok(document) => kind::is_scenario(&document),
+            Err(_) => true,
         }
-        if document.has("rig") {
-            let message = "a scenario of schema 1 is of one drive, and names no rig file";
-            let problem = document.problem("rig", message, "is of schema 2");
-            let problem = match document.has("schema") {
-                true => problem.with_place(document.span("schema"), "not 2"),
-                false => problem,
-            };
-            let help = "write schema = 2; or leave `rig` out, and play on a rig file of schema 1 by: canrig run SCENARIO --rig FILE";
-            return Err(fail(vec![problem.with_help(help)]));
-        }
-        let (faults, problems) = fault::read(&document, NodesOfRun::OfOneDrive);
-        let of_run = OfRun {
-            wiring: Wiring::default(),
-            faults,
-        };
-        let scenario = Self::read(&document, read_table, reading, find_objections, of_run);
-        scenario
-            .and_then(|scenario| none_of(problems, scenario))
-            .map_err(fail)
     }
 
     /// Reads a scenario from its tree.
@@ -271,11 +163,7 @@ impl Scenario {
         };
         problems.extend(check::control(document, &control));
         problems.extend(check::name(document, &scenario.name));
-        problems.extend(check::bench(document, &scenario, &outside));
-        if !outside.is_recorded() {
-            let plant = scenario.plant.name();
-            problems.extend(check::sweep(document, plant, scenario.sweep.as_mut()));
-        }
+        problems.extend(check::bench(document, &scenario));
         problems.extend(check::read_tables(
             document,
             &mut scenario.reference,
@@ -296,34 +184,22 @@ impl Scenario {
 }
 
 impl ControllerView {
-    /// Reads what the controller may know of a scenario file; the other tables are dropped unread.
-    ///
-    /// # Errors
-    /// As [`Scenario::load`], for the tables that the controller sees.
-    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        load(path, Self::parse_view).map(|(view, _)| view)
-    }
-
-    /// Reads what the controller may know of a scenario from text; as [`Scenario::parse`].
+    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Scenario::parse`].
     ///
     /// # Errors
     /// Everything that is wrong in what the controller sees.
+    ///
+    /// # Panics
+    /// The rig has several loops.
     pub fn parse(
         text: &str,
         file_name: &str,
-        mut read_table: impl FnMut(&str) -> io::Result<String>,
+        read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
-        Self::parse_view(text, file_name, &mut read_table)
-    }
-
-    fn parse_view(
-        text: &str,
-        file_name: &str,
-        read_table: ReadTable<'_>,
-    ) -> Result<Self, ScenarioError> {
-        let fail = |problems| ScenarioError::new(KIND, file_name, problems);
-        let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
-        Self::read(&mut document, read_table, Wiring::default()).map_err(fail)
+        let beside = Beside::new(Path::new(file_name));
+        let mut loops = Loops::parse_view(&beside, text.to_owned(), read_table)?.loops;
+        let only = loops.pop().filter(|_| loops.is_empty());
+        Ok(only.expect("a rig with one loop").scenario)
     }
 
     /// Reads what the controller may know from a scenario's tree.
@@ -388,74 +264,24 @@ fn put_range_into(sensor: &mut Sensor, wiring: &Wiring) {
     }
 }
 
-/// Reads a file and hands it to `parse` with a reader of the tables beside it.
-fn load<T>(
-    path: &Path,
-    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
-) -> Result<(T, Texts), ScenarioError> {
-    let scenario = read_text(path, SCENARIO_BYTES_MAX)
-        .map_err(|error| ScenarioError::unreadable(KIND, &path.display().to_string(), &error))?;
-    parse_beside(path, scenario, parse)
-}
-
-/// Hands a text to `parse` with a reader of the tables beside its file, and of the hashes of what is no table.
-fn parse_beside<T>(
-    path: &Path,
-    scenario: String,
-    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
-) -> Result<(T, Texts), ScenarioError> {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let read = |name: &str| match name.strip_suffix(HASH_SUFFIX) {
-        Some(file) => hash_line(folder, file),
-        None => read_table(folder, name),
-    };
-    reading(path, scenario, read, parse)
-}
-
-/// As [`parse_beside`], for what was played: hashes are those that were written then.
-fn parse_recorded<T>(
-    path: &Path,
-    scenario: String,
-    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
-) -> Result<(T, Texts), ScenarioError> {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    reading(path, scenario, |name| read_table(folder, name), parse)
-}
-
-/// Hands a text to `parse` with a reader of its tables, and keeps what was read.
+/// Hands a text to `parse` with a reader of the files that it names, and keeps what was read.
 fn reading<T>(
-    path: &Path,
     scenario: String,
-    mut read_table: impl FnMut(&str) -> io::Result<String>,
-    parse: impl FnOnce(&str, &str, ReadTable<'_>) -> Result<T, ScenarioError>,
+    read_file: ReadTable<'_>,
+    parse: impl FnOnce(&str, ReadTable<'_>) -> Result<T, ScenarioError>,
 ) -> Result<(T, Texts), ScenarioError> {
-    let name = path.display().to_string();
     let mut tables = BTreeMap::new();
-    // A table that is named twice is read once.
-    let read_table = &mut |name: &str| match tables.get(name) {
+    // A file that is named twice is read once.
+    let read_file = &mut |name: &str| match tables.get(name) {
         Some(text) => Ok(String::clone(text)),
         None => {
-            let text = read_table(name)?;
+            let text = read_file(name)?;
             tables.insert(name.to_owned(), text.clone());
             Ok(text)
         }
     };
-    let parsed = parse(&scenario, &name, read_table)?;
+    let parsed = parse(&scenario, read_file)?;
     Ok((parsed, Texts { scenario, tables }))
-}
-
-/// Reads a table beside the scenario, and refuses links that lead out of the folder.
-fn read_table(folder: &Path, table: &str) -> io::Result<String> {
-    let folder = if folder.as_os_str().is_empty() {
-        Path::new(".")
-    } else {
-        folder
-    };
-    let path = folder.join(table).canonicalize()?;
-    if !path.starts_with(folder.canonicalize()?) {
-        return Err(io::Error::other("it lies outside the scenario's folder"));
-    }
-    read_text(&path, TABLE_BYTES_MAX)
 }
 
 /// Builds a type from the document. With it come the problems that did not prevent that, such as values out of range.

@@ -20,6 +20,8 @@ pub struct Loops<T> {
     pub contours: Vec<Contour>,
     /// The EDS of each drive that is somebody else's, by the drive's name.
     pub sheets: BTreeMap<String, String>,
+    /// The copy of a rig that ships in a run folder: its name and its text.
+    pub(crate) shipped_rig: Option<(String, String)>,
 }
 
 /// How near several loops together stay to the path of their set-points.

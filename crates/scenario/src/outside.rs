@@ -46,9 +46,9 @@ impl Outside {
     /// What a rig file with these models is checked against.
     pub(crate) fn rig_schema(&self) -> Cow<'static, Value> {
         match self {
-            Self::Registered => Cow::Borrowed(&schema::NODES_RIG),
+            Self::Registered => Cow::Borrowed(&schema::RIG),
             Self::Recorded(models) => {
-                let mut schema = schema::NODES_RIG.clone();
+                let mut schema = schema::RIG.clone();
                 for (_, name) in models {
                     schema["definitions"]["PlantModel"]["properties"][name] = json!({});
                 }
@@ -66,10 +66,6 @@ impl Outside {
                 of_section.map(|(_, name)| name.as_str()).collect()
             }
         }
-    }
-
-    pub(crate) fn is_recorded(&self) -> bool {
-        matches!(self, Self::Recorded(_))
     }
 
     /// What scenarios with these tables are checked against.

@@ -13,31 +13,28 @@ use crate::fault;
 use crate::loops::Contours;
 use crate::null::TakeNullAway;
 use crate::own;
-use crate::rig::{RigFile, nodes};
+use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
 use crate::sweep::Swept;
 use crate::view::ControllerView;
 use crate::wiring::Wiring;
 
-/// What scenario files are checked against. To make a schema takes most of the time that loading takes, so each is made once.
-pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(of_scenario);
-/// What recorded scenarios are checked against: the same without plants and laws from outside.
+/// What is tried in a loop is checked against this. To make a schema takes most of the time that loading takes, so each is made once.
+pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(of_loop);
+/// As [`SCENARIO`], of a recording: the same without plants and laws from outside.
 pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(|| with_faults(shipped::<Scenario>()));
 /// What the controller checks of scenario files.
 pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
 /// What rig files are checked against.
-pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<RigFile>);
-
-/// What rig files of schema 2 are checked against.
-pub(crate) static NODES_RIG: LazyLock<Value> = LazyLock::new(schema_of::<nodes::Rig>);
+pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<Rig>);
 
 /// What `[[expect.contour]]` is checked against.
 pub(crate) static CONTOURS: LazyLock<Value> = LazyLock::new(schema_of::<Contours>);
 
-/// What the `[sweep]` of a scenario of schema 2 is checked against.
+/// What `[sweep]` is checked against.
 pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
 
-/// What `[fault]` of a scenario on a rig is checked against.
+/// What `[fault]` is checked against.
 pub(crate) static FAULTS_ON_RIG: LazyLock<Value> = LazyLock::new(fault::described);
 
 pub(crate) use loops::on_rig;
@@ -82,28 +79,16 @@ pub(crate) fn is_key(table: &str, key: &str) -> bool {
     schema["properties"].get(key).is_some()
 }
 
-/// The JSON Schema of scenario files of schema 2, as committed in `scenarios/schema_2.json`.
-#[must_use]
-pub fn json_schema_2() -> String {
-    format!("{:#}\n", loops::of_loops())
-}
-
-/// The JSON Schema of rig files of schema 2, as committed in `scenarios/rig_schema_2.json`.
-#[must_use]
-pub fn rig_json_schema_2() -> String {
-    format!("{:#}\n", schema_of::<nodes::Rig>())
-}
-
 /// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]
 pub fn json_schema() -> String {
-    format!("{:#}\n", of_scenario())
+    format!("{:#}\n", loops::of_scenario())
 }
 
 /// The JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
 #[must_use]
 pub fn rig_json_schema() -> String {
-    format!("{:#}\n", schema_of::<RigFile>())
+    format!("{:#}\n", schema_of::<Rig>())
 }
 
 /// The schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.
@@ -113,8 +98,8 @@ pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     schema
 }
 
-/// The schema of scenarios, with the plants and laws from outside.
-pub(crate) fn of_scenario() -> Value {
+/// The schema of what is tried in a loop, with the plants and laws from outside.
+fn of_loop() -> Value {
     with_faults(schema_of::<Scenario>())
 }
 

@@ -64,9 +64,6 @@ impl NodeProcess {
             .args(role)
             .arg("--scenario")
             .arg(folder.scenario());
-        if let Some(rig) = folder.rig() {
-            command.arg("--rig").arg(rig);
-        }
         if let Some(bus) = bus {
             command.arg("--bus").arg(bus.to_string());
         }

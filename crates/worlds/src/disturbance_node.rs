@@ -110,12 +110,13 @@ struct RealDrive {
 
 impl RealDrive {
     fn new(one: &ControlLoop) -> Self {
-        let rig = one.rig.as_ref();
+        let real = one.real_drive.as_ref();
+        let sync_period = one.scenario.bus.sync_period();
         let unit = &one.scenario.wiring.unit;
         Self {
             name: names::drive_name(one).to_owned(),
             node_id: NodeId::new(one.place.drive_node_id),
-            supervisor: rig.map(|rig| Supervisor::new(&rig.file, &rig.drive, unit)),
+            supervisor: real.map(|drive| Supervisor::new(drive, sync_period, unit)),
         }
     }
 
@@ -235,24 +236,24 @@ impl Node for DisturbanceProducer {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
+    use std::path::Path;
 
     use rig::catalogue::Catalogue;
-    use rig::rig_file::LoadedRig;
-    use scenario::Scenario;
+    use scenario::Beside;
 
     use super::*;
 
-    /// A real drive with this node-ID, whose limits a rig file has.
+    /// A real drive with this node-ID.
     fn real(node_id: u8) -> Plan {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let text = "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let rig = format!(
-            "schema = 1\nname = \"bench\"\n[drive]\nnode_id = {node_id}\n[limits]\ncurrent_amperes = 0.9\n\
-             position_millimetres = {{ min = -1.0, max = 45.0 }}\nspeed_millimetres_per_second = 400.0\n"
+            "schema = 1\nname = \"bench\"\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n[node.drive]\nkind = \"drive\"\n\
+             node_id = {node_id}\nlimits = {{ current_amperes = 0.9, min = -1.0, max = 45.0, rate_max = 400.0 }}\n\
+             [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n"
         );
-        let rig = Arc::new(LoadedRig::from_text(&rig).unwrap());
-        Plan::new(scenario, &Catalogue::shipped()).on(&rig)
+        let beside = Beside::new(Path::new("t.toml"));
+        let read = |_: &str| Ok(rig.clone());
+        Plan::parse(&beside, text.to_owned(), read, &Catalogue::shipped()).unwrap()
     }
 
     fn position(node_id: u16, micrometres: i32) -> CanFrame {

@@ -15,7 +15,7 @@ use scenario::{ControllerView, Scenario};
 use crate::error::WorldError;
 use crate::names::{CONTROLLER, emulator_name};
 use rig::plan::Plan;
-use rig::rig_file::LoadedRig;
+use rig::loaded_drive::LoadedDrive;
 
 /// A plant with all drives that move it: those of the loops whose emulator has this name.
 ///
@@ -56,10 +56,10 @@ fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
     }
 }
 
-/// The part of a plan that the controller may know of one loop, and the rig of its drive where that is not canrig's.
+/// The part of a plan that the controller may know of one loop, and its drive where that is a real one.
 pub struct LoopView {
     view: OneLoop<ControllerView>,
-    rig: Option<Arc<LoadedRig>>,
+    real_drive: Option<Arc<LoadedDrive>>,
 }
 
 /// The parts of a plan that the controller may know.
@@ -75,8 +75,8 @@ pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
             },
             scenario: one.scenario.controller_view(),
         };
-        let rig = one.rig.clone();
-        LoopView { view, rig }
+        let real_drive = one.real_drive.clone();
+        LoopView { view, real_drive }
     });
     views.collect()
 }
@@ -86,9 +86,9 @@ pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
 /// # Errors
 /// A controller cannot be set up.
 pub fn controller_of(loops: &[LoopView]) -> Result<ControllerNode, WorldError> {
-    let loops = loops.iter().map(|LoopView { view, rig }| {
-        let rig = rig.as_deref().map(|rig| (&rig.file, rig.eds.as_str()));
-        (view, rig)
+    let loops = loops.iter().map(|LoopView { view, real_drive }| {
+        let real = real_drive.as_deref();
+        (view, real.map(|drive| (&drive.real, drive.eds.as_str())))
     });
     ControllerNode::of_loops(loops).map_err(|error| WorldError::Node {
         name: CONTROLLER.to_owned(),

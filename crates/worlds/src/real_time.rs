@@ -329,9 +329,10 @@ fn is_over(
     }
 }
 
-/// The drive of a rig may take its time, as its controller knows.
+/// A real drive may take its time, as its controller knows.
 fn start_patience(plan: &Plan) -> Duration {
-    let rigs = plan.loops.iter().filter_map(|one| one.rig.as_ref());
-    let bring_ups = rigs.map(|rig| rig.file.timeouts.bring_up() + ENABLE_PATIENCE);
+    let drives = plan.loops.iter();
+    let drives = drives.filter_map(|one| one.real_drive.as_ref());
+    let bring_ups = drives.map(|drive| drive.real.timeouts.bring_up() + ENABLE_PATIENCE);
     bring_ups.fold(START_PATIENCE, Duration::max) + more_patience(plan)
 }

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use canopen::cia402::Command;
 use canopen::{CanFrame, Filter, NmtCommand};
+use rig::loaded_drive::LoadedDrive;
 use scenario::port::Unit;
-use scenario::rig::RigFile;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::{LimitWatch, Violation};
 
@@ -19,10 +19,10 @@ pub(crate) struct Supervisor {
 impl Supervisor {
     /// A supervisor that has seen nothing.
     #[must_use]
-    pub(crate) fn new(rig: &RigFile, drive: &DriveLayout, unit: &Unit) -> Self {
-        let watch = LimitWatch::new(&rig.limits, rig.bus.of_scenario().sync_period());
+    pub(crate) fn new(drive: &LoadedDrive, sync_period: Duration, unit: &Unit) -> Self {
+        let watch = LimitWatch::new(&drive.real.limits, sync_period);
         Self {
-            drive: drive.clone(),
+            drive: drive.layout.clone(),
             watch: watch.in_unit(unit),
         }
     }
@@ -53,15 +53,22 @@ impl Supervisor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::rig;
+    use scenario::rig::{Limits, Preflight, RealDrive, RigDrive, Timeouts};
 
     fn supervisor() -> Supervisor {
-        let text = "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
-            position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n";
-        let rig = RigFile::parse(text, "rig.toml").unwrap();
-        let dictionary = dbc::dictionary(dbc::DRIVE_EDS, 0x10).unwrap();
-        let drive = DriveLayout::new(dictionary, &rig::RigDrive::default(), 2.0).unwrap();
-        Supervisor::new(&rig, &drive, &Unit::default())
+        let real = RealDrive {
+            drive: RigDrive::default(),
+            limits: Limits {
+                current_amperes: 0.9,
+                min: -1.0,
+                max: 45.0,
+                rate_max: 400.0,
+            },
+            timeouts: Timeouts::default(),
+            preflight: Preflight::default(),
+        };
+        let drive = LoadedDrive::new(real, None).unwrap();
+        Supervisor::new(&drive, Duration::from_millis(1), &Unit::default())
     }
 
     fn feedback(micrometres: i32, milliamperes: i16) -> CanFrame {

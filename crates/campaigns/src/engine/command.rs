@@ -157,7 +157,7 @@ impl SubmitError {
 /// Does what the command line says.
 #[must_use]
 pub fn submit(args: &SubmitArgs) -> Exit {
-    let plan = match scenarios::load(&args.scenario, &args.values.overrides) {
+    let plan = match scenarios::load(&args.scenario, &args.values) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
@@ -194,7 +194,7 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, SubmitError> {
         print(record.engine.engine().file(&job).1.trim_end());
         return Ok(Exit::Pass);
     }
-    campaign.prepare(&args.values.overrides)?;
+    campaign.prepare(&args.values.all())?;
     campaign.keep(&record)?;
     play(args, &campaign, &mut record)?;
     let parts = (1..=record.parts).map(|number| {
@@ -219,7 +219,7 @@ fn cases(args: &SubmitArgs, plan: &Plan) -> Result<CampaignCases, MergeError> {
         runs: runs as usize,
         seed: args.seed,
     };
-    let torture = TortureCases::drawn(plan, draws)?;
+    let torture = TortureCases::new(plan, draws);
     Ok(CampaignCases::Torture(Box::new(torture)))
 }
 

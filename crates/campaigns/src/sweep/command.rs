@@ -69,7 +69,7 @@ pub struct SweepArgs {
 /// Does what the command line says.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
-    let plan = match scenarios::load(&args.scenario, &args.values.overrides) {
+    let plan = match scenarios::load(&args.scenario, &args.values) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
@@ -106,7 +106,7 @@ fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, SweepError> {
         campaign,
         shown,
         lines: lines.as_ref(),
-        overrides: &args.values.overrides,
+        overrides: &args.values.all(),
     };
     // Until tables and page are made: another call would make them at the same time.
     let (folder, _lock) = part.play(&cases, plan)?;

@@ -18,6 +18,7 @@ use rig::plan::Plan;
 use runner::console::print_error;
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
+use runner::play::ValueArgs;
 use runner::play_record::PlayRecord;
 use runner::recorded::{RecordedError, refuse};
 use runner::run::RUNS;
@@ -115,7 +116,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
             return refuse(RecordedError::Read { path, source });
         }
     };
-    let plan = match scenarios::load(&scenario, &[]) {
+    let plan = match scenarios::load(&scenario, &ValueArgs::default()) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };

@@ -65,7 +65,7 @@ impl SweepCases {
     pub fn new(plan: &Plan) -> Result<Self, NoSweep> {
         let shared = &plan.shared;
         let Some(sweep) = &shared.sweep else {
-            return Err(NoSweep(shared.path.display().to_string()));
+            return Err(NoSweep(shared.beside.scenario().display().to_string()));
         };
         let mut document: Table = shared.text.parse().expect("the loader has read it");
         document.remove("sweep");

@@ -23,10 +23,9 @@ pub(super) struct Uncopied(Vec<(PathBuf, Option<Stamp>)>);
 impl Uncopied {
     /// Those of a plan, which must be what they were when it was loaded.
     pub(super) fn new(plan: &Plan) -> Result<Self, Changed> {
-        let beside = plan.shared.path.parent().unwrap_or(Path::new(""));
         let files = plan.shared.tables.iter().filter_map(|(name, line)| {
             let file = name.strip_suffix(HASH_SUFFIX)?;
-            Some((beside.join(file), hash_in(line)))
+            Some((plan.shared.beside.place(file), hash_in(line)))
         });
         let stamped = files.map(|(path, hash)| {
             // Before it is read, so that no change is missed.

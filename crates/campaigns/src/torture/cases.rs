@@ -6,10 +6,8 @@ use std::path::{Path, PathBuf};
 use faults::Stream;
 use recording::capture::Watch;
 use recording::run_folder::own_file;
-use rig::plan::{Plan, Shared};
-use scenario::ScenarioError;
+use rig::plan::Plan;
 use scenario::expect::Limit;
-use scenario::rig::nodes::Rig;
 use serde::{Deserialize, Serialize};
 
 use super::draw::{self, Nodes};
@@ -53,14 +51,12 @@ pub(crate) struct TortureCases {
 pub(crate) enum NoTorture {
     #[error("{} cannot be read: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
-    #[error("{0}")]
-    Scenario(Box<ScenarioError>),
 }
 
 impl TortureCases {
     /// Mixes in the scenario of a plan.
-    pub(crate) fn new(plan: &Plan, draws: Draws) -> Result<Self, ScenarioError> {
-        let nodes = nodes(plan)?;
+    pub(crate) fn new(plan: &Plan, draws: Draws) -> Self {
+        let nodes = Nodes::of(plan);
         let text = format!(
             "{} {} {} {}",
             env!("CARGO_PKG_VERSION"),
@@ -68,13 +64,13 @@ impl TortureCases {
             draws.runs,
             plan.shared.text
         );
-        Ok(Self {
+        Self {
             id: id(&text, &plan.shared.tables),
             keys: draw::kinds(&nodes),
             nodes,
             plan: plan.clone(),
             draws,
-        })
+        }
     }
 
     /// What the folder of a part says; none where it is not one of torture.
@@ -87,12 +83,7 @@ impl TortureCases {
         };
         let draws = text.and_then(|text| Ok(serde_json::from_str(&text)?));
         let draws = draws.map_err(|source| NoTorture::Read { path, source })?;
-        Self::drawn(plan, draws).map(Some)
-    }
-
-    /// As [`TortureCases::new`], for a scenario that was read from such a folder or is to be written into one.
-    pub(crate) fn drawn(plan: &Plan, draws: Draws) -> Result<Self, NoTorture> {
-        Self::new(plan, draws).map_err(|error| NoTorture::Scenario(Box::new(error)))
+        Ok(Some(Self::new(plan, draws)))
     }
 
     /// The scenario with the mix of a case, numbered from 1.
@@ -101,7 +92,7 @@ impl TortureCases {
         let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
         let (text, tables) = (&self.plan.shared.text, &self.plan.shared.tables);
         let case = TortureCase::new(text, tables, faults, stream.bits())?;
-        Ok(case.beside(&self.plan.shared.path))
+        Ok(case.beside(&self.plan.shared.beside))
     }
 
     /// It follows from the seed and the number alone.
@@ -218,16 +209,6 @@ impl Cases for TortureCases {
     }
 }
 
-/// Who can fail.
-fn nodes(plan: &Plan) -> Result<Nodes, ScenarioError> {
-    let Shared { text, tables, .. } = &plan.shared;
-    if !plan.names_rig() {
-        return Ok(Nodes::of_one_drive(&plan.leading().scenario.plant));
-    }
-    let rig = Rig::of_scenario(text, tables)?;
-    Ok(Nodes::of_rig(&rig, plan))
-}
-
 #[cfg(test)]
 mod tests {
     use scenario::Scenario;
@@ -240,7 +221,7 @@ mod tests {
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
-        TortureCases::new(&plan, Draws { runs: 2, seed }).unwrap()
+        TortureCases::new(&plan, Draws { runs: 2, seed })
     }
 
     #[test]

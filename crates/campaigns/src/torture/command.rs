@@ -18,7 +18,8 @@ use crate::sweep::row::SweepRow;
 use crate::sweep::store::{self, StoreError};
 use recording::capture::Watch;
 use rig::plan::Plan;
-use runner::console::{RunsBar, print, print_diagnostic, print_error};
+use runner::console::{RunsBar, print, print_error};
+use runner::play::ValueArgs;
 use runner::exit::Exit;
 use runner::run::RUNS;
 use runner::run::{RunPlace, run};
@@ -66,7 +67,7 @@ pub struct TortureArgs {
 /// Draws and plays the mixes, and prints what broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
-    let plan = match scenarios::load(&args.scenario, &[]) {
+    let plan = match scenarios::load(&args.scenario, &ValueArgs::default()) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
@@ -74,13 +75,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
         runs: args.runs,
         seed: args.seed,
     };
-    let cases = match TortureCases::new(&plan, draws) {
-        Ok(cases) => cases,
-        Err(error) => {
-            print_diagnostic(error);
-            return Exit::CannotStart;
-        }
-    };
+    let cases = TortureCases::new(&plan, draws);
     // The first one shows whether the scenario is fit for this at all.
     if let Err(reason) = cases.case(1).and_then(|case| case.plan()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));

@@ -1,11 +1,9 @@
 //! Draws faults. What is drawn covers all kinds, with parameters from harmless to severe (chosen, not measured).
 
-use dbc::loops::LoopPlace;
 use faults::Stream;
 use rig::plan::Plan;
 use scenario::fault::{Drawn, Group, KINDS, Kind, Time};
-use scenario::plant::Plant;
-use scenario::rig::nodes::{EMULATED_NODE_ID_MAX, Rig};
+use scenario::rig::nodes::EMULATED_NODE_ID_MAX;
 use scenario::wiring::Wiring;
 use toml::{Table, Value};
 
@@ -19,8 +17,6 @@ const BOOT_PROBABILITY: f64 = 0.1;
 pub(super) struct Nodes {
     controller: String,
     drives: Vec<Drive>,
-    /// Whether faults of drives say of which one: those of a scenario of one drive do not.
-    are_named: bool,
 }
 
 struct Drive {
@@ -40,36 +36,17 @@ impl Drive {
 }
 
 impl Nodes {
-    /// Those of a scenario of schema 1.
-    pub(super) fn of_one_drive(plant: &Plant) -> Self {
-        let drive = Drive {
-            name: "drive".to_owned(),
-            node_id: LoopPlace::SHIPPED.drive_node_id,
-            plant_faults: plant.faults(),
-            wiring: Wiring::default(),
-        };
-        Self {
-            controller: "controller".to_owned(),
-            drives: vec![drive],
-            are_named: false,
-        }
-    }
-
-    /// Those of a rig, with the loops of a scenario on it.
-    pub(super) fn of_rig(rig: &Rig, plan: &Plan) -> Self {
-        let loops = rig.loops.values().zip(&plan.loops);
-        let drives = loops.filter_map(|(of_rig, one)| {
-            Some(Drive {
-                name: of_rig.drives.first()?.clone(),
-                node_id: one.place.drive_node_id,
-                plant_faults: one.scenario.plant.faults(),
-                wiring: one.scenario.wiring.clone(),
-            })
+    /// Those of a plan.
+    pub(super) fn of(plan: &Plan) -> Self {
+        let drives = plan.loops.iter().map(|one| Drive {
+            name: one.nodes.drive.name.clone(),
+            node_id: one.place.drive_node_id,
+            plant_faults: one.scenario.plant.faults(),
+            wiring: one.scenario.wiring.clone(),
         });
         Self {
-            controller: rig.controller().map_or("", |(name, _)| name).to_owned(),
+            controller: plan.controller_name().to_owned(),
             drives: drives.collect(),
-            are_named: true,
         }
     }
 
@@ -142,11 +119,11 @@ impl Nodes {
 
     /// The drive whose part fails.
     fn draw(&self, stream: &mut Stream, kind: &Kind) -> Option<Value> {
-        if !self.are_named {
-            return None;
-        }
         let able = Vec::from_iter(self.drives.iter().filter(|drive| drive.has(kind)));
-        Some(pick(stream, &able).name.clone().into())
+        match able.as_slice() {
+            [_] if self.drives.len() == 1 => None,
+            able => Some(pick(stream, able).name.clone().into()),
+        }
     }
 }
 
@@ -235,10 +212,7 @@ fn drawn(stream: &mut Stream, nodes: &Nodes, drawn: Drawn) -> Option<Value> {
         Drawn::Whole(lowest, highest) => whole(stream, lowest, highest),
         Drawn::Identifier if stream.happens(0.7) => (*pick(stream, &nodes.identifiers())).into(),
         Drawn::Foreign(lowest) => whole(stream, lowest, nodes.below_truth()),
-        Drawn::FreeNodeId if nodes.are_named => {
-            whole(stream, u32::from(EMULATED_NODE_ID_MAX) + 1, 127)
-        }
-        Drawn::FreeNodeId => whole(stream, 2, 127),
+        Drawn::FreeNodeId => whole(stream, u32::from(EMULATED_NODE_ID_MAX) + 1, 127),
         Drawn::Node => (*pick(stream, &nodes.nodes())).into(),
         Drawn::PerhapsStation if stream.happens(0.5) => None?,
         Drawn::Station | Drawn::PerhapsStation => (*pick(stream, &nodes.stations())).into(),
@@ -274,8 +248,13 @@ mod tests {
     use super::*;
     use crate::torture::TortureCase;
 
-    const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+    const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
+
+    fn nodes_of(text: &str) -> Nodes {
+        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        Nodes::of(&Plan::new(scenario, catalogue()))
+    }
 
     #[test]
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
@@ -283,7 +262,7 @@ mod tests {
         for seed in 0..1000 {
             let faults = mix(
                 &mut Stream::new(seed),
-                &Nodes::of_one_drive(&Plant::default()),
+                &nodes_of(BASE),
                 2.0,
             );
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
@@ -298,13 +277,12 @@ mod tests {
 
     #[test]
     fn a_plant_meets_no_fault_that_means_nothing_to_it() {
-        let base = format!("{BASE}[plant.dc_motor]\n");
-        let scenario = Scenario::parse(&base, "t.toml", |_| unreachable!("no table")).unwrap();
+        let base = BASE.replace("sma_actuator", "dc_motor");
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
             let faults = mix(
                 &mut Stream::new(seed),
-                &Nodes::of_one_drive(&scenario.plant),
+                &nodes_of(&base),
                 2.0,
             );
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
@@ -320,7 +298,7 @@ mod tests {
         let draw = |seed| {
             mix(
                 &mut Stream::new(seed),
-                &Nodes::of_one_drive(&Plant::default()),
+                &nodes_of(BASE),
                 2.0,
             )
         };

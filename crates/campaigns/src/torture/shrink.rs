@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rig::plan::Plan;
-use scenario::HASH_SUFFIX;
+use scenario::{Beside, HASH_SUFFIX};
 use toml::{Table, Value};
 
 use super::invariants::{BrokenInvariant, violation};
@@ -29,7 +29,7 @@ pub struct TortureCase {
     /// The rig file that it names, by that name, and the hashes of FMUs.
     files: BTreeMap<String, String>,
     /// Where its file would be: FMUs lie beside it.
-    path: PathBuf,
+    beside: Beside,
 }
 
 impl TortureCase {
@@ -64,15 +64,15 @@ impl TortureCase {
         Ok(Self {
             document,
             files: files.collect(),
-            path: PathBuf::from(FILE),
+            beside: Beside::new(Path::new(FILE)),
         })
     }
 
     /// The same in the folder of a file.
     #[must_use]
-    pub fn beside(self, path: &Path) -> Self {
-        let path = path.with_file_name(FILE);
-        Self { path, ..self }
+    pub fn beside(self, beside: &Beside) -> Self {
+        let beside = beside.of_case();
+        Self { beside, ..self }
     }
 
     /// The scenario's text.
@@ -91,8 +91,7 @@ impl TortureCase {
             let rig = self.files.get(name).cloned();
             rig.ok_or_else(|| std::io::Error::other(text))
         };
-        let (path, text) = (self.path.as_path(), self.text());
-        let plan = Plan::parse(path, text, read_file, catalogue());
+        let plan = Plan::parse(&self.beside, self.text(), read_file, catalogue());
         plan.map_err(|error| format!("{:?}", miette::Report::new(error)))
     }
 

@@ -46,8 +46,8 @@ impl ScenarioFaults {
         let faults = Vec::from_iter(faults);
         let drive = one.scenario.wiring.nodes.drive.id;
         let touched = faults.iter().flat_map(|fault| touched(fault, drive));
-        let watch = one.rig.as_ref().map_or(0.0, |rig| {
-            f64::from(rig.file.timeouts.controller_lost_milliseconds) / 1e3
+        let watch = one.real_drive.as_ref().map_or(0.0, |drive| {
+            f64::from(drive.real.timeouts.controller_lost_milliseconds) / 1e3
         });
         let reaction_seconds =
             f64::max(2.0 * watch, REACTION_SECONDS).max(REACTION_PERIODS * period_seconds);

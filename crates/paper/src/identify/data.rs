@@ -8,17 +8,15 @@ use std::sync::Arc;
 use dbc::{Database, SignalMissing, names};
 use plant_emulator::plant::Inputs;
 use scenario::plant::Sensor;
-use scenario::rig::RigFile;
-use scenario::{Scenario, ScenarioError, Texts};
+use scenario::rig::RealDrive;
+use scenario::{Scenario, ScenarioError};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
 use recording::run_folder::{log_in, own_file};
 use recording::session::{FramesError, ReadError, read_plan};
 use recording::timeline::{self, Timeline};
-use rig::FILE_BYTES_MAX;
-use rig::plan::{ControlLoop, Plan, Shared, may_name_rig};
-use rig::rig_file::RigError;
+use rig::plan::{ControlLoop, Plan, Shared};
 use worlds::catalogue::catalogue;
 
 /// Distance of the positions that are compared. The wire's time constant is 0.65 s; closer ones would add little.
@@ -62,9 +60,6 @@ pub enum RecordingFault {
     /// The scenario is invalid.
     #[error("the scenario is invalid: {0}")]
     Scenario(Box<ScenarioError>),
-    /// The rig file is invalid.
-    #[error("the rig file is invalid: {0}")]
-    Rig(Box<RigError>),
     /// The folder's DBC is invalid.
     #[error(transparent)]
     Frames(#[from] FramesError),
@@ -205,7 +200,6 @@ impl From<ReadError> for RecordingFault {
     fn from(error: ReadError) -> Self {
         match error {
             ReadError::Scenario(error) => Self::Scenario(error),
-            ReadError::Rig(error) => Self::Rig(error),
             ReadError::Frames(error) => Self::Frames(error),
             ReadError::Link { path, source } => Self::Read {
                 name: path.display().to_string(),
@@ -247,8 +241,8 @@ impl IdentificationData {
             (path.to_owned(), plan_of(scenario).map_err(at)?)
         };
         for one in &mut plan.loops {
-            if let Some(loaded) = &one.rig {
-                one.scenario.plant.sensor = sensor_of(&loaded.file);
+            if let Some(drive) = &one.real_drive {
+                one.scenario.plant.sensor = sensor_of(&drive.real);
             }
         }
         if let Some(database) = database {
@@ -343,16 +337,8 @@ impl IdentificationData {
 
 /// The plan of a scenario's file on the emulated rig.
 fn plan_of(path: &Path) -> Result<Plan, RecordingFault> {
-    let text = scenario::read_text(path, FILE_BYTES_MAX).unwrap_or_default();
     let invalid = |error| RecordingFault::Scenario(Box::new(error));
-    if may_name_rig(&text) {
-        return Plan::load(path, catalogue()).map_err(invalid);
-    }
-    let loaded = Scenario::load_with_text(path, |_| Vec::new());
-    let (scenario, Texts { tables, .. }) = loaded.map_err(invalid)?;
-    let mut plan = Plan::new(scenario, catalogue()).with_database(&shipped());
-    plan.shared.tables = tables;
-    Ok(plan)
+    Plan::load(path, catalogue()).map_err(invalid)
 }
 
 /// What the frames of the SMA actuator under a shipped law mean.
@@ -396,10 +382,10 @@ fn commanded(timeline: &Timeline) -> Vec<f64> {
     delayed.take(timeline.cycle.len()).collect()
 }
 
-/// The sensor of a rig's drive: counts that reach over the travel.
-fn sensor_of(rig: &RigFile) -> Sensor {
-    let step = rig.drive.position.resolution_millimetres;
-    let bits = libm::ceil(libm::log2(rig.limits.position_millimetres.max / step)).clamp(1.0, 24.0);
+/// The sensor of a real drive: counts that reach over the travel.
+fn sensor_of(real: &RealDrive) -> Sensor {
+    let step = real.drive.position.resolution;
+    let bits = libm::ceil(libm::log2(real.limits.max / step)).clamp(1.0, 24.0);
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

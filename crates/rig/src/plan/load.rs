@@ -10,7 +10,7 @@ use dbc::Database;
 use dbc::loops::LoopPlace;
 use scenario::loops::{Loops, OneLoop};
 use scenario::rig::nodes::Rig;
-use scenario::{Objection, Scenario, ScenarioError, Texts, read_text};
+use scenario::{Beside, Objection, Scenario, ScenarioError, Texts, read_text};
 
 use super::{ControlLoop, LoopName, Plan};
 use crate::FILE_BYTES_MAX;
@@ -18,14 +18,8 @@ use crate::bus_budget::BusBudget;
 use crate::catalogue::Catalogue;
 use crate::external::External;
 use crate::ports;
-use crate::rig_file::LoadedRig;
+use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
-
-/// Whether the text of a scenario is one that names its rig.
-#[must_use]
-pub fn may_name_rig(text: &str) -> bool {
-    Loops::is_meant(text)
-}
 
 impl Plan {
     /// Reads and checks a scenario file and the files that it names.
@@ -33,11 +27,7 @@ impl Plan {
     /// # Errors
     /// A file cannot be read or is not valid.
     pub fn load(path: &Path, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
-        match read_text(path, FILE_BYTES_MAX) {
-            Ok(text) => Self::parse_beside(path, text, catalogue),
-            // The loader says why.
-            Err(_) => Scenario::load(path).map(|scenario| Self::new(scenario, catalogue)),
-        }
+        Self::parse_beside(&Beside::new(path), text_of(path)?, catalogue)
     }
 
     /// As [`Plan::load`], with signals in the scenario that nobody sends: whoever looks for the right name has a wrong one in
@@ -49,32 +39,24 @@ impl Plan {
         path: &Path,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        let text = read_text(path, FILE_BYTES_MAX).unwrap_or_default();
-        if !may_name_rig(&text) {
-            return Scenario::load(path).map(|scenario| Self::new(scenario, catalogue));
-        }
+        let beside = Beside::new(path);
+        let read = |name: &str| beside.read(name);
         let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
-        let (loops, texts) = Loops::load(path, |_| Vec::new(), object)?;
-        Ok(Self::of_texts(loops, path, texts, catalogue))
+        let none = |_: &Scenario| Vec::new();
+        let (loops, texts) = Loops::parse(&beside, text_of(path)?, read, none, object)?;
+        Ok(Self::of_texts(loops, &beside, texts, catalogue))
     }
 
-    /// As [`Plan::load`], for a text that is at hand; the files that it names lie beside `path`.
+    /// As [`Plan::load`], for a text that is at hand; the files that it names lie beside it.
     ///
     /// # Errors
     /// As [`Plan::load`].
     pub fn parse_beside(
-        path: &Path,
+        beside: &Beside,
         text: String,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        let objections = |scenario: &Scenario| catalogue.objections(scenario);
-        if may_name_rig(&text) {
-            let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
-            let (loops, texts) = Loops::parse_beside(path, text, objections, object)?;
-            return Ok(Self::of_texts(loops, path, texts, catalogue));
-        }
-        let (scenario, texts) = Scenario::parse_beside(path, text, objections)?;
-        Ok(Self::new(scenario, catalogue).with_texts(path, texts))
+        Self::parse(beside, text, |name| beside.read(name), catalogue)
     }
 
     /// As [`Plan::parse_beside`], for files that `read_file` gives by their names.
@@ -82,19 +64,15 @@ impl Plan {
     /// # Errors
     /// As [`Plan::load`].
     pub fn parse(
-        path: &Path,
+        beside: &Beside,
         text: String,
         read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
         let objections = |scenario: &Scenario| catalogue.objections(scenario);
-        if may_name_rig(&text) {
-            let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
-            let (loops, texts) = Loops::parse(path, text, read_file, objections, object)?;
-            return Ok(Self::of_texts(loops, path, texts, catalogue));
-        }
-        let (scenario, texts) = Scenario::parse_with(path, text, read_file, objections)?;
-        Ok(Self::new(scenario, catalogue).with_texts(path, texts))
+        let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
+        let (loops, texts) = Loops::parse(beside, text, read_file, objections, object)?;
+        Ok(Self::of_texts(loops, beside, texts, catalogue))
     }
 
     /// The plan of a rig file in which nothing is tried.
@@ -104,22 +82,12 @@ impl Plan {
     pub fn of_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
         let object = |loops: &Loops<Scenario>| planned(loops.clone(), catalogue).err();
         let loops = Loops::of_rig(text, &path.display().to_string(), object)?;
-        Ok(Self::of_texts(loops, path, Texts::default(), catalogue))
-    }
-
-    /// The plan of a rig with a drive of its own, on which nothing is tried.
-    #[must_use]
-    pub fn of_loaded_rig(rig: LoadedRig) -> Self {
-        let text = "schema = 1\nname = \"a rig\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let no_table = |_: &str| Err(io::ErrorKind::NotFound.into());
-        let scenario = Scenario::parse(text, "a rig", no_table);
-        let scenario = scenario.expect("this scenario is valid");
-        let only = ControlLoop::of_recording(scenario, &rig.database);
-        Self::of_one(only).recorded_on(&Arc::new(rig))
+        let beside = Beside::new(path);
+        Ok(Self::of_texts(loops, &beside, Texts::default(), catalogue))
     }
 
     /// Reads the scenario of a recording, whose frames mean what the database says. Plants and laws need not be known here.
-    /// `external` are the nodes of a scenario with a rig that were somebody else's.
+    /// `external` are the nodes that were somebody else's.
     ///
     /// # Errors
     /// A file cannot be read or is not valid.
@@ -128,14 +96,18 @@ impl Plan {
         database: &Arc<Database>,
         external: &[String],
     ) -> Result<Self, ScenarioError> {
-        let text = read_text(path, FILE_BYTES_MAX).unwrap_or_default();
-        if may_name_rig(&text) {
-            return loops_of_recording(path, database, external);
-        }
+        let recorded = |loops: Loops<Scenario>| {
+            named(loops, |scenario| {
+                ControlLoop::of_recording(scenario, database)
+            })
+        };
+        let object = |loops: &Loops<Scenario>| recorded(loops.clone()).err();
         let objections = |scenario: &Scenario| recorded_objections(scenario, database);
-        let (scenario, texts) = Scenario::load_recorded(path, objections)?;
-        let only = ControlLoop::of_recording(scenario, database);
-        Ok(Self::of_one(only).with_texts(path, texts))
+        let beside = Beside::new(path);
+        let text = text_of(path)?;
+        let (loops, texts) = Loops::parse_recorded(&beside, text, objections, object)?;
+        let plan = recorded(loops).expect("a rig without objections");
+        Ok(plan.recorded_external(external).with_texts(&beside, texts))
     }
 
     /// The plan of another scenario on the same rig, with the same plants and laws: they share what the frames mean.
@@ -148,10 +120,6 @@ impl Plan {
         read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        if !self.names_rig() {
-            let scenario = Scenario::parse(text, "case", read_file)?;
-            return Ok(Self::new(scenario, catalogue));
-        }
         let object = |loops: &Loops<Scenario>| {
             let mut scenarios = loops.loops.iter().map(|one| &one.scenario);
             let found = scenarios.find_map(|one| catalogue.fmu_objection(one, &one.wiring.plant));
@@ -159,20 +127,31 @@ impl Plan {
             found.filter(|objection| objection.path.contains(".fmu.start."))
         };
         // Files that are no text lie beside the scenario that is varied.
-        let path = self.shared.path.with_file_name("case");
-        let (loops, _) = Loops::parse(&path, text.to_owned(), read_file, |_| Vec::new(), object)?;
+        let beside = self.shared.beside.of_case();
+        let (loops, _) = Loops::parse(&beside, text.to_owned(), read_file, |_| Vec::new(), object)?;
         let varied = self.loops.iter().zip(loops.loops);
         let varied = varied.map(|(base, one)| base.varied(one.scenario));
         let nodes = self.shared.nodes_of_loops.clone();
-        Ok(Self::of_loops(varied.collect(), loops.contours, nodes))
+        let mut plan = Self::of_loops(varied.collect(), loops.contours, nodes);
+        plan.shared.rig = Arc::new(loops.rig);
+        Ok(plan)
     }
 
     /// The plan of loops that were found to be without objections.
-    fn of_texts(loops: Loops<Scenario>, path: &Path, texts: Texts, catalogue: &Catalogue) -> Self {
+    fn of_texts(
+        loops: Loops<Scenario>,
+        beside: &Beside,
+        texts: Texts,
+        catalogue: &Catalogue,
+    ) -> Self {
         let plan = planned(loops, catalogue);
         plan.expect("a rig without objections")
-            .with_texts(path, texts)
+            .with_texts(beside, texts)
     }
+}
+
+fn text_of(path: &Path) -> Result<String, ScenarioError> {
+    read_text(path, FILE_BYTES_MAX).map_err(|error| ScenarioError::unreadable(path, &error))
 }
 
 /// Checks the text of a rig file on which nothing is tried, and computes what it needs of the bus under the shipped laws.
@@ -187,26 +166,8 @@ pub fn check_rig(
     let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
     let loops = Loops::of_rig(text, name, object)?;
     let plan = planned(loops.clone(), catalogue).expect("a rig without objections");
-    let budget = BusBudget::new(&loops.rig, &plan);
+    let budget = BusBudget::new(&plan);
     Ok((loops.rig, budget))
-}
-
-/// Reads the loops of a recording with a rig. The database is as the first loop sees it.
-fn loops_of_recording(
-    path: &Path,
-    database: &Arc<Database>,
-    external: &[String],
-) -> Result<Plan, ScenarioError> {
-    let recorded = |loops: Loops<Scenario>| {
-        named(loops, |scenario| {
-            ControlLoop::of_recording(scenario, database)
-        })
-    };
-    let object = |loops: &Loops<Scenario>| recorded(loops.clone()).err();
-    let objections = |scenario: &Scenario| recorded_objections(scenario, database);
-    let (loops, texts) = Loops::load_recorded(path, objections, object)?;
-    let plan = recorded(loops).expect("a rig without objections");
-    Ok(plan.recorded_external(external).with_texts(path, texts))
 }
 
 /// What is wrong with a rig: a drive that cannot be led, nodes that send the same, a cycle that is too short.
@@ -215,7 +176,7 @@ fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection
         return Some(objection);
     }
     match planned(loops.clone(), catalogue) {
-        Ok(plan) => does_not_fit(&BusBudget::new(&loops.rig, &plan)),
+        Ok(plan) => does_not_fit(&BusBudget::new(&plan)),
         Err(objection) => Some(objection),
     }
 }
@@ -281,13 +242,13 @@ fn recorded_objections(scenario: &Scenario, database: &Arc<Database>) -> Vec<Obj
     SignalNames::objections(scenario, || names.get_or_init(make))
 }
 
-/// The rig of the drive of a loop, where that is external.
-fn own_rig<T>(loops: &Loops<T>, name: &str) -> Result<Option<Arc<LoadedRig>>, Objection> {
+/// The drive of a loop, if it is a real one.
+fn real_drive<T>(loops: &Loops<T>, name: &str) -> Result<Option<Arc<LoadedDrive>>, Objection> {
     let drive = loops.rig.drive_of_loop(name);
-    let Some(file) = loops.rig.rig_file_of(drive) else {
+    let Some(real) = loops.rig.real_drive(drive) else {
         return Ok(None);
     };
-    let loaded = LoadedRig::of_node(Path::new(drive), file, loops.sheets.get(drive));
+    let loaded = LoadedDrive::new(real, loops.sheets.get(drive));
     let loaded = loaded.map_err(|error| Objection {
         path: format!("node.{drive}"),
         message: format!("the drive `{drive}` cannot be led"),
@@ -297,14 +258,14 @@ fn own_rig<T>(loops: &Loops<T>, name: &str) -> Result<Option<Arc<LoadedRig>>, Ob
     Ok(Some(Arc::new(loaded)))
 }
 
-/// The plan of loops that `make` makes, each with its name and its place, on the rig of its external drive.
+/// The plan of loops that `make` makes, each with its name, its place and its real drive.
 fn named(
     loops: Loops<Scenario>,
     make: impl Fn(Scenario) -> ControlLoop,
 ) -> Result<Plan, Objection> {
-    let rigs = loops.loops.iter();
-    let rigs = rigs.map(|one| own_rig(&loops, &one.name));
-    let rigs = rigs.collect::<Result<Vec<_>, _>>()?;
+    let drives = loops.loops.iter();
+    let drives = drives.map(|one| real_drive(&loops, &one.name));
+    let drives = drives.collect::<Result<Vec<_>, _>>()?;
     let Loops {
         rig,
         loops,
@@ -318,8 +279,8 @@ fn named(
     let mut external = External::default();
     let others = rig.node.values().filter(|node| node.external);
     others.for_each(|node| external.insert(node.node_id));
-    let loops = (0..).zip(loops).zip(rigs);
-    let loops = loops.map(|((number, one), own_rig)| {
+    let loops = (0..).zip(loops).zip(drives);
+    let loops = loops.map(|((number, one), real_drive)| {
         let OneLoop {
             name,
             place,
@@ -329,8 +290,9 @@ fn named(
             plant: rig.plant_of_loop(&name).to_owned(),
             name: name.clone(),
         });
-        let one = ControlLoop {
+        ControlLoop {
             loop_name,
+            real_drive,
             external: external.clone(),
             place: LoopPlace {
                 number,
@@ -339,15 +301,11 @@ fn named(
                 truth_every_cycles: place.truth_every_cycles,
             },
             ..make(scenario)
-        };
-        match own_rig {
-            Some(rig) => one.recorded_on(rig),
-            None => one,
         }
     });
     let loops = loops.collect();
     let mut plan = Plan::of_loops(loops, contours, nodes_of_loops);
-    plan.shared.names_rig = true;
+    plan.shared.rig = Arc::new(rig);
     Ok(plan)
 }
 

@@ -4,15 +4,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use comfy_table::CellAlignment;
-use scenario::Override;
-use scenario::loops::Loops;
-use scenario::rig::RigFile;
 use scenario::rig::nodes::Rig;
 
 use crate::console::{print, print_error, usage_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
-use crate::scenarios::{read, read_rig, rig_text, scenario_files};
+use crate::scenarios::{read, rig_text, scenario_files};
 use report::terminal::empty_table;
 use rig::bus_budget::{BusBudget, Pace};
 use rig::plan::{Shared, check_rig};
@@ -37,10 +34,10 @@ pub fn check(args: &CheckArgs) -> Exit {
     };
     let mut worst = Exit::Pass;
     for path in paths {
-        match checked(&path, &args.values.overrides) {
+        match checked(&path, &args.values) {
             Ok(Valid { name, bus }) => {
                 print(&format!("{}: valid ({name})", path.display()));
-                bus.iter().for_each(|bus| print(&arithmetic(bus)));
+                print(&arithmetic(&bus));
             }
             Err(error) => {
                 print_error(&format!("{error:?}"));
@@ -54,35 +51,20 @@ pub fn check(args: &CheckArgs) -> Exit {
 /// A valid scenario or rig file.
 struct Valid {
     name: String,
-    /// What the nodes send, where a rig file of schema 2 says it.
-    bus: Option<BusBudget>,
+    /// What the nodes send.
+    bus: BusBudget,
 }
 
-fn checked(path: &Path, overrides: &[Override]) -> miette::Result<Valid> {
+fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
     let text = rig_text(path).unwrap_or_default();
     if Rig::is_meant(&text) {
         let (rig, bus) = check_rig(&text, &path.display().to_string(), catalogue())?;
         let name = format!("rig: {}", rig.name);
-        return Ok(Valid {
-            name,
-            bus: Some(bus),
-        });
+        return Ok(Valid { name, bus });
     }
-    if RigFile::is_meant(&text) {
-        let loaded = read_rig(path)?;
-        let name = format!("rig: {}", loaded.file.name);
-        return Ok(Valid { name, bus: None });
-    }
-    let plan = read(path, overrides)?;
-    let Shared {
-        name,
-        text,
-        tables,
-        sweep,
-        ..
-    } = &plan.shared;
-    let bus = Loops::is_meant(text).then(|| Rig::of_scenario(text, tables));
-    let bus = bus.transpose()?.map(|rig| BusBudget::new(&rig, &plan));
+    let plan = read(path, values)?;
+    let Shared { name, sweep, .. } = &plan.shared;
+    let bus = BusBudget::new(&plan);
     let name = match sweep {
         Some(sweep) => format!("{name}, {} runs in a sweep", sweep.runs()),
         None => name.clone(),

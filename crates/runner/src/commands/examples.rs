@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use scenario::schema::{json_schema, json_schema_2, rig_json_schema, rig_json_schema_2};
+use scenario::schema::{json_schema, rig_json_schema};
 use toml::Table;
 
 use crate::console::{print, print_bytes, print_error, usage_error};
@@ -104,20 +104,10 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)
         let text = text.replacen("../../scenarios/rig_schema.json", "../rig_schema.json", 1);
         write(&folder.join(place), &text)?;
     }
-    let of_one_drive = [
+    for (place, text) in [
         ("schema.json", json_schema()),
         ("rig_schema.json", rig_json_schema()),
-    ];
-    let of_nodes = [
-        ("schema_2.json", json_schema_2()),
-        ("rig_schema_2.json", rig_json_schema_2()),
-    ];
-    let is_named = |place: &str| {
-        let mut heads = files.iter().filter_map(|file| file.text.lines().next());
-        heads.any(|head| head.ends_with(&format!("/{place}")))
-    };
-    let of_nodes = of_nodes.into_iter().filter(|(place, _)| is_named(place));
-    for (place, text) in of_one_drive.into_iter().chain(of_nodes) {
+    ] {
         match write(&folder.join(place), &text) {
             Err((_, error)) if error.kind() == io::ErrorKind::AlreadyExists => {}
             written => written?,

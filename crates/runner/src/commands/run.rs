@@ -1,30 +1,24 @@
 //! `canrig run`: scenarios with controller and plant as processes on a CAN bus.
 
 use std::cell::Cell;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 
 use clap::{Args, ValueEnum};
 use platform::bus::BusAddress;
 use platform::scheduling;
 use scenario::fault::{Faults, Group};
-use scenario::loops::Loops;
 use scenario::node::Part;
-use scenario::read_text;
 
-use crate::console::{print_diagnostic, print_error, usage_error};
+use crate::console::{print_error, usage_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
 use crate::play::{PlayArgs, Testbed, play_all, prepared, refuse_external};
-use crate::scenarios::{is_scenario, read_rig, scenario_files};
+use crate::scenarios::{is_scenario, scenario_files};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
-use rig::FILE_BYTES_MAX;
-use rig::external::no_such_node;
-use rig::plan::{ControlLoop, FAN, Plan};
-use rig::rig_file::{LoadedRig, RigError};
+use rig::plan::{ControlLoop, Plan};
 use worlds::bus_connection::BusConnection;
 use worlds::preflight::{Preflight, PreflightEvent};
 use worlds::{
@@ -33,7 +27,7 @@ use worlds::{
 
 /// What `--dry-run` is for.
 const NOTHING_TO_CHECK: &str =
-    "--dry-run needs --external drive or --rig: it checks a drive that canrig does not emulate";
+    "--dry-run checks a drive that canrig does not emulate: name it with --external, or its rig file with --rig";
 
 /// Arguments of `run`.
 #[derive(Args, Debug)]
@@ -47,15 +41,10 @@ pub struct RunArgs {
     /// The clock of the processes
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
     pub clock: ClockChoice,
-    /// Nodes that canrig does not start but expects on the bus, such as a real drive; several with commas: `drive`,
-    /// `controller`, `fan`, or the names of a scenario's rig. A fan needs its drive too, since a real fan cannot cool an emulated
-    /// wire. A limit on a value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
+    /// Nodes of the rig that canrig does not start but expects on the bus, such as a real drive; several with commas. A fan needs
+    /// its drive too, since a real fan cannot cool an emulated wire. A limit on a value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
     #[arg(long, value_name = "NODE", value_delimiter = ',')]
     pub external: Vec<String>,
-    /// The rig file of a real drive, or the name of one that ships: its bus, objects, scaling, time-outs and hard limits. It makes the drive external.
-    /// Without it, --external drive reads `rig.toml` beside the first scenario, where there is one
-    #[arg(long, value_name = "FILE")]
-    pub rig: Option<PathBuf>,
     /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
     #[arg(long)]
     pub dry_run: bool,
@@ -101,28 +90,15 @@ struct RunTestbed<'a> {
     clock: ClockChoice,
     /// The names of the external nodes.
     external: Vec<String>,
-    rig: Option<Arc<LoadedRig>>,
     preflight: Preflight,
     listener: &'a dyn Listener,
 }
 
 impl<'a> RunTestbed<'a> {
-    /// Finds rig and bus, and refuses what does not go together.
+    /// Finds the bus, and refuses what does not go together.
     fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
-        if !names_rigs(args) {
-            check_names(&args.external).map_err(|reason| usage_error(&reason))?;
-        }
-        let rig = rig_of(args).map_err(|error| {
-            print_diagnostic(error);
-            Exit::CannotStart
-        })?;
-        refuse(args, rig.is_some()).map_err(usage_error)?;
-        let interface = match (&args.bus, &rig) {
-            (BusChoice::Auto, Some(rig)) => rig.file.bus.interface.clone(),
-            _ => None,
-        };
-        let choice = interface.map_or_else(|| args.bus.clone(), BusChoice::Interface);
-        let bus = choose_bus(&choice, args.require_vcan);
+        refuse(args).map_err(usage_error)?;
+        let bus = choose_bus(&args.bus, args.require_vcan);
         let placed = bus.and_then(|bus| BusPlace::take(&bus).map(|place| (bus, place)));
         let (bus, place) = placed.map_err(|error| {
             print_error(&format!("canrig: {error}"));
@@ -134,7 +110,6 @@ impl<'a> RunTestbed<'a> {
             vigil: Cell::new(None),
             clock: args.clock,
             external: args.external.clone(),
-            rig: rig.map(Arc::new),
             preflight: Preflight::new(!args.no_heating),
             listener,
         })
@@ -155,10 +130,6 @@ impl<'a> RunTestbed<'a> {
             && let Some(refusal) = refused_priority()
         {
             self.note(format!("note: {refusal}"));
-        }
-        if let Some(rig) = &self.rig {
-            let (name, path) = (&rig.file.name, rig.path.display());
-            self.note(format!("rig: {name} ({path})"));
         }
     }
 
@@ -272,13 +243,6 @@ impl Testbed for RunTestbed<'_> {
     }
 
     fn prepare(&self, plan: Plan) -> Result<Plan, String> {
-        let plan = match &self.rig {
-            Some(_) if plan.names_rig() => {
-                return Err("the scenario names its rig: leave --rig out".to_owned());
-            }
-            Some(rig) => plan.on(rig),
-            None => plan,
-        };
         let plan = plan.with_external(&self.external)?;
         if self.clock == ClockChoice::Lockstep {
             refuse_external(&plan)?;
@@ -292,8 +256,8 @@ impl Testbed for RunTestbed<'_> {
         for one in &plan.loops {
             let scenario = &one.scenario;
             one.admits_faults()?;
-            if let Some(rig) = &one.rig {
-                rig.admits(scenario)?;
+            if let Some(drive) = &one.real_drive {
+                drive.admits(scenario)?;
             }
         }
         Ok(plan)
@@ -319,52 +283,10 @@ impl Testbed for RunTestbed<'_> {
     }
 }
 
-/// The rig that the arguments name, or the one beside the first scenario if the drive is a real one.
-fn rig_of(args: &RunArgs) -> Result<Option<LoadedRig>, RigError> {
-    if let Some(path) = &args.rig {
-        return read_rig(path).map(Some);
-    }
-    let first = args.play.scenarios.first();
-    let first = first.filter(|_| has_real_drive(args) && !names_rigs(args));
-    match first {
-        Some(folder) if folder.is_dir() => LoadedRig::in_folder(folder),
-        Some(file) => LoadedRig::in_folder(file.parent().unwrap_or(Path::new(""))),
-        None => Ok(None),
-    }
-}
-
-/// Whether a scenario that the arguments name names its rig by itself.
-fn names_rigs(args: &RunArgs) -> bool {
-    let paths = scenario_files(&args.play.scenarios, is_scenario).unwrap_or_default();
-    let mut texts = paths.iter().map(|path| read_text(path, FILE_BYTES_MAX));
-    texts.any(|text| text.is_ok_and(|text| Loops::is_meant(&text)))
-}
-
-/// Nodes of a scenario that names no rig.
-const NODES_OF_ONE_DRIVE: [&str; 3] = [DRIVE, "controller", FAN];
-const DRIVE: &str = "drive";
-
-fn has_real_drive(args: &RunArgs) -> bool {
-    args.external.iter().any(|name| name == DRIVE)
-}
-
-/// Refuses the name of a node that no scenario without a rig has.
-fn check_names(names: &[String]) -> Result<(), String> {
-    let is_unknown = |name: &&String| !NODES_OF_ONE_DRIVE.contains(&name.as_str());
-    match names.iter().find(is_unknown) {
-        Some(name) => Err(no_such_node(name, &NODES_OF_ONE_DRIVE)),
-        None => Ok(()),
-    }
-}
-
 /// Refuses arguments that do not go together.
-fn refuse(args: &RunArgs, has_rig: bool) -> Result<(), &'static str> {
-    let has_external = has_rig || !args.external.is_empty();
-    if args.clock == ClockChoice::Lockstep && has_external {
+fn refuse(args: &RunArgs) -> Result<(), &'static str> {
+    if args.clock == ClockChoice::Lockstep && !args.external.is_empty() {
         return Err("--external needs --clock real-time: an external node keeps its own time");
-    }
-    if args.dry_run && !has_rig && !has_real_drive(args) && !names_rigs(args) {
-        return Err(NOTHING_TO_CHECK);
     }
     Ok(())
 }

@@ -11,39 +11,19 @@ use serde_json::Value;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::nearest;
-use crate::plant::SMA_ACTUATOR;
 use crate::rig::nodes::Rig;
 use crate::schema::resolve;
 use crate::structure::broken_limit;
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
-use super::plant::is_about_a_wire;
-
 /// Tables of the format itself, which are not swept.
 const NOT_SWEPT: [&str; 2] = ["schema", "sweep"];
 /// Checks, which are not swept either: their names in the verdict hold their windows and limits.
 const CHECKS: [&str; 2] = [".signal", ".sequence"];
 
-/// Everything that is wrong with the sweep of a scenario with this plant. Notes in it which keys are whole numbers.
+/// Everything that is wrong with the sweep of a scenario. Notes in it which keys are whole numbers.
 pub(crate) fn check(
-    document: &Document<'_>,
-    plant: &str,
-    sweep: Option<&mut Sweep>,
-) -> Vec<Problem> {
-    let Some(sweep) = sweep else {
-        return Vec::new();
-    };
-    let example = match plant {
-        SMA_ACTUATOR => "plant.mechanics.load_kilograms",
-        _ => "plant.sensor.resolution_bits",
-    };
-    let keys = Keys::new(&schema::SCENARIO, document).of_plant(plant);
-    check_keys(document, (plant, example), keys, sweep)
-}
-
-/// As [`check`], of a scenario on a rig.
-pub(crate) fn check_on(
     document: &Document<'_>,
     rig: &Rig,
     sweep: Option<&mut Sweep>,
@@ -55,18 +35,17 @@ pub(crate) fn check_on(
     let keys = Keys::new(&schema, document);
     let of_plants = keys.0.keys().find(|key| key.starts_with("plant."));
     let example = of_plants.map_or_else(|| "seed".to_owned(), String::clone);
-    check_keys(document, (SMA_ACTUATOR, &example), keys, sweep)
+    check_keys(document, &example, keys, sweep)
 }
 
 fn check_keys(
     document: &Document<'_>,
-    (plant, example): (&str, &str),
+    example: &str,
     keys: Keys<'_>,
     sweep: &mut Sweep,
 ) -> Vec<Problem> {
     let mut checker = Checker {
         document,
-        plant,
         example,
         keys,
         has_few_runs: sweep.runs() <= RUNS_MAX,
@@ -104,14 +83,6 @@ impl<'a> Keys<'a> {
         let mut keys = Self(BTreeMap::new());
         keys.collect(schema, schema, document, "", "");
         keys
-    }
-
-    /// Those that mean something to a plant.
-    fn of_plant(mut self, plant: &str) -> Self {
-        if plant != SMA_ACTUATOR {
-            self.0.retain(|key, _| !is_about_a_wire(key));
-        }
-        self
     }
 
     /// Collects what is below a table: `key` is its path as users write it, `path` as the document does.
@@ -172,8 +143,6 @@ fn is_integer(schema: &Value) -> bool {
 
 struct Checker<'a, 'text> {
     document: &'a Document<'text>,
-    /// The plant's name.
-    plant: &'a str,
     /// A key for people.
     example: &'a str,
     keys: Keys<'a>,
@@ -294,13 +263,7 @@ impl<'a> Checker<'a, '_> {
                 None => "no number of this scenario".to_owned(),
             };
             let span = self.within(&format!("{path}.key"), key);
-            let message = match is_about_a_wire(key) && self.plant != SMA_ACTUATOR {
-                true => format!(
-                    "`{key}` is a key of the wire, and the plant is `{}`",
-                    self.plant
-                ),
-                false => format!("`{key}` is no number of this scenario"),
-            };
+            let message = format!("`{key}` is no number of this scenario");
             let problem = self.document.source.problem(span, message, label);
             let example = self.example;
             let help = format!(

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use crate::node::{Node, Part};
 
 pub use kinds::{Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
-pub(crate) use read::{NodesOfRun, read};
+pub(crate) use read::read;
 pub(crate) use schema::{describe, describe_on_rig, described};
 
 /// A value of a fault.

@@ -12,75 +12,39 @@ use crate::load::{InUnit, in_unit};
 use crate::nearest::meant_or_known;
 use crate::node::{Node, Part};
 use crate::port::Unit;
-use crate::rig::nodes::{CONTROLLER_NODE_ID, NodeKind, Rig};
+use crate::rig::nodes::{NodeKind, Rig};
 use crate::schema;
 use crate::structure::{self, number};
 
 const FAULT: &str = "fault";
 const PLANT: &str = "plant";
 const BENCH: &str = "bench";
-/// Node-ID of the drive of the rig that ships.
-const DRIVE_NODE_ID: u8 = 0x10;
-
-/// The nodes to which faults can happen.
-#[derive(Clone, Copy)]
-pub(crate) enum NodesOfRun<'a> {
-    /// The controller and the drive of a scenario that names no rig.
-    OfOneDrive,
-    /// Those of a rig.
-    Of(&'a Rig),
+/// The node of a rig to which a fault may happen.
+fn node_of(rig: &Rig, name: &str) -> Option<Node> {
+    if name == BENCH {
+        return Some(Node::new(name, 0, Part::Bench));
+    }
+    let found = rig.node.get(name)?;
+    let part = match found.kind {
+        NodeKind::Controller => Part::Controller,
+        NodeKind::Drive => Part::Drive,
+        NodeKind::Io => return None,
+    };
+    Some(Node::new(name, found.node_id, part))
 }
 
-impl NodesOfRun<'_> {
-    fn find(self, name: &str) -> Option<Node> {
-        let node = |id, part| Node::new(name, id, part);
-        match (self, name) {
-            (_, BENCH) => Some(node(0, Part::Bench)),
-            (Self::OfOneDrive, "controller") => Some(node(CONTROLLER_NODE_ID, Part::Controller)),
-            (Self::OfOneDrive, "drive") => Some(node(DRIVE_NODE_ID, Part::Drive)),
-            (Self::OfOneDrive, _) => None,
-            (Self::Of(rig), name) => {
-                let found = rig.node.get(name)?;
-                let part = match found.kind {
-                    NodeKind::Controller => Part::Controller,
-                    NodeKind::Drive => Part::Drive,
-                    NodeKind::Io => return None,
-                };
-                Some(node(found.node_id, part))
-            }
-        }
-    }
-
-    /// The only drive.
-    fn only_drive(self) -> Option<Node> {
-        match self {
-            Self::OfOneDrive => self.find("drive"),
-            Self::Of(rig) => {
-                let is_drive = |name: &&String| rig.node[*name].kind == NodeKind::Drive;
-                let mut drives = rig.node.keys().filter(is_drive);
-                let only = drives.next().filter(|_| drives.next().is_none())?;
-                self.find(only)
-            }
-        }
-    }
-
-    /// The unit of the positions of a drive.
-    fn unit_of(self, drive: &str) -> Unit {
-        match self {
-            Self::OfOneDrive => Unit::Millimetres,
-            Self::Of(rig) => rig.wiring_of(drive).unit,
-        }
-    }
+fn only_drive(rig: &Rig) -> Option<Node> {
+    let is_drive = |name: &&String| rig.node[*name].kind == NodeKind::Drive;
+    let mut drives = rig.node.keys().filter(is_drive);
+    let only = drives.next().filter(|_| drives.next().is_none())?;
+    node_of(rig, only)
 }
 
 /// The faults of a document, and what is wrong with them. What has another form than the schema says is left out: whoever checks
 /// that has said so.
-pub(crate) fn read(document: &Document<'_>, nodes: NodesOfRun<'_>) -> (Faults, Vec<Problem>) {
-    let reader = Reader { document, nodes };
-    let mut problems = Vec::new();
-    if matches!(nodes, NodesOfRun::Of(_)) {
-        problems.extend(reader.shape());
-    }
+pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>) {
+    let reader = Reader { document, rig };
+    let mut problems = reader.shape();
     let mut faults = Vec::new();
     for kind in KINDS {
         let path = format!("{FAULT}.{}.{}", kind.group.name(), kind.name);
@@ -98,7 +62,7 @@ pub(crate) fn read(document: &Document<'_>, nodes: NodesOfRun<'_>) -> (Faults, V
 
 struct Reader<'a, 'text> {
     document: &'a Document<'text>,
-    nodes: NodesOfRun<'a>,
+    rig: &'a Rig,
 }
 
 impl<'text> Reader<'_, 'text> {
@@ -137,10 +101,7 @@ impl<'text> Reader<'_, 'text> {
             Some(_) => None,
             None => self.node(kind, &path, table).map_err(one)?,
         };
-        let table = match self.nodes {
-            NodesOfRun::OfOneDrive => table.clone(),
-            NodesOfRun::Of(_) => self.in_own_unit(kind, entry, node.as_ref())?,
-        };
+        let table = self.in_own_unit(kind, entry, node.as_ref())?;
         let values = kind.keys.iter().filter(|key| !is_of_node(key));
         let mut read = BTreeMap::new();
         for key in values {
@@ -178,7 +139,7 @@ impl<'text> Reader<'_, 'text> {
         table: &DeTable<'_>,
     ) -> Result<Option<String>, Problem> {
         let named = table.get(PLANT).filter(|_| kind.group == Group::Plant);
-        let (NodesOfRun::Of(rig), Some(named)) = (self.nodes, named) else {
+        let (rig, Some(named)) = (self.rig, named) else {
             return Ok(None);
         };
         let name = named.get_ref().as_str().unwrap_or_default();
@@ -203,14 +164,11 @@ impl<'text> Reader<'_, 'text> {
             None => return Ok(None),
         };
         let Some(named) = table.get(key) else {
-            let only = self.nodes.only_drive();
             if !kind.is_of_a_drive() {
                 return Ok(None);
             }
-            let NodesOfRun::Of(rig) = self.nodes else {
-                return Ok(only);
-            };
-            let known = Vec::from_iter(rig.node.keys().map(String::as_str));
+            let only = only_drive(self.rig);
+            let known = Vec::from_iter(self.rig.node.keys().map(String::as_str));
             let message = "for which node?";
             let label = format!("`node` is missing; known are: {}", known.join(", "));
             return match only {
@@ -225,12 +183,10 @@ impl<'text> Reader<'_, 'text> {
             Part::Drive => true,
             Part::Io => false,
         };
-        if let Some(node) = self.nodes.find(name).filter(is_possible) {
+        let rig = self.rig;
+        if let Some(node) = node_of(rig, name).filter(is_possible) {
             return Ok(Some(node));
         }
-        let NodesOfRun::Of(rig) = self.nodes else {
-            return Ok(None);
-        };
         let path = format!("{path}.{key}");
         let heading = kind.heading();
         let (message, label) = match rig.node.get(name).map(|node| node.kind) {
@@ -269,12 +225,13 @@ impl<'text> Reader<'_, 'text> {
         let section = [(name(FAULT), Spanned::new(entry.span(), groups))];
         let mut tree: DeTable<'text> = section.into_iter().collect();
         let drive = node.filter(|node| node.part == Part::Drive);
-        let unit = drive.map_or(Unit::Millimetres, |node| self.nodes.unit_of(&node.name));
-        if let (Some(drive), NodesOfRun::Of(rig)) = (drive, self.nodes) {
+        let wiring = drive.map(|node| self.rig.wiring_of(&node.name));
+        let unit = wiring.as_ref().map_or(Unit::Millimetres, |one| one.unit.clone());
+        if let Some(wiring) = &wiring {
             let units = InUnit {
                 source: &self.document.source,
                 unit: &unit,
-                of_loop: &rig.wiring_of(&drive.name).of_loop,
+                of_loop: &wiring.of_loop,
             };
             units.rename(&mut tree).map_err(one)?;
         }

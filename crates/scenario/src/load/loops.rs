@@ -1,13 +1,13 @@
-//! A scenario of schema 2 is split by loop: what is tried in one loop is a scenario of one drive, as all that plays and judges
-//! a loop knows it.
+//! A scenario is split by loop: what is tried in one loop is a scenario of one drive, as all that plays and judges a loop knows
+//! it.
 //!
-//! The tree of the file is split, before any type is made of it, so that everything still knows where it stands. What the rig
-//! file says stands, for errors, at the scenario's key `rig`: it was checked by itself before.
+//! The tree of the file is split, before any type is made of it, so that everything still knows where it stands.
 
 mod contours;
 mod emergencies;
 mod expect;
 mod fmus;
+mod overlay;
 mod read;
 mod sweep;
 mod units;
@@ -31,7 +31,8 @@ const ALL: &str = "all";
 /// The limits of several loops together.
 const CONTOUR: &str = "contour";
 /// Keys of a scenario that hold for all loops.
-const SHARED: [&str; 5] = [
+const SHARED: [&str; 6] = [
+    "schema",
     "name",
     "description",
     "requirements",
@@ -39,11 +40,12 @@ const SHARED: [&str; 5] = [
     "duration_seconds",
 ];
 /// Keys that are split between the loops.
-const SPLIT: [&str; 8] = [
-    "schema",
+const SPLIT: [&str; 9] = [
     "rig",
-    "controller",
+    "bus",
     "plant",
+    "node",
+    "controller",
     "reference",
     "disturbance",
     "fault",
@@ -56,11 +58,6 @@ const CONTROLLER: &str = "controller";
 /// The key that names a node.
 const NODE: &str = "node";
 
-/// The number of the format of scenarios with several loops.
-const SCHEMA: &str = "2";
-/// The number of the format of scenarios with one drive, into which they are split.
-const SCHEMA_OF_ONE: &str = "1";
-
 /// Keys of a drive's parts in a rig file, and in a scenario of one drive.
 const SENSOR: [(&str, &str); 2] = [
     ("resolution_bits", "resolution_bits"),
@@ -72,14 +69,14 @@ const AMPLIFIER: [(&str, &str); 3] = [
     ("resolution_bits", "resolution_bits"),
 ];
 
-/// Splits a scenario's tree into those of the rig's loops, by their names. `schema_1` is the number of the format of one drive.
+/// Splits a scenario's tree into those of the rig's loops, by their names.
 pub(super) struct Splitter<'a, 'text> {
     pub(super) scenario: &'a Document<'text>,
     pub(super) rig: &'a Rig,
+    /// The rig's tree with the scenario's values in it; what the rig file says stands at the scenario's key `rig`.
     pub(super) rig_tree: &'a DeTable<'text>,
     /// Where the rig file is.
     pub(super) rig_path: PathBuf,
-    pub(super) schema_1: DeValue<'text>,
 }
 
 /// A scenario's tree for each loop, and what is wrong with how the scenario names them.
@@ -133,12 +130,8 @@ impl<'text> Splitter<'_, 'text> {
         }
         let span = self.scenario.span("rig");
         let key = |name: &'static str| Spanned::new(span.clone(), name.into());
-        tree.insert(
-            key("schema"),
-            Spanned::new(span.clone(), self.schema_1.clone()),
-        );
         if let Some(bus) = self.rig_tree.get("bus") {
-            tree.insert(key("bus"), placed(bus, &span));
+            tree.insert(key("bus"), bus.clone());
         }
         tree.insert(key("controller"), self.law(name)?);
         tree.insert(key("plant"), self.plant(name, &span));
@@ -227,21 +220,14 @@ impl<'text> Splitter<'_, 'text> {
         !self.is_only_loop() || keys.iter().any(is_name)
     }
 
-    /// The plant that a loop's drive moves, with what the scenario says of it, and the drive's own parts.
+    /// The plant that a loop's drive moves, and the drive's own parts.
     fn plant(&self, name: &str, span: &Range<usize>) -> Spanned<DeValue<'text>> {
         let drive = self.drive(name);
         let plant = self.rig.plant_of(drive).unwrap_or_default();
-        let of = |root: &DeTable<'text>| self.table(root.get("plant")?)?.get(plant).cloned();
-        let of_rig = of(self.rig_tree).map(|models| placed(&models, span).into_inner());
-        let mut models = match of_rig {
-            Some(DeValue::Table(models)) => models,
-            _ => DeTable::new(),
-        };
+        let plants = self.rig_tree.get("plant");
+        let models = plants.and_then(|plants| self.table(self.table(plants)?.get(plant)?));
+        let mut models = models.cloned().unwrap_or_default();
         fmus::place(&mut models, &self.rig_path);
-        if let Some(DeValue::Table(mut own)) = of(self.root()).map(Spanned::into_inner) {
-            fmus::place(&mut own, &self.rig_path);
-            override_with(&mut models, &own);
-        }
         // The model of the paper has no name in a scenario of one drive.
         let mut table = match models.remove("sma").map(Spanned::into_inner) {
             Some(DeValue::Table(sma)) => sma,
@@ -267,8 +253,8 @@ impl<'text> Splitter<'_, 'text> {
         let node = self.table(self.table(self.rig_tree.get("node")?)?.get(drive)?)?;
         let values = self.table(node.get(part)?)?;
         let entries = names.iter().filter_map(|(name, of_one_drive)| {
-            let key = Spanned::new(span.clone(), (*of_one_drive).into());
-            Some((key, placed(values.get(*name)?, span)))
+            let value = values.get(*name)?.clone();
+            Some((Spanned::new(value.span(), (*of_one_drive).into()), value))
         });
         Some(Spanned::new(
             span.clone(),
@@ -337,23 +323,17 @@ impl<'text> Splitter<'_, 'text> {
             problems.extend(self.strange_tables(section, &loops));
         }
         problems.extend(self.misplaced(&loops));
-        if self.root().contains_key("rig") {
-            return problems;
-        }
-        let help = "this scenario names no rig file, so its rig is the one that ships; another: rig = \"FILE.toml\"";
-        let mut problems = problems.into_iter();
-        let first = problems.next().map(|problem| problem.with_help(help));
-        first.into_iter().chain(problems).collect()
+        problems
     }
 
-    /// Keys that no scenario on a rig has.
+    /// Keys that no scenario has.
     fn strange_keys(&self) -> Vec<Problem> {
         let known = Vec::from_iter(SHARED.into_iter().chain(SPLIT).chain([EXPECT]));
         let keys = self.root().keys();
         let strange = keys.filter(|key| !known.contains(&key.get_ref().as_ref()));
         let problems = strange.map(|key| {
             let name: &str = key.get_ref();
-            let message = format!("a scenario on a rig has no `{name}`");
+            let message = format!("unknown key `{name}` in the scenario");
             (self.scenario.source).problem(key.span(), message, meant_or_known(name, &known))
         });
         problems.collect()
@@ -436,42 +416,10 @@ impl<'text> Splitter<'_, 'text> {
     }
 }
 
-/// Puts what a scenario says in place of what the rig file says, down to the last table.
-fn override_with<'text>(table: &mut DeTable<'text>, own: &DeTable<'text>) {
-    for (key, value) in own {
-        let name: &str = key.get_ref();
-        match (table.get_mut(name).map(Spanned::get_mut), value.get_ref()) {
-            (Some(DeValue::Table(below)), DeValue::Table(own)) => override_with(below, own),
-            _ => {
-                table.insert(key.clone(), value.clone());
-            }
-        }
-    }
-}
-
 /// Whether a path ends in the place of an array.
 fn is_entry(path: &str) -> bool {
     let last = path.rsplit('.').next().unwrap_or_default();
     last.parse::<usize>().is_ok()
-}
-
-/// A value of another file, as if it stood here.
-fn placed<'text>(value: &Spanned<DeValue<'text>>, span: &Range<usize>) -> Spanned<DeValue<'text>> {
-    let inner = match value.get_ref() {
-        DeValue::Table(table) => {
-            let entries = table.iter().map(|(key, below)| {
-                let key = Spanned::new(span.clone(), key.get_ref().clone());
-                (key, placed(below, span))
-            });
-            DeValue::Table(entries.collect())
-        }
-        DeValue::Array(array) => {
-            let entries = array.iter().map(|below| placed(below, span));
-            DeValue::Array(entries.collect())
-        }
-        other => other.clone(),
-    };
-    Spanned::new(span.clone(), inner)
 }
 
 #[cfg(test)]

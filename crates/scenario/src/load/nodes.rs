@@ -1,27 +1,27 @@
-//! Reads rig files of schema 2, and finds what the schema cannot say: who is wired to what, and whether it fits.
+//! Reads rig files, and finds what the schema cannot say: who is wired to what, and whether it fits.
 
 mod ids;
 mod names;
 mod sensors;
 mod served;
-mod units;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::kind::{is_rig_of_nodes, is_rig_of_one_drive};
-use super::rig::check_drive;
-use super::{Reading, build, read_models};
+use super::kind;
+use super::{Reading, build, none_of, read_models};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::meant_or_known;
 use crate::outside::Outside;
 use crate::own::is_name;
 use crate::rig::nodes::{
-    FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode, SHIPPED, SHIPPED_NAME,
+    FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode,
 };
+use crate::rig::{ObjectAddress, RealDrive};
+use crate::table;
 
 /// What the file is for people.
 pub(super) const KIND: &str = "rig file";
@@ -44,31 +44,15 @@ fn an_input(output: &str) -> &'static str {
 
 /// The signal of a drive that a loop can follow.
 const POSITION: &str = "position";
+/// The signal of a drive that a loop commands.
+const CURRENT: &str = "current";
 
 impl Rig {
-    /// The rig of a scenario that was read: one of the files that it names, or the one that ships.
-    ///
-    /// # Errors
-    /// It is not among the files, or not valid.
-    pub fn of_scenario(
-        scenario: &str,
-        files: &BTreeMap<String, String>,
-    ) -> Result<Self, ScenarioError> {
-        let document: toml::Table = scenario.parse().unwrap_or_default();
-        match document.get("rig").and_then(toml::Value::as_str) {
-            Some(name) => {
-                let text = files.get(name).map_or("", String::as_str);
-                Self::read(text, name, Reading::Recorded).map(|(rig, _)| rig)
-            }
-            None => Self::parse(SHIPPED, SHIPPED_NAME),
-        }
-    }
-
-    /// Whether a text is meant as a rig file of schema 2.
+    /// Whether a text is meant as a rig file.
     #[must_use]
     pub fn is_meant(text: &str) -> bool {
         let document = Document::parse(Source::new("", text), text);
-        document.is_ok_and(|document| is_rig_of_nodes(&document))
+        document.is_ok_and(|document| kind::is_rig(&document))
     }
 
     /// Reads a rig file from text; `file_name` names it in errors.
@@ -91,33 +75,39 @@ impl Rig {
             return Err(fail(vec![problem]));
         }
         document.rewrite(spread_defaults);
-        if let Some(problem) = units::rename(&mut document) {
-            return Err(fail(vec![problem]));
-        }
+        let rig = Self::of_tree(&document, reading).map_err(fail)?;
+        Ok((rig, document))
+    }
+
+    /// The rig of a tree in which each node has what it needs.
+    pub(super) fn of_tree(document: &Document<'_>, reading: Reading) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
             Reading::Recorded => Outside::from_recorded_rig(document.root()),
         };
         let schema = outside.rig_schema();
-        let places = default_places(&document);
-        let fail_once = |mut problems| {
+        let places = default_places(document);
+        let said_once = |mut problems| {
             say_once(&mut problems, &places);
-            fail(problems)
+            problems
         };
-        let (mut rig, mut problems) =
-            build::<Self>(&document, &outside, "the rig file", &schema).map_err(fail_once)?;
-        read_models(&document, &outside, &mut rig, &mut problems);
+        let built = build::<Self>(document, &outside, "the rig file", &schema);
+        let (mut rig, mut problems) = built.map_err(said_once)?;
+        read_models(document, &outside, &mut rig, &mut problems);
+        for node in rig.node.values_mut() {
+            node.external |= node.kind == NodeKind::Drive && node.limits.is_some();
+        }
+        for one in rig.loops.values_mut() {
+            one.name_drives();
+        }
         let check = Check {
-            document: &document,
+            document,
             rig: &rig,
         };
         problems.extend(check.problems());
-        say_once(&mut problems, &places);
+        let problems = said_once(problems);
         rig.add_led_drives();
-        match problems.is_empty() {
-            true => Ok((rig, document)),
-            false => Err(fail(problems)),
-        }
+        none_of(problems, rig)
     }
 }
 
@@ -128,16 +118,11 @@ pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
 
 /// Another kind of file.
 fn no_rig(document: &Document<'_>) -> Option<Problem> {
-    if is_rig_of_one_drive(document) && !is_rig_of_nodes(document) {
-        let message = "this is a rig file of schema 1, which is of one drive";
-        let problem = document.problem("schema", message, "no schema 2");
-        let help = "scenarios of schema 1 are played on it: canrig run SCENARIO --rig FILE";
-        return Some(problem.with_help(help));
-    }
-    document.has("controller").then(|| {
+    if kind::is_scenario(document) {
         let problem = document.problem("name", "this is a scenario, not a rig file", "a scenario");
-        problem.with_help("a rig file has [plant], [node] and [loop]")
-    })
+        return Some(problem.with_help("a rig file has [plant], [node] and [loop]"));
+    }
+    kind::drive_without_node(document)
 }
 
 /// More of something than any rig has; then nothing else is said.
@@ -382,14 +367,53 @@ impl Check<'_> {
 
     fn external_drive(&self, name: &str) -> Vec<Problem> {
         let path = format!("node.{name}");
-        let Some(rig) = self.rig.rig_file_of(name) else {
+        let Some(real) = self.rig.real_drive(name) else {
             let message = format!("`{name}` lacks its limits");
             let label = format!("[node.{name}.limits] is missing: an external drive needs them");
             return vec![self.problem(&path, message, label)];
         };
-        check_drive(self.document, &rig, |key| {
-            format!("{path}.{}", key.strip_prefix("drive.").unwrap_or(key))
-        })
+        let RealDrive {
+            drive,
+            limits,
+            timeouts,
+            ..
+        } = &real;
+        let mut problems = Vec::new();
+        let mut object = |key: &str, message: &str, label: &str| {
+            problems.push(self.document.problem(&format!("{path}.{key}"), message, label));
+        };
+        let eds = drive.eds.as_ref();
+        if eds.is_some_and(|eds| !table::is_inside_folder(eds)) {
+            let message = "the EDS must lie in the rig file's folder";
+            object("eds", message, "no absolute path, no `..`");
+        }
+        for (key, text, may_be_absent) in [
+            ("command.object", &drive.command.object, false),
+            ("position.object", &drive.position.object, false),
+            ("current.object", &drive.current.object, true),
+        ] {
+            let is_absent = may_be_absent && text.is_empty();
+            if let Err(reason) = text.parse::<ObjectAddress>()
+                && !is_absent
+            {
+                object(key, &format!("\"{text}\" names no object"), reason);
+            }
+        }
+        if drive.position.increments_per_unit.abs() < 1e-6 {
+            let message = "a position that does not change with the load";
+            object("position.increments_per_unit", message, "must not be 0");
+        }
+        if limits.min >= limits.max {
+            let label = format!("min {} is not below max {}", limits.min, limits.max);
+            object("limits", "no position is within the limits", &label);
+        }
+        let period = timeouts.drive_heartbeat_milliseconds;
+        if period >= timeouts.drive_lost_milliseconds {
+            let message = "the drive is lost between two heartbeats";
+            let label = format!("must be above the heartbeat period of {period} ms");
+            object("timeouts.drive_lost_milliseconds", message, &label);
+        }
+        problems
     }
 
     /// A real fan cannot cool an emulated wire, nor an emulated one a real wire.
@@ -488,7 +512,7 @@ impl Check<'_> {
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
         let mut is_one_in_two = false;
         for (name, one) in &self.rig.loops {
-            let path = format!("loop.{name}.drives");
+            let path = format!("loop.{name}.outputs");
             let first_is_led = one
                 .drives
                 .first()
@@ -496,6 +520,7 @@ impl Check<'_> {
             for (place, drive) in one.drives.iter().enumerate() {
                 let path = format!("{path}.{place}");
                 problems.extend(self.drive(&path, drive));
+                problems.extend(self.output(&path, drive, &one.outputs[place]));
                 if let Some(first) = led.get(drive.as_str()) {
                     let is_same = first.starts_with(&format!("loop.{name}."));
                     let message = match is_same {
@@ -519,7 +544,7 @@ impl Check<'_> {
         for drive in self.of_kind(NodeKind::Drive) {
             if !led.contains_key(drive) && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
-                let label = format!("name it in `drives` of a loop, as in drives = [\"{drive}\"]");
+                let label = format!("name it in `outputs` of a loop, as in outputs = [\"{drive}.{CURRENT}\"]");
                 problems.push(self.problem(&format!("node.{drive}"), message, label));
             }
         }
@@ -541,6 +566,17 @@ impl Check<'_> {
                 Some(self.unknown(path, message, name, self.rig.node.keys()))
             }
         }
+    }
+
+    /// What a loop commands of a drive.
+    fn output(&self, path: &str, drive: &str, output: &str) -> Option<Problem> {
+        let is_drive = (self.rig.node.get(drive)).is_some_and(|node| node.kind == NodeKind::Drive);
+        let is_wrong = is_drive && output.strip_prefix(drive) != Some(".current");
+        is_wrong.then(|| {
+            let message = format!("`{output}` is no signal that a loop can command");
+            let label = format!("write \"{drive}.{CURRENT}\"");
+            self.document.problem(path, message, label)
+        })
     }
 
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {

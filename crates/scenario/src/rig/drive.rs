@@ -357,8 +357,8 @@ impl DriveLayout {
             statusword: missing(&feedback, &statusword)?,
             position: scaled(
                 missing(&feedback, &position)?,
-                rig.position.units_per_millimetre,
-                rig.position.units_at_stop,
+                rig.position.increments_per_unit,
+                rig.position.increments_at_zero,
             ),
             current: current.map(|field| scaled(field, rig.current.units_per_ampere, 0.0)),
             controlword: missing(&command, &controlword)?,
@@ -579,8 +579,8 @@ mod tests {
             ..RigDrive::default()
         };
         // Counts fall from 5000 at the stop by 10 a millimetre; the command is in 1/2 permille.
-        rig.position.units_per_millimetre = -10.0;
-        rig.position.units_at_stop = 5000.0;
+        rig.position.increments_per_unit = -10.0;
+        rig.position.increments_at_zero = 5000.0;
         rig.command.units_per_ampere = 2000.0;
         rig.current.object = String::new();
         let drive = DriveLayout::new(objects(DRIVE_EDS, 0x20), &rig, 0.9).unwrap();

@@ -11,7 +11,8 @@ use crate::port::Unit;
 const SPEED_WINDOW: Duration = Duration::from_millis(20);
 /// A measured current may be so much beyond the limit, which a command never is. Assumed: the rig file does not have the drive's accuracy.
 const MEASURED_CURRENT_TOLERANCE: f64 = 0.05;
-const MILLIMETRES_PER_METRE: f64 = 1e3;
+/// Inside the bench a position is in thousands of its unit.
+const UNITS_PER_THOUSAND: f64 = 1e3;
 /// Commands are whole units of an object; this absorbs their rounding.
 const COMMAND_TOLERANCE_AMPERES: f64 = 1e-9;
 
@@ -35,7 +36,7 @@ pub enum Violation {
     /// The load is where it may not be.
     Position {
         /// Where it is.
-        millimetres: f64,
+        position: f64,
         /// Where it may be.
         limits: [f64; 2],
         /// The unit of both.
@@ -44,7 +45,7 @@ pub enum Violation {
     /// The load moves too fast.
     Speed {
         /// Its speed.
-        millimetres_per_second: f64,
+        rate: f64,
         /// The limit.
         limit: f64,
         /// The unit whose rate both are.
@@ -64,20 +65,20 @@ impl fmt::Display for Violation {
                 "limit of the rig: {amperes:.3} A flow (limit {limit} A)"
             ),
             Self::Position {
-                millimetres,
+                position,
                 limits: [min, max],
                 symbol,
             } => write!(
                 formatter,
-                "limit of the rig: the position is {millimetres:.2} {symbol} (limits {min} to {max} {symbol})"
+                "limit of the rig: the position is {position:.2} {symbol} (limits {min} to {max} {symbol})"
             ),
             Self::Speed {
-                millimetres_per_second,
+                rate,
                 limit,
                 symbol,
             } => write!(
                 formatter,
-                "limit of the rig: the load moves at {millimetres_per_second:.0} {symbol}/s (limit {limit} {symbol}/s)"
+                "limit of the rig: the load moves at {rate:.0} {symbol}/s (limit {limit} {symbol}/s)"
             ),
         }
     }
@@ -121,17 +122,17 @@ impl LimitWatch {
             let amperes = current;
             return Some(Violation::Current { amperes, limit });
         }
-        let millimetres = feedback.position_metres * MILLIMETRES_PER_METRE;
-        let range = self.limits.position_millimetres;
-        if !(range.min..=range.max).contains(&millimetres) {
-            let limits = [range.min, range.max];
+        let position = feedback.position_metres * UNITS_PER_THOUSAND;
+        let Limits { min, max, .. } = self.limits;
+        if !(min..=max).contains(&position) {
+            let limits = [min, max];
             return Some(Violation::Position {
-                millimetres,
+                position,
                 limits,
                 symbol: self.symbol,
             });
         }
-        self.check_speed(now, millimetres)
+        self.check_speed(now, position)
     }
 
     /// Checks a command to the drive; the limit that it violates.
@@ -142,17 +143,17 @@ impl LimitWatch {
         is_beyond.then_some(Violation::Command { amperes, limit })
     }
 
-    fn check_speed(&mut self, now: Duration, millimetres: f64) -> Option<Violation> {
-        let (start, before) = *self.since.get_or_insert((now, millimetres));
+    fn check_speed(&mut self, now: Duration, position: f64) -> Option<Violation> {
+        let (start, before) = *self.since.get_or_insert((now, position));
         let elapsed = now.saturating_sub(start);
         if elapsed < self.window {
             return None;
         }
-        self.since = Some((now, millimetres));
-        let millimetres_per_second = (millimetres - before).abs() / elapsed.as_secs_f64();
-        let limit = self.limits.speed_millimetres_per_second;
-        (millimetres_per_second > limit).then_some(Violation::Speed {
-            millimetres_per_second,
+        self.since = Some((now, position));
+        let rate = (position - before).abs() / elapsed.as_secs_f64();
+        let limit = self.limits.rate_max;
+        (rate > limit).then_some(Violation::Speed {
+            rate,
             limit,
             symbol: self.symbol,
         })
@@ -162,16 +163,13 @@ impl LimitWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::PositionRange;
 
     fn watch() -> LimitWatch {
         let limits = Limits {
             current_amperes: 0.9,
-            position_millimetres: PositionRange {
-                min: -1.0,
-                max: 45.0,
-            },
-            speed_millimetres_per_second: 400.0,
+            min: -1.0,
+            max: 45.0,
+            rate_max: 400.0,
         };
         LimitWatch::new(&limits, Duration::from_millis(5))
     }

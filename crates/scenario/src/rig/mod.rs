@@ -1,10 +1,11 @@
-//! Rig files: the drive that takes the emulator's place, and what it may never do.
+//! Rig files: what is on the bench, and for a real drive what it may never do.
 //!
-//! A scenario says what to try, a rig file on what: it is the same for all scenarios that a machine plays.
+//! A scenario says what is tried, a rig file on what.
 
 pub mod drive;
 pub mod limits;
 pub mod nodes;
+pub mod shipped;
 #[cfg(test)]
 mod tests;
 
@@ -14,85 +15,27 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::bus::Bus;
-
-/// One rig file.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Rig")]
-pub struct RigFile {
-    /// Version of the format; 1.
-    #[schemars(range(min = 1, max = 1))]
-    pub schema: u32,
-    /// What the rig is, in a few words.
-    #[schemars(length(min = 1, max = 200))]
-    pub name: String,
-    /// Notes on the rig.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub description: Option<String>,
-    /// The interface to the bus and its cycle, in place of the scenario's `[bus]`.
-    #[serde(default)]
-    pub bus: RigBus,
-    /// The drive; a key that is left out is as for the emulated drive.
-    #[serde(default)]
+/// A drive that canrig does not emulate, as its node in the rig file describes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RealDrive {
+    /// Where its values lie; a key that is left out is as for the emulated drive.
     pub drive: RigDrive,
-    /// The fan and load module, where there is one.
-    #[serde(default)]
-    pub fan: RigFan,
     /// Hard limits, which apply whatever a scenario says.
     pub limits: Limits,
-    /// How long nodes wait for each other.
-    #[serde(default)]
+    /// How long drive and controller wait for each other.
     pub timeouts: Timeouts,
     /// Checks of the drive before the first scenario.
-    #[serde(default)]
     pub preflight: Preflight,
 }
 
-/// The interface to the bus and its cycle.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RigBus {
-    /// The CAN interface, such as `can0`, unless --bus names another.
-    #[schemars(length(min = 1, max = 15))]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub interface: Option<String>,
-    /// Bit rate of the bus.
-    #[schemars(extend("enum" = [10, 20, 50, 125, 250, 500, 800, 1000]))]
-    pub bitrate_kilobits_per_second: u32,
-    /// Time between two SYNCs, a multiple of 0.1 ms.
-    #[schemars(range(min = 0.1, max = 100.0), extend("multipleOf" = 0.1))]
-    pub sync_period_milliseconds: f64,
-}
-
-impl Default for RigBus {
-    fn default() -> Self {
-        let Bus {
-            bitrate_kilobits_per_second,
-            sync_period_milliseconds,
-        } = Bus::default();
-        Self {
-            interface: None,
-            bitrate_kilobits_per_second,
-            sync_period_milliseconds,
-        }
-    }
-}
-
-/// The drive on the bus.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-#[schemars(rename = "Drive")]
+/// The objects of a drive on the bus.
+#[derive(Clone, Debug, PartialEq)]
 pub struct RigDrive {
-    /// Its node-ID; 1 is the controller's.
-    #[schemars(range(min = 2, max = 127))]
+    /// Its node-ID.
     pub node_id: u8,
     /// Its EDS, beside the rig file; that of the emulated drive if left out.
-    #[schemars(length(min = 1, max = 200))]
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub eds: Option<String>,
     /// Written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative modes are the maker's own.
-    #[schemars(range(min = -128, max = 127))]
     pub mode_of_operation: i8,
     /// Where the current command goes.
     pub command: CommandObject,
@@ -112,22 +55,6 @@ impl Default for RigDrive {
             position: PositionObject::default(),
             current: CurrentObject::default(),
         }
-    }
-}
-
-/// The fan and load module: a CiA 401 node that takes the objects of `disturbance.eds` in its RPDO1.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-#[schemars(rename = "Fan")]
-pub struct RigFan {
-    /// Its node-ID; 1 is the controller's.
-    #[schemars(range(min = 2, max = 127))]
-    pub node_id: u8,
-}
-
-impl Default for RigFan {
-    fn default() -> Self {
-        Self { node_id: 17 }
     }
 }
 
@@ -157,24 +84,24 @@ impl Default for CommandObject {
 pub struct PositionObject {
     /// Index and, if it is not 0, sub-index: "0x6064", "0x2345:01". An integer of 8, 16 or 32 bits.
     pub object: String,
-    /// Units of the object for one millimetre; negative where the count falls as the load rises.
+    /// Increments of the object for one unit of the sensor; negative where the count falls as the position rises.
     #[schemars(range(min = -1e9, max = 1e9))]
-    pub units_per_millimetre: f64,
-    /// The object's value while the load rests on its stop.
+    pub increments_per_unit: f64,
+    /// The object's value at position 0.
     #[schemars(range(min = -2_147_483_648.0, max = 4_294_967_295.0))]
-    pub units_at_stop: f64,
-    /// One step of the sensor (its LSB); the pre-flight waits for five of them.
+    pub increments_at_zero: f64,
+    /// One step of the sensor (its LSB), in its unit; the pre-flight waits for five of them.
     #[schemars(range(min = 1e-6, max = 10_000.0))]
-    pub resolution_millimetres: f64,
+    pub resolution: f64,
 }
 
 impl Default for PositionObject {
     fn default() -> Self {
         Self {
             object: "0x6064".to_owned(),
-            units_per_millimetre: 1000.0,
-            units_at_stop: 0.0,
-            resolution_millimetres: 60.0 / 1024.0,
+            increments_per_unit: 1000.0,
+            increments_at_zero: 0.0,
+            resolution: 60.0 / 1024.0,
         }
     }
 }
@@ -206,23 +133,15 @@ pub struct Limits {
     /// Largest current. The controller commands no more; more on the bus is a violation.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1000.0))]
     pub current_amperes: f64,
-    /// Where the load may be.
-    pub position_millimetres: PositionRange,
-    /// How fast it may move, on average over 20 ms or two cycles.
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
-    pub speed_millimetres_per_second: f64,
-}
-
-/// A range of positions.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct PositionRange {
-    /// Lowest position; a little below 0, since a sensor at the stop has noise.
+    /// Lowest position, in the sensor's unit; a little below 0, since a sensor at the stop has noise.
     #[schemars(range(min = -1e6, max = 1e6))]
     pub min: f64,
     /// Highest position.
     #[schemars(range(min = -1e6, max = 1e6))]
     pub max: f64,
+    /// Fastest motion, in that unit per second, on average over 20 ms or two cycles.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
+    pub rate_max: f64,
 }
 
 /// How long nodes wait for each other.
@@ -299,17 +218,6 @@ impl Timeouts {
     #[must_use]
     pub fn bring_up(&self) -> Duration {
         Duration::from_secs_f64(self.bring_up_seconds.clamp(0.0, 600.0))
-    }
-}
-
-impl RigBus {
-    /// The bus as a scenario has it.
-    #[must_use]
-    pub fn of_scenario(&self) -> Bus {
-        Bus {
-            bitrate_kilobits_per_second: self.bitrate_kilobits_per_second,
-            sync_period_milliseconds: self.sync_period_milliseconds,
-        }
     }
 }
 

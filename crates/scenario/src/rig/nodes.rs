@@ -1,6 +1,4 @@
-//! Rig files of schema 2: the nodes on the bus by name, the plants that they move, and the loops that the controller closes.
-//!
-//! A rig file says what is on the bench, a scenario what is tried on it.
+//! What is on the bench: the nodes on the bus by name, the plants that they move, and the loops that the controller closes.
 
 use std::collections::BTreeMap;
 
@@ -8,8 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    CommandObject, CurrentObject, Limits, PositionObject, Preflight, RigBus, RigDrive, RigFan,
-    RigFile, Timeouts,
+    CommandObject, CurrentObject, Limits, PositionObject, Preflight, RealDrive, RigDrive, Timeouts,
 };
 use crate::bus::Bus;
 use crate::node::{LoopNodes, Node, Part};
@@ -28,18 +25,12 @@ pub const NODES_MAX: usize = 127;
 /// Loops for which the controller has objects and identifiers.
 pub const LOOPS_MAX: usize = 8;
 
-/// The rig that scenarios are played on that name none.
-pub const SHIPPED: &str = include_str!("sma_actuator.toml");
-/// What it is called, for people.
-pub const SHIPPED_NAME: &str = "sma_actuator.toml";
-
 /// One rig file.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NodesRig")]
 pub struct Rig {
-    /// Version of the format; 2.
-    #[schemars(range(min = 2, max = 2))]
+    /// Version of the format; 1.
+    #[schemars(range(min = 1, max = 1))]
     pub schema: u32,
     /// Which rig this is, in a few words.
     #[schemars(length(min = 1, max = 200))]
@@ -47,7 +38,7 @@ pub struct Rig {
     /// What one should know of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
-    /// The bus and its cycle; scenarios on this rig have no `[bus]`.
+    /// The bus and its cycle.
     #[serde(default)]
     pub bus: Bus,
     /// What several nodes share. A node's own keys come before these.
@@ -85,6 +76,7 @@ impl Rig {
             led.extend(one.drives.iter().skip(1).map(|drive| {
                 let of_drive = RigLoop {
                     feedback: format!("{drive}.position"),
+                    outputs: vec![format!("{drive}.current")],
                     drives: vec![drive.clone()],
                     led_by: Some(name.clone()),
                 };
@@ -218,31 +210,12 @@ impl Rig {
         found.map(|(name, node)| (name.as_str(), node))
     }
 
-    /// What is known of a drive that is not canrig's, as the rig file of a bench with one drive has it; none for a drive that
-    /// canrig emulates.
+    /// What is known of a drive that is not canrig's; none for a drive that canrig emulates.
     #[must_use]
-    pub fn rig_file_of(&self, drive: &str) -> Option<RigFile> {
+    pub fn real_drive(&self, drive: &str) -> Option<RealDrive> {
         let node = self.node.get(drive).filter(|node| node.external)?;
-        let Bus {
-            bitrate_kilobits_per_second,
-            sync_period_milliseconds,
-        } = self.bus;
-        let fan = RigFan::default();
-        let free = match node.node_id == fan.node_id {
-            true => RigDrive::default().node_id,
-            false => fan.node_id,
-        };
-        let io = self.io_of(drive).map(|(_, io)| io.node_id);
         let emulated = RigDrive::default();
-        Some(RigFile {
-            schema: 1,
-            name: drive.to_owned(),
-            description: None,
-            bus: RigBus {
-                interface: None,
-                bitrate_kilobits_per_second,
-                sync_period_milliseconds,
-            },
+        Some(RealDrive {
             drive: RigDrive {
                 node_id: node.node_id,
                 eds: node.eds.clone(),
@@ -251,13 +224,75 @@ impl Rig {
                 position: node.position.clone().unwrap_or_default(),
                 current: node.current.clone().unwrap_or_default(),
             },
-            fan: RigFan {
-                node_id: io.unwrap_or(free),
-            },
             limits: node.limits?,
             timeouts: node.timeouts.unwrap_or_default(),
             preflight: node.preflight.unwrap_or_default(),
         })
+    }
+
+    /// A rig of one of its drives alone, which is a real one, with an external io node beside it.
+    #[must_use]
+    pub fn of_one_drive(&self, drive: &str, real: &RealDrive, io: Option<&str>) -> Self {
+        let mut rig = Self {
+            schema: self.schema,
+            name: drive.to_owned(),
+            bus: self.bus.clone(),
+            ..Self::default()
+        };
+        let plant = self.plant_of(drive).filter(|_| io.is_some());
+        let plant = plant.and_then(|name| self.plant.get_key_value(name));
+        rig.plant.extend(plant.map(|(name, plant)| (name.clone(), plant.clone())));
+        let controller = self.controller().map(|(name, _)| name);
+        let beside = [controller, io].into_iter().flatten();
+        let beside = beside.filter_map(|name| self.node.get_key_value(name));
+        rig.node.extend(beside.map(|(name, node)| (name.clone(), node.clone())));
+        if let Some(io) = io.and_then(|io| rig.node.get_mut(io)) {
+            io.external = true;
+        }
+        if let Some(node) = self.node.get(drive) {
+            let mut node = node.clone();
+            let RigDrive {
+                eds,
+                mode_of_operation,
+                command,
+                position,
+                current,
+                ..
+            } = real.drive.clone();
+            (node.eds, node.mode_of_operation) = (eds, Some(mode_of_operation));
+            node.command = Some(command);
+            node.position = Some(position);
+            node.current = Some(current);
+            node.limits = Some(real.limits);
+            node.timeouts = Some(real.timeouts);
+            node.preflight = Some(real.preflight);
+            if rig.plant.is_empty() {
+                node.amplifier = None;
+                node.record = None;
+                let sensor = node.sensor.as_mut();
+                sensor.into_iter().for_each(|sensor| sensor.port = None);
+            }
+            rig.node.insert(drive.to_owned(), node);
+        }
+        let led = RigLoop {
+            feedback: format!("{drive}.position"),
+            outputs: vec![format!("{drive}.current")],
+            drives: Vec::new(),
+            led_by: None,
+        };
+        // No loop has the name of a drive whose law leads it.
+        let name = self.loop_of(drive);
+        rig.loops.insert(name.to_owned(), led);
+        rig
+    }
+
+    /// Its text.
+    ///
+    /// # Panics
+    /// Never: all of it has a form in TOML.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("tables of plain data")
     }
 
     /// The io node that acts on the plant of a drive.
@@ -371,7 +406,7 @@ pub enum NodeKind {
 /// A node on the bus.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NodesRigNode")]
+#[schemars(rename = "RigNode")]
 pub struct RigNode {
     /// What it is.
     pub kind: NodeKind,
@@ -401,8 +436,8 @@ pub struct RigNode {
     /// Of an io node: which of its outputs acts on which port of a plant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outputs: Option<Outputs>,
-    /// The node is somebody else's: canrig expects it on the bus. A drive then needs `limits`, and an io node acts on the plant
-    /// of an external drive.
+    /// The node is somebody else's: canrig expects it on the bus. A drive with `limits` always is, and an external one needs them;
+    /// an io node acts on the plant of an external drive.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub external: bool,
     /// Of an external drive: its EDS, beside the rig file; that of the emulated drive if left out.
@@ -455,7 +490,7 @@ impl RigNode {
 /// The amplifier of a drive.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
-#[schemars(rename = "NodesRigAmplifier")]
+#[schemars(rename = "RigAmplifier")]
 pub struct Amplifier {
     /// The port that it drives, as in `"wire.current_amperes"`.
     #[schemars(length(min = 1, max = 200))]
@@ -482,7 +517,7 @@ pub struct Amplifier {
 /// The sensor of a drive.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
-#[schemars(rename = "NodesRigSensor")]
+#[schemars(rename = "RigSensor")]
 pub struct Sensor {
     /// The port that it reads, as in `"wire.position_metres"`.
     #[schemars(length(min = 1, max = 200))]
@@ -551,16 +586,28 @@ impl Outputs {
     }
 }
 
+impl RigLoop {
+    /// Puts in the drives of its outputs.
+    pub(crate) fn name_drives(&mut self) {
+        let drive = |output: &String| output.split('.').next().unwrap_or_default().to_owned();
+        self.drives = self.outputs.iter().map(drive).collect();
+    }
+}
+
 /// A loop that the controller closes.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NodesRigLoop")]
+#[schemars(rename = "RigLoop")]
 pub struct RigLoop {
     /// The signal that follows the set-point, as in `"drive.position"`.
     #[schemars(length(min = 1, max = 200))]
     pub feedback: String,
-    /// The drives that move it, in the order in which its law commands them. The loop follows the first one's position.
+    /// The currents of the drives that move it, in the order in which its law commands them, as in `"drive.current"`. The loop
+    /// follows the first one's position.
     #[schemars(length(min = 1, max = 8))]
+    pub outputs: Vec<String>,
+    /// The drives of these outputs, put in by the loader.
+    #[serde(skip)]
     pub drives: Vec<String>,
     /// What the loader adds for each further drive of a loop: it is played, recorded and judged under its own name, and led by the
     /// law of this loop.

@@ -1,4 +1,4 @@
-//! The schema of scenarios of schema 2, composed of that of one drive: what is tried in each loop is a scenario of one drive.
+//! The schema of scenarios, composed of that of one loop.
 
 use serde_json::{Map, Value, json};
 
@@ -18,38 +18,80 @@ const WITH_UNITS: [&str; 3] = ["Expect", "Pid", "PidPair"];
 /// What a loop's name is for.
 const ALL: &str = "all";
 
+/// Parts of a node to which a scenario may give other values, each with its definition.
+const PARTS: [(&str, &str); 6] = [
+    ("amplifier", "Amplifier"),
+    ("sensor", "Sensor"),
+    ("plausible", "Plausible"),
+    ("limits", "Limits"),
+    ("timeouts", "Timeouts"),
+    ("preflight", "Preflight"),
+];
+
 /// The schema of scenarios on any rig.
-pub(super) fn of_loops() -> Value {
+pub(super) fn of_scenario() -> Value {
     let mut schema = with_names(schema_of::<Scenario>());
     fault::describe_on_rig(&mut schema);
     let mut schema = with_units(schema);
     let laws = properties(&schema, "Controller");
     let limits = with_contours(&mut schema);
-    let models = plants(&mut schema);
+    let models = models(&mut schema);
     schema["properties"]["controller"] = json!({
-        "description": "The laws: `[controller.LOOP.LAW]`, or `[controller.all.LAW]` for one law over all loops.",
+        "description": "The laws: `[controller.LOOP.LAW]`, or `[controller.all.LAW]` for one law over all loops; `[controller.LAW]` where there is one loop.",
         "type": "object",
         "properties": laws,
         "additionalProperties": {"$ref": "#/definitions/Controller"},
         "minProperties": 1,
     });
     schema["properties"]["expect"] = json!({
-        "description": "Limits: `[expect.LOOP]` for a loop, `[expect.all]` for each of them; those of the bus in `[expect]` itself.",
+        "description": "Limits: `[expect.LOOP]` for a loop, `[expect.all]` for each of them; those of the bus, and of the only loop, in `[expect]` itself.",
         "type": "object",
         "properties": limits,
         "additionalProperties": {"$ref": "#/definitions/Expect"},
     });
     schema["properties"]["plant"] = json!({
-        "description": "Parameters that differ from those of the rig file: `[plant.NAME.MODEL]`.",
+        "description": "Parameters that differ from those of the rig: `[plant.NAME]`.",
         "type": "object",
-        "additionalProperties": models,
+        "additionalProperties": {"type": "object", "anyOf": models},
+    });
+    let mut part = rig_part(&mut schema);
+    schema["properties"]["node"] = json!({
+        "description": "Values of nodes that differ from those of the rig, as in `[node.NAME.sensor]`.",
+        "type": "object",
+        "additionalProperties": part.take(),
     });
     schema
 }
 
-/// The schema of scenarios on a rig: with the names of its loops and plants.
+/// The parts of a node, without how it is wired.
+fn rig_part(schema: &mut Value) -> Value {
+    let mut rig = schema_of::<Rig>();
+    for (_, definition) in PARTS {
+        let properties = rig["definitions"][definition]["properties"].as_object_mut();
+        properties.into_iter().for_each(|properties| {
+            properties.retain(|key, _| key != "port" && key != "unit");
+        });
+        // A value may be left out here which the rig file must have.
+        if let Some(definition) = rig["definitions"][definition].as_object_mut() {
+            definition.remove("required");
+        }
+        let name = format!("Rig{definition}");
+        schema["definitions"][name] = rig["definitions"][definition].clone();
+    }
+    add_definitions(schema, &rig);
+    let truth = rig["definitions"]["RigNode"]["properties"]["truth_every_cycles"].clone();
+    let parts = PARTS.map(|(part, definition)| {
+        let definition = reference(&format!("Rig{definition}"));
+        (part.to_owned(), definition)
+    });
+    let mut properties = Map::from_iter(parts);
+    properties.insert("truth_every_cycles".to_owned(), truth);
+    json!({"type": "object", "properties": properties, "additionalProperties": false})
+}
+
+/// The schema of scenarios on a rig: with the names of its loops, plants and nodes.
 pub(crate) fn on_rig(rig: &Rig) -> Value {
-    let mut schema = of_loops();
+    let mut schema = of_scenario();
     for (section, definition) in [("controller", "Controller"), ("expect", "Expect")] {
         let below = &mut schema["properties"][section];
         let names = rig.loops.keys().map(String::as_str).chain([ALL]);
@@ -60,8 +102,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     }
     put_ranges(&mut schema, rig);
     let plants = rig.plant.iter().map(|(name, plant)| {
-        let model = plant.model();
-        let definition = match model {
+        let definition = match plant.model() {
             "dc_motor" => reference("DcMotor"),
             "sma" => reference("Sma"),
             "sma_pair" => reference("SmaPair"),
@@ -69,11 +110,29 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
             own => own::schema_of_plant(own),
         };
         let parameters = json!({"allOf": [definition], "default": {}});
-        let plant = json!({"type": "object", "default": {}, "properties": {model: parameters}});
-        (name.clone(), plant)
+        (name.clone(), parameters)
     });
     let plants = Map::from_iter(plants);
     schema["properties"]["plant"] = json!({"type": "object", "default": {}, "properties": plants});
+    let nodes = rig.node.iter().map(|(name, node)| {
+        let has = [
+            node.amplifier.is_some(),
+            node.sensor.is_some(),
+            node.plausible.is_some(),
+            node.limits.is_some(),
+            node.timeouts.is_some(),
+            node.preflight.is_some(),
+        ];
+        let parts = PARTS.into_iter().zip(has).filter(|(_, has)| *has);
+        let parts = parts.map(|((part, definition), _)| {
+            let definition = reference(&format!("Rig{definition}"));
+            (part.to_owned(), json!({"allOf": [definition], "default": {}}))
+        });
+        let parts = Map::from_iter(parts);
+        (name.clone(), json!({"type": "object", "default": {}, "properties": parts}))
+    });
+    let nodes = Map::from_iter(nodes);
+    schema["properties"]["node"] = json!({"type": "object", "default": {}, "properties": nodes});
     schema
 }
 
@@ -195,19 +254,15 @@ fn with_names(mut schema: Value) -> Value {
         }
     }
     let of_rig = json!({
-        "description": "The rig file beside this one; the SMA actuator if absent.",
+        "description": "The rig: one that ships, such as `sma_actuator`, or a rig file beside this one.",
         "type": "string",
         "minLength": 1,
         "maxLength": 200,
     });
-    if let Some(properties) = schema["properties"].as_object_mut() {
-        properties.remove("bus");
-        properties.insert("rig".to_owned(), of_rig);
+    schema["properties"]["rig"] = of_rig;
+    if let Some(required) = schema["required"].as_array_mut() {
+        required.push("rig".into());
     }
-    let number = &mut schema["properties"]["schema"];
-    number["description"] = "Version of the format; 2.".into();
-    number["minimum"] = 2.into();
-    number["maximum"] = 2.into();
     schema
 }
 
@@ -220,17 +275,23 @@ fn with_contours(schema: &mut Value) -> Value {
     limits
 }
 
-/// What a plant of a rig may be.
-fn plants(schema: &mut Value) -> Value {
+/// What the parameters of a plant may be.
+fn models(schema: &mut Value) -> Value {
     let mut model = schema_of::<PlantModel>();
     own::describe_plants(&mut model["properties"]);
     add_definitions(schema, &model);
-    json!({
-        "type": "object",
-        "properties": model["properties"],
-        "additionalProperties": false,
-        "maxProperties": 1,
-    })
+    let models = model["properties"].as_object().into_iter().flatten();
+    models.map(|(_, model)| without_null(model)).collect()
+}
+
+/// The table alone of one that may be absent.
+fn without_null(model: &Value) -> Value {
+    let mut model = model.clone();
+    if let Some(model) = model.as_object_mut() {
+        model.remove("default");
+        model.remove("description");
+    }
+    model
 }
 
 fn add_definitions(schema: &mut Value, other: &Value) {
@@ -247,24 +308,25 @@ mod tests {
     use super::*;
     use crate::document::Document;
     use crate::error::Source;
-    use crate::schema::{assert_committed, json_schema_2, rig_json_schema_2};
+    use crate::schema::{assert_committed, json_schema, rig_json_schema};
     use crate::structure;
 
     #[test]
     fn the_committed_schemas_are_current() {
-        assert_committed("schema_2.json", &json_schema_2());
-        assert_committed("rig_schema_2.json", &rig_json_schema_2());
+        assert_committed("schema.json", &json_schema());
+        assert_committed("rig_schema.json", &rig_json_schema());
     }
 
     const SCENARIO: &str = r#"
-schema = 2
+schema = 1
 name = "two moves"
 rig = "rig.toml"
 duration_seconds = 3.0
 [controller.all.pid]
 [controller.x.pid]
 proportional_amperes_per_metre = 3.0
-[plant.gantry_x.dc_motor]
+[plant.gantry_x]
+
 load_kilograms = 0.3
 [[reference.hold]]
 loop = "x"
@@ -296,7 +358,7 @@ contour_error_millimetres_max = { max = 0.3 }
 
     fn problems(text: &str) -> String {
         let document = Document::parse(Source::new("s.toml", text), text).unwrap();
-        let problems = structure::check(&document, "the scenario", &of_loops());
+        let problems = structure::check(&document, "the scenario", &of_scenario());
         problems
             .iter()
             .map(|problem| format!("{problem:?}"))
@@ -307,7 +369,7 @@ contour_error_millimetres_max = { max = 0.3 }
     fn an_editor_knows_what_has_names() {
         assert_eq!(problems(SCENARIO), "");
         for (right, wrong, said) in [
-            ("schema = 2", "schema = 1", "`schema` = 1 is out of range"),
+            ("schema = 1", "schema = 2", "`schema` = 2 is out of range"),
             (
                 "loop = \"x\"",
                 "loop = 3",
@@ -325,13 +387,7 @@ contour_error_millimetres_max = { max = 0.3 }
                 "proportionel",
                 "did you mean `proportional_amperes",
             ),
-            (
-                "load_kilograms",
-                "lod_kilograms",
-                "did you mean `load_kilograms`?",
-            ),
-            ("dc_motor", "dc_moter", "did you mean `dc_motor`?"),
-            ("rig = ", "bus = {}\nrig = ", "unknown key `bus`"),
+            ("rig = ", "rigg = ", "did you mean `rig`?"),
         ] {
             let found = problems(&SCENARIO.replacen(right, wrong, 1));
             assert!(found.contains(said), "{wrong}: {found}");

@@ -6,7 +6,6 @@ use std::time::Duration;
 use canopen::NmtState;
 use canopen::cia402::Command;
 use canopen::{CanFrame, NmtCommand};
-use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
 use scenario::rig::drive::{Feedback, Scaled};
@@ -17,7 +16,7 @@ use crate::error::WorldError;
 use recording::capture::Capture;
 use recording::log::Stamped;
 use rig::error_frames;
-use rig::rig_file::LoadedRig;
+use rig::loaded_drive::LoadedDrive;
 
 /// How long the load is watched at rest before the current rises.
 pub(super) const REST: Duration = Duration::from_secs(1);
@@ -30,7 +29,7 @@ const UNITS_PER_THOUSAND: f64 = 1e3;
 
 /// What the bus has shown so far.
 pub(super) struct Heating<'a> {
-    rig: &'a LoadedRig,
+    drive: &'a LoadedDrive,
     /// The unit of the drive's positions.
     unit: &'a Unit,
     clock: ScenarioClock,
@@ -44,17 +43,17 @@ pub(super) struct Heating<'a> {
 
 impl<'a> Heating<'a> {
     /// A session that has shown nothing yet, of a drive whose positions are in this unit.
-    pub(super) fn new(rig: &'a LoadedRig, unit: &'a Unit) -> Result<Self, SignalMissing> {
-        Ok(Self {
-            rig,
+    pub(super) fn new(drive: &'a LoadedDrive, clock: ScenarioClock, unit: &'a Unit) -> Self {
+        Self {
+            drive,
             unit,
-            clock: ScenarioClock::new(&rig.database, ["drive"])?,
+            clock,
             frames_read: 0,
             commanded_amperes: 0.0,
             phase: Phase::new(),
             nmt_stop: NmtStop::NotSent,
             errors: Vec::new(),
-        })
+        }
     }
 
     /// Reads what is new in a recording.
@@ -72,13 +71,13 @@ impl<'a> Heating<'a> {
 
     /// How long a heartbeat of the drive may be awaited.
     pub(super) fn patience(&self) -> Duration {
-        Duration::from_millis(self.rig.file.timeouts.drive_lost_milliseconds.into())
+        Duration::from_millis(self.drive.real.timeouts.drive_lost_milliseconds.into())
     }
 
     /// Whether the ramp has shown what it can.
     pub(super) fn is_over(&self) -> bool {
         self.phase.motion().is_some_and(|motion| {
-            let is_warm = motion.has_moved() || !self.rig.file.preflight.heating;
+            let is_warm = motion.has_moved() || !self.drive.real.preflight.heating;
             is_warm || self.position().is_err()
         })
     }
@@ -90,7 +89,7 @@ impl<'a> Heating<'a> {
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.clock.on_frame(now, frame);
-        let drive = &self.rig.drive;
+        let drive = &self.drive.layout;
         if let Some(message) = error_frames::read(frame) {
             if !message.is_good && !self.errors.contains(&message.text) {
                 self.errors.push(message.text);
@@ -109,7 +108,7 @@ impl<'a> Heating<'a> {
     fn on_command(&mut self, now: Duration, frame: &CanFrame, amperes: f64) {
         self.commanded_amperes = amperes;
         let quick_stop = Command::QuickStop.controlword();
-        let is_quick_stop = *frame == self.rig.drive.encode(quick_stop, 0.0);
+        let is_quick_stop = *frame == self.drive.layout.encode(quick_stop, 0.0);
         if is_quick_stop && self.clock.zero().is_some() {
             self.phase.on_quick_stop(now);
         }
@@ -127,22 +126,17 @@ impl<'a> Heating<'a> {
     }
 
     fn is_stopped_heartbeat(&self, frame: &CanFrame) -> bool {
-        let id = 0x700 + u16::from(self.rig.drive.node_id().get());
+        let id = 0x700 + u16::from(self.drive.layout.node_id().get());
         frame.standard_id() == Some(id) && frame.data().first() == Some(&NmtState::Stopped.number())
     }
 
     /// What is motion, in the drive's unit.
     fn motion(&self) -> f64 {
-        MOTION_STEPS * self.rig.file.drive.position.resolution_millimetres
-    }
-
-    /// A key of the rig file as it is in the drive's unit.
-    fn key(&self, name: &str) -> String {
-        self.unit.rename_rig_key(name)
+        MOTION_STEPS * self.drive.real.drive.position.resolution
     }
 
     fn no_current_amperes(&self) -> f64 {
-        NO_CURRENT * self.rig.file.limits.current_amperes
+        NO_CURRENT * self.drive.real.limits.current_amperes
     }
 
     /// The checks up to the first that failed, when the session has ended like this.
@@ -182,7 +176,7 @@ impl<'a> Heating<'a> {
     }
 
     fn configuration(&self) -> Found {
-        let drive = &self.rig.drive;
+        let drive = &self.drive.layout;
         let (feedback_id, command_id) = (drive.feedback_id(), drive.command_id());
         let [feedback_bytes, command_bytes] = drive.lengths_bytes();
         if !self.phase.has_feedback() {
@@ -216,16 +210,14 @@ impl<'a> Heating<'a> {
         };
         let Span { low, high } = rest;
         let (symbol, at_rest) = (self.unit.symbol(), at_rest(rest, self.unit));
-        let range = self.rig.file.limits.position_millimetres;
+        let range = self.drive.real.limits;
         if low < range.min || high > range.max {
             return Err(format!(
-                "{at_rest}, beyond the limits of the rig ({} to {} {symbol}): look at units_at_stop and {}",
-                range.min,
-                range.max,
-                self.key("units_per_millimetre")
+                "{at_rest}, beyond the limits of the rig ({} to {} {symbol}): look at increments_at_zero and increments_per_unit",
+                range.min, range.max
             ));
         }
-        let position = self.rig.drive.position();
+        let position = self.drive.layout.position();
         if let Some(extreme) = [low, high].iter().find_map(|at| extreme(&position, *at)) {
             return Err(format!(
                 "the object has its extreme value {extreme}: is the sensor connected?"
@@ -233,15 +225,14 @@ impl<'a> Heating<'a> {
         }
         if high - low >= self.motion() {
             return Err(format!(
-                "it moves from {at_rest}: noise, or {} is too small",
-                self.key("resolution_millimetres")
+                "it moves from {at_rest}: noise, or resolution is too small"
             ));
         }
         Ok(())
     }
 
     fn direction(&self) -> Found {
-        let preflight = &self.rig.file.preflight;
+        let preflight = &self.drive.real.preflight;
         let threshold = self.motion();
         let motion = self.phase.motion().unwrap_or_default();
         let Motion {
@@ -255,9 +246,8 @@ impl<'a> Heating<'a> {
         } else if displacement <= -threshold {
             // Beyond a limit of the rig it may be before it is motion.
             Found::Failed(format!(
-                "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of {}",
-                -displacement,
-                self.key("units_per_millimetre")
+                "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
+                -displacement
             ))
         } else if motion.has_moved() {
             Found::Passed(format!(
@@ -272,7 +262,7 @@ impl<'a> Heating<'a> {
     }
 
     fn quick_stop(&self) -> Found {
-        let limit = Duration::from_millis(self.rig.file.preflight.stop_milliseconds_max.into());
+        let limit = Duration::from_millis(self.drive.real.preflight.stop_milliseconds_max.into());
         let Some(quick_stop) = self.phase.quick_stop() else {
             return Found::Missing("none was sent".to_owned());
         };
@@ -378,8 +368,22 @@ mod tests {
 
     use super::*;
 
-    const RIG: &str = "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
-        position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n";
+    /// The emulated drive, as a real one.
+    fn drive() -> LoadedDrive {
+        let real = RealDrive {
+            drive: RigDrive::default(),
+            limits: Limits {
+                current_amperes: 0.9,
+                min: -1.0,
+                max: 45.0,
+                rate_max: 400.0,
+            },
+            timeouts: Timeouts::default(),
+            preflight: Preflight::default(),
+        };
+        LoadedDrive::new(real, None).unwrap()
+    }
+
     const PERIOD: Duration = Duration::from_millis(10);
 
     /// A session on the emulated drive, whose frames may be left out or made otherwise.
@@ -442,8 +446,9 @@ mod tests {
         }
 
         fn judged_in(&self, unit: &Unit) -> (String, bool) {
-            let rig = LoadedRig::from_text(RIG).unwrap();
-            let mut heating = Heating::new(&rig, unit).unwrap();
+            let drive = drive();
+            let clock = ScenarioClock::new(Database::shipped(), ["drive"]).unwrap();
+            let mut heating = Heating::new(&drive, clock, unit);
             heating.read(&self.frames);
             let checks = heating.checks(Ok(()));
             let lines: Vec<String> = checks.iter().map(ToString::to_string).collect();
@@ -514,7 +519,7 @@ mod tests {
         }
         let lines = last(&SessionFrames::heated(-0.5));
         assert!(
-            lines.ends_with("turn the sign of units_per_degree"),
+            lines.ends_with("turn the sign of increments_per_unit"),
             "{lines}"
         );
         let mut far = SessionFrames::heated(0.0);
@@ -522,7 +527,7 @@ mod tests {
         (0..110).for_each(|_| far.cycle(0x0237, 60.0, 0));
         let lines = last(&far);
         let expected = "60.00 to 60.00 deg without current, beyond the limits of the rig (-1 to 45 deg): \
-            look at units_at_stop and units_per_degree";
+            look at increments_at_zero and increments_per_unit";
         assert!(lines.ends_with(expected), "{lines}");
     }
 
@@ -532,8 +537,7 @@ mod tests {
         spike.cycle(0x0237, 3.0, 600);
         spike.cycle(0x0237, 0.0, 600);
         assert!(!spike.judged().1);
-        let rig = LoadedRig::from_text(RIG).unwrap();
-        let position = rig.drive.position();
+        let position = drive().layout.position();
         assert_eq!(extreme(&position, -2_147_483.648), Some(-2_147_483_648.0));
         assert_eq!(extreme(&position, 10.0), None);
     }

@@ -18,7 +18,7 @@ use super::checklist::Check;
 use crate::bus_place::ManagerHeartbeat;
 use rig::data_sheet::{DataSheet, rig_data_sheets};
 use rig::presence::Presence;
-use rig::rig_file::LoadedRig;
+use rig::loaded_drive::LoadedDrive;
 
 /// How long is listened for another manager: longer than its SYNCs are apart.
 const LISTEN_TIME: Duration = Duration::from_millis(300);
@@ -88,14 +88,15 @@ pub(super) struct Interview {
 }
 
 impl Interview {
-    /// The interview of a rig's drive, and a call to `others`.
+    /// The interview of a drive, and a call to `others`.
     pub(super) fn new(
-        rig: &LoadedRig,
+        drive: &LoadedDrive,
         dictionary: ObjectDictionary,
         others: &[(NodeId, &'static str)],
     ) -> Self {
-        let drive = (rig.drive.node_id(), "drive");
-        let timeouts = &rig.file.timeouts;
+        let timeouts = &drive.real.timeouts;
+        let used = objects_of(drive);
+        let drive = (drive.layout.node_id(), "drive");
         let answer_time = Duration::from_millis(timeouts.sdo_answer_milliseconds.into());
         let entry = |(index, sub_index): (u16, u8)| {
             let handle = dictionary.find(index, sub_index).ok()?;
@@ -108,7 +109,7 @@ impl Interview {
             entry,
             written: None,
         });
-        let used = objects_of(rig).into_iter().filter_map(entry);
+        let used = used.into_iter().filter_map(entry);
         let objects = used.flat_map(questions);
         Self {
             patience: timeouts.bring_up(),
@@ -287,8 +288,8 @@ impl Interview {
 }
 
 /// Every object of the drive that a run uses.
-fn objects_of(rig: &LoadedRig) -> Vec<(u16, u8)> {
-    let drive = &rig.file.drive;
+fn objects_of(drive: &LoadedDrive) -> Vec<(u16, u8)> {
+    let drive = &drive.real.drive;
     let named = [
         &drive.command.object,
         &drive.position.object,

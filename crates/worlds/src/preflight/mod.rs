@@ -13,14 +13,14 @@ mod phase;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Duration;
 
 use canopen::eds;
 use canopen::nmt::NodeId;
 use platform::clock;
-use scenario::Scenario;
+use scenario::Beside;
 use scenario::node::Part;
+use scenario::rig::{Limits, PositionObject, RealDrive, RigDrive, Timeouts};
 
 pub use checklist::{Check, CheckOutcome};
 
@@ -38,11 +38,13 @@ use recording::capture::{Capture, Watch};
 use recording::progress::ProgressReader;
 use recording::run_folder::RunFolder;
 use recording::session::write_plan;
-use rig::plan::{ControlLoop, FAN, Plan, Shared};
-use rig::rig_file::LoadedRig;
+use rig::loaded_drive::LoadedDrive;
+use rig::plan::{ControlLoop, Plan, Shared};
 
 /// Name of the session under which the drive is heated, and of its folder.
 const NAME: &str = "pre-flight";
+/// The file of its rig.
+const RIG: &str = "rig.toml";
 /// An emulated drive's sensor is taken to resolve its travel by 10 bits, as that of the shipped rig does.
 const STEPS_OF_TRAVEL: f64 = 1024.0;
 /// Nothing takes less than this through its travel, where its node does not say how fast it is. Assumed: the paper's wire needs 0.2 s.
@@ -147,7 +149,7 @@ impl Preflight {
                 connection: &mut *connection,
                 watch,
             };
-            match self.check_drive(one, session, report)? {
+            match self.check_drive(plan, one, session, report)? {
                 End::Completed => self.passed.borrow_mut().insert(who(one)),
                 end => return Ok(end),
             };
@@ -158,6 +160,7 @@ impl Preflight {
     /// The checks of one drive.
     fn check_drive(
         &self,
+        plan: &Plan,
         one: &ControlLoop,
         session: Session<'_>,
         report: &dyn Fn(&PreflightEvent),
@@ -165,8 +168,8 @@ impl Preflight {
         if one.loop_name.is_some() {
             report(&PreflightEvent::Drive(drive_name(one).to_owned()));
         }
-        let rig = self.rig(one)?;
-        let mut interview = interview(&rig, one.is_external(Part::Io))?;
+        let drive = self.drive(one)?;
+        let mut interview = interview(&drive, one)?;
         let Session {
             parent,
             connection,
@@ -189,30 +192,34 @@ impl Preflight {
             connection: &mut *connection,
             watch,
         };
-        let end = heat(&rig, one, session, report)?;
-        if end == End::Interrupted || !rig.file.preflight.heating {
+        let preflight = drive.real.preflight;
+        let end = heat(drive, (plan, one), session, report)?;
+        if end == End::Interrupted || !preflight.heating {
             return Ok(end);
         }
-        let cooling = Duration::from_secs_f64(rig.file.preflight.cooling_seconds);
+        let cooling = Duration::from_secs_f64(preflight.cooling_seconds);
         report(&PreflightEvent::Cooling(cooling));
         cool(cooling, connection, watch)
     }
 
-    /// The rig, or that of the emulated drive where there is no rig file, with the user's wish.
-    fn rig(&self, one: &ControlLoop) -> Result<Arc<LoadedRig>, WorldError> {
-        let mut rig = match &one.rig {
-            Some(rig) => LoadedRig::clone(rig),
-            None => emulated(one)?,
+    /// The drive, or one like the emulated drive where the rig says nothing of it, with the user's wish.
+    fn drive(&self, one: &ControlLoop) -> Result<LoadedDrive, WorldError> {
+        let mut drive = match &one.real_drive {
+            Some(drive) => LoadedDrive::clone(drive),
+            None => {
+                let drive = LoadedDrive::new(emulated(one), None);
+                drive.map_err(|error| cannot_be_made(&error))?
+            }
         };
-        rig.file.preflight.heating &= self.may_heat;
-        Ok(Arc::new(rig))
+        drive.real.preflight.heating &= self.may_heat;
+        Ok(drive)
     }
 }
 
 /// Which drive it is: scenarios of one command may name several rigs.
 fn who(one: &ControlLoop) -> String {
-    let rig = one.rig.as_deref().map_or("", |rig| rig.text.as_str());
-    format!("{} {rig}", one.place.drive_node_id)
+    let real = one.real_drive.as_deref().map(|drive| &drive.real);
+    format!("{} {real:?}", one.place.drive_node_id)
 }
 
 /// Reports the checks, up to the first that failed.
@@ -239,8 +246,8 @@ struct Session<'a> {
 
 /// Leads the drive through the ramp and judges what was on the bus.
 fn heat(
-    rig: &Arc<LoadedRig>,
-    one: &ControlLoop,
+    drive: LoadedDrive,
+    (plan, one): (&Plan, &ControlLoop),
     session: Session<'_>,
     report: &dyn Fn(&PreflightEvent),
 ) -> Result<End, WorldError> {
@@ -249,7 +256,7 @@ fn heat(
         connection,
         watch,
     } = session;
-    let ramp = ramp(rig, one)?;
+    let ramp = ramp(&drive, plan, one)?;
     let Shared {
         name, seed, text, ..
     } = &ramp.shared;
@@ -258,7 +265,8 @@ fn heat(
     let progress = ProgressReader::new(ramp.leading())?;
     let clock = ramp.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
-    let mut heating = Heating::new(rig, &one.scenario.wiring.unit)?;
+    let unit = &one.scenario.wiring.unit;
+    let mut heating = Heating::new(&drive, ramp.scenario_clock()?, unit);
     let mut is_enough = |capture: &Capture<'_>| {
         heating.follow(capture);
         heating.is_over()
@@ -277,72 +285,72 @@ fn heat(
     Ok(End::Completed)
 }
 
-fn interview(rig: &LoadedRig, has_real_io: bool) -> Result<Interview, WorldError> {
-    let dictionary = eds::parse(&rig.eds, rig.drive.node_id().get())
+fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldError> {
+    let dictionary = eds::parse(&drive.eds, drive.layout.node_id().get())
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
-    let node_id = NodeId::new(rig.file.fan.node_id).filter(|_| has_real_io);
-    let fan = node_id.map(|node_id| (node_id, "fan and load module"));
-    Ok(Interview::new(rig, dictionary, fan.as_slice()))
+    let io = one.nodes.io.as_ref().filter(|io| one.external.has(io));
+    let node_id = io.and_then(|io| NodeId::new(io.id));
+    let io = node_id.map(|node_id| (node_id, "fan and load module"));
+    Ok(Interview::new(drive, dictionary, io.as_slice()))
 }
 
-/// What is known of the emulated drive, with limits that are what its positions can be. They are in the drive's unit, whatever
-/// the keys say.
-fn emulated(one: &ControlLoop) -> Result<LoadedRig, WorldError> {
-    let Scenario { bus, wiring, .. } = &one.scenario;
-    let node_id = one.place.drive_node_id;
+/// What is known of a drive like the emulated one: its limits are what its positions can be.
+fn emulated(one: &ControlLoop) -> RealDrive {
+    let wiring = &one.scenario.wiring;
     let [lowest, highest] = wiring.range();
     let travel = highest - lowest;
     // A motor's differ in nothing that is asked here.
     let plausible = wiring.plausible_positions(true);
-    let text = format!(
-        "schema = 1\nname = \"the emulated drive\"\n[drive]\nnode_id = {node_id}\n\
-         position = {{ units_per_millimetre = {:?}, resolution_millimetres = {:?} }}\n[bus]\nbitrate_kilobits_per_second = {}\n\
-         sync_period_milliseconds = {:?}\n[limits]\ncurrent_amperes = 1.0\n\
-         position_millimetres = {{ min = {:?}, max = {:?} }}\nspeed_millimetres_per_second = {:?}\n",
-        wiring.unit.counts(),
-        travel / STEPS_OF_TRAVEL,
-        bus.bitrate_kilobits_per_second,
-        bus.sync_period_milliseconds,
-        plausible.min.unwrap_or(lowest),
-        plausible.max.unwrap_or(highest),
-        plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS)
-    );
-    LoadedRig::from_text(&text).map_err(|error| cannot_be_made(&error))
+    RealDrive {
+        drive: RigDrive {
+            node_id: one.place.drive_node_id,
+            position: PositionObject {
+                increments_per_unit: wiring.unit.counts(),
+                resolution: travel / STEPS_OF_TRAVEL,
+                ..PositionObject::default()
+            },
+            ..RigDrive::default()
+        },
+        limits: Limits {
+            current_amperes: 1.0,
+            min: plausible.min.unwrap_or(lowest),
+            max: plausible.max.unwrap_or(highest),
+            rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
+        },
+        timeouts: Timeouts::default(),
+        preflight: scenario::rig::Preflight::default(),
+    }
 }
 
-/// The session in which the drive is led: at rest, then under a ramp from 0 A to the limit of the rig.
-fn ramp(rig: &Arc<LoadedRig>, one: &ControlLoop) -> Result<Plan, WorldError> {
-    let preflight = &rig.file.preflight;
+/// The session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
+fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, WorldError> {
+    let preflight = &drive.real.preflight;
     let rest = heating::REST.as_secs_f64();
-    let limit = rig.file.limits.current_amperes;
+    let limit = drive.real.limits.current_amperes;
     let seconds = match preflight.heating {
         true => preflight.heating_seconds_max,
         false => rest,
     };
     let mut text = format!(
-        "schema = 1\nname = \"{NAME}\"\nduration_seconds = {:?}\n",
+        "schema = 1\nrig = \"{RIG}\"\nname = \"{NAME}\"\nduration_seconds = {:?}\n[controller.open_loop]\n",
         rest + seconds
     );
-    text += "[controller.open_loop]\n";
     if preflight.heating {
         let until = rest + limit / preflight.ramp_amperes_per_second;
         text += &format!(
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let scenario = Scenario::parse(&text, NAME, |_| Err(std::io::ErrorKind::NotFound.into()))
-        .map_err(|error| cannot_be_made(&error))?;
-    let ramp = Plan::new(scenario, catalogue()).from_file(NAME, text);
-    let mut ramp = ramp.on(rig);
-    if one.is_external(Part::Io) {
-        ramp = ramp.recorded_external(&[FAN.to_owned()]);
-    }
-    // Who watches the limits names them in the unit of the drive.
-    for ramped in &mut ramp.loops {
-        ramped.scenario.wiring.unit = one.scenario.wiring.unit.clone();
-    }
-    Ok(ramp)
+    let io = one.nodes.io.as_ref().filter(|io| one.external.has(io));
+    let io = io.map(|io| io.name.as_str());
+    let rig = (plan.shared.rig).of_one_drive(&one.nodes.drive.name, &drive.real, io);
+    let read = |name: &str| match name {
+        RIG => Ok(rig.to_toml()),
+        _ => Ok(drive.eds.clone()),
+    };
+    let ramp = Plan::parse(&Beside::new(Path::new(NAME)), text, read, catalogue());
+    ramp.map_err(|error| cannot_be_made(&error))
 }
 
 fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {

@@ -1,4 +1,4 @@
-//! The FMU of a plant, as a rig file and a scenario have it, before both are put together.
+//! The FMU of a plant, as a rig file has it.
 
 use std::path::Path;
 
@@ -7,8 +7,8 @@ use toml::de::{DeTable, DeValue};
 
 use crate::plant::FMU;
 
-/// Names an FMU among the models of a plant by its path, and its start values by the whole names of their
-/// variables. FMUs lie beside the rig file.
+/// Names an FMU among the models of a plant by its path, and its start values by the whole names of their variables. FMUs lie
+/// beside the rig file.
 pub(super) fn place<'text>(models: &mut DeTable<'text>, rig: &Path) {
     let fmu = models.get_mut(FMU).map(Spanned::get_mut);
     let Some(DeValue::Table(fmu)) = fmu else {
@@ -18,6 +18,11 @@ pub(super) fn place<'text>(models: &mut DeTable<'text>, rig: &Path) {
         let path = rig.with_file_name(&**file);
         *file = path.to_string_lossy().into_owned().into();
     }
+    name_start_values(fmu);
+}
+
+/// Calls the start values of an FMU by the whole names of their variables.
+pub(super) fn name_start_values(fmu: &mut DeTable<'_>) {
     if let Some(DeValue::Table(start)) = fmu.get_mut("start").map(Spanned::get_mut) {
         let mut whole = DeTable::new();
         flatten(start, "", &mut whole);

@@ -1,28 +1,26 @@
-//! Reads scenario files of schema 2, each with the rig file that it names.
+//! Reads scenario files, each with the rig that it names.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-use toml::Spanned;
-use toml::de::DeValue;
-
 use super::contours::read_contours;
+use super::overlay::Overlaid;
 use super::sweep::read_sweep;
-use super::{SCHEMA, SCHEMA_OF_ONE, Splitter};
+use super::Splitter;
+use crate::beside::Beside;
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::fault::{self, Fault, Faults, NodesOfRun};
-use crate::file::read_text;
-use crate::fingerprint::{HASH_SUFFIX, hash_line};
+use crate::fault::{self, Fault, Faults};
+use crate::fingerprint::HASH_SUFFIX;
 use crate::load::{
-    KIND, Objection, OfRun, Reading, SCENARIO_BYTES_MAX, Texts, kind, nodes, none_of, parse_beside,
-    parse_recorded, reading,
+    KIND, Objection, OfRun, Reading, SCENARIO_BYTES_MAX, Texts, kind, nodes, none_of, reading,
 };
 use crate::loops::{Loops, OneLoop};
-use crate::rig::nodes::{Rig, SHIPPED, SHIPPED_NAME};
+use crate::nearest::meant_or_known;
+use crate::rig::nodes::Rig;
+use crate::rig::shipped;
 use crate::scenario::Scenario;
 use crate::table::{ReadTable, is_inside_folder};
 use crate::view::ControllerView;
@@ -36,68 +34,46 @@ const OF_SWEEP: &str = "sweep.";
 
 /// A scenario that tries nothing.
 const IDLE: &str =
-    "schema = 2\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
+    "schema = 1\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
 
 /// Finds what is wrong with all loops of a rig together, for an error at a place in the rig file, or in the scenario below `sweep`.
 type FindObjection<'a> = &'a dyn Fn(&Loops<Scenario>) -> Option<Objection>;
 
 impl Loops<Scenario> {
-    /// Whether a text is meant as a scenario of schema 2.
-    #[must_use]
-    pub fn is_meant(text: &str) -> bool {
-        let document = Document::parse(Source::new("", text), text);
-        document.is_ok_and(|document| {
-            let schema = document.root().get("schema");
-            let number = schema.and_then(|value| value.get_ref().as_integer());
-            number.is_some_and(|number| number.as_str() == SCHEMA)
-        })
-    }
-
-    /// Reads a scenario file of schema 2, the rig file that it names, and its tables, with the very texts that were read.
-    /// `objections` says what else is wrong with a loop, `object` what is wrong with the rig.
+    /// Reads a scenario, the rig that it names, and its tables, with the very texts that were read. `read_file` gives the text of a
+    /// file by the name that the scenario uses; `beside` says where these files are. `objections` says what else is wrong with a
+    /// loop, `object` what is wrong with the rig.
     ///
     /// # Errors
-    /// A file cannot be read, or everything that is wrong in it, and every objection.
-    pub fn load(
-        path: &Path,
-        objections: impl Fn(&Scenario) -> Vec<Objection>,
-        object: impl Fn(&Self) -> Option<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        Self::parse_beside(path, text_of(path)?, objections, object)
-    }
-
-    /// As [`Loops::load`], for a text that is at hand; the files that it names lie beside `path`.
-    ///
-    /// # Errors
-    /// As [`Loops::load`].
-    pub fn parse_beside(
-        path: &Path,
-        text: String,
-        objections: impl Fn(&Scenario) -> Vec<Objection>,
-        object: impl Fn(&Self) -> Option<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        parse_beside(path, text, |text, name, read_file| {
-            parse_for(text, name, read_file, Reading::ToPlay, &objections, &object)
-        })
-    }
-
-    /// As [`Loops::parse_beside`], for files that `read_file` gives by their names.
-    ///
-    /// # Errors
-    /// As [`Loops::load`].
+    /// Everything that is wrong in the texts, and every objection.
     pub fn parse(
-        path: &Path,
+        beside: &Beside,
         text: String,
-        read_file: impl FnMut(&str) -> io::Result<String>,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
         objections: impl Fn(&Scenario) -> Vec<Objection>,
         object: impl Fn(&Self) -> Option<Objection>,
     ) -> Result<(Self, Texts), ScenarioError> {
-        reading(path, text, read_file, |text, name, read_file| {
-            parse_for(text, name, read_file, Reading::ToPlay, &objections, &object)
-        })
+        let reading = Reading::ToPlay;
+        parse_for(beside, text, &mut read_file, reading, &objections, &object)
     }
 
-    /// As [`Loops::load`], for a rig on which nothing is tried; `name` says where its text was read from.
+    /// As [`Loops::parse`], for a scenario that was played already: tables of plants and laws from outside are kept as they are,
+    /// whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what a sweep would vary.
+    ///
+    /// # Errors
+    /// As [`Loops::parse`], but for these tables.
+    pub fn parse_recorded(
+        beside: &Beside,
+        text: String,
+        objections: impl Fn(&Scenario) -> Vec<Objection>,
+        object: impl Fn(&Self) -> Option<Objection>,
+    ) -> Result<(Self, Texts), ScenarioError> {
+        // Hashes are those that were written then.
+        let read = &mut |name: &str| beside.read_text(name);
+        parse_for(beside, text, read, Reading::Recorded, &objections, &object)
+    }
+
+    /// As [`Loops::parse`], for a rig on which nothing is tried; `name` says where its text was read from.
     ///
     /// # Errors
     /// Everything that is wrong in the rig file, and the objection.
@@ -108,55 +84,49 @@ impl Loops<Scenario> {
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, name, problems);
         let scenario = Document::parse(Source::new(name, IDLE), IDLE).map_err(fail)?;
+        let beside = Beside::new(Path::new(name));
         let files = Files {
             name: name.to_owned(),
             scenario,
             rig: RigText {
-                text: text.to_owned().into(),
+                text: text.to_owned(),
                 name: name.to_owned(),
                 beside: String::new(),
+                is_shipped: false,
             },
+            path: PathBuf::from(name),
         };
-        let folder = Path::new(name).parent().unwrap_or(Path::new(""));
-        let beside = |file: &str| match file.strip_suffix(HASH_SUFFIX) {
-            Some(file) => hash_line(folder, file),
-            None => read_text(&folder.join(file), SCENARIO_BYTES_MAX),
-        };
-        made(
-            &files,
-            &mut { beside },
-            Reading::ToPlay,
-            &|_| Vec::new(),
-            &object,
-        )
+        let read = |file: &str| beside.read(file);
+        let reading = Reading::ToPlay;
+        made(&files, &mut { read }, reading, &|_| Vec::new(), &object)
     }
 
-    /// As [`Loops::load`], for a scenario that was played already.
-    ///
-    /// # Errors
-    /// As [`Loops::load`].
-    pub fn load_recorded(
-        path: &Path,
-        objections: impl Fn(&Scenario) -> Vec<Objection>,
-        object: impl Fn(&Self) -> Option<Objection>,
-    ) -> Result<(Self, Texts), ScenarioError> {
-        parse_recorded(path, text_of(path)?, |text, name, read_file| {
-            let reading = Reading::Recorded;
-            parse_for(text, name, read_file, reading, &objections, &object)
-        })
+    /// The scenario of the only loop; none where there are several.
+    #[must_use]
+    pub fn only(mut self) -> Option<Scenario> {
+        let one = self.loops.pop().filter(|_| self.loops.is_empty());
+        one.map(|one| one.scenario)
     }
 }
 
+// Not generic: it would be compiled again, with all of TOML and every type of a scenario, in each crate that calls it.
 fn parse_for(
-    text: &str,
-    name: &str,
+    beside: &Beside,
+    text: String,
     read_file: ReadTable<'_>,
-    reading: Reading,
+    for_what: Reading,
     objections: &dyn Fn(&Scenario) -> Vec<Objection>,
     object: FindObjection<'_>,
-) -> Result<Loops<Scenario>, ScenarioError> {
-    let files = Files::parse(text, name, read_file)?;
-    made(&files, read_file, reading, objections, object)
+) -> Result<(Loops<Scenario>, Texts), ScenarioError> {
+    let name = beside.scenario().display().to_string();
+    let (loops, mut texts) = reading(text, read_file, |text, read_file| {
+        let files = Files::parse(text, &name, beside, for_what, read_file)?;
+        made(&files, read_file, for_what, objections, object)
+    })?;
+    if let Some((name, text)) = &loops.shipped_rig {
+        texts.tables.insert(name.clone(), text.clone());
+    }
+    Ok((loops, texts))
 }
 
 fn made(
@@ -166,19 +136,28 @@ fn made(
     objections: &dyn Fn(&Scenario) -> Vec<Objection>,
     object: FindObjection<'_>,
 ) -> Result<Loops<Scenario>, ScenarioError> {
-    let RigText { text, name, beside } = &files.rig;
+    let RigText {
+        text, name, beside, ..
+    } = &files.rig;
     let (rig, rig_document) = Rig::read(text, name, reading)?;
     let sheets = read_sheets(&rig, &rig_document, beside, read_file);
     let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
     find_fmus(&rig, files, &rig_document, reading, read_file)?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
-    let (faults, mut problems) = fault::read(&files.scenario, NodesOfRun::Of(&rig));
+    let overlaid = Overlaid::new(&files.scenario, rig, rig_document.root(), reading);
+    let Overlaid {
+        rig,
+        tree,
+        mut problems,
+    } = overlaid;
+    let (faults, found) = fault::read(&files.scenario, &rig);
+    problems.extend(found);
     let read = |document: &mut Document<'_>, wiring: Wiring| {
         let faults = faults.clone();
         let of_run = OfRun { wiring, faults };
         Scenario::read(document, &mut *read_file, reading, &objections, of_run)
     };
-    let mut loops = match read_loops(files, rig, &rig_document, read) {
+    let mut loops = match read_loops(files, rig, &tree, read) {
         Ok(loops) => loops,
         Err(found) => {
             problems.extend(found);
@@ -196,13 +175,26 @@ fn made(
             one.scenario.sweep.clone_from(&sweep);
         }
     }
-    match object(&loops) {
-        Some(objection) if objection.path.starts_with(OF_SWEEP) => {
-            Err(fail(vec![objection.problem(&files.scenario)]))
-        }
-        Some(objection) => Err(nodes::fail(name, vec![objection.problem(&rig_document)])),
-        None => Ok(loops),
+    let Some(mut objection) = object(&loops) else {
+        return Ok(loops);
+    };
+    let in_scenario = path_in_scenario(&objection.path, &loops.rig);
+    let is_overlaid = files.scenario.has(&in_scenario);
+    if is_overlaid || objection.path.starts_with(OF_SWEEP) {
+        objection.path = in_scenario;
+        return Err(fail(vec![objection.problem(&files.scenario)]));
     }
+    Err(nodes::fail(name, vec![objection.problem(&rig_document)]))
+}
+
+/// The path by which a scenario gives another value to its rig: without the name of the plant's model.
+fn path_in_scenario(path: &str, rig: &Rig) -> String {
+    let mut plants = rig.plant.iter();
+    let short = plants.find_map(|(name, plant)| {
+        let rest = path.strip_prefix(&format!("plant.{name}.{}.", plant.model()))?;
+        Some(format!("plant.{name}.{rest}"))
+    });
+    short.unwrap_or_else(|| path.to_owned())
 }
 
 /// Faults at times that the run has not, and those that mean nothing to their plants.
@@ -238,10 +230,7 @@ fn find_fmus(
 ) -> Result<(), ScenarioError> {
     for (plant, model) in &rig.plant {
         let Some(fmu) = &model.fmu else { continue };
-        let path = format!("plant.{plant}.fmu.file");
-        let other = files.scenario.spanned(&path);
-        let other = other.and_then(|value| value.get_ref().as_str());
-        let named = other.unwrap_or(&fmu.file);
+        let named = &fmu.file;
         let file = Path::new(&files.rig.beside).with_file_name(named);
         let file = file.to_string_lossy();
         let wrong = match wrong_name(named) {
@@ -256,18 +245,12 @@ fn find_fmus(
                 _ => None,
             },
         };
-        let Some(label) = wrong else { continue };
-        let message = format!("`{named}` cannot be the FMU of `{plant}`");
-        return Err(match other {
-            Some(_) => {
-                let problem = files.scenario.problem(&path, message, label);
-                ScenarioError::new(KIND, &files.name, vec![problem])
-            }
-            None => {
-                let problem = rig_document.problem(&path, message, label);
-                nodes::fail(&files.rig.name, vec![problem])
-            }
-        });
+        if let Some(label) = wrong {
+            let message = format!("`{named}` cannot be the FMU of `{plant}`");
+            let path = format!("plant.{plant}.fmu.file");
+            let problem = rig_document.problem(&path, message, label);
+            return Err(nodes::fail(&files.rig.name, vec![problem]));
+        }
     }
     Ok(())
 }
@@ -308,114 +291,129 @@ fn read_sheets(
 }
 
 impl Loops<ControllerView> {
-    /// Reads what the controller may know of a scenario file of schema 2; the other tables are dropped.
+    /// Reads what the controller may know of a scenario; the other tables are dropped.
     ///
     /// # Errors
-    /// As [`Loops::load`], for the tables that the controller sees.
-    pub fn load_view(path: &Path) -> Result<Self, ScenarioError> {
-        let loops = parse_beside(path, text_of(path)?, |text, name, read_file| {
-            let files = Files::parse(text, name, read_file)?;
-            let (rig, rig_document) = Rig::read(&files.rig.text, &files.rig.name, Reading::ToPlay)?;
+    /// As [`Loops::parse`], for the tables that the controller sees.
+    pub fn parse_view(
+        beside: &Beside,
+        text: String,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
+    ) -> Result<Self, ScenarioError> {
+        let name = beside.scenario().display().to_string();
+        let for_what = Reading::ToPlay;
+        let loops = reading(text, &mut read_file, |text, read_file| {
+            let files = Files::parse(text, &name, beside, for_what, read_file)?;
+            let RigText {
+                text, name, beside, ..
+            } = &files.rig;
+            let (rig, rig_document) = Rig::read(text, name, for_what)?;
+            let sheets = read_sheets(&rig, &rig_document, beside, read_file);
+            let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
+            let Overlaid { rig, tree, .. } =
+                Overlaid::new(&files.scenario, rig, rig_document.root(), for_what);
             let read = |document: &mut Document<'_>, wiring: Wiring| {
                 ControllerView::read(document, read_file, wiring)
             };
-            let loops = read_loops(&files, rig, &rig_document, read);
-            loops.map_err(|problems| ScenarioError::new(KIND, name, problems))
+            let loops = read_loops(&files, rig, &tree, read);
+            let loops = loops.map(|loops| Self { sheets, ..loops });
+            loops.map_err(|problems| ScenarioError::new(KIND, &files.name, problems))
         });
         loops.map(|(loops, _)| loops)
     }
 }
 
-fn text_of(path: &Path) -> Result<String, ScenarioError> {
-    read_text(path, SCENARIO_BYTES_MAX)
-        .map_err(|error| ScenarioError::unreadable(KIND, &path.display().to_string(), &error))
-}
-
-/// A scenario and the rig file that it names.
+/// A scenario and the rig that it names.
 struct Files<'text> {
     name: String,
     scenario: Document<'text>,
     rig: RigText,
+    /// Where the rig file is.
+    path: PathBuf,
 }
 
 struct RigText {
-    text: Cow<'static, str>,
+    text: String,
     /// Where it was read from, for people.
     name: String,
-    /// Its name beside the scenario.
+    /// Its name beside the scenario; that of its copy in a run folder if it ships.
     beside: String,
+    is_shipped: bool,
 }
 
 impl<'text> Files<'text> {
     fn parse(
         text: &'text str,
         name: &str,
+        beside: &Beside,
+        reading: Reading,
         read_file: ReadTable<'_>,
     ) -> Result<Self, ScenarioError> {
         let fail = |problems| ScenarioError::new(KIND, name, problems);
         let scenario = Document::parse(Source::new(name, text), text).map_err(fail)?;
-        if kind::is_rig_of_nodes(&scenario) {
+        if kind::is_rig(&scenario) {
             let help = "a scenario names it: rig = \"FILE.toml\"";
             let problem = scenario.problem("name", "this is a rig file, not a scenario", "a rig");
             return Err(fail(vec![problem.with_help(help)]));
         }
-        let rig = rig_text(&scenario, name, read_file).map_err(|problem| fail(vec![problem]))?;
+        let rig = rig_text(&scenario, beside, reading, read_file);
+        let rig = rig.map_err(|problem| fail(vec![problem]))?;
         Ok(Self {
             name: name.to_owned(),
             scenario,
+            path: beside.place(&rig.beside),
             rig,
         })
     }
-
-    /// The scenario's folder.
-    fn folder(&self) -> &Path {
-        Path::new(&self.name).parent().unwrap_or(Path::new(""))
-    }
-
-    /// Where the rig file is; that of a rig on which nothing is tried is where its text was read from.
-    fn rig_path(&self) -> PathBuf {
-        match self.rig.beside.as_str() {
-            "" => PathBuf::from(&self.name),
-            beside => self.folder().join(beside),
-        }
-    }
 }
 
-/// The rig file that a scenario names, else the one that ships.
+/// The rig that a scenario names: one that ships, or a file beside it.
 fn rig_text(
     scenario: &Document<'_>,
-    scenario_name: &str,
+    beside: &Beside,
+    reading: Reading,
     read_file: ReadTable<'_>,
 ) -> Result<RigText, Problem> {
-    let Some(rig) = scenario.root().get("rig") else {
-        return Ok(RigText {
-            text: SHIPPED.into(),
-            name: SHIPPED_NAME.to_owned(),
-            beside: SHIPPED_NAME.to_owned(),
-        });
-    };
+    const HELP: &str = "rig = \"sma_actuator\" is the actuator of the paper; rig = \"FILE.toml\" a rig file beside the scenario";
     let problem = |message: String, label: &str| scenario.problem("rig", message, label);
+    let Some(rig) = scenario.root().get("rig") else {
+        let message = "the scenario names no rig".to_owned();
+        let span = scenario.key_span("name");
+        let problem = scenario.source.problem(span, message, "`rig` is missing");
+        return Err(problem.with_help(HELP));
+    };
     let Some(rig) = rig.get_ref().as_str() else {
         let message = "`rig` must be a string".to_owned();
-        return Err(problem(message, "the name of a rig file beside this one"));
+        return Err(problem(message, "the name of a rig").with_help(HELP));
     };
+    if !rig.ends_with(".toml") {
+        let Some(text) = shipped::text(rig) else {
+            let message = format!("no rig `{rig}` ships");
+            let label = meant_or_known(rig, &shipped::names());
+            return Err(problem(message, &label).with_help(HELP));
+        };
+        let copy = shipped::copy_of(rig);
+        let recorded = matches!(reading, Reading::Recorded).then(|| read_file(&copy).ok());
+        return Ok(RigText {
+            text: recorded.flatten().unwrap_or_else(|| text.to_owned()),
+            name: rig.to_owned(),
+            beside: copy,
+            is_shipped: true,
+        });
+    }
     if !is_inside_folder(rig) {
         let message = "a rig file must lie in the scenario's folder, or below it".to_owned();
         return Err(problem(message, "no absolute path, no `..`"));
     }
-    let path = Path::new(scenario_name);
-    if is_same_file(rig, path) {
+    if is_same_file(rig, beside.scenario()) {
         let message = format!("`{rig}` is this scenario itself");
         let problem = problem(message, "a rig file is another file");
         return Err(problem.with_place(scenario.key_span("name"), "this is a scenario"));
     }
-    if !rig.ends_with(".toml") || is_same_file(rig, Path::new(SCENARIO_FILE)) {
+    if is_same_file(rig, Path::new(SCENARIO_FILE)) {
         let message = format!("a rig file cannot be called `{rig}`");
-        let label = "a name that ends in .toml, and is not that of the scenario in a run folder";
-        return Err(problem(message, label));
+        return Err(problem(message, "the name of the scenario in a run folder"));
     }
-    let name = path.parent().unwrap_or(Path::new("")).join(rig);
-    let name = name.display().to_string();
     let text = read_file(rig).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => problem(
             format!("the rig file {rig} does not exist"),
@@ -432,9 +430,10 @@ fn rig_text(
         return Err(problem(message, &label));
     }
     Ok(RigText {
-        text: text.into(),
-        name,
+        text,
+        name: beside.place(rig).display().to_string(),
         beside: rig.to_owned(),
+        is_shipped: false,
     })
 }
 
@@ -449,17 +448,15 @@ fn is_same_file(beside: &str, path: &Path) -> bool {
 fn read_loops<'text, T>(
     files: &Files<'text>,
     rig: Rig,
-    rig_document: &Document<'text>,
+    rig_tree: &toml::de::DeTable<'text>,
     mut read: impl FnMut(&mut Document<'text>, Wiring) -> Result<T, Vec<Problem>>,
 ) -> Result<Loops<T>, Vec<Problem>> {
     let scenario = &files.scenario;
-    let schema = DeValue::parse(SCHEMA_OF_ONE).map(Spanned::into_inner);
     let splitter = Splitter {
         scenario,
         rig: &rig,
-        rig_tree: rig_document.root(),
-        rig_path: files.rig_path(),
-        schema_1: schema.unwrap_or(DeValue::Boolean(false)),
+        rig_tree,
+        rig_path: files.path.clone(),
     };
     let (trees, mut problems) = splitter.split();
     let mut loops = Vec::new();
@@ -478,11 +475,18 @@ fn read_loops<'text, T>(
         problems.extend(found);
         Vec::new()
     });
+    let RigText {
+        text,
+        beside,
+        is_shipped,
+        ..
+    } = &files.rig;
     let loops = Loops {
         rig,
         loops,
         contours,
         sheets: BTreeMap::new(),
+        shipped_rig: is_shipped.then(|| (beside.clone(), text.clone())),
     };
     none_of(problems, loops)
 }

@@ -1,4 +1,4 @@
-//! What varies in a scenario of several loops.
+//! What varies in a scenario.
 
 use crate::check;
 use crate::document::Document;
@@ -24,6 +24,6 @@ pub(super) fn read_sweep(
     let place = "the scenario";
     let (Swept { mut sweep }, mut problems) =
         build::<Swept>(&document, &Outside::Registered, place, &schema::SWEPT)?;
-    problems.extend(check::sweep_on(scenario, rig, sweep.as_mut()));
+    problems.extend(check::sweep(scenario, rig, sweep.as_mut()));
     none_of(problems, sweep)
 }

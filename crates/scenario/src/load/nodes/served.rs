@@ -45,7 +45,7 @@ impl Check<'_> {
                 node.is_some_and(|node| node.external)
             });
             external.map(move |(place, drive)| {
-                let path = format!("loop.{name}.drives.{place}");
+                let path = format!("loop.{name}.outputs.{place}");
                 let message = format!("the external drive `{drive}` is one of several of a loop");
                 self.document
                     .problem(&path, message, "needs a loop of its own")

@@ -1,0 +1,265 @@
+//! A real drive with its EDS, and what then the frames of the bus mean.
+
+use std::time::Duration;
+
+use dbc::names::{CURRENT, POSITION, TARGET_CURRENT};
+use dbc::{Coding, Composer, ExternalFrames, Kind, PositionUnit, Signal};
+use scenario::Scenario;
+use scenario::reference::Trajectory;
+use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
+use scenario::rig::{Limits, RealDrive};
+
+/// 36 mm is 36.00000000000001 mm once it was metres.
+const ROUNDING: f64 = 1e-6;
+
+/// A drive that canrig does not emulate.
+#[derive(Clone, Debug)]
+pub struct LoadedDrive {
+    /// What the rig file says of it.
+    pub real: RealDrive,
+    /// Its EDS.
+    pub eds: String,
+    /// Its identity and PDOs.
+    pub layout: DriveLayout,
+}
+
+impl LoadedDrive {
+    /// The drive with this EDS; that of the emulated drive if none.
+    ///
+    /// # Errors
+    /// Rig file and EDS do not fit each other.
+    pub fn new(real: RealDrive, eds: Option<&String>) -> Result<Self, DriveError> {
+        let eds = eds.map_or(dbc::DRIVE_EDS, String::as_str).to_owned();
+        let dictionary = dbc::dictionary(&eds, real.drive.node_id)?;
+        let layout = DriveLayout::new(dictionary, &real.drive, real.limits.current_amperes)?;
+        Ok(Self { real, eds, layout })
+    }
+
+    /// Adds the frames of its drive to those of a bus.
+    pub(crate) fn with_drive(
+        &self,
+        composer: Composer,
+        node: (&str, u8),
+        unit: Option<&PositionUnit<'_>>,
+    ) -> Composer {
+        let drive = &self.layout;
+        let [statusword, controlword] = drive.words();
+        let feedback = |signal: &Signal| match signal.name.as_str() {
+            POSITION => scaled(drive.position()),
+            CURRENT => drive.current().map_or(signal.coding.absent(), scaled),
+            _ => in_word(signal, statusword),
+        };
+        let command = |signal: &Signal| match signal.name.as_str() {
+            TARGET_CURRENT => scaled(drive.target()),
+            _ => in_word(signal, controlword),
+        };
+        let frames = ExternalFrames {
+            identifiers: [drive.feedback_id(), drive.command_id()],
+            lengths_bytes: drive.lengths_bytes().map(|bytes| u8::try_from(bytes).ok()),
+            feedback: &feedback,
+            command: &command,
+            heartbeat_milliseconds: self.real.timeouts.drive_heartbeat_milliseconds.into(),
+        };
+        composer.with_drive(node, None, Some(&frames), unit)
+    }
+
+    /// Refuses, before any current flows, a scenario whose set-point leaves the limits.
+    ///
+    /// # Errors
+    /// Where the set-point leaves the limits.
+    pub fn admits(&self, scenario: &Scenario) -> Result<(), String> {
+        if scenario.reference.is_empty() {
+            return Ok(());
+        }
+        let Limits { min, max, .. } = self.real.limits;
+        let trajectory = scenario.reference.trajectory();
+        for seconds in telling_cycles_seconds(scenario, &trajectory) {
+            let wanted = 1e3 * trajectory.at(seconds).position_metres;
+            if !(min - ROUNDING..=max + ROUNDING).contains(&wanted) {
+                let symbol = scenario.wiring.unit.symbol();
+                return Err(format!(
+                    "the set-point is {wanted} {symbol} at {seconds} s, beyond the rig's limits ({min} to {max} {symbol})"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The times of the cycles in which the set-point may have a value that it did not have before: a day has too many to ask for all.
+fn telling_cycles_seconds(
+    scenario: &Scenario,
+    trajectory: &Trajectory,
+) -> impl Iterator<Item = f64> {
+    let nanoseconds = |seconds: f64| Duration::from_secs_f64(seconds).as_nanos();
+    let period = scenario.bus.sync_period().as_nanos();
+    let end = nanoseconds(scenario.duration_seconds);
+    let stretches = trajectory.stretches(scenario.duration_seconds);
+    let cycles = stretches.flat_map(move |(from_seconds, until_seconds)| {
+        let last = nanoseconds(until_seconds).div_ceil(period);
+        nanoseconds(from_seconds) / period..=last
+    });
+    let times = cycles.map(move |cycle| cycle * period);
+    let times = times.filter(move |time| *time < end);
+    times.map(|time| Duration::from_nanos_u128(time).as_secs_f64())
+}
+
+fn scaled(place: Scaled) -> Coding {
+    let Scaled {
+        field,
+        units,
+        offset,
+    } = place;
+    let kind = if field.is_signed {
+        Kind::Signed
+    } else {
+        Kind::Unsigned
+    };
+    let length_bits = u8::try_from(8 * field.length_bytes).unwrap_or(u8::MAX);
+    Coding::integer(start_bit(field), length_bits, kind, units, offset)
+}
+
+/// Bits of a status- or controlword, which comes first in the emulated drive's PDOs.
+fn in_word(signal: &Signal, word: Field) -> Coding {
+    let coding = signal.coding;
+    coding.starting_at(coding.start_bit + start_bit(word))
+}
+
+fn start_bit(field: Field) -> u8 {
+    u8::try_from(8 * field.start_byte).unwrap_or(u8::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::catalogue::Catalogue;
+    use crate::plan::Plan;
+    use canopen::CanFrame;
+    use scenario::Beside;
+    use std::path::Path;
+
+    const RIG: &str = r#"schema = 1
+name = "bench"
+[node.controller]
+kind = "controller"
+node_id = 1
+[node.drive]
+kind = "drive"
+node_id = 32
+position = { increments_per_unit = -10.0, increments_at_zero = 5000.0 }
+current = { object = "" }
+limits = { current_amperes = 0.9, min = -1.0, max = 45.0, rate_max = 400.0 }
+[loop.position]
+feedback = "drive.position"
+outputs = ["drive.current"]
+"#;
+    const SCENARIO: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 36.0\n";
+
+    fn plan_of(rig: &str, scenario: &str) -> Result<Plan, String> {
+        let beside = Beside::new(Path::new("s.toml"));
+        let read = |name: &str| match name {
+            "rig.toml" => Ok(rig.to_owned()),
+            _ => Err(std::io::ErrorKind::NotFound.into()),
+        };
+        let plan = Plan::parse(&beside, scenario.to_owned(), read, &Catalogue::shipped());
+        plan.map_err(|error| scenario::without_colours(&error))
+    }
+
+    fn drive(plan: &Plan) -> Arc<LoadedDrive> {
+        plan.loops[0].real_drive.clone().unwrap()
+    }
+
+    #[test]
+    fn frames_of_another_drive_mean_what_the_rig_file_says() {
+        let plan = plan_of(RIG, SCENARIO).unwrap();
+        let database = plan.database();
+        let decode = |path: &str, frame: &CanFrame| database.require(path).unwrap().decode(frame);
+        let feedback = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0x11, 0x22]);
+        let position = decode("drive_tpdo1.position_millimetres", &feedback).unwrap();
+        assert!((position - 6.0).abs() < 1e-9, "{position}");
+        assert_eq!(
+            decode("drive_tpdo1.statusword_state", &feedback),
+            Some(55.0)
+        );
+        assert_eq!(
+            decode("drive_tpdo1.current_amperes", &feedback),
+            None,
+            "it has none"
+        );
+        let command = drive(&plan).layout.encode(0x0F, 0.25);
+        assert_eq!(
+            decode("drive_rpdo1.target_current_amperes", &command),
+            Some(0.25)
+        );
+        let heartbeat = CanFrame::new(0x720, &[5]);
+        assert_eq!(decode("drive_heartbeat.nmt_state", &heartbeat), Some(5.0));
+        // The emulated drive's own identifiers mean nothing here.
+        for id in [0x190, 0x210, 0x290, 0x710] {
+            assert_eq!(database.decode(&CanFrame::new(id, &[0; 8])).map(|_| ()), None);
+        }
+    }
+
+    #[test]
+    fn a_set_point_on_the_limit_is_admitted() {
+        let admits = |max: &str| {
+            let plan = plan_of(&RIG.replace("max = 45.0", max), SCENARIO).unwrap();
+            drive(&plan).admits(&plan.loops[0].scenario)
+        };
+        assert_eq!(admits("max = 36.0"), Ok(()));
+        assert!(admits("max = 35.9").is_err());
+    }
+
+    #[test]
+    fn a_set_point_beyond_the_limits_is_found_wherever_it_is() {
+        let rig = RIG.replace("max = 45.0", "max = 35.0");
+        let admits = |pieces: &str| {
+            let text = SCENARIO.replace("= 1.0", "= 604800.0").replace("= 36.0", "= 20.0");
+            let text = format!("{text}{pieces}[bus]\nsync_period_milliseconds = 0.1\n");
+            let plan = plan_of(&rig, &text).unwrap();
+            drive(&plan).admits(&plan.loops[0].scenario)
+        };
+        let step = |at: f64, to: f64| {
+            format!("[[reference.step]]\nat_seconds = {at:?}\nposition_millimetres = {to:?}\n")
+        };
+        let sine = |amplitude: f64| {
+            format!(
+                "[[reference.sine]]\nfrom_seconds = 9.0\ncentre_millimetres = 20.0\namplitude_millimetres = {amplitude:?}\nperiod_seconds = 5.0\n"
+            )
+        };
+        let ramp = |to: f64| {
+            format!(
+                "[[reference.ramp]]\nfrom_seconds = 600000.0\nuntil_seconds = 600009.0\nposition_millimetres = {to:?}\n"
+            )
+        };
+        assert_eq!(
+            admits(&(sine(15.0) + &ramp(35.0) + &step(604_799.5, 35.0))),
+            Ok(())
+        );
+        for (pieces, at) in [
+            (step(604_799.99, 36.0), "604799.99"),
+            (sine(15.1), "10.1"),
+            (ramp(36.0), "60000"),
+        ] {
+            let refused = admits(&pieces).unwrap_err();
+            assert!(refused.contains(&format!("at {at}")), "{refused}");
+        }
+        // Behind the end, and where another piece is in its place before it gets there.
+        assert_eq!(
+            admits(&(sine(15.1) + &step(10.0, 20.0) + &ramp(36.0) + &step(600_001.0, 0.0))),
+            Ok(())
+        );
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let other = RIG.replace("object = \"\"", "object = \"0x2345:01\"");
+        let said = plan_of(&other, SCENARIO).unwrap_err();
+        assert!(said.contains("the drive's EDS has no object 0x2345:01"), "{said}");
+        let other = RIG.replace("node_id = 32", "node_id = 32\neds = \"none.eds\"");
+        let said = plan_of(&other, SCENARIO).unwrap_err();
+        assert!(said.contains("the EDS of `drive` cannot be read"), "{said}");
+    }
+}

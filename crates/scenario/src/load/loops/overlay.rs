@@ -1,0 +1,294 @@
+//! Other values that a scenario gives to its rig, by the rig's own paths: `[bus]`, `[plant.NAME]` without the model's name, and the
+//! parts of a node, as in `[node.NAME.sensor]`. It adds, removes and rewires nothing.
+
+use std::ops::Range;
+
+use toml::Spanned;
+use toml::de::{DeString, DeTable, DeValue};
+
+use super::fmus;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::load::Reading;
+use crate::nearest::meant_or_known;
+use crate::plant::FMU;
+use crate::rig::nodes::Rig;
+
+/// Tables of a rig file that a scenario may have too.
+const SECTIONS: [&str; 3] = ["bus", "plant", "node"];
+const PLANT: &str = "plant";
+const NODE: &str = "node";
+/// Keys of a node that say what is there and how it is wired, which only the rig file does.
+const WIRING: [&str; 12] = [
+    "kind",
+    "node_id",
+    "external",
+    "eds",
+    "mode_of_operation",
+    "command",
+    "position",
+    "current",
+    "port",
+    "unit",
+    "outputs",
+    "record",
+];
+/// The same of an FMU.
+const WIRING_OF_FMU: [&str; 3] = ["file", "ports", "record"];
+
+/// The rig with the values of a scenario in it: as it is then, and its tree, in which what the rig file says stands at the
+/// scenario's key `rig`.
+pub(super) struct Overlaid<'text> {
+    pub(super) rig: Rig,
+    pub(super) tree: DeTable<'text>,
+    pub(super) problems: Vec<Problem>,
+}
+
+impl<'text> Overlaid<'text> {
+    pub(super) fn new(
+        scenario: &Document<'text>,
+        rig: Rig,
+        rig_tree: &DeTable<'text>,
+        reading: Reading,
+    ) -> Self {
+        let overlay = Overlay {
+            scenario,
+            rig: &rig,
+        };
+        let at = scenario.span("rig");
+        let mut tree = placed_table(rig_tree, &at);
+        tree.remove("defaults");
+        if !SECTIONS.iter().any(|section| scenario.has(section)) {
+            let problems = Vec::new();
+            return Self {
+                rig,
+                tree,
+                problems,
+            };
+        }
+        let as_written = tree.clone();
+        let mut problems = overlay.put_into(&mut tree, &at);
+        if problems.is_empty() {
+            let document = scenario.with_root(tree.clone());
+            match Rig::of_tree(&document, reading) {
+                Ok(rig) => {
+                    return Self {
+                        rig,
+                        tree,
+                        problems,
+                    };
+                }
+                Err(found) => problems.extend(overlay.without_models(found)),
+            }
+        }
+        Self {
+            rig,
+            tree: as_written,
+            problems,
+        }
+    }
+}
+
+struct Overlay<'a, 'text> {
+    scenario: &'a Document<'text>,
+    rig: &'a Rig,
+}
+
+impl<'text> Overlay<'_, 'text> {
+    /// Puts the scenario's values in place of the rig's.
+    fn put_into(&self, tree: &mut DeTable<'text>, at: &Range<usize>) -> Vec<Problem> {
+        let mut problems = Vec::new();
+        for section in SECTIONS {
+            let Some(values) = self.scenario.spanned(section) else {
+                continue;
+            };
+            let DeValue::Table(values) = values.get_ref() else {
+                let message = format!("`{section}` must be a table");
+                problems.push(self.scenario.problem(section, message, "this is none"));
+                continue;
+            };
+            let own = below(tree, section, at);
+            match section {
+                PLANT => self.plants(own, values, &mut problems),
+                NODE => self.nodes(own, values, &mut problems),
+                _ => put(own, values),
+            }
+        }
+        problems
+    }
+
+    fn plants(
+        &self,
+        tree: &mut DeTable<'text>,
+        plants: &DeTable<'text>,
+        problems: &mut Vec<Problem>,
+    ) {
+        let known = Vec::from_iter(self.rig.plant.keys().map(String::as_str));
+        for (name, values) in plants {
+            let model = self.rig.plant.get(name.get_ref().as_ref());
+            let Some(model) = model.map(|plant| plant.model()) else {
+                problems.push(self.unknown(name, PLANT, &known));
+                continue;
+            };
+            let wiring = if model == FMU { &WIRING_OF_FMU[..] } else { &[] };
+            let Some(values) = self.values(name, values, wiring, problems) else {
+                continue;
+            };
+            let models = below(tree, name.get_ref(), &values.0);
+            let mut values = values.1.clone();
+            if model == FMU {
+                fmus::name_start_values(&mut values);
+                fmus::name_start_values(below(models, model, &name.span()));
+            }
+            put(below(models, model, &name.span()), &values);
+        }
+    }
+
+    fn nodes(
+        &self,
+        tree: &mut DeTable<'text>,
+        nodes: &DeTable<'text>,
+        problems: &mut Vec<Problem>,
+    ) {
+        let known = Vec::from_iter(self.rig.node.keys().map(String::as_str));
+        for (name, parts) in nodes {
+            if !self.rig.node.contains_key(name.get_ref().as_ref()) {
+                problems.push(self.unknown(name, NODE, &known));
+                continue;
+            }
+            let Some((at, parts)) = self.values(name, parts, &WIRING, problems) else {
+                continue;
+            };
+            let node = below(tree, name.get_ref(), &at);
+            for (part, values) in parts {
+                if values.get_ref().is_table() && !node.contains_key(part.get_ref().as_ref()) {
+                    let message = format!("`{}` of the rig has no {}", name.get_ref(), part.get_ref());
+                    let label = "a scenario gives other values and adds nothing";
+                    problems.push(self.problem(part.span(), message, label));
+                    return;
+                }
+            }
+            put(node, parts);
+        }
+    }
+
+    /// The table below a name, if nothing in it is for the rig file alone.
+    fn values<'b>(
+        &self,
+        name: &Spanned<DeString<'text>>,
+        values: &'b Spanned<DeValue<'text>>,
+        wiring: &[&str],
+        problems: &mut Vec<Problem>,
+    ) -> Option<(Range<usize>, &'b DeTable<'text>)> {
+        let DeValue::Table(table) = values.get_ref() else {
+            let message = format!("`{}` must be a table", name.get_ref());
+            problems.push(self.problem(values.span(), message, "this is none"));
+            return None;
+        };
+        if let Some(key) = first_of(table, wiring) {
+            let message = format!("a scenario cannot give its rig another `{}`", key.get_ref());
+            let label = "stands in the rig file";
+            let problem = self.problem(key.span(), message, label);
+            let help = "a scenario gives other values to its rig; another rig takes its place by --rig";
+            problems.push(problem.with_help(help));
+            return None;
+        }
+        Some((values.span(), table))
+    }
+
+    fn unknown(&self, name: &Spanned<DeString<'text>>, kind: &str, known: &[&str]) -> Problem {
+        let message = format!("the rig has no {kind} `{}`", name.get_ref());
+        let label = match known {
+            [] => format!("it has no {kind}s"),
+            known => meant_or_known(name.get_ref(), known),
+        };
+        let problem = self.problem(name.span(), message, label);
+        problem.with_help("this table gives other values to the scenario's rig: play it on a rig that has this, or leave it out")
+    }
+
+    fn problem(&self, span: Range<usize>, message: String, label: impl Into<String>) -> Problem {
+        self.scenario.source.problem(span, message, label)
+    }
+
+    /// Problems with the paths that a scenario has, which are without the names of models.
+    fn without_models(&self, problems: Vec<Problem>) -> impl Iterator<Item = Problem> {
+        let paths = self.rig.plant.iter().map(|(name, plant)| {
+            let short = format!("{PLANT}.{name}");
+            (format!("{short}.{}", plant.model()), short)
+        });
+        let paths = Vec::from_iter(paths);
+        problems.into_iter().map(move |problem| {
+            problem.renamed(|text| {
+                let named = paths.iter().fold(text.to_owned(), |text, (long, short)| {
+                    text.replace(long, short)
+                });
+                named.replace("the rig file", "the scenario")
+            })
+        })
+    }
+}
+
+/// The first of some keys in a table, or in one below it.
+fn first_of<'a, 'text>(
+    table: &'a DeTable<'text>,
+    keys: &[&str],
+) -> Option<&'a Spanned<DeString<'text>>> {
+    table.iter().find_map(|(key, value)| match value.get_ref() {
+        _ if keys.contains(&key.get_ref().as_ref()) => Some(key),
+        DeValue::Table(below) if key.get_ref() != "start" => first_of(below, keys),
+        _ => None,
+    })
+}
+
+/// The table at a key, which is made if it is missing.
+fn below<'a, 'text>(
+    tree: &'a mut DeTable<'text>,
+    name: &str,
+    at: &Range<usize>,
+) -> &'a mut DeTable<'text> {
+    let is_table = |value: &Spanned<DeValue<'_>>| value.get_ref().is_table();
+    if !tree.get(name).is_some_and(is_table) {
+        let key = Spanned::new(at.clone(), DeString::from(name.to_owned()));
+        let table = Spanned::new(at.clone(), DeValue::Table(DeTable::new()));
+        tree.insert(key, table);
+    }
+    match tree.get_mut(name).map(Spanned::get_mut) {
+        Some(DeValue::Table(table)) => table,
+        _ => unreachable!("made just above"),
+    }
+}
+
+/// Puts values in place of others, down to the last table.
+fn put<'text>(tree: &mut DeTable<'text>, values: &DeTable<'text>) {
+    for (key, value) in values {
+        let name: &str = key.get_ref();
+        match (tree.get_mut(name).map(Spanned::get_mut), value.get_ref()) {
+            (Some(DeValue::Table(below)), DeValue::Table(values)) => put(below, values),
+            _ => {
+                tree.remove(name);
+                tree.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// A table of another file, as if all of it stood here.
+fn placed_table<'text>(table: &DeTable<'text>, at: &Range<usize>) -> DeTable<'text> {
+    let entries = table.iter().map(|(key, value)| {
+        let key = Spanned::new(at.clone(), key.get_ref().clone());
+        (key, placed(value, at))
+    });
+    entries.collect()
+}
+
+fn placed<'text>(value: &Spanned<DeValue<'text>>, at: &Range<usize>) -> Spanned<DeValue<'text>> {
+    let inner = match value.get_ref() {
+        DeValue::Table(table) => DeValue::Table(placed_table(table, at)),
+        DeValue::Array(array) => {
+            let entries = array.iter().map(|below| placed(below, at));
+            DeValue::Array(entries.collect())
+        }
+        other => other.clone(),
+    };
+    Spanned::new(at.clone(), inner)
+}

@@ -1,0 +1,36 @@
+//! The rigs that ship: rig files like any other, compiled in as text.
+
+/// The rigs by name, each with its text.
+const RIGS: [(&str, &str); 6] = [
+    ("dc_motor", include_str!("../../../../scenarios/rigs/dc_motor.toml")),
+    ("four_drives", include_str!("../../../../scenarios/rigs/four_drives.toml")),
+    ("press", include_str!("../../../../scenarios/rigs/press.toml")),
+    ("sma_actuator", include_str!("../../../../scenarios/rigs/sma_actuator.toml")),
+    ("sma_pair", include_str!("../../../../scenarios/rigs/sma_pair.toml")),
+    ("two_axes", include_str!("../../../../scenarios/rigs/two_axes.toml")),
+];
+
+/// The text of the rig of a name.
+#[must_use]
+pub fn text(name: &str) -> Option<&'static str> {
+    let mut rigs = RIGS.iter();
+    rigs.find(|(rig, _)| *rig == name).map(|(_, text)| *text)
+}
+
+/// The names.
+#[must_use]
+pub fn names() -> [&'static str; 6] {
+    RIGS.map(|(name, _)| name)
+}
+
+/// Folder of a run folder that holds the rig where the scenario's own folder does not.
+pub const FOLDER: &str = "rig";
+
+/// Name in a run folder of the copy of a shipped rig, or of a rig file that took its place.
+#[must_use]
+pub fn copy_of(name: &str) -> String {
+    match name.ends_with(".toml") {
+        true => format!("{FOLDER}/{name}"),
+        false => format!("{FOLDER}/{name}.toml"),
+    }
+}
