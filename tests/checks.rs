@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::support::{canrig, only_run, output, root, scenario};
 
-const PLAYED: &str = "schema = 1\nname = \"checked\"\nseed = 7\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+const PLAYED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"checked\"\nseed = 7\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
     [[fault.node.crash]]\nfrom_seconds = 0.6\nnode = \"controller\"\n\n";
 

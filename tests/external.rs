@@ -14,7 +14,7 @@ use crate::support::{canrig, only_run, output, scenario};
 /// A warm hold that no busy machine bends, with limits on the wire's temperature and on a disturbance that nothing exceeds: 1 A
 /// for ever heats the wire to 138 °C.
 fn scenario_text() -> String {
-    "schema = 1\nname = \"swapped\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
+    "schema = 1\nrig = \"sma_actuator\"\nname = \"swapped\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
      [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
      [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 2.0\n\
      [expect]\ntemperature_celsius = { max = 140.0 }\nmaximum_deviation_millimetres = { max = 60.0 }\n"

@@ -19,7 +19,7 @@ fn steady(folder: &Path, duration_seconds: f64, mode: u32, from_seconds: f64) ->
     let bus = "[bus]\nsync_period_milliseconds = 20.0\n[plant.cart.fmu]\n";
     fs::write(&rig, text.replacen("[plant.cart.fmu]\n", bus, 1)).unwrap();
     let text = format!(
-        "schema = 2\nname = \"steady\"\nrig = \"rigs/cart.toml\"\nduration_seconds = {duration_seconds:?}\n\
+        "schema = 1\nrig = \"rigs/cart.toml\"\nname = \"steady\"\nduration_seconds = {duration_seconds:?}\n\
          [plant.cart.fmu.start]\nmode = {mode}\nfrom_seconds = {from_seconds:?}\n\
          [[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.05\n\
          [expect]\nmissed_cycles_percent = {{ max = 1.0 }}\n"

@@ -84,7 +84,7 @@ fn a_plant_that_does_not_ship_is_not_exported() {
 const LOCKSTEP: [&str; 4] = ["--clock", "lockstep", "--bus", "embedded"];
 
 const RIG: &str = r#"
-schema = 2
+schema = 1
 name = "cart"
 [plant.cart.fmu]
 file = "cart.fmu"
@@ -106,13 +106,13 @@ amplifier = { port = "cart.current_amperes", min = -1.0, max = 1.0 }
 sensor = { port = "cart.position_metres", unit = "millimetres", min = -10.0, max = 60.0, resolution_bits = 16 }
 [loop.height]
 feedback = "lift.position"
-drives = ["lift"]
+outputs = ["lift.current"]
 "#;
 
 const STEP: &str = r#"
-schema = 2
-name = "cart step"
+schema = 1
 rig = "rigs/cart.toml"
+name = "cart step"
 duration_seconds = 2.5
 [controller.pid]
 proportional_amperes_per_metre = 64.8

@@ -61,7 +61,7 @@ fn excitation() -> &'static Recording {
 /// A current step to `amperes`: short, and with or without motion.
 fn step_text(amperes: f64, duration_seconds: f64) -> String {
     format!(
-        "schema = 1\nname = \"step of current\"\nduration_seconds = {duration_seconds:.1}\n\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"step of current\"\nduration_seconds = {duration_seconds:.1}\n\n\
          [[controller.open_loop.step]]\nat_seconds = 0.5\ncurrent_amperes = {amperes}\n"
     )
 }
@@ -416,7 +416,7 @@ fn the_controller_takes_the_model_that_identification_found() {
 /// With Sec. 3 values a ramp to 0.8 A never lifts the load (PAPER I1).
 #[test]
 fn a_start_that_never_lifts_is_reported_and_replaced() {
-    let text = "schema = 1\nname = \"low ramp\"\nduration_seconds = 20.0\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 0.0\n\
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"low ramp\"\nduration_seconds = 20.0\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 0.0\n\
                 until_seconds = 10.0\ncurrent_amperes = 0.8\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 10.0\nuntil_seconds = 20.0\n\
                 current_amperes = 0.0\n";
     let measurements = [Recording::of(text).measurement()];

@@ -10,9 +10,9 @@ use toml::{Table, Value};
 
 use crate::support::{canrig, only_run, output};
 
-const SMA_ACTUATOR: &str = "schema = 1\nname = \"wire\"\nduration_seconds = 1.0\n[controller.sliding_mode]\n\
+const SMA_ACTUATOR: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"wire\"\nduration_seconds = 1.0\n[controller.sliding_mode]\n\
      [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n[plant]\n";
-const DC_MOTOR: &str = "schema = 1\nname = \"motor\"\nduration_seconds = 0.5\n\
+const DC_MOTOR: &str = "schema = 1\nrig = \"dc_motor\"\nname = \"motor\"\nduration_seconds = 0.5\n\
      [controller.pid]\ncurrent_amperes_min = -1.0\n[plant.dc_motor]\n\
      [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n";
 /// NMT, SYNC, EMCY, the PDOs of node 1, the drive's RPDO1, the requests to both nodes, and the heartbeat.

@@ -13,7 +13,7 @@ use crate::real_time::{in_real_time, wait_for};
 fn scenario_text(faults: &str) -> String {
     let seconds = if faults.is_empty() { 1 } else { 10 };
     format!(
-        "schema = 1\nname = \"flown\"\nduration_seconds = {seconds}.0\n[bus]\nsync_period_milliseconds = 20.0\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"flown\"\nduration_seconds = {seconds}.0\n[bus]\nsync_period_milliseconds = 20.0\n\
          [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n{faults}"
     )
 }

@@ -199,7 +199,7 @@ fn torture_draws_faults_of_each_node() {
 fn the_rig_that_ships_is_a_rig_file_like_any_other() {
     let folder = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(scenario("step.toml")).unwrap();
-    let text = text.replace("schema = 1", "schema = 2");
+    let text = text.replace("schema = 1", "schema = 1");
     let of_nodes = folder.path().join("step.toml");
     fs::write(&of_nodes, text).unwrap();
     let play = |path: &Path, name: &str| {
@@ -296,7 +296,7 @@ fn a_mistake_in_a_rig_file_is_said_once_and_of_a_rig() {
     let folder = tempfile::tempdir().unwrap();
     let rig = new_rig(folder.path());
     let file = rig.join("gantry.toml");
-    edit(&file, "drives = [\"b\"]", "drives = []");
+    edit(&file, "outputs = [\"b.current\"]", "outputs = []");
     let (code, _, stderr) = output(program(&["check"]).arg(&file));
     assert_eq!(code, Some(3), "{stderr}");
     assert_eq!(stderr.matches("  × ").count(), 2, "{stderr}");

@@ -18,7 +18,7 @@ const PERIOD: Duration = Duration::from_millis(100);
 
 fn scenario_text(expect: &str) -> String {
     format!(
-        "schema = 1\nname = \"shared\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"shared\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
          [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
          [expect]\nposition_millimetres_max = {{ max = 59.0 }}\n{expect}"
     )

@@ -9,7 +9,7 @@ use std::time::Duration;
 use crate::support::{canrig, only_run, output, runs};
 
 /// A short hold that the plant reaches; above 15 mm it misses its limit.
-const BASE: &str = "schema = 1\nname = \"swept\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"swept\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
     [expect]\nposition_millimetres_max = { max = 15.0 }\n\n\
     [[expect.signal]]\nname = \"position_millimetres\"\nfollows = { file = \"course.csv\", tolerance = 60.0 }\n\n";
