@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     fn scenario(plant: &str) -> Scenario {
-        let head = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let head = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let text = format!("{head}{plant}");
         Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
     }

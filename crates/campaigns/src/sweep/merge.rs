@@ -283,7 +283,7 @@ mod tests {
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
 
-    const TEXT: &str = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+    const TEXT: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n\
         [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
 

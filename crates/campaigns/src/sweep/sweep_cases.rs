@@ -317,7 +317,7 @@ mod tests {
 
     fn cases(sweep: &str) -> SweepCases {
         let text = format!(
-            "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();

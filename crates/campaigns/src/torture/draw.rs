@@ -274,7 +274,7 @@ mod tests {
     use super::*;
     use crate::torture::TortureCase;
 
-    const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+    const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
     #[test]
