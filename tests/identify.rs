@@ -19,7 +19,7 @@ use tempfile::TempDir;
 use crate::support::{canrig, only_run, output, scenario};
 
 const SIX: &str = "C,h,As,Af,Ms,Mf";
-const NOISE_OF_ONE_STEP: &str = "\n[plant.sensor]\nnoise_millimetres_rms = 0.05859375\n";
+const NOISE_OF_ONE_STEP: &str = "\n[node.drive.sensor]\nnoise_rms = 0.05859375\n";
 
 /// A scenario played, and the folder that it lies in.
 struct Recording {

@@ -203,7 +203,7 @@ fn a_position_that_cannot_be_is_reported_before_current_flows() {
             other,
             "position      -50.00 to -50.00 mm without current, beyond the limits",
         );
-        let noise = "[plant.sensor]\nnoise_millimetres_rms = 0.3\n";
+        let noise = "[node.drive.sensor]\nnoise_rms = 0.3\n";
         fails(flown("", noise), "position      it moves from ");
     });
 }

@@ -147,7 +147,7 @@ fn a_sweep_has_the_names_of_the_loops() {
     let steps = rig.join("gantry_steps.toml");
     let sweep = "[sweep]\ndraws = 2\n\
         [[sweep.list]]\nkey = \"controller.all.pid.set_point_weight\"\nvalues = [0.377, 0.38]\n\
-        [[sweep.uniform]]\nkey = \"plant.axis_b.dc_motor.load_kilograms\"\nfrom = 0.5\nto = 0.6\n\n[expect]\n";
+        [[sweep.uniform]]\nkey = \"plant.axis_b.load_kilograms\"\nfrom = 0.5\nto = 0.6\n\n[expect]\n";
     edit(&steps, "[expect]\n", sweep);
     let runs = folder.path().join("runs");
     let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(&steps));
@@ -157,7 +157,7 @@ fn a_sweep_has_the_names_of_the_loops() {
     let header = lines.next().unwrap();
     for column in [
         "controller.all.pid.set_point_weight",
-        "plant.axis_b.dc_motor.load_kilograms",
+        "plant.axis_b.load_kilograms",
         "a.overshoot_percent",
         "b.overshoot_percent",
         "bus_load_percent",

@@ -472,7 +472,7 @@ mod tests {
         let text = TEXT.replace(
             "[sweep]\n",
             "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
-        ) + "[[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+        ) + "[[sweep.uniform]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
         let cases = SweepCases::new(&plan).unwrap();

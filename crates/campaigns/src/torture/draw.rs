@@ -298,7 +298,7 @@ mod tests {
 
     #[test]
     fn a_plant_meets_no_fault_that_means_nothing_to_it() {
-        let base = format!("{BASE}[plant.dc_motor]\n");
+        let base = BASE.replace("sma_actuator", "dc_motor");
         let scenario = Scenario::parse(&base, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
