@@ -207,9 +207,6 @@ fn the_signals_of_a_scenario_and_of_a_run_are_listed() {
     assert!(!signals(&[], None).1.contains("winding_temperature_celsius"));
     let circle = folder.path().join("circle.toml");
     let text = fs::read_to_string(scenario("two_axes_circle.toml")).unwrap();
-    let rig = "rigs/two_axes.toml";
-    fs::create_dir(folder.path().join("rigs")).unwrap();
-    fs::copy(root().join("scenarios").join(rig), folder.path().join(rig)).unwrap();
     let wrong = wrong.replace("expect", "expect.x");
     fs::write(&circle, format!("{text}\n{wrong}")).unwrap();
     let (code, of_loops, stderr) = signals(&[], Some(&circle));

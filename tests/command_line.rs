@@ -227,7 +227,7 @@ fn a_scenario_that_ships_is_found_by_its_name_from_anywhere() {
     assert_eq!(code, Some(3));
     assert!(stderr.contains("did you mean `motor_step`?"), "{stderr}");
     // A file of this name comes first.
-    fs::write(folder.path().join("step"), "schema = 1\n").unwrap();
+    fs::write(folder.path().join("step"), "schema = 7\n").unwrap();
     let (code, _, stderr) = play("step");
     assert_eq!(code, Some(3));
     assert!(stderr.contains("schema"), "{stderr}");

@@ -233,9 +233,6 @@ fn a_fault_of_one_loop_explains_what_another_misses() {
 #[track_caller]
 fn log_of_the_joint(name: &str, change: impl Fn(&str) -> String) -> String {
     let folder = tempfile::tempdir().unwrap();
-    fs::create_dir(folder.path().join("rigs")).unwrap();
-    let rig = root().join("scenarios/rigs/sma_pair.toml");
-    fs::copy(rig, folder.path().join("rigs/sma_pair.toml")).unwrap();
     let text = fs::read_to_string(scenario(name)).unwrap();
     let path = folder.path().join("changed.toml");
     fs::write(&path, change(&text)).unwrap();

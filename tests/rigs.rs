@@ -1,4 +1,4 @@
-//! Rig files of schema 2, and what is played on them, as a user meets them.
+//! Rig files, and what is played on them, as a user meets them.
 
 use std::fs;
 use std::ops::Range;
@@ -198,10 +198,11 @@ fn torture_draws_faults_of_each_node() {
 #[test]
 fn the_rig_that_ships_is_a_rig_file_like_any_other() {
     let folder = tempfile::tempdir().unwrap();
-    let text = fs::read_to_string(scenario("step.toml")).unwrap();
-    let text = text.replace("schema = 1", "schema = 1");
-    let of_nodes = folder.path().join("step.toml");
-    fs::write(&of_nodes, text).unwrap();
+    let shipped = scenario("rigs/sma_actuator.toml");
+    fs::copy(shipped, folder.path().join("actuator.toml")).unwrap();
+    let copied = folder.path().join("step.toml");
+    fs::copy(scenario("step.toml"), &copied).unwrap();
+    edit(&copied, "rig = \"sma_actuator\"", "rig = \"actuator.toml\"");
     let play = |path: &Path, name: &str| {
         let runs = folder.path().join(name);
         let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(path));
@@ -209,7 +210,7 @@ fn the_rig_that_ships_is_a_rig_file_like_any_other() {
         only_run(&runs)
     };
     let one = play(&scenario("step.toml"), "one");
-    let other = play(&of_nodes, "other");
+    let other = play(&copied, "other");
     for file in ["bus.log", "signals.csv", "frames.dbc"] {
         let read = |run: &Path| fs::read(run.join(file)).unwrap();
         assert!(read(&one) == read(&other), "{file}");

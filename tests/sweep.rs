@@ -307,7 +307,7 @@ fn what_cannot_be_swept_is_refused() {
     assert_eq!(code, Some(3));
     for text in [
         "did you mean `plant.wire.mechanics.load_kilograms`?",
-        "swept.toml:26:24",
+        "swept.toml:27:29",
     ] {
         assert!(stderr.contains(text), "{text}: {stderr}");
     }
