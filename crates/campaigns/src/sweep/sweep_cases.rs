@@ -34,7 +34,7 @@ pub struct SweepCases {
     draws: usize,
     runs: usize,
     id: String,
-    /// The loops of a scenario of schema 2, with which its cases share what their frames mean.
+    /// The plan of the scenario, with which its cases share what their frames mean.
     base: Plan,
 }
 
