@@ -152,9 +152,9 @@ fn the_cycle_of_controller_and_rig_allocates_nothing() {
 fn allocations_to_refuse(entries: usize) -> u64 {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scenario.toml");
-    let text = "schema = 2\nname = \"s\"\nrig = \"rig.toml\"\nduration_seconds = 1.0\n";
+    let text = "schema = 1\nrig = \"rig.toml\"\nname = \"s\"\nduration_seconds = 1.0\n";
     fs::write(&path, text).unwrap();
-    let mut rig = "schema = 2\nname = \"r\"\n".to_owned();
+    let mut rig = "schema = 1\nname = \"r\"\n".to_owned();
     for table in ["node", "plant", "loop"] {
         rig += &format!("[{table}]\n");
         rig.extend((0..entries).map(|number| format!("n{number}={{}}\n")));

@@ -8,9 +8,7 @@ use std::process::Command;
 
 use fmu::description::Version;
 use fmu::export::write_fmu;
-use rig::plan::Plan;
-use rig::rig_file::LoadedRig;
-use scenario::rig::RigFile;
+use rig::plan::{Plan, check_rig};
 use scenario::rig::nodes::Rig;
 use serde_json::Value;
 use toml::Table;
@@ -238,10 +236,8 @@ fn load(folder: &Path, text: &str) -> Result<(), String> {
     let path = folder.join("snippet.toml");
     fs::write(&path, text).unwrap();
     let catalogue = worlds::catalogue::catalogue();
-    let loaded = if RigFile::is_meant(text) {
-        LoadedRig::load(&path).map(drop).map_err(miette_text)
-    } else if text.contains("[loop.") {
-        Rig::parse(text, "snippet.toml")
+    let loaded = if Rig::is_meant(text) {
+        check_rig(text, &path.display().to_string(), catalogue)
             .map(drop)
             .map_err(miette_text)
     } else {

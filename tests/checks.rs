@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::support::{canrig, only_run, output, root, scenario};
 
-const PLAYED: &str = "schema = 1\nname = \"checked\"\nseed = 7\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+const PLAYED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"checked\"\nseed = 7\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
     [[fault.node.crash]]\nfrom_seconds = 0.6\nnode = \"controller\"\n\n";
 
@@ -207,9 +207,6 @@ fn the_signals_of_a_scenario_and_of_a_run_are_listed() {
     assert!(!signals(&[], None).1.contains("winding_temperature_celsius"));
     let circle = folder.path().join("circle.toml");
     let text = fs::read_to_string(scenario("two_axes_circle.toml")).unwrap();
-    let rig = "rigs/two_axes.toml";
-    fs::create_dir(folder.path().join("rigs")).unwrap();
-    fs::copy(root().join("scenarios").join(rig), folder.path().join(rig)).unwrap();
     let wrong = wrong.replace("expect", "expect.x");
     fs::write(&circle, format!("{text}\n{wrong}")).unwrap();
     let (code, of_loops, stderr) = signals(&[], Some(&circle));

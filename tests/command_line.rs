@@ -46,7 +46,7 @@ fn the_current_of_a_recording_plays_again_to_the_same_motion() {
     let again = folder.path().join("again.toml");
     fs::write(
         &again,
-        "schema = 1\nname = \"again\"\nduration_seconds = 12.0\n[[controller.open_loop.table]]\nfrom_seconds = 0.0\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"again\"\nduration_seconds = 12.0\n[[controller.open_loop.table]]\nfrom_seconds = 0.0\n\
          file = \"recorded.csv\"\ncolumn = \"target_current_amperes\"\n",
     )
     .unwrap();
@@ -227,7 +227,7 @@ fn a_scenario_that_ships_is_found_by_its_name_from_anywhere() {
     assert_eq!(code, Some(3));
     assert!(stderr.contains("did you mean `motor_step`?"), "{stderr}");
     // A file of this name comes first.
-    fs::write(folder.path().join("step"), "schema = 2\n").unwrap();
+    fs::write(folder.path().join("step"), "schema = 7\n").unwrap();
     let (code, _, stderr) = play("step");
     assert_eq!(code, Some(3));
     assert!(stderr.contains("schema"), "{stderr}");

@@ -17,7 +17,7 @@ fn coverage(arguments: &[&str], folders: &[&Path]) -> (Option<i32>, String, Stri
 fn scenario_file(folder: &Path, current_amperes_max: f64) -> PathBuf {
     let path = folder.join("hold.toml");
     let text = format!(
-        "schema = 1\nname = \"hold\"\nduration_seconds = 0.2\n[controller.sliding_mode]\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"hold\"\nduration_seconds = 0.2\n[controller.sliding_mode]\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
          [expect]\ncurrent_amperes_rms = {{ max = {current_amperes_max:.1} }}\n\
          [expect.requirements]\ncurrent_amperes_rms = [\"REQ-1\"]\n"
@@ -210,7 +210,7 @@ fn coverage_shows_what_is_met_missed_broken_off_and_never_tested() {
     let write = |name: &str, max: f64, requirements: &str| {
         let path = folder.path().join(format!("{name}.toml"));
         let text = format!(
-            "schema = 1\nname = \"{name}\"\n{requirements}\nduration_seconds = 0.2\n[controller.sliding_mode]\n\
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"{name}\"\n{requirements}\nduration_seconds = 0.2\n[controller.sliding_mode]\n\
              [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
              [expect]\ncurrent_amperes_rms = {{ max = {max:.1} }}\n\
              [expect.requirements]\ncurrent_amperes_rms = [\"REQ-1\"]\n\

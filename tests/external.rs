@@ -9,16 +9,26 @@ use std::time::Duration;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::real_time::{Started, in_real_time, wait_for};
-use crate::support::{canrig, only_run, output, scenario};
+use crate::support::{canrig, only_run, output, rig_of_a_drive, scenario};
+
+const CYCLE: &str = "[bus]\nsync_period_milliseconds = 100.0\n";
+const FAN: &str = "[[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 2.0\n";
+const DEVIATION: &str = "maximum_deviation_millimetres = { max = 60.0 }\n";
 
 /// A warm hold that no busy machine bends, with limits on the wire's temperature and on a disturbance that nothing exceeds: 1 A
 /// for ever heats the wire to 138 °C.
 fn scenario_text() -> String {
-    "schema = 1\nname = \"swapped\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
-     [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
-     [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 2.0\n\
-     [expect]\ntemperature_celsius = { max = 140.0 }\nmaximum_deviation_millimetres = { max = 60.0 }\n"
-        .to_owned()
+    format!(
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"swapped\"\nduration_seconds = 3.0\n{CYCLE}\
+         [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n{FAN}\
+         [expect]\ntemperature_celsius = {{ max = 140.0 }}\n{DEVIATION}"
+    )
+}
+
+/// The same for the rig of [`rig_file`], which has a cycle of its own and no fan.
+fn text_for_rig() -> String {
+    let without = |text: String, part: &str| text.replace(part, "");
+    [CYCLE, FAN, DEVIATION].into_iter().fold(scenario_text(), without)
 }
 
 /// A run that expects a node on its embedded bus.
@@ -34,24 +44,29 @@ pub(crate) struct Run {
 /// A rig file for the emulator as the drive, whose load may rise so far.
 fn rig_file(folder: &Path, position_max: f64) -> PathBuf {
     let path = folder.join("emulated.toml");
-    let text = format!(
-        "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = 50.0\n[limits]\ncurrent_amperes = 1.0\n\
-         position_millimetres = {{ min = -1.0, max = {position_max:.1} }}\nspeed_millimetres_per_second = 1e4\n\
-         [timeouts]\ndrive_lost_milliseconds = 1000\ncontroller_lost_milliseconds = 1000\n"
+    let drive = format!(
+        "limits = {{ current_amperes = 1.0, min = -1.0, max = {position_max:.1}, rate_max = 1e4 }}\n\
+         timeouts = {{ drive_lost_milliseconds = 1000, controller_lost_milliseconds = 1000 }}"
     );
-    fs::write(&path, text).unwrap();
+    fs::write(&path, rig_of_a_drive(50.0, &drive)).unwrap();
     path
 }
 
 impl Run {
+    /// Without the part of the pre-flight that takes longest, which `preflight` is about.
     fn expecting(folder: &Path, external: &str) -> Self {
-        Self::with(folder, &["--external", external])
+        let arguments = ["--external", external, "--no-heating"];
+        Self::of(&scenario_text(), folder, &arguments)
     }
 
-    /// Without the part of the pre-flight that takes longest, which `preflight` is about.
-    fn with(folder: &Path, arguments: &[&str]) -> Self {
-        let arguments = [arguments, &["--no-heating"]].concat();
-        Self::of(&scenario_text(), folder, &arguments)
+    /// On the rig of [`rig_file`]. Our nodes, which stand for somebody else's, know nothing of it.
+    fn on_rig(folder: &Path, position_max: f64, more: &[&str]) -> Self {
+        let rig = rig_file(folder, position_max);
+        let arguments = ["--rig", rig.to_str().unwrap(), "--no-heating"];
+        let run = Self::of(&text_for_rig(), folder, &[&arguments[..], more].concat());
+        let scenario = folder.join("elsewhere.toml");
+        fs::write(&scenario, scenario_text().replace("= 100.0", "= 50.0")).unwrap();
+        Self { scenario, ..run }
     }
 
     pub(crate) fn of(text: &str, folder: &Path, arguments: &[&str]) -> Self {
@@ -228,7 +243,7 @@ fn what_cannot_be_external_is_refused() {
         (code, stderr)
     };
     let bus = ["--bus", "embedded"];
-    let (code, text) = refused(&[&bus[..], &["--external", "fan"]].concat(), "step.toml");
+    let (code, text) = refused(&[&bus[..], &["--external", "disturbance"]].concat(), "step.toml");
     assert!(
         code == Some(3) && text.contains("needs --external drive"),
         "{code:?} {text}"
@@ -254,8 +269,7 @@ fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         // At such a cycle the law overshoots by far.
-        let rig = rig_file(folder.path(), 70.0);
-        let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
+        let run = Run::on_rig(folder.path(), 70.0, &[]);
         let (code, text, run) = run.end_beside("plant-emulator");
         assert_eq!(code, Some(5), "{text}");
         assert!(
@@ -263,7 +277,7 @@ fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
             "{text}"
         );
         assert_eq!(verdict(&run)["external"], serde_json::json!(["drive"]));
-        // 3 s at the 50 ms of the rig file, where the scenario has 100 ms.
+        // 3 s at the 50 ms of the rig file.
         let rows = values(&run, "position_millimetres");
         assert!((55..=60).contains(&rows), "{rows}");
         replays_undecided_again(&run);
@@ -277,12 +291,12 @@ fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
         let rig = rig_file(folder.path(), 8.0);
         let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
         let low =
-            scenario_text().replace("position_millimetres = 10.0", "position_millimetres = 5.0");
+            text_for_rig().replace("position_millimetres = 10.0", "position_millimetres = 5.0");
         let run = Run::of(&low, folder.path(), &arguments);
-        let drive = run.start("plant-emulator");
-        // It knows of no rig file and heads for 10 mm, at a cycle of its own.
+        // They know of no rig file; the controller heads for 10 mm, at a cycle of its own.
         let elsewhere = folder.path().join("elsewhere.toml");
         fs::write(&elsewhere, scenario_text()).unwrap();
+        let drive = start(&run.address, "plant-emulator", &elsewhere);
         let controller = start(&run.address, "controller", &elsewhere);
         let (code, text, run) = run.end();
         stop(drive);
@@ -386,8 +400,7 @@ fn a_controller_that_enables_nothing_and_one_that_is_not_there_fail_the_run() {
 fn a_drive_that_dies_beside_our_controller_is_named() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
-        let rig = rig_file(folder.path(), 70.0);
-        let run = Run::with(folder.path(), &["--rig", rig.to_str().unwrap()]);
+        let run = Run::on_rig(folder.path(), 70.0, &[]);
         let mut drive = run.start("plant-emulator");
         let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
         wait_for("the scenario to go on", || {
@@ -405,9 +418,7 @@ fn a_drive_that_dies_beside_our_controller_is_named() {
 fn ctrl_c_stops_a_drive_that_a_foreign_controller_leads() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
-        let rig = rig_file(folder.path(), 70.0);
-        let arguments = ["--rig", rig.to_str().unwrap(), "--external", "controller"];
-        let run = Run::with(folder.path(), &arguments);
+        let run = Run::on_rig(folder.path(), 70.0, &["--external", "controller"]);
         let drive = run.start("plant-emulator");
         let controller = start(&run.address, "controller", &run.scenario);
         let log = || fs::read_to_string(only_run(&run.runs).join("bus.log")).unwrap_or_default();
@@ -436,12 +447,12 @@ fn rig_files_are_checked_like_scenarios() {
         code == Some(0) && text.contains("valid (rig: emulated)"),
         "{text}"
     );
-    let text = fs::read_to_string(&path).unwrap() + "[drive]\nnode = 3\n";
+    let text = fs::read_to_string(&path).unwrap() + "node = 3\n";
     fs::write(&path, text).unwrap();
     let (code, _, stderr) = check(&path);
     assert_eq!(code, Some(3));
     assert!(
-        stderr.contains("unknown key `node` in [drive]") && stderr.contains("node = 3"),
+        stderr.contains("unknown key `node` in [node.drive]") && stderr.contains("node = 3"),
         "{stderr}"
     );
 }
@@ -451,7 +462,7 @@ fn rig_files_are_checked_like_scenarios() {
 fn a_rigs_eds_with_a_pdo_identifier_of_29_bits_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = rig_file(folder.path(), 45.0);
-    let text = fs::read_to_string(&path).unwrap() + "[drive]\neds = \"drive.eds\"\n";
+    let text = fs::read_to_string(&path).unwrap() + "eds = \"drive.eds\"\n";
     fs::write(&path, text).unwrap();
     let eds = dbc::DRIVE_EDS.replace("$NODEID+0x40000180", "0x20000190");
     for (eds, code) in [(dbc::DRIVE_EDS, 0), (&eds, 3)] {

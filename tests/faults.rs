@@ -61,7 +61,7 @@ fn a_reaction_that_does_not_come_fails() {
         let mut scenario = Scenario::load(&path).unwrap();
         let harmless = "[[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";
         let text = format!(
-            "schema = 1\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n[[reference.hold]]\n\
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 1.0\n{harmless}"
         );
         let without = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
@@ -233,9 +233,6 @@ fn a_fault_of_one_loop_explains_what_another_misses() {
 #[track_caller]
 fn log_of_the_joint(name: &str, change: impl Fn(&str) -> String) -> String {
     let folder = tempfile::tempdir().unwrap();
-    fs::create_dir(folder.path().join("rigs")).unwrap();
-    let rig = root().join("scenarios/rigs/sma_pair.toml");
-    fs::copy(rig, folder.path().join("rigs/sma_pair.toml")).unwrap();
     let text = fs::read_to_string(scenario(name)).unwrap();
     let path = folder.path().join("changed.toml");
     fs::write(&path, change(&text)).unwrap();

@@ -19,8 +19,8 @@ fn steady(folder: &Path, duration_seconds: f64, mode: u32, from_seconds: f64) ->
     let bus = "[bus]\nsync_period_milliseconds = 20.0\n[plant.cart.fmu]\n";
     fs::write(&rig, text.replacen("[plant.cart.fmu]\n", bus, 1)).unwrap();
     let text = format!(
-        "schema = 2\nname = \"steady\"\nrig = \"rigs/cart.toml\"\nduration_seconds = {duration_seconds:?}\n\
-         [plant.cart.fmu.start]\nmode = {mode}\nfrom_seconds = {from_seconds:?}\n\
+        "schema = 1\nrig = \"rigs/cart.toml\"\nname = \"steady\"\nduration_seconds = {duration_seconds:?}\n\
+         [plant.cart.start]\nmode = {mode}\nfrom_seconds = {from_seconds:?}\n\
          [[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.05\n\
          [expect]\nmissed_cycles_percent = {{ max = 1.0 }}\n"
     );
@@ -144,8 +144,8 @@ fn hanging(folder: &Path, name: &str) -> (Started, Pid) {
     let mut canrig = canrig(&folder.join(name), "simulate");
     canrig
         .arg(folder.join("step.toml"))
-        .args(["--set", "plant.cart.fmu.start.mode=2"])
-        .args(["--set", "plant.cart.fmu.start.from_seconds=0.0"])
+        .args(["--set", "plant.cart.start.mode=2"])
+        .args(["--set", "plant.cart.start.from_seconds=0.0"])
         .env("TMPDIR", folder.join("temporary"))
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
@@ -191,7 +191,7 @@ fn what_a_killed_emulator_unpacked_is_removed_by_the_next_one() {
     wait_for("the worker's end", || is_gone(worker));
     assert_eq!(left(&runtime).len(), 1);
     let mut next = canrig(&folder.path().join("next"), "simulate");
-    let sound = ["--set", "plant.cart.fmu.start.mode=0"];
+    let sound = ["--set", "plant.cart.start.mode=0"];
     let next = next.arg(steady).args(sound).env("TMPDIR", &runtime);
     let (code, stdout, stderr) = output(next);
     assert_eq!(code, Some(0), "{stdout}{stderr}");

@@ -84,7 +84,7 @@ fn a_plant_that_does_not_ship_is_not_exported() {
 const LOCKSTEP: [&str; 4] = ["--clock", "lockstep", "--bus", "embedded"];
 
 const RIG: &str = r#"
-schema = 2
+schema = 1
 name = "cart"
 [plant.cart.fmu]
 file = "cart.fmu"
@@ -106,13 +106,13 @@ amplifier = { port = "cart.current_amperes", min = -1.0, max = 1.0 }
 sensor = { port = "cart.position_metres", unit = "millimetres", min = -10.0, max = 60.0, resolution_bits = 16 }
 [loop.height]
 feedback = "lift.position"
-drives = ["lift"]
+outputs = ["lift.current"]
 "#;
 
 const STEP: &str = r#"
-schema = 2
-name = "cart step"
+schema = 1
 rig = "rigs/cart.toml"
+name = "cart step"
 duration_seconds = 2.5
 [controller.pid]
 proportional_amperes_per_metre = 64.8
@@ -288,7 +288,7 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
         for world in ["simulate", "run"] {
             let runs = folder.path().join(format!("{world}-{mode}"));
             let mut canrig = canrig(&runs, world);
-            let start = |value: &str| format!("plant.cart.fmu.start.{value}");
+            let start = |value: &str| format!("plant.cart.start.{value}");
             canrig
                 .arg(&step)
                 .args(["--set", &start(&format!("mode={mode}"))])
@@ -327,7 +327,7 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
     }
     // It refuses long steps and gets short ones.
     let runs = folder.path().join("discards");
-    let set = ["--set", "plant.cart.fmu.start.mode=1"];
+    let set = ["--set", "plant.cart.start.mode=1"];
     let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&step).args(set));
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 }
@@ -337,7 +337,7 @@ fn a_swept_value_that_the_fmu_does_not_take_is_found_before_any_run() {
     let folder = tempfile::tempdir().unwrap();
     let step = cart(folder.path(), "");
     let swept = |sweep: &str| {
-        let key = "key = \"plant.cart.fmu.start.mass_kilograms\"";
+        let key = "key = \"plant.cart.start.mass_kilograms\"";
         let sweep = format!("[sweep]\n{}\n[expect]\n", sweep.replace("KEY", key));
         fs::write(&step, STEP.replacen("[expect]\n", &sweep, 1)).unwrap();
     };
@@ -519,7 +519,7 @@ fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
 fn a_sweep_ends_when_its_fmu_becomes_another_one() {
     let folder = tempfile::tempdir().unwrap();
     let step = cart(folder.path(), "");
-    let sweep = "[sweep]\ndraws = 2000\n[[sweep.uniform]]\nkey = \"plant.cart.fmu.start.mass_kilograms\"\nfrom = 1.8\nto = 2.8\n[expect]\n";
+    let sweep = "[sweep]\ndraws = 2000\n[[sweep.uniform]]\nkey = \"plant.cart.start.mass_kilograms\"\nfrom = 1.8\nto = 2.8\n[expect]\n";
     fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
     let place = folder.path().join("runs");
     let mut command = canrig(&place, "sweep");
@@ -550,7 +550,7 @@ fn a_sweep_ends_when_its_fmu_becomes_another_one() {
 fn a_parameter_of_an_fmu_is_swept_and_no_row_of_another_fmu_counts() {
     let folder = tempfile::tempdir().unwrap();
     let step = cart(folder.path(), "");
-    let sweep = "[sweep]\n[[sweep.list]]\nkey = \"plant.cart.fmu.start.mass_kilograms\"\nvalues = [1.8, 2.1, 2.4, 2.7]\n[expect]\n";
+    let sweep = "[sweep]\n[[sweep.list]]\nkey = \"plant.cart.start.mass_kilograms\"\nvalues = [1.8, 2.1, 2.4, 2.7]\n[expect]\n";
     fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
     let folder_of = |name: &str| folder.path().join(name);
     let play = |name: &str| {
@@ -580,7 +580,7 @@ fn a_parameter_of_an_fmu_is_swept_and_no_row_of_another_fmu_counts() {
     let (code, _, stderr) = output(canrig(&folder_of("wrong"), "sweep").arg(&step));
     assert_eq!(code, Some(3), "{stderr}");
     assert!(
-        stderr.contains("did you mean `plant.cart.fmu.start.mass_kilograms`?"),
+        stderr.contains("did you mean `plant.cart.start.mass_kilograms`?"),
         "{stderr}"
     );
 }

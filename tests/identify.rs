@@ -12,14 +12,15 @@ use paper::identify::parameter::{self, Parameter};
 use paper::identify::report;
 use paper::identify::search::{self, Detour, Solution};
 use paper::identify::start::{self, Start};
+use paper::identify::played::text_on_shipped_rig;
 use paper::identify::statistics::FitStatistics;
 use scenario::plant::Plant;
 use tempfile::TempDir;
 
-use crate::support::{canrig, only_run, output, scenario};
+use crate::support::{canrig, only_run, output, rig_of_a_drive, scenario};
 
 const SIX: &str = "C,h,As,Af,Ms,Mf";
-const NOISE_OF_ONE_STEP: &str = "\n[plant.sensor]\nnoise_millimetres_rms = 0.05859375\n";
+const NOISE_OF_ONE_STEP: &str = "\n[node.drive.sensor]\nnoise_rms = 0.05859375\n";
 
 /// A scenario played, and the folder that it lies in.
 struct Recording {
@@ -61,7 +62,7 @@ fn excitation() -> &'static Recording {
 /// A current step to `amperes`: short, and with or without motion.
 fn step_text(amperes: f64, duration_seconds: f64) -> String {
     format!(
-        "schema = 1\nname = \"step of current\"\nduration_seconds = {duration_seconds:.1}\n\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"step of current\"\nduration_seconds = {duration_seconds:.1}\n\n\
          [[controller.open_loop.step]]\nat_seconds = 0.5\ncurrent_amperes = {amperes}\n"
     )
 }
@@ -238,7 +239,7 @@ fn a_ramp_still_determines_some_parameters_when_the_others_are_known() {
 
 #[test]
 fn a_truth_with_the_full_law_shows_as_a_model_error() {
-    let text = excitation_text() + "\n[plant.mechanics]\nstress_strain = \"full\"\n";
+    let text = excitation_text() + "\n[plant.wire.mechanics]\nstress_strain = \"full\"\n";
     let measurements = [Recording::of(&text).measurement()];
     let start = Start::Section3.plant().unwrap();
     let wrong = fit(&measurements, SIX).coarse();
@@ -268,7 +269,7 @@ fn excitation_of(plant: &Plant, seed: u64) -> Recording {
     scenario.seed = seed;
     scenario.plant = plant.clone();
     scenario.plant.sensor.noise_millimetres_rms = 0.03;
-    Recording::of(&scenario.to_text().unwrap())
+    Recording::of(&text_on_shipped_rig(&scenario).unwrap())
 }
 
 #[test]
@@ -352,7 +353,7 @@ fn warm_step(folder: &Path, truth: &Plant, model: Option<&str>) -> (f64, f64) {
     let text = fs::read_to_string(scenario("step.toml")).unwrap();
     let mut scenario = scenario::Scenario::parse(&text, "step.toml", |_| unreachable!()).unwrap();
     scenario.plant = truth.clone();
-    let text = scenario.to_text().unwrap();
+    let text = text_on_shipped_rig(&scenario).unwrap();
     let file =
         model.map(|file| format!("[controller.sliding_mode]\nnominal_model_file = \"{file}\"\n"));
     let law = "[controller.sliding_mode]\n";
@@ -393,7 +394,7 @@ fn the_controller_takes_the_model_that_identification_found() {
     let recording = {
         let mut scenario = scenario::Scenario::load(&scenario("identify_excitation.toml")).unwrap();
         scenario.plant = truth.clone();
-        Recording::of(&scenario.to_text().unwrap())
+        Recording::of(&text_on_shipped_rig(&scenario).unwrap())
     };
     let folder = tempfile::tempdir().unwrap();
     let results = folder.path().join("identified");
@@ -416,7 +417,7 @@ fn the_controller_takes_the_model_that_identification_found() {
 /// With Sec. 3 values a ramp to 0.8 A never lifts the load (PAPER I1).
 #[test]
 fn a_start_that_never_lifts_is_reported_and_replaced() {
-    let text = "schema = 1\nname = \"low ramp\"\nduration_seconds = 20.0\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 0.0\n\
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"low ramp\"\nduration_seconds = 20.0\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 0.0\n\
                 until_seconds = 10.0\ncurrent_amperes = 0.8\n\n[[controller.open_loop.ramp]]\nfrom_seconds = 10.0\nuntil_seconds = 20.0\n\
                 current_amperes = 0.0\n";
     let measurements = [Recording::of(text).measurement()];
@@ -485,10 +486,10 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     let recording = Recording::of(&step_text(0.8, 4.0));
     let emulated = recording.measurement();
     // The same drive as if it measured no current and its sensor were of another kind.
-    let rig = "schema = 1\nname = \"silent\"\n[drive]\ncurrent = { object = \"\" }\n\
-        position = { resolution_millimetres = 0.025 }\n[limits]\ncurrent_amperes = 1.0\n\
-        position_millimetres = { min = -1.0, max = 59.5 }\nspeed_millimetres_per_second = 1e4\n";
-    fs::write(recording.run.join("rig.toml"), rig).unwrap();
+    let drive = "current = { object = \"\" }\nposition = { resolution = 0.025 }\n\
+        limits = { current_amperes = 1.0, min = -1.0, max = 59.5, rate_max = 1e4 }";
+    let rig = rig_of_a_drive(1.0, drive);
+    fs::write(recording.run.join("rig/sma_actuator.toml"), rig).unwrap();
     let silent = recording.measurement();
     assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);
     assert!(silent.sensor.span_millimetres >= 59.5);

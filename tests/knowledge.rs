@@ -10,10 +10,10 @@ use toml::{Table, Value};
 
 use crate::support::{canrig, only_run, output};
 
-const SMA_ACTUATOR: &str = "schema = 1\nname = \"wire\"\nduration_seconds = 1.0\n[controller.sliding_mode]\n\
-     [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n[plant]\n";
-const DC_MOTOR: &str = "schema = 1\nname = \"motor\"\nduration_seconds = 0.5\n\
-     [controller.pid]\ncurrent_amperes_min = -1.0\n[plant.dc_motor]\n\
+const SMA_ACTUATOR: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"wire\"\nduration_seconds = 1.0\n[controller.sliding_mode]\n\
+     [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n";
+const DC_MOTOR: &str = "schema = 1\nrig = \"dc_motor\"\nname = \"motor\"\nduration_seconds = 0.5\n\
+     [controller.pid]\ncurrent_amperes_min = -1.0\n\
      [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n";
 /// NMT, SYNC, EMCY, the PDOs of node 1, the drive's RPDO1, the requests to both nodes, and the heartbeat.
 const OF_THE_CONTROLLER: [u16; 11] = [
@@ -78,21 +78,44 @@ fn compared(text: &str) -> Compared {
     compared
 }
 
-/// The plant's table with all that its file leaves out.
+/// The tables of the plant and of its drive's sensor and amplifier, with all that the files leave out.
 fn plant(folder: &Path, text: &str) -> Table {
     let path = folder.join("plant.toml");
     fs::write(&path, text).unwrap();
     let scenario = scenario::Scenario::load(&path).unwrap();
     let mut plant = Table::try_from(&scenario.plant).unwrap();
-    if plant.contains_key("dc_motor") {
-        plant.retain(|key, _| !["heat", "phase", "mechanics"].contains(&key));
-    }
-    plant
+    let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
+    let sensor = renamed(plant.remove("sensor").unwrap());
+    let mut drive = part("sensor", sensor);
+    drive.extend(part("amplifier", renamed(plant.remove("amplifier").unwrap())));
+    let plants = match plant.remove("dc_motor") {
+        Some(motor) => part("motor", motor),
+        None => part("wire", plant.into()),
+    };
+    let mut tables = part("plant", plants.into());
+    tables.extend(part("node", part("drive", drive.into()).into()));
+    tables
+}
+
+/// A table with the keys that a rig file has for it.
+fn renamed(table: Value) -> Value {
+    let key_of = |key: &str| {
+        let key = match key {
+            "span_millimetres" | "current_amperes_max" => "max",
+            "current_amperes_min" => "min",
+            "noise_millimetres_rms" => "noise_rms",
+            other => other,
+        };
+        key.to_owned()
+    };
+    let pairs = table.as_table().unwrap().iter();
+    let pairs = pairs.map(|(key, value)| (key_of(key), value.clone()));
+    Table::from_iter(pairs).into()
 }
 
 fn with_plant(document: &Table, plant: &Table) -> String {
     let mut document = document.clone();
-    document.insert("plant".to_owned(), Value::Table(plant.clone()));
+    document.extend(plant.clone());
     toml::to_string(&document).unwrap()
 }
 

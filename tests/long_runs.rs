@@ -31,7 +31,7 @@ fn simulated(runs: &Path, scenario: &Path, compress_above: &str) -> PathBuf {
 fn sine(folder: &Path, duration_seconds: u32) -> PathBuf {
     let path = folder.join("sine.toml");
     let text = format!(
-        "schema = 1\nname = \"sine\"\nduration_seconds = {duration_seconds}.0\n\n[controller.sliding_mode]\n\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"sine\"\nduration_seconds = {duration_seconds}.0\n\n[controller.sliding_mode]\n\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 25.0\n\n\
          [[reference.sine]]\nfrom_seconds = 5.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = 5.0\n\n\
          [[expect.signal]]\nname = \"position_millimetres\"\nstays = {{ min = -1.0, max = 40.0 }}\n"

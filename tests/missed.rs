@@ -24,7 +24,7 @@ const SLOW: &str = "[[fault.node.slow_cycle]]\nfrom_seconds = 0.0\nnode = \"cont
 /// 6 s at 1 kHz.
 fn scenario(faults: &str) -> Scenario {
     let text = format!(
-        "schema = 1\nname = \"missed\"\nseed = 7\nduration_seconds = 6.0\n[controller.sliding_mode]\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"missed\"\nseed = 7\nduration_seconds = 6.0\n[controller.sliding_mode]\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n{faults}"
     );
     Scenario::parse(&text, "missed.toml", |_| unreachable!("no table")).unwrap()

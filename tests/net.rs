@@ -456,7 +456,7 @@ fn loops_whose_names_begin_alike_are_judged_again() {
     assert_eq!(code, Some(0), "{stderr}");
     let third = "[plant.axis_c.dc_motor]\n[node.b_drive]\nkind = \"drive\"\nnode_id = 0x14\n\
         amplifier.port = \"axis_c.current_amperes\"\nsensor.port = \"axis_c.position_metres\"\n\
-        [loop.b_drive]\nfeedback = \"b_drive.position\"\ndrives = [\"b_drive\"]\n";
+        [loop.b_drive]\nfeedback = \"b_drive.position\"\noutputs = [\"b_drive.current\"]\n";
     let demand = "[[reference.step]]\nloop = \"b_drive\"\nat_seconds = 1.0\nposition_millimetres = 5.0\n\
         [[expect.b.signal]]\nname = \"motor_speed_revolutions_per_minute\"\nstays = { max = 9000.0 }\n";
     for (file, more) in [("gantry.toml", third), ("gantry_steps.toml", demand)] {

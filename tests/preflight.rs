@@ -8,29 +8,28 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::external::{Run, start, stop};
 use crate::real_time::{in_real_time, wait_for};
+use crate::support::rig_of_a_drive;
 
 /// A scenario for bench and emulator; the emulator's has faults that the bench does not know of.
 fn scenario_text(faults: &str) -> String {
     let seconds = if faults.is_empty() { 1 } else { 10 };
     format!(
-        "schema = 1\nname = \"flown\"\nduration_seconds = {seconds}.0\n[bus]\nsync_period_milliseconds = 20.0\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"flown\"\nduration_seconds = {seconds}.0\n[bus]\nsync_period_milliseconds = 20.0\n\
          [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n{faults}"
     )
 }
 
-/// A rig whose drive is the emulator, with limits, a ramp and patience that make a test quick; `[drive]` is `drive`.
+/// A rig whose drive is the emulator, with limits, a ramp and patience that make a test quick; `drive` are more keys of the drive.
 /// Heated faster, the load flies on for 35 mm after the quick stop, close to the limit.
 fn rig_file(folder: &Path, drive: &str, bring_up_seconds: f64) -> PathBuf {
     let path = folder.join("emulated.toml");
-    let text = format!(
-        "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = 20.0\n[drive]\n{drive}\n\
-         [limits]\ncurrent_amperes = 1.0\nposition_millimetres = {{ min = -1.5, max = 59.5 }}\n\
-         speed_millimetres_per_second = 1e4\n\
-         [timeouts]\nbring_up_seconds = {bring_up_seconds:?}\ndrive_lost_milliseconds = 1000\n\
-         controller_lost_milliseconds = 1000\n\
-         [preflight]\nramp_amperes_per_second = 0.25\nheating_seconds_max = 5.0\ncooling_seconds = 0.5\n"
+    let drive = format!(
+        "{drive}\nlimits = {{ current_amperes = 1.0, min = -1.5, max = 59.5, rate_max = 1e4 }}\n\
+         preflight = {{ ramp_amperes_per_second = 0.25, heating_seconds_max = 5.0, cooling_seconds = 0.5 }}\n\
+         [node.drive.timeouts]\nbring_up_seconds = {bring_up_seconds:?}\ndrive_lost_milliseconds = 1000\n\
+         controller_lost_milliseconds = 1000"
     );
-    fs::write(&path, text).unwrap();
+    fs::write(&path, rig_of_a_drive(20.0, &drive)).unwrap();
     path
 }
 
@@ -198,12 +197,12 @@ fn an_object_that_the_drive_does_not_map_is_reported() {
 #[test]
 fn a_position_that_cannot_be_is_reported_before_current_flows() {
     in_real_time(|| {
-        let other = flown("position = { units_at_stop = 50000.0 }", "");
+        let other = flown("position = { increments_at_zero = 50000.0 }", "");
         fails(
             other,
             "position      -50.00 to -50.00 mm without current, beyond the limits",
         );
-        let noise = "[plant.sensor]\nnoise_millimetres_rms = 0.3\n";
+        let noise = "[node.drive.sensor]\nnoise_rms = 0.3\n";
         fails(flown("", noise), "position      it moves from ");
     });
 }
@@ -211,7 +210,7 @@ fn a_position_that_cannot_be_is_reported_before_current_flows() {
 #[test]
 fn a_wrong_sign_and_a_load_that_does_not_move_are_reported() {
     in_real_time(|| {
-        let other = flown("position = { units_per_millimetre = -1000.0 }", "");
+        let other = flown("position = { increments_per_unit = -1000.0 }", "");
         fails(other, "direction     falls by ");
         let dead = "[[fault.amplifier.dead]]\nfrom_seconds = 0.0\n";
         fails(flown("", dead), "direction     ");
@@ -231,7 +230,7 @@ fn a_current_that_nobody_commands_is_reported() {
 fn a_limit_of_the_rig_holds_under_the_ramp_too() {
     in_real_time(|| {
         // 0x6064 is the position in micrometres, so 30 mm are reported as 60 mm.
-        let drive = "position = { units_per_millimetre = 500.0, resolution_millimetres = 10.0 }";
+        let drive = "position = { increments_per_unit = 500.0, resolution = 10.0 }";
         let other = flown(drive, "");
         // No motion is seen, so the load rises on until the limit.
         fails(
@@ -248,7 +247,7 @@ fn ctrl_c_under_the_ramp_takes_the_current_away() {
         // Motion that is never reached.
         let rig = rig_file(
             folder.path(),
-            "position = { resolution_millimetres = 10.0 }",
+            "position = { resolution = 10.0 }",
             20.0,
         );
         let run = dry_run(folder.path(), &rig);
@@ -286,13 +285,13 @@ fn a_drive_in_degrees_is_flown_in_degrees() {
         let folder = tempfile::tempdir().unwrap();
         let shipped = crate::support::scenario("press_turn.toml");
         let rig = fs::read_to_string(shipped.with_file_name("rigs").join("press.toml")).unwrap();
-        fs::create_dir(folder.path().join("rigs")).unwrap();
         // A light load lifts off under a small current.
         let light = rig.replace("load_kilograms = 2.0", "load_kilograms = 0.1");
         let slow = light.replace("period_milliseconds = 2.0", "period_milliseconds = 20.0");
         assert!(slow != light && light != rig);
-        fs::write(folder.path().join("rigs/press.toml"), slow).unwrap();
+        fs::write(folder.path().join("press.toml"), slow).unwrap();
         let text = fs::read_to_string(&shipped).unwrap();
+        let text = text.replace("rig = \"press\"", "rig = \"press.toml\"");
         let run = Run::of(
             &text,
             folder.path(),

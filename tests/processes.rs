@@ -160,14 +160,14 @@ fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
 fn several_drives(folder: &Path, count: u8, added: &str) -> (PathBuf, Vec<(String, u8)>) {
     let drives = (0..count).map(|number| (format!("drive_{number}"), 0x10 + 2 * number));
     let drives = Vec::from_iter(drives);
-    let mut rig = "schema = 2\nname = \"several drives\"\n\
+    let mut rig = "schema = 1\nname = \"several drives\"\n\
         [bus]\nsync_period_milliseconds = 20.0\n\
         [defaults.drive]\namplifier = { rated = 1.0, min = -1.0, max = 1.0 }\n\
         sensor = { unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16 }\n\
         [node.controller]\nkind = \"controller\"\nnode_id = 1\n"
         .to_owned();
     let mut scenario =
-        "schema = 2\nname = \"several drives\"\nrig = \"rig.toml\"\nduration_seconds = 20.0\n\
+        "schema = 1\nrig = \"rig.toml\"\nname = \"several drives\"\nduration_seconds = 20.0\n\
         [controller.all.open_loop]\n\
         [[controller.all.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.05\n"
             .to_owned();
@@ -175,7 +175,7 @@ fn several_drives(folder: &Path, count: u8, added: &str) -> (PathBuf, Vec<(Strin
         rig += &format!(
             "[plant.{plant}.dc_motor]\n[node.{drive}]\nkind = \"drive\"\nnode_id = {node_id}\n\
              amplifier.port = \"{plant}.current_amperes\"\nsensor.port = \"{plant}.position_metres\"\n\
-             [loop.of_{drive}]\nfeedback = \"{drive}.position\"\ndrives = [\"{drive}\"]\n",
+             [loop.of_{drive}]\nfeedback = \"{drive}.position\"\noutputs = [\"{drive}.current\"]\n",
             plant = plant_of(drive),
         );
         scenario += &added.replace("NODE", drive);

@@ -47,15 +47,22 @@ fn a_recording_gives_its_verdict_again_to_the_byte() {
 }
 
 /// The table of a plant that no bench has; the frames are those of the motor.
-const STRANGE_PLANT: &str = "[plant.my_motor]\nwindings = \"two\"\n";
+const STRANGE_PLANT: &str = "[plant.motor.my_motor]\nwindings = \"two\"\n";
+/// What is said where the plant must be known.
+const UNKNOWN_PLANT: &str = "unknown key `my_motor` in [plant.motor]";
 
-/// A run of the DC motor whose scenario then says that it was another plant.
+/// A run of the DC motor whose rig file then says that it was another plant.
 fn run_of_a_strange_plant(folder: &Path) -> PathBuf {
-    let run = simulated(folder, &scenario("motor_step.toml"));
-    let played = fs::read_to_string(run.join("scenario.toml")).unwrap();
-    let strange = played.replace("[plant.dc_motor]\n", STRANGE_PLANT);
+    let place = tempfile::tempdir().unwrap();
+    let played = fs::read_to_string(scenario("rigs/dc_motor.toml")).unwrap();
+    fs::write(place.path().join("motor.toml"), &played).unwrap();
+    let step = fs::read_to_string(scenario("motor_step.toml")).unwrap();
+    let path = place.path().join("motor_step.toml");
+    fs::write(&path, step.replace("\"dc_motor\"", "\"motor.toml\"")).unwrap();
+    let run = simulated(folder, &path);
+    let strange = played.replace("[plant.motor.dc_motor]\n", STRANGE_PLANT);
     assert_ne!(strange, played);
-    fs::write(run.join("scenario.toml"), strange).unwrap();
+    fs::write(run.join("motor.toml"), strange).unwrap();
     run
 }
 
@@ -106,7 +113,7 @@ fn a_recording_of_a_plant_from_outside_is_read_by_its_own_files() {
     for command in ["check", "simulate"] {
         let (code, _, stderr) = tool(&[command, text(&limits)]);
         assert_eq!(code, Some(3));
-        assert!(stderr.contains("unknown plant `my_motor`"), "{stderr}");
+        assert!(stderr.contains(UNKNOWN_PLANT), "{stderr}");
     }
 }
 
@@ -124,7 +131,7 @@ fn a_run_folder_without_its_frames_is_read_by_the_catalogue() {
     fs::remove_file(run.join("frames.dbc")).unwrap();
     let (code, _, stderr) = tool(&["replay", text(&run)]);
     assert_eq!(code, Some(3));
-    assert!(stderr.contains("unknown plant `my_motor`"), "{stderr}");
+    assert!(stderr.contains(UNKNOWN_PLANT), "{stderr}");
 }
 
 #[test]
@@ -193,9 +200,6 @@ fn a_recording_of_several_loops_is_held_against_the_limits_of_each() {
     let played = scenario("two_axes_circle.toml");
     let run = simulated(&folder.path().join("runs"), &played);
     let strict = folder.path().join("strict.toml");
-    let rig = run.join("rigs/two_axes.toml");
-    fs::create_dir(folder.path().join("rigs")).unwrap();
-    fs::copy(rig, folder.path().join("rigs/two_axes.toml")).unwrap();
     let text_of = fs::read_to_string(&played).unwrap();
     let (rest, _) = text_of.split_once("[expect").unwrap();
     let limits = "[expect.y]\ntracking_error_millimetres_rms = { max = 0.0001 }\n";
@@ -362,7 +366,7 @@ fn two_runs_of_one_scenario_agree_and_of_two_do_not() {
         &path,
         text_of.replace(
             "[expect]",
-            "[plant.mechanics]\nload_kilograms = 0.05\n\n[expect]",
+            "[plant.wire.mechanics]\nload_kilograms = 0.05\n\n[expect]",
         ),
     )
     .unwrap();

@@ -1,4 +1,4 @@
-//! Rig files of schema 2, and what is played on them, as a user meets them.
+//! Rig files, and what is played on them, as a user meets them.
 
 use std::fs;
 use std::ops::Range;
@@ -147,7 +147,7 @@ fn a_sweep_has_the_names_of_the_loops() {
     let steps = rig.join("gantry_steps.toml");
     let sweep = "[sweep]\ndraws = 2\n\
         [[sweep.list]]\nkey = \"controller.all.pid.set_point_weight\"\nvalues = [0.377, 0.38]\n\
-        [[sweep.uniform]]\nkey = \"plant.axis_b.dc_motor.load_kilograms\"\nfrom = 0.5\nto = 0.6\n\n[expect]\n";
+        [[sweep.uniform]]\nkey = \"plant.axis_b.load_kilograms\"\nfrom = 0.5\nto = 0.6\n\n[expect]\n";
     edit(&steps, "[expect]\n", sweep);
     let runs = folder.path().join("runs");
     let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(&steps));
@@ -157,7 +157,7 @@ fn a_sweep_has_the_names_of_the_loops() {
     let header = lines.next().unwrap();
     for column in [
         "controller.all.pid.set_point_weight",
-        "plant.axis_b.dc_motor.load_kilograms",
+        "plant.axis_b.load_kilograms",
         "a.overshoot_percent",
         "b.overshoot_percent",
         "bus_load_percent",
@@ -198,10 +198,11 @@ fn torture_draws_faults_of_each_node() {
 #[test]
 fn the_rig_that_ships_is_a_rig_file_like_any_other() {
     let folder = tempfile::tempdir().unwrap();
-    let text = fs::read_to_string(scenario("step.toml")).unwrap();
-    let text = text.replace("schema = 1", "schema = 2");
-    let of_nodes = folder.path().join("step.toml");
-    fs::write(&of_nodes, text).unwrap();
+    let shipped = scenario("rigs/sma_actuator.toml");
+    fs::copy(shipped, folder.path().join("actuator.toml")).unwrap();
+    let copied = folder.path().join("step.toml");
+    fs::copy(scenario("step.toml"), &copied).unwrap();
+    edit(&copied, "rig = \"sma_actuator\"", "rig = \"actuator.toml\"");
     let play = |path: &Path, name: &str| {
         let runs = folder.path().join(name);
         let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(path));
@@ -209,7 +210,7 @@ fn the_rig_that_ships_is_a_rig_file_like_any_other() {
         only_run(&runs)
     };
     let one = play(&scenario("step.toml"), "one");
-    let other = play(&of_nodes, "other");
+    let other = play(&copied, "other");
     for file in ["bus.log", "signals.csv", "frames.dbc"] {
         let read = |run: &Path| fs::read(run.join(file)).unwrap();
         assert!(read(&one) == read(&other), "{file}");
@@ -296,7 +297,7 @@ fn a_mistake_in_a_rig_file_is_said_once_and_of_a_rig() {
     let folder = tempfile::tempdir().unwrap();
     let rig = new_rig(folder.path());
     let file = rig.join("gantry.toml");
-    edit(&file, "drives = [\"b\"]", "drives = []");
+    edit(&file, "outputs = [\"b.current\"]", "outputs = []");
     let (code, _, stderr) = output(program(&["check"]).arg(&file));
     assert_eq!(code, Some(3), "{stderr}");
     assert_eq!(stderr.matches("  × ").count(), 2, "{stderr}");

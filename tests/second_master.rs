@@ -12,13 +12,13 @@ use platform::bus::{Bus, BusAddress};
 
 use crate::external::{Run, stop};
 use crate::real_time::{in_real_time, wait_for};
-use crate::support::{only_run, output};
+use crate::support::{only_run, output, rig_of_a_drive};
 
 const PERIOD: Duration = Duration::from_millis(100);
 
 fn scenario_text(expect: &str) -> String {
     format!(
-        "schema = 1\nname = \"shared\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"shared\"\nduration_seconds = 3.0\n[bus]\nsync_period_milliseconds = 100.0\n\
          [controller.sliding_mode]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
          [expect]\nposition_millimetres_max = {{ max = 59.0 }}\n{expect}"
     )
@@ -104,14 +104,13 @@ fn a_bench_is_heard_during_its_pre_flight_and_its_pause() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let rig = folder.path().join("rig.toml");
-        let text = "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = 20.0\n\
-             [limits]\ncurrent_amperes = 1.0\nposition_millimetres = { min = -1.5, max = 59.5 }\n\
-             speed_millimetres_per_second = 1e4\n\
-             [timeouts]\ndrive_lost_milliseconds = 1000\ncontroller_lost_milliseconds = 1000\n\
-             [preflight]\nramp_amperes_per_second = 1.0\nheating_seconds_max = 3.0\ncooling_seconds = 1.0\n";
-        fs::write(&rig, text).unwrap();
+        let drive = "limits = { current_amperes = 1.0, min = -1.5, max = 59.5, rate_max = 1e4 }\n\
+             timeouts = { drive_lost_milliseconds = 1000, controller_lost_milliseconds = 1000 }\n\
+             preflight = { ramp_amperes_per_second = 1.0, heating_seconds_max = 3.0, cooling_seconds = 1.0 }";
+        fs::write(&rig, rig_of_a_drive(20.0, drive)).unwrap();
         let arguments = ["--rig", rig.to_str().unwrap(), "--dry-run"];
-        let run = Run::of(&scenario_text(""), folder.path(), &arguments);
+        let text = scenario_text("").replace("= 100.0", "= 20.0");
+        let run = Run::of(&text, folder.path(), &arguments);
         let mut bus = join(&run.address);
         let drive = run.start("plant-emulator");
         let (code, text) = thread::scope(|scope| {

@@ -122,7 +122,6 @@ fn what_a_folder_from_elsewhere_links_to_is_neither_quoted_nor_judged() {
         "verdict.json",
         "bus.log",
         "stalls.csv",
-        "rig.toml",
         "played.json",
     ];
     for name in of_all.into_iter().chain(of_some) {

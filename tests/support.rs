@@ -68,10 +68,20 @@ pub(crate) fn unhurried_scenario(folder: &Path, duration_seconds: f64) -> PathBu
 fn hold_scenario(folder: &Path, duration_seconds: f64, sync_period_milliseconds: f64) -> PathBuf {
     let path = folder.join("short.toml");
     let text = format!(
-        "schema = 1\nname = \"short\"\nduration_seconds = {duration_seconds:.1}\n\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"short\"\nduration_seconds = {duration_seconds:.1}\n\n\
          [bus]\nsync_period_milliseconds = {sync_period_milliseconds:.1}\n\n[controller.sliding_mode]\n\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n"
     );
     fs::write(&path, text).unwrap();
     path
+}
+
+/// The text of a rig with one real drive of these keys, its loop, and a cycle of so many milliseconds.
+pub(crate) fn rig_of_a_drive(sync_period_milliseconds: f64, drive: &str) -> String {
+    format!(
+        "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = {sync_period_milliseconds:?}\n\
+         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+         [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n\
+         [node.drive]\nkind = \"drive\"\nnode_id = 16\n{drive}\n"
+    )
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 use crate::support::{canrig, only_run, output, runs};
 
 /// A short hold that the plant reaches; above 15 mm it misses its limit.
-const BASE: &str = "schema = 1\nname = \"swept\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"swept\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
     [expect]\nposition_millimetres_max = { max = 15.0 }\n\n\
     [[expect.signal]]\nname = \"position_millimetres\"\nfollows = { file = \"course.csv\", tolerance = 60.0 }\n\n";
@@ -19,7 +19,7 @@ const FOLLOWS: &str = "position_millimetres follows course.csv";
 
 const SWEEP: &str = "[sweep]\ndraws = 20\n\n\
     [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5.0, 10.0, 30.0]\n\n\
-    [[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n\n\
+    [[sweep.uniform]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n\n\
     [[sweep.uniform]]\nkey = \"seed\"\nfrom = 0\nto = 1000\n";
 
 fn file(folder: &Path, sweep: &str) -> PathBuf {
@@ -306,8 +306,8 @@ fn what_cannot_be_swept_is_refused() {
     let (code, _, stderr) = sweep(&SWEEP.replace("load_kilograms", "lod_kilograms"));
     assert_eq!(code, Some(3));
     for text in [
-        "did you mean `plant.mechanics.load_kilograms`?",
-        "swept.toml:26:24",
+        "did you mean `plant.wire.mechanics.load_kilograms`?",
+        "swept.toml:27:29",
     ] {
         assert!(stderr.contains(text), "{text}: {stderr}");
     }
@@ -317,7 +317,7 @@ fn what_cannot_be_swept_is_refused() {
     assert!(!output_folder.exists());
 
     // Half of the draws are below what a load may be.
-    let normal = "[sweep]\ndraws = 10\n[[sweep.normal]]\nkey = \"plant.mechanics.load_kilograms\"\n\
+    let normal = "[sweep]\ndraws = 10\n[[sweep.normal]]\nkey = \"plant.wire.mechanics.load_kilograms\"\n\
         mean = 0.001\nstandard_deviation = 0.001\n";
     let (code, stdout, stderr) = sweep(normal);
     assert_eq!(code, Some(3), "{stdout}{stderr}");

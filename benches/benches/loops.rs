@@ -21,10 +21,10 @@ const CYCLES: u64 = 4000;
 /// take 110 % of one drive.
 const INSTRUCTIONS_PER_CYCLE_MAX: [u64; 4] = [20_400, 38_670, 76_520, 158_350];
 
-const RIG: &str = "schema = 2\nname = \"bench\"\n[bus]\nsync_period_milliseconds = 4.0\n\
+const RIG: &str = "schema = 1\nname = \"bench\"\n[bus]\nsync_period_milliseconds = 4.0\n\
     [defaults.drive]\namplifier = { min = -1.0 }\nsensor = { resolution_bits = 16 }\ntruth_every_cycles = 10\n\
     [node.controller]\nkind = \"controller\"\nnode_id = 1\n";
-const SCENARIO: &str = "schema = 2\nname = \"bench\"\nrig = \"rig.toml\"\nduration_seconds = 16.0\n\
+const SCENARIO: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"bench\"\nduration_seconds = 16.0\n\
     [controller.all.pid]\ncurrent_amperes_min = -1.0\n";
 
 /// A rig with so many DC motors, each of which follows a sine.
@@ -33,7 +33,7 @@ fn loops(drives: u8) -> Plan {
     for number in 0..drives {
         let node_id = 0x10 + number;
         rig += &format!(
-            "[plant.motor_{number}.dc_motor]\n[loop.d{number}]\nfeedback = \"d{number}.position\"\ndrives = [\"d{number}\"]\n\
+            "[plant.motor_{number}.dc_motor]\n[loop.d{number}]\nfeedback = \"d{number}.position\"\noutputs = [\"d{number}.current\"]\n\
              [node.d{number}]\nkind = \"drive\"\nnode_id = {node_id}\n\
              amplifier.port = \"motor_{number}.current_amperes\"\nsensor.port = \"motor_{number}.position_metres\"\n"
         );
@@ -61,7 +61,7 @@ fn pair() -> Plan {
         "sync_period_milliseconds = 2.0",
         "sync_period_milliseconds = 4.0",
     );
-    let scenario = "schema = 2\nname = \"bench\"\nrig = \"rig.toml\"\nduration_seconds = 16.0\n\
+    let scenario = "schema = 1\nrig = \"rig.toml\"\nname = \"bench\"\nduration_seconds = 16.0\n\
         [controller.pid_pair]\n[[reference.sine]]\nfrom_seconds = 0.0\ncentre_degrees = 0.0\n\
         amplitude_degrees = 15.0\nperiod_seconds = 4.0\n";
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pair");

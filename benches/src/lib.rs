@@ -13,7 +13,7 @@ use scenario::Scenario;
 use scenario::controller::Controller;
 use scenario::reference::SetPoint;
 
-const SCENARIO: &str = "schema = 1\nname = \"bench\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+const SCENARIO: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"bench\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
                         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 const PERIOD: Duration = Duration::from_millis(1);
 

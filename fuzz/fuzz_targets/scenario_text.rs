@@ -4,16 +4,18 @@
 use controller::ControllerNode;
 use libfuzzer_sys::fuzz_target;
 use plant_emulator::catalogue;
-use scenario::rig::RigFile;
 use scenario::rig::drive::DriveLayout;
+use scenario::rig::nodes::Rig;
 use scenario::{ControllerView, Scenario};
 
 const TABLE: &str = "time_seconds,position_millimetres\n0,10\n1,20\n";
 
 fuzz_target!(|text: &str| {
-    if let Ok(rig) = RigFile::parse(text, "fuzz.toml") {
-        if let Ok(dictionary) = dbc::dictionary(dbc::DRIVE_EDS, rig.drive.node_id) {
-            let _ = DriveLayout::new(dictionary, &rig.drive, rig.limits.current_amperes);
+    if let Ok(rig) = Rig::parse(text, "fuzz.toml") {
+        for real in rig.node.keys().filter_map(|name| rig.real_drive(name)) {
+            if let Ok(dictionary) = dbc::dictionary(dbc::DRIVE_EDS, real.drive.node_id) {
+                let _ = DriveLayout::new(dictionary, &real.drive, real.limits.current_amperes);
+            }
         }
     }
     let Ok(scenario) = Scenario::parse(text, "fuzz.toml", |_| Ok(TABLE.to_owned())) else {

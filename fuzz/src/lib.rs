@@ -9,7 +9,7 @@ use scenario::Scenario;
 
 /// A scenario for the nodes of the rig.
 pub static SCENARIO: LazyLock<Scenario> = LazyLock::new(|| {
-    let text = "schema = 1\nname = \"fuzz\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"fuzz\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
     Scenario::parse(text, "fuzz.toml", no_table).expect("the scenario is valid")

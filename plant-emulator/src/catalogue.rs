@@ -171,9 +171,10 @@ mod tests {
 
     use super::*;
 
-    fn scenario(plant: &str) -> Scenario {
-        let head = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let text = format!("{head}{plant}");
+    fn scenario(rig: &str, plant: &str) -> Scenario {
+        let text = format!(
+            "schema = 1\nrig = \"{rig}\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n{plant}"
+        );
         Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
     }
 
@@ -198,14 +199,14 @@ mod tests {
 
     #[test]
     fn the_actuator_s_frames_are_those_of_the_shipped_dbc() {
-        let (ours, shipped) = (database(&scenario("")), Database::shipped());
+        let (ours, shipped) = (database(&scenario("sma_actuator", "")), Database::shipped());
         let ours = Vec::from_iter(ours.plant_messages("drive"));
         assert_eq!(ours, Vec::from_iter(shipped.plant_messages("drive")));
     }
 
     #[test]
     fn the_motor_publishes_its_third_signal_in_tpdo3() {
-        let scenario = scenario("[plant.dc_motor]\nambient_celsius = 31.0\n");
+        let scenario = scenario("dc_motor", "[plant.motor]\nambient_celsius = 31.0\n");
         let mut node = emulator(&scenario).unwrap();
         let started = [(0x000, &[1, 0][..]), (0x080, &[1])];
         node.on_tick(Duration::ZERO);
@@ -237,10 +238,11 @@ mod tests {
     #[test]
     fn ports_are_those_by_default_where_parameters_make_no_sense() {
         let wrong = scenario(
-            "[plant.dc_motor]\nload_kilograms = 0.0\nspring_newtons_per_metre = 1e6\n\
+            "dc_motor",
+            "[plant.motor]\nload_kilograms = 0.0\nspring_newtons_per_metre = 1e6\n\
             rotor_inertia_kilogram_square_metres = 1e-12\ngear_inertia_kilogram_square_metres = 0.0\n",
         );
         assert!(matches!(check(&wrong), Err(InvalidEmulator::Plant(_))));
-        assert_eq!(ports(&wrong), ports(&scenario("[plant.dc_motor]\n")));
+        assert_eq!(ports(&wrong), ports(&scenario("dc_motor", "")));
     }
 }

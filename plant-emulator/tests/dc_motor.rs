@@ -304,7 +304,7 @@ fn the_load_rests_on_its_stop_until_the_current_lifts_it() {
 fn a_jammed_pinion_stands_and_a_dropped_load_no_longer_pulls() {
     let config = config(false, 20.0);
     let mut motor = DcMotor::let_go_at(&config, 0.03);
-    let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n[plant.dc_motor]\n\
+    let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
                 [[fault.plant.jammed_pulley]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
                 [[fault.plant.dropped_load]]\nfrom_seconds = 2.0\n";
     let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();

@@ -68,7 +68,7 @@ impl Plant for Arm {
 }
 
 fn scenario(input: &str) -> Scenario {
-    let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
     let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table"));
     let mut scenario = scenario.expect("it is valid");
     scenario.plant.sensor.span_millimetres = 180.0;

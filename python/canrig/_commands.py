@@ -53,8 +53,8 @@ def run(
     """Plays a scenario with controller and plant as processes on a CAN bus, and judges it.
 
     ``clock`` is "real-time" or "lockstep" (virtual time); ``bus`` is "auto", "private", "embedded" or an interface.
-    ``external`` names nodes that somebody else starts: "drive", "controller", "fan". ``rig`` is the rig file of a real drive, or the
-    name of one that ships.
+    ``external`` names nodes of the rig that somebody else starts: "drive", "controller", "disturbance". ``rig`` is the rig file, or
+    the name of one that ships, that takes the place of the scenario's.
     The other arguments are those of :func:`simulate`.
     """
     options = [f"--clock={clock}", f"--bus={bus}"]

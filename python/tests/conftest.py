@@ -8,6 +8,7 @@ pytest_plugins = ["pytester"]
 
 HOLD = """\
 schema = 1
+rig = "sma_actuator"
 name = "{name}"
 duration_seconds = {seconds}
 requirements = ["HOLD-1"]

@@ -38,9 +38,9 @@ def test_values_that_do_not_fit_are_refused(output):
     with pytest.raises(canrig.CannotStart, match="leads nowhere"):
         canrig.simulate("step", {"reference.step[7].position_millimetres": 1}, output=output)
     with pytest.raises(canrig.CannotStart, match="mechanics"):
-        canrig.simulate("step", {"plant.mechanic.load_kilograms": 0.04}, output=output)
+        canrig.simulate("step", {"plant.wire.mechanic.load_kilograms": 0.04}, output=output)
     with pytest.raises(canrig.CannotStart, match="out of range"):
-        canrig.simulate("step", {"plant.mechanics.load_kilograms": -1}, output=output)
+        canrig.simulate("step", {"plant.wire.mechanics.load_kilograms": -1}, output=output)
 
 
 def test_a_folder_that_takes_no_files_is_named(hold):

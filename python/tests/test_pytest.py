@@ -9,7 +9,7 @@ import canrig
 import pytest
 from conftest import write_hold
 
-RIG = 'schema = 1\nname = "a rig"\n[bus]\ninterface = "can0"\n[limits]\ncurrent_amperes = 1.0\n'
+RIG = 'schema = 1\nname = "a rig"\n[plant.wire.sma]\n[node.controller]\nkind = "controller"\nnode_id = 1\n'
 ON = ("--canrig", "-p", "no:cacheprovider")
 
 

@@ -31,7 +31,7 @@ def test_values_of_all_kinds_are_written_as_toml(hold):
         def tolist(self):
             return 0.25
 
-    canrig.check(hold, {"seed": 3, "plant.sensor.noise_millimetres_rms": OfNumPy(), "requirements": ["A", "B"]})
+    canrig.check(hold, {"seed": 3, "node.drive.sensor.noise_rms": OfNumPy(), "requirements": ["A", "B"]})
     canrig.check(hold, {"reference.hold[0]": {"at_seconds": 0, "position_millimetres": 5}})
     canrig.check(hold, {"name": "ä 'quoted' \"twice\""})
     for value in (None, object()):

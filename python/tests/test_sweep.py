@@ -10,7 +10,7 @@ draws = 2
 key = "reference.hold[0].position_millimetres"
 values = [5, 15]
 [[sweep.uniform]]
-key = "plant.mechanics.load_kilograms"
+key = "plant.wire.mechanics.load_kilograms"
 from = 0.036
 to = 0.044
 """
@@ -28,7 +28,7 @@ def test_a_sweep_has_one_row_for_each_run(swept, output):
     table = sweep.table("lists")
     assert table["case"] == [1, 2, 3, 4]
     assert table["reference.hold[0].position_millimetres"] == [5, 5, 15, 15]
-    assert all(0.036 <= value <= 0.044 for value in table["plant.mechanics.load_kilograms"])
+    assert all(0.036 <= value <= 0.044 for value in table["plant.wire.mechanics.load_kilograms"])
     assert table["verdict"] == ["pass"] * 4 and sweep.passed
     assert all(isinstance(value, float) for value in table["current_amperes_rms"])
     assert sweep.exit_code is canrig.ExitCode.PASS

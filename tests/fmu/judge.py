@@ -182,7 +182,7 @@ def awkward():
     tells(mode(3, code=1), "it did not return within 5s while it stepped; its process was ended")
 
 
-RIG = """schema = 2
+RIG = """schema = 1
 name = "{name}"
 {plant}
 [node.controller]
@@ -196,7 +196,7 @@ sensor = {{ port = "p.{position}", unit = "{unit}", min = {min}, max = 100.0, re
 {node}
 [loop.l]
 feedback = "drive.position"
-drives = ["drive"]
+outputs = ["drive.current"]
 """
 WORLDS = {"simulate": ["simulate"], "lock-step": ["run", "--clock", "lockstep", "--bus", "embedded"]}
 
@@ -206,7 +206,7 @@ def behind(name, plant, scenario, position, unit, low, node=""):
     rig = RIG.format(name=name, plant=plant, position=position, unit=unit, min=low, node=node)
     (work / f"{name}-rig.toml").write_text(rig)
     path = work / f"{name}-scenario.toml"
-    path.write_text(f"schema = 2\nname = \"{name}\"\nrig = \"{name}-rig.toml\"\n{scenario}")
+    path.write_text(f"schema = 1\nrig = \"{name}-rig.toml\"\nname = \"{name}\"\n{scenario}")
     run("check", path)
     return path
 
@@ -282,7 +282,7 @@ from_seconds = 1.9
 stays = { min = 19.5, max = 20.5 }
 """
     path = behind("awkward", plant, scenario, "position_millimetres", "millimetres", -10.0)
-    mode = lambda number: ["--set", f"plant.p.fmu.start.mode={number}"]
+    mode = lambda number: ["--set", f"plant.p.start.mode={number}"]
     plain = [judged(path, world, *mode(0))[1] for world in WORLDS]
     same("C in one process and in several", plain)
     discards = [judged(path, world, *mode(1))[1] for world in WORLDS]

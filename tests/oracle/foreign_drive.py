@@ -15,6 +15,7 @@ CURRENT_PERMILLE = 300
 # Python in user-mode Linux on a busy machine does not keep up with a SYNC each millisecond.
 SCENARIO = """\
 schema = 1
+rig = "sma_actuator"
 name = "foreign drive"
 duration_seconds = 60.0
 

@@ -36,7 +36,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const ATTEMPTS: u32 = 4;
 const PAGE: &str = "docs/from-hardware-to-model.md";
 /// Its wire stands for the drive's; the scenario's is nominal.
-const OTHER_WIRE: &str = "\n[plant.phase]\naustenite_start_celsius = 58.0\naustenite_finish_celsius = 88.0\n\
+const OTHER_WIRE: &str = "\n[plant.wire.phase]\naustenite_start_celsius = 58.0\naustenite_finish_celsius = 88.0\n\
     martensite_start_celsius = 61.0\nmartensite_finish_celsius = 38.0\n";
 
 /// An emulator that ends with the test.

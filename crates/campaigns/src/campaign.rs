@@ -270,8 +270,8 @@ mod tests {
         (0..7_u32).map(|number| {
             let (seconds, position) = (0.8 - 0.1 * f64::from(number), number + 1);
             let text = format!(
-                "schema = 1\nname = \"run {number}\"\nseed = {number}\nduration_seconds = {seconds}\n[controller.pid]\n\
-                 [plant.sensor]\nnoise_millimetres_rms = 0.05\n\
+                "schema = 1\nrig = \"sma_actuator\"\nname = \"run {number}\"\nseed = {number}\nduration_seconds = {seconds}\n[controller.pid]\n\
+                 [node.drive.sensor]\nnoise_rms = 0.05\n\
                  [[reference.step]]\nat_seconds = 0.0\nposition_millimetres = {position}\n"
             );
             let scenario = Scenario::parse(&text, "run.toml", |_| unreachable!("no table"));

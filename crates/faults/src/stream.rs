@@ -68,7 +68,7 @@ mod tests {
     fn each_fault_has_a_stream_of_its_own() {
         let noise = "[[fault.sensor.noise]]\nfrom_seconds = 1.0\nnoise_millimetres_rms = 0.1\n";
         let text = format!(
-            "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{noise}{noise}"
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{noise}{noise}"
         );
         let scenario = scenario::Scenario::parse(&text, "t.toml", |_| unreachable!("no table"));
         let faults = Vec::from_iter(scenario.unwrap().faults.iter().cloned());

@@ -131,7 +131,7 @@ mod tests {
 
     /// The row and the outcome of a run that this ended.
     fn judged(by: EndedBy, frames: &[Stamped]) -> (Option<bool>, String, Outcome, Option<String>) {
-        let text = "schema = 1\nname = \"off\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"off\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "off.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let end = EarlyEnd {

@@ -258,7 +258,7 @@ mod tests {
     #[track_caller]
     fn check_frames(frames: &[Stamped], sequence: &str, expected: &[(Result<f64, &str>, bool)]) {
         let text = format!(
-            "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n\
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n\
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();

@@ -27,7 +27,7 @@ pub(crate) fn scenario(added: &str) -> Scenario {
 
 fn scenario_text(added: &str) -> String {
     format!(
-        "schema = 1\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
          [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n"
     )
@@ -159,7 +159,7 @@ fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
 /// A scenario of 4 s with a chirp of 10 mm from 2 to 8 Hz, and whatever is added.
 fn chirp(added: &str) -> Scenario {
     let text = format!(
-        "schema = 1\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
          [[reference.chirp]]\nfrom_seconds = 0.0\nuntil_seconds = 4.0\ncentre_millimetres = 25.0\n\
          amplitude_millimetres = 10.0\nfrom_hertz = 2.0\nuntil_hertz = 8.0\n"
     );
@@ -449,7 +449,7 @@ fn errors_are_means_over_their_windows() {
 
 #[test]
 fn a_sine_is_followed_with_gain_phase_and_offset() {
-    let text = "schema = 1\nname = \"sine\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.sine]]\n\
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"sine\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.sine]]\n\
                 from_seconds = 0.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = 0.8\n";
     let sine = Scenario::parse(text, "sine.toml", |_| unreachable!("no table")).unwrap();
     let omega = std::f64::consts::TAU / 0.8;
@@ -515,7 +515,7 @@ fn each_sine_is_judged_and_the_worst_reported() {
     };
     let text = |expect: &str| {
         format!(
-            "schema = 1\nname = \"sines\"\nduration_seconds = 4.0\n[controller.pid]\n{}{}{expect}",
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"sines\"\nduration_seconds = 4.0\n[controller.pid]\n{}{}{expect}",
             sine(0.0),
             sine(2.0)
         )
@@ -580,7 +580,7 @@ fn what_nobody_sends_is_not_judged_and_does_not_pass() {
 
 #[test]
 fn without_a_set_point_nothing_deviates_or_recovers() {
-    let text = "schema = 1\nname = \"open\"\nduration_seconds = 4.0\n[controller.open_loop]\n\
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"open\"\nduration_seconds = 4.0\n[controller.open_loop]\n\
                 [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 5.0\n";
     let open = Scenario::parse(text, "open.toml", |_| unreachable!("no table")).unwrap();
     let verdict = verdict_of(&open, &frames(4000, |_| Some(10.0)), 0);
@@ -1083,7 +1083,7 @@ fn ripple_needs_commands() {
 /// 10 ms after the band is left for the first time, and 5 s after the disturbance.
 #[test]
 fn a_slow_loop_is_watched_until_something_else_moves_it() {
-    let text = "schema = 1\nname = \"slow\"\nduration_seconds = 9.0\n[controller.sliding_mode]\n\
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"slow\"\nduration_seconds = 9.0\n[controller.sliding_mode]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
         [[disturbance.load]]\nat_seconds = 1.0\nadded_grams = 1.0\n";
     let recovery = |added: &str| {

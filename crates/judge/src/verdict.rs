@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn a_verdict_names_scenario_seed_requirements_and_foreign_nodes() {
-        let text = "schema = 1\nname = \"step\"\nseed = 7\nduration_seconds = 1.0\nrequirements = [\"REQ-1\"]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nseed = 7\nduration_seconds = 1.0\nrequirements = [\"REQ-1\"]\n\
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());

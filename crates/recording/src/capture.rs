@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn of_a_long_run_memory_has_the_latest_frames_and_the_log_all() {
         let folder = tempfile::tempdir().unwrap();
-        let text = "schema = 1\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let watch = Watch::default();

@@ -350,7 +350,7 @@ mod tests {
             [0x01, 0x13, 0x7F].map(|node| controller_of(node, &words)),
             ["controller", "right", "bench"]
         );
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
             [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\n[[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 6.0\n\
             [[fault.node.hang]]\nnode = \"controller\"\nfrom_seconds = 7.0\n[[fault.bus.load]]\nidentifier = 1000\nperiod_milliseconds = 5.0\nfrom_seconds = 8.0\n";
@@ -372,7 +372,7 @@ mod tests {
 
     #[test]
     fn of_what_the_scenario_does_only_faults_are_warnings() {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
             [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
             [[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 5.0\n\
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\

@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn position_error_and_the_worst_lateness_are_read() {
         let database = Database::shipped();
-        let text = "schema = 1\nname = \"progress\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"progress\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario =
             Scenario::parse(text, "progress.toml", |_| unreachable!("no table")).unwrap();

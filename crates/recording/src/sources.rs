@@ -730,7 +730,7 @@ mod tests {
         sent: &Sent,
     ) -> Vec<(String, u64, u64)> {
         let text = format!(
-            "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n{faults}"
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n{faults}"
         );
         let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let external = external.iter().map(ToString::to_string);

@@ -97,7 +97,7 @@ pub(crate) mod tests {
     /// The faults of these tables.
     pub(crate) fn faults(tables: &str) -> Faults {
         let text = format!(
-            "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
         );
         let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table"));
         scenario.unwrap().faults

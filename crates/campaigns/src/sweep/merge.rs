@@ -284,7 +284,7 @@ mod tests {
     use scenario::Scenario;
     use worlds::catalogue::catalogue;
 
-    const TEXT: &str = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+    const TEXT: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n\
         [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
 
@@ -473,7 +473,7 @@ mod tests {
         let text = TEXT.replace(
             "[sweep]\n",
             "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
-        ) + "[[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+        ) + "[[sweep.uniform]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
         let cases = SweepCases::new(&plan).unwrap();

@@ -34,7 +34,7 @@ pub struct SweepCases {
     draws: usize,
     runs: usize,
     id: String,
-    /// The loops of a scenario of schema 2, with which its cases share what their frames mean.
+    /// The plan of the scenario, with which its cases share what their frames mean.
     base: Plan,
 }
 
@@ -317,7 +317,7 @@ mod tests {
 
     fn cases(sweep: &str) -> SweepCases {
         let text = format!(
-            "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
         let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
@@ -326,8 +326,8 @@ mod tests {
     }
 
     const GRID: &str = "draws = 2\n[[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15]\n\
-        [[sweep.range]]\nkey = \"plant.sensor.resolution_bits\"\nfrom = 8\nto = 10\nstep = 1\n\
-        [[sweep.uniform]]\nkey = \"plant.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
+        [[sweep.range]]\nkey = \"node.drive.sensor.resolution_bits\"\nfrom = 8\nto = 10\nstep = 1\n\
+        [[sweep.uniform]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
 
     #[test]
     fn every_point_of_the_grid_meets_the_same_draws() {
@@ -369,7 +369,7 @@ mod tests {
     #[test]
     fn one_more_key_changes_neither_draws_nor_what_a_case_is_called() {
         let more = format!(
-            "{GRID}[[sweep.normal]]\nkey = \"plant.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n"
+            "{GRID}[[sweep.normal]]\nkey = \"plant.wire.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n"
         );
         let (cases, more) = (cases(GRID), cases(&more));
         assert_eq!(cases.values(4)[..], more.values(4)[..3]);
@@ -394,8 +394,8 @@ mod tests {
     fn draws_have_their_distributions() {
         let cases = cases(
             "draws = 4000\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 1\nto = 4\n\
-             [[sweep.log_uniform]]\nkey = \"plant.mechanics.damping_newton_seconds_per_metre\"\nfrom = 0.01\nto = 1\n\
-             [[sweep.normal]]\nkey = \"plant.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n",
+             [[sweep.log_uniform]]\nkey = \"plant.wire.mechanics.damping_newton_seconds_per_metre\"\nfrom = 0.01\nto = 1\n\
+             [[sweep.normal]]\nkey = \"plant.wire.heat.ambient_celsius\"\nmean = 20\nstandard_deviation = 2\n",
         );
         let column = |place: usize| {
             (1..=4000)
@@ -422,7 +422,7 @@ mod tests {
     #[test]
     fn a_draw_that_a_key_does_not_admit_makes_an_invalid_case() {
         let cases = cases(
-            "draws = 50\n[[sweep.normal]]\nkey = \"plant.mechanics.load_kilograms\"\nmean = 0.01\nstandard_deviation = 0.01\n",
+            "draws = 50\n[[sweep.normal]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nmean = 0.01\nstandard_deviation = 0.01\n",
         );
         let reasons: Vec<String> = (1..=50)
             .filter_map(|number| cases.case(number).plan().err())

@@ -70,7 +70,7 @@ mod tests {
     fn a_file_that_is_replaced_or_gone_is_seen() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.fmu");
-        let text = "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
         let mut plan = Plan::new(scenario, catalogue()).from_file("s.toml", text.to_owned());

@@ -217,7 +217,7 @@ mod tests {
     use super::*;
 
     fn cases(seed: u64) -> TortureCases {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, catalogue()).from_file("t.toml", text.to_owned());

@@ -216,7 +216,7 @@ mod tests {
     use crate::campaign::{of_one_loop, play_one};
     use recording::capture::Watch;
 
-    const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
+    const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
     /// A fault that harms nothing: without one the plant publishes no truth.

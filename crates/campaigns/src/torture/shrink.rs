@@ -270,7 +270,7 @@ pub(super) fn from_failed_run(fault: &FailedRun) -> BrokenInvariant {
 mod tests {
     use super::*;
 
-    const BASE: &str = "schema = 1\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n\
+    const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[expect]\n\
         position_millimetres_max = { max = 0.0 }\n";
 

@@ -49,7 +49,7 @@ impl Held {
 fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
     let seconds = 0.01 * f64::from(u32::try_from(cycles).unwrap());
     let mut text = format!(
-        "schema = 1\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"m\"\nduration_seconds = {seconds:.2}\n[bus]\nsync_period_milliseconds = 10.0\n[controller.open_loop]\n"
     );
     for (from, until) in faults {
         let [from, until] = [from, until].map(|centis| f64::from(*centis) / 100.0);

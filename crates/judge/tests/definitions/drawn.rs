@@ -90,7 +90,7 @@ impl Drawn {
     /// The scenario file.
     pub(crate) fn text(&self) -> String {
         let mut text = format!(
-            "schema = 1\nname = \"drawn\"\nduration_seconds = {:?}\n\
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"drawn\"\nduration_seconds = {:?}\n\
              [bus]\nsync_period_milliseconds = 10.0\n[controller.pid]\n",
             self.duration()
         );

@@ -15,6 +15,7 @@ use super::fit::Fit;
 use super::nominal_model::nominal_model;
 use super::parameter::{self, Parameter};
 use super::picture;
+use super::played::text_on_shipped_rig;
 use super::report;
 use super::search::{self, SearchError, Solution};
 use super::start;
@@ -293,7 +294,7 @@ fn write(
         plant,
         ..played.clone()
     };
-    folder.write(file::SCENARIO, scenario.to_text()?.as_bytes())?;
+    folder.write(file::SCENARIO, text_on_shipped_rig(&scenario)?.as_bytes())?;
     for (table, text) in &first.tables {
         folder.write(table, text.as_bytes())?;
     }

@@ -11,6 +11,7 @@ pub mod nominal_model;
 pub mod optimiser;
 pub mod parameter;
 pub mod picture;
+pub mod played;
 pub mod report;
 pub mod residual_test;
 pub mod search;

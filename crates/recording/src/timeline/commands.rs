@@ -159,7 +159,7 @@ mod tests {
     const PERIOD_MICROS: u64 = 1000;
 
     fn plan() -> Plan {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         Plan::new(scenario, &Catalogue::shipped())
     }

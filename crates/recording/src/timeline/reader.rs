@@ -430,7 +430,7 @@ mod tests {
 
     /// Two cycles, after which the drive goes on sending.
     fn two_cycles() -> (Plan, Vec<Stamped>) {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
                     [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
@@ -500,7 +500,7 @@ mod tests {
     proptest! {
         #[test]
         fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
-            let text = "schema = 1\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
+            let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
             let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
             let plan = Plan::new(scenario, &Catalogue::shipped());
             let one = plan.leading();

@@ -238,7 +238,7 @@ mod tests {
             })
         };
         let catalogue = Catalogue::new(find_ports, |_| None);
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
+        let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &catalogue);
         let views = own_views(plan.leading());

@@ -34,7 +34,7 @@ const SILENT: u64 = 70;
 type Row = (i64, i64, f64);
 
 fn plan() -> Plan {
-    let text = "schema = 1\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
         [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
     let scenario = Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
