@@ -20,8 +20,8 @@ const ALL: &str = "all";
 
 /// Parts of a node to which a scenario may give other values, each with its definition.
 const PARTS: [(&str, &str); 6] = [
-    ("amplifier", "Amplifier"),
-    ("sensor", "Sensor"),
+    ("amplifier", "RigAmplifier"),
+    ("sensor", "RigSensor"),
     ("plausible", "Plausible"),
     ("limits", "Limits"),
     ("timeouts", "Timeouts"),
@@ -63,6 +63,11 @@ pub(super) fn of_scenario() -> Value {
     schema
 }
 
+/// The definition of the values of a part.
+fn values(definition: &str) -> String {
+    format!("{definition}Values")
+}
+
 /// The parts of a node, without how it is wired.
 fn rig_part(schema: &mut Value) -> Value {
     let mut rig = schema_of::<Rig>();
@@ -75,13 +80,12 @@ fn rig_part(schema: &mut Value) -> Value {
         if let Some(definition) = rig["definitions"][definition].as_object_mut() {
             definition.remove("required");
         }
-        let name = format!("Rig{definition}");
-        schema["definitions"][name] = rig["definitions"][definition].clone();
+        schema["definitions"][values(definition)] = rig["definitions"][definition].clone();
     }
     add_definitions(schema, &rig);
     let truth = rig["definitions"]["RigNode"]["properties"]["truth_every_cycles"].clone();
     let parts = PARTS.map(|(part, definition)| {
-        let definition = reference(&format!("Rig{definition}"));
+        let definition = reference(&values(definition));
         (part.to_owned(), definition)
     });
     let mut properties = Map::from_iter(parts);
@@ -125,7 +129,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         ];
         let parts = PARTS.into_iter().zip(has).filter(|(_, has)| *has);
         let parts = parts.map(|((part, definition), _)| {
-            let definition = reference(&format!("Rig{definition}"));
+            let definition = reference(&values(definition));
             (part.to_owned(), json!({"allOf": [definition], "default": {}}))
         });
         let parts = Map::from_iter(parts);
