@@ -12,7 +12,8 @@ use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, rig_of_a_drive, scenario};
 
 const CYCLE: &str = "[bus]\nsync_period_milliseconds = 100.0\n";
-const FAN: &str = "[[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 2.0\n";
+const FAN: &str =
+    "[[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 2.0\n";
 const DEVIATION: &str = "maximum_deviation_millimetres = { max = 60.0 }\n";
 
 /// A warm hold that no busy machine bends, with limits on the wire's temperature and on a disturbance that nothing exceeds: 1 A
@@ -28,7 +29,9 @@ fn scenario_text() -> String {
 /// The same for the rig of [`rig_file`], which has a cycle of its own and no fan.
 fn text_for_rig() -> String {
     let without = |text: String, part: &str| text.replace(part, "");
-    [CYCLE, FAN, DEVIATION].into_iter().fold(scenario_text(), without)
+    [CYCLE, FAN, DEVIATION]
+        .into_iter()
+        .fold(scenario_text(), without)
 }
 
 /// A run that expects a node on its embedded bus.
@@ -243,7 +246,10 @@ fn what_cannot_be_external_is_refused() {
         (code, stderr)
     };
     let bus = ["--bus", "embedded"];
-    let (code, text) = refused(&[&bus[..], &["--external", "disturbance"]].concat(), "step.toml");
+    let (code, text) = refused(
+        &[&bus[..], &["--external", "disturbance"]].concat(),
+        "step.toml",
+    );
     assert!(
         code == Some(3) && text.contains("needs --external drive"),
         "{code:?} {text}"

@@ -87,7 +87,10 @@ fn plant(folder: &Path, text: &str) -> Table {
     let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
     let sensor = renamed(plant.remove("sensor").unwrap());
     let mut drive = part("sensor", sensor);
-    drive.extend(part("amplifier", renamed(plant.remove("amplifier").unwrap())));
+    drive.extend(part(
+        "amplifier",
+        renamed(plant.remove("amplifier").unwrap()),
+    ));
     let plants = match plant.remove("dc_motor") {
         Some(motor) => part("motor", motor),
         None => part("wire", plant.into()),

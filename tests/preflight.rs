@@ -245,11 +245,7 @@ fn ctrl_c_under_the_ramp_takes_the_current_away() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         // Motion that is never reached.
-        let rig = rig_file(
-            folder.path(),
-            "position = { resolution = 10.0 }",
-            20.0,
-        );
+        let rig = rig_file(folder.path(), "position = { resolution = 10.0 }", 20.0);
         let run = dry_run(folder.path(), &rig);
         let drive = run.start("plant-emulator");
         let log = || {

@@ -118,12 +118,7 @@ fn what_a_folder_from_elsewhere_links_to_is_neither_quoted_nor_judged() {
     ];
     // What some commands do not read, they need not refuse.
     let of_all = ["scenario.toml", "frames.dbc"];
-    let of_some = [
-        "verdict.json",
-        "bus.log",
-        "stalls.csv",
-        "played.json",
-    ];
+    let of_some = ["verdict.json", "bus.log", "stalls.csv", "played.json"];
     for name in of_all.into_iter().chain(of_some) {
         let was_there = run.join(name).exists();
         let theirs = link_out(&run.join(name), &elsewhere);

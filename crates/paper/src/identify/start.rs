@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use scenario::plant::Plant;
+use toml::Table;
 
 use super::fit::{Fit, mean_square};
 
@@ -44,7 +45,7 @@ pub struct PlantFileError {
     reason: String,
 }
 
-/// Reads the `[plant]` table of a file, a scenario's or one that identification wrote; other tables are not looked at.
+/// Reads the plant of a file, `[plant]` where identification wrote it and `[plant.wire]` in a scenario; other tables are not looked at.
 ///
 /// # Errors
 /// The file cannot be read or has no such table.
@@ -55,9 +56,19 @@ pub fn read_plant(path: &Path) -> Result<Plant, PlantFileError> {
     };
     let text =
         scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| fault(error.to_string()))?;
-    Plant::from_file_text(&text)
+    let of_scenario = of_scenario(&text);
+    Plant::from_file_text(of_scenario.as_deref().unwrap_or(&text))
         .map_err(|error| fault(error.message().to_owned()))?
         .ok_or_else(|| fault("it has no table [plant]".to_owned()))
+}
+
+/// The plant of a scenario on the rig that ships, as identification writes it.
+fn of_scenario(text: &str) -> Option<String> {
+    let mut file: Table = text.parse().ok()?;
+    let wire = file.get("plant")?.get("wire")?.clone();
+    file.clear();
+    file.insert("plant".to_owned(), wire);
+    toml::to_string(&file).ok()
 }
 
 impl FromStr for Start {
@@ -147,6 +158,15 @@ mod tests {
     fn the_sequence_of_base_2_halves_and_halves() {
         let values: Vec<f64> = (1..6).map(|index| radical_inverse(index, 2)).collect();
         assert_eq!(values, [0.5, 0.25, 0.75, 0.125, 0.625]);
+    }
+
+    #[test]
+    fn a_scenario_has_its_plant_under_a_name() {
+        let text = |table| format!("name = \"t\"\n[{table}.mechanics]\nload_kilograms = 0.05\n");
+        let plant = of_scenario(&text("plant.wire")).unwrap();
+        let plant = Plant::from_file_text(&plant).unwrap().unwrap();
+        assert_eq!(plant.mechanics.load_kilograms, 0.05);
+        assert_eq!(of_scenario(&text("plant")), None);
     }
 
     #[test]
