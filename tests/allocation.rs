@@ -10,7 +10,6 @@ use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
 use plant_emulator::plants::sma::Actuator;
 use platform::counting_allocator::allocations;
-use scenario::loops::Loops;
 use scenario::{ControllerView, Scenario, without_colours};
 
 use crate::support::scenario;
@@ -161,7 +160,7 @@ fn allocations_to_refuse(entries: usize) -> u64 {
     }
     fs::write(folder.path().join("rig.toml"), rig).unwrap();
     let before = allocations();
-    let refused = Loops::load(&path, |_| Vec::new(), |_| None);
+    let refused = Scenario::load(&path);
     let count = allocations() - before;
     let error = without_colours(&refused.unwrap_err());
     assert!(error.contains("entries in [plant]"), "{error}");

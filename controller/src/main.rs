@@ -15,7 +15,7 @@ use platform::stop::StopSignal;
 use platform::terminal::printable;
 use platform::{real_time, scheduling};
 use scenario::loops::Loops;
-use scenario::{Beside, ScenarioError, read_text, without_colours};
+use scenario::{Beside, text_of, without_colours};
 
 /// Leads the drive on a CAN bus through a scenario until it is stopped (Ctrl-C).
 ///
@@ -31,8 +31,6 @@ struct Arguments {
     scenario: PathBuf,
 }
 
-/// Longest scenario.
-const SCENARIO_BYTES_MAX: u64 = 1 << 20;
 const SCENARIO_INVALID: u8 = 3;
 const FAILED: u8 = 4;
 
@@ -52,9 +50,7 @@ fn main() -> ExitCode {
 
 fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
     let path = &arguments.scenario;
-    let text = read_text(path, SCENARIO_BYTES_MAX)
-        .map_err(|error| ScenarioError::unreadable(path, &error))?;
-    let beside = Beside::new(path);
+    let (beside, text) = (Beside::new(path), text_of(path)?);
     let Loops {
         rig, loops, sheets, ..
     } = Loops::parse_view(&beside, text, |name| beside.read(name))?;

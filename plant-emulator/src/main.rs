@@ -4,18 +4,17 @@
     reason = "a program that is started by hand says how it went"
 )]
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use miette::{IntoDiagnostic, miette};
+use miette::{IntoDiagnostic, Report};
 use plant_emulator::catalogue;
 use platform::bus::BusAddress;
 use platform::stop::StopSignal;
 use platform::terminal::printable;
 use platform::{real_time, scheduling};
-use scenario::loops::Loops;
-use scenario::{Beside, Scenario, ScenarioError, read_text, without_colours};
+use scenario::{Scenario, without_colours};
 
 /// Plays the drive with its plant, and the fan and load module, on a CAN bus until it is stopped (Ctrl-C).
 ///
@@ -31,15 +30,13 @@ struct Arguments {
     scenario: PathBuf,
 }
 
-/// Longest scenario.
-const SCENARIO_BYTES_MAX: u64 = 1 << 20;
 const SCENARIO_INVALID: u8 = 3;
 const FAILED: u8 = 4;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let outcome = scenario(&arguments.scenario)
-        .map_err(|error| (SCENARIO_INVALID, error))
+    let outcome = Scenario::load(&arguments.scenario)
+        .map_err(|error| (SCENARIO_INVALID, Report::new(error)))
         .and_then(|scenario| run(&arguments.bus, &scenario).map_err(|error| (FAILED, error)));
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -48,16 +45,6 @@ fn main() -> ExitCode {
             ExitCode::from(code)
         }
     }
-}
-
-fn scenario(path: &Path) -> miette::Result<Scenario> {
-    let text = read_text(path, SCENARIO_BYTES_MAX)
-        .map_err(|error| ScenarioError::unreadable(path, &error))?;
-    let beside = Beside::new(path);
-    let read = |name: &str| beside.read(name);
-    let (loops, _) = Loops::parse(&beside, text, read, |_| Vec::new(), |_| None)?;
-    let several = || miette!("it has several loops: `canrig run` starts an emulator for each plant");
-    loops.only().ok_or_else(several)
 }
 
 fn run(address: &BusAddress, scenario: &Scenario) -> miette::Result<()> {

@@ -11,6 +11,9 @@ use canopen::sync::Sync;
 use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
 
+use scenario::loops::NodesOfLoop;
+use scenario::rig::Preflight;
+
 use super::*;
 use crate::cause::Cause;
 
@@ -133,7 +136,7 @@ fn controller(tables: &str) -> ControllerNode {
 }
 
 fn view(tables: &str) -> ControllerView {
-    let text = format!("schema = 1\nname = \"t\"\nduration_seconds = 1.0\n{tables}");
+    let text = format!("schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n{tables}");
     let view = ControllerView::parse(
         &text,
         "t.toml",
@@ -751,28 +754,52 @@ fn a_single_spike_costs_a_cycle_only() {
     assert_eq!(emergencies(&bus), []);
 }
 
-/// A rig file with the drive as node 0x20 and these limits on the position.
-fn rig(limits: &str) -> RigFile {
-    let text = format!(
-        "schema = 1\nname = \"rig\"\n[bus]\nsync_period_milliseconds = 5.0\n[drive]\nnode_id = 32\n\
-         [limits]\ncurrent_amperes = 0.3\nposition_millimetres = {limits}\nspeed_millimetres_per_second = 1e4\n\
-         [timeouts]\ndrive_heartbeat_milliseconds = 50\ndrive_lost_milliseconds = 200\n"
-    );
-    RigFile::parse(&text, "rig.toml").unwrap()
+/// A real drive as node 0x20 with these limits of the position.
+fn real_drive(min: f64, max: f64) -> RealDrive {
+    RealDrive {
+        drive: RigDrive {
+            node_id: 32,
+            ..RigDrive::default()
+        },
+        limits: Limits {
+            current_amperes: 0.3,
+            min,
+            max,
+            rate_max: 1e4,
+        },
+        timeouts: Timeouts {
+            drive_heartbeat_milliseconds: 50,
+            drive_lost_milliseconds: 200,
+            ..Timeouts::default()
+        },
+        preflight: Preflight::default(),
+    }
 }
 
-fn bus_of(rig: &RigFile) -> Bus {
+/// A bus with that drive, and an io node of this number.
+fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let mut bus = Bus::new(OPEN_LOOP);
-    bus.controller = ControllerNode::on_rig(&view(OPEN_LOOP), rig, dbc::DRIVE_EDS).unwrap();
-    let node = NodeId::new(rig.drive.node_id).unwrap();
+    let node_id = real.drive.node_id;
+    let one = OneLoop {
+        name: "position".to_owned(),
+        place: NodesOfLoop {
+            drive: node_id,
+            io,
+            truth_every_cycles: 1,
+        },
+        scenario: view(&format!("{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n")),
+    };
+    let loops = [(&one, Some((real, dbc::DRIVE_EDS)))];
+    bus.controller = ControllerNode::of_loops(loops).unwrap();
+    let node = NodeId::new(node_id).unwrap();
     let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap().dictionary;
     bus.drive = Some(Device::new(node, dictionary, TestDrive::default()).unwrap());
     bus
 }
 
 #[test]
-fn the_drive_of_a_rig_file_is_led_at_its_cycle_and_within_its_current() {
-    let mut bus = bus_of(&rig("{ min = -1.0, max = 45.0 }"));
+fn a_real_drive_is_led_at_its_cycle_and_within_its_current() {
+    let mut bus = bus_of(&real_drive(-1.0, 45.0), None);
     bus.run_until_running();
     let from = bus.now + MILLISECOND / 2;
     bus.run_for(Duration::from_secs(1));
@@ -790,10 +817,8 @@ fn the_drive_of_a_rig_file_is_led_at_its_cycle_and_within_its_current() {
 }
 
 #[test]
-fn the_fan_of_a_rig_file_is_started_and_stopped_under_its_number() {
-    let mut rig = rig("{ min = -1.0, max = 45.0 }");
-    rig.fan.node_id = 64;
-    let mut bus = bus_of(&rig);
+fn the_io_node_of_a_rig_is_started_and_stopped_under_its_number() {
+    let mut bus = bus_of(&real_drive(-1.0, 45.0), Some(64));
     bus.run_until_running();
     let fan = NodeId::new(64);
     assert!(!bus.has_sent(&NmtCommand::Start.frame(fan)));
@@ -808,7 +833,7 @@ fn the_fan_of_a_rig_file_is_started_and_stopped_under_its_number() {
 
 #[test]
 fn a_position_beyond_the_rigs_limits_ends_the_run() {
-    let mut bus = bus_of(&rig("{ min = -1.0, max = 0.55 }"));
+    let mut bus = bus_of(&real_drive(-1.0, 0.55), None);
     let expected = "limit of the rig: the position is 0.60 mm (limits -1 to 0.55 mm)";
     assert_eq!(bus.ending(), Progress::Failed(expected.to_owned()));
     assert!(!bus.drive().application().is_heating());

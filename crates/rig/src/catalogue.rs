@@ -372,6 +372,9 @@ fn signal_of(port: &Port) -> PlantSignal {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use scenario::Beside;
     use dbc::Kind;
 
     use super::*;
@@ -405,7 +408,7 @@ mod tests {
     #[test]
     fn plants_and_laws_have_frames_of_their_own() {
         let catalogue = Catalogue::new(|_| Some(plant_with("spring_force_newtons")), |_| None);
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
+        let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let frames = catalogue.frames(&scenario);
         assert!(frames.names().find("spring_force_newtons").is_ok());
@@ -428,11 +431,23 @@ mod tests {
     }
 
     #[test]
-    fn on_a_rig_the_plants_signals_keep_their_names_and_are_on_no_bus() {
-        let rig = LoadedRig::from_text(
-            "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
-             position_millimetres = { min = -1.0, max = 45.0 }\nspeed_millimetres_per_second = 400.0\n",
-        );
+    fn with_a_real_drive_the_plants_signals_keep_their_names_and_are_on_no_bus() {
+        const RIG: &str = r#"schema = 1
+name = "bench"
+[plant.motor.dc_motor]
+[node.controller]
+kind = "controller"
+node_id = 1
+[node.drive]
+kind = "drive"
+node_id = 16
+amplifier = { port = "motor.current_amperes" }
+sensor = { port = "motor.position_metres" }
+limits = { current_amperes = 0.9, min = -1.0, max = 45.0, rate_max = 400.0 }
+[loop.position]
+feedback = "drive.position"
+outputs = ["drive.current"]
+"#;
         fn three() -> Ports {
             let mut ports = plant_with("a");
             let more = ["b", "c"].map(|name| Port::output(name, [0.0, 1.0]));
@@ -441,9 +456,10 @@ mod tests {
         }
         let catalogue = Catalogue::new(|_| Some(three()), |_| None);
         let catalogue = catalogue.with_laws(|_| vec![sum()], |_| None);
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.dc_motor]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &catalogue).on(&Arc::new(rig.unwrap()));
+        let text = "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let beside = Beside::new(Path::new("t.toml"));
+        let read = |_: &str| Ok(RIG.to_owned());
+        let plan = Plan::parse(&beside, text.to_owned(), read, &catalogue).unwrap();
         let names = plan.loops[0].names();
         assert_eq!(names.find("c"), Ok("drive_tpdo3.c"));
         assert_eq!(names.find("sum"), Ok("controller_tpdo1.sum"));
@@ -458,7 +474,7 @@ mod tests {
     #[test]
     fn two_signals_of_one_name_are_refused_with_their_owner() {
         let plants = Catalogue::new(|_| Some(plant_with("position_millimetres")), |_| None);
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let said = |catalogue: &Catalogue| {
             let objections = catalogue.objections(&scenario).into_iter();

@@ -300,7 +300,7 @@ mod tests {
     }
 
     fn found(ports: &Ports, change: impl FnOnce(&mut Wiring)) -> Option<String> {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let mut scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         scenario.wiring = Wiring {
             input: "current_amperes".to_owned(),

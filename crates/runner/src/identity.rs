@@ -77,7 +77,7 @@ mod tests {
 
     use super::*;
 
-    const TEXT: &str = "schema = 1\nname = \"s\"\nduration_seconds = 2.0\n[controller.pid]\n\
+    const TEXT: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.table]]\nfrom_seconds = 0.0\nfile = \"course.csv\"\n";
     const COURSE: &str = "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n";
 

@@ -46,11 +46,15 @@ impl ScenarioError {
     /// A scenario that is not there or cannot be read.
     #[must_use]
     pub fn unreadable(path: &Path, error: &io::Error) -> Self {
-        let (kind, file_name) = ("scenario", &path.display().to_string());
         let message = match error.kind() {
             io::ErrorKind::NotFound => "there is no such file".to_owned(),
             _ => error.to_string(),
         };
+        Self::of_scenario(&path.display().to_string(), message)
+    }
+
+    /// A scenario of which something is wrong at no place of its text.
+    pub(crate) fn of_scenario(file_name: &str, message: String) -> Self {
         let problem = Problem {
             message: message.into_boxed_str(),
             label: Box::default(),
@@ -60,7 +64,7 @@ impl ScenarioError {
             others: Vec::new(),
             source_text: Source::new(file_name, "").text,
         };
-        Self::new(kind, file_name, vec![problem])
+        Self::new("scenario", file_name, vec![problem])
     }
 
     /// The problems in the order of the file; at least one, at most 50.

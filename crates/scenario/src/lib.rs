@@ -63,7 +63,7 @@ pub use bus::Bus;
 pub use error::{Problem, ScenarioError, without_colours};
 pub use file::{open_file, open_to_write, read_text, require_file};
 pub use fingerprint::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
-pub use load::{Objection, Texts};
+pub use load::{Objection, Texts, text_of};
 pub use nearest::{meant_or_known, nearest};
 pub use overrides::Override;
 pub use scenario::Scenario;

@@ -23,6 +23,7 @@ use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::beside::Beside;
 use crate::fault::Faults;
+use crate::file::read_text;
 use crate::loops::Loops;
 use crate::outside::{self, Outside};
 use crate::own::{Own, Section};
@@ -90,14 +91,21 @@ struct OfRun {
 type FindObjections<'a> = &'a dyn Fn(&Scenario) -> Vec<Objection>;
 
 impl Scenario {
-    /// Reads the scenario of a rig with one loop from text. `file_name` names it in errors; `read_table` gives the text of a table
-    /// by the name that the scenario uses.
+    /// Reads the scenario of a rig with one loop, and the files that it names.
     ///
     /// # Errors
-    /// Everything that is wrong in the text and its tables.
+    /// The file cannot be read, or everything that is wrong in it; several loops are.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        let beside = Beside::new(path);
+        let read = |name: &str| beside.read(name);
+        Self::parse(&text_of(path)?, &path.display().to_string(), read)
+    }
+
+    /// As [`Scenario::load`], from text. `file_name` names it in errors; `read_table` gives the text of a table by the name that the
+    /// scenario uses.
     ///
-    /// # Panics
-    /// The rig has several loops.
+    /// # Errors
+    /// As [`Scenario::load`].
     pub fn parse(
         text: &str,
         file_name: &str,
@@ -106,7 +114,7 @@ impl Scenario {
         let beside = Beside::new(Path::new(file_name));
         let text = text.to_owned();
         let (loops, _) = Loops::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
-        Ok(loops.only().expect("a rig with one loop"))
+        loops.only(file_name)
     }
 
     /// Whether a text may be meant as a scenario: it has a key that no rig file has, or is not even TOML.
@@ -184,22 +192,27 @@ impl Scenario {
 }
 
 impl ControllerView {
-    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Scenario::parse`].
+    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Scenario::load`].
     ///
     /// # Errors
-    /// Everything that is wrong in what the controller sees.
+    /// As [`Scenario::load`], for what the controller sees.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        let beside = Beside::new(path);
+        let read = |name: &str| beside.read(name);
+        Self::parse(&text_of(path)?, &path.display().to_string(), read)
+    }
+
+    /// As [`ControllerView::load`], from text; as [`Scenario::parse`].
     ///
-    /// # Panics
-    /// The rig has several loops.
+    /// # Errors
+    /// As [`ControllerView::load`].
     pub fn parse(
         text: &str,
         file_name: &str,
         read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(Path::new(file_name));
-        let mut loops = Loops::parse_view(&beside, text.to_owned(), read_table)?.loops;
-        let only = loops.pop().filter(|_| loops.is_empty());
-        Ok(only.expect("a rig with one loop").scenario)
+        Loops::parse_view(&beside, text.to_owned(), read_table)?.only(file_name)
     }
 
     /// Reads what the controller may know from a scenario's tree.
@@ -248,6 +261,14 @@ impl ControllerView {
         ));
         none_of(problems, view)
     }
+}
+
+/// The text of a scenario's file.
+///
+/// # Errors
+/// It cannot be read.
+pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
+    read_text(path, SCENARIO_BYTES_MAX).map_err(|error| ScenarioError::unreadable(path, &error))
 }
 
 /// Problems of a loop in its own unit.

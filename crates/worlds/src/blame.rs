@@ -324,7 +324,7 @@ mod tests {
 
     #[test]
     fn a_drive_that_is_given_up_is_amiss_since_its_last_position_before() {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let frame = |milliseconds, id, data: &[u8]| {

@@ -30,19 +30,11 @@ fn law_objection(scenario: &Scenario) -> Option<Objection> {
 fn plant_objection(scenario: &Scenario) -> Option<Objection> {
     let plant = scenario.plant.name();
     if let Some(fmu) = &scenario.plant.fmu {
-        if scenario.wiring.loops.is_empty() {
-            return Some(without_rig(plant));
-        }
         return fmu_plant::objection(fmu);
     }
-    let invalid = match plants::check(scenario) {
-        Err(InvalidEmulator::Plant(invalid)) => invalid,
-        Err(
-            InvalidEmulator::UnknownPort(_)
-            | InvalidEmulator::Unit { .. }
-            | InvalidEmulator::TooManyOutputs(_),
-        ) => return Some(without_rig(plant)),
-        _ => return None,
+    // What is wrong with its wiring is found at the rig.
+    let Err(InvalidEmulator::Plant(invalid)) = plants::check(scenario) else {
+        return None;
     };
     let path = match invalid.parameter() {
         Some(parameter) => format!("plant.{plant}.{parameter}"),
@@ -56,19 +48,6 @@ fn plant_objection(scenario: &Scenario) -> Option<Objection> {
     })
 }
 
-/// The objection to a plant that no rig file wires, and that has other ports than those of one axis.
-fn without_rig(plant: &str) -> Objection {
-    Objection {
-        path: format!("plant.{plant}"),
-        message: format!("the plant `{plant}` needs a rig file"),
-        label: "its ports are not those of one axis".to_owned(),
-        help: Some(
-            "write schema = 2, and rig = \"FILE.toml\" for a rig file that wires its ports"
-                .to_owned(),
-        ),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -77,7 +56,7 @@ mod tests {
     fn a_law_whose_model_lifts_nothing_is_objected_to() {
         let objection = |law: &str, modulus: &str| {
             let text = format!(
-                "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}.nominal_model]\n\
+                "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}.nominal_model]\n\
                  austenite_modulus_pascals = {modulus}\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
@@ -94,25 +73,10 @@ mod tests {
     }
 
     #[test]
-    fn a_plant_with_other_ports_than_those_of_one_axis_needs_a_rig_file() {
-        for plant in ["sma_pair", "fmu"] {
-            let text = format!(
-                "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n[plant.{plant}]\n"
-            );
-            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-            let message = plant_objection(&scenario).unwrap().message;
-            assert_eq!(message, format!("the plant `{plant}` needs a rig file"));
-        }
-    }
-
-    #[test]
     fn every_column_of_the_shipped_plants_and_laws_has_a_name_of_its_own() {
-        for tables in [
-            "[controller.sliding_mode]",
-            "[controller.pid]\n[plant.dc_motor]",
-        ] {
+        for (rig, law) in [("sma_actuator", "sliding_mode"), ("dc_motor", "pid")] {
             let text = format!(
-                "schema = 1\nname = \"s\"\nduration_seconds = 1.0\n{tables}\n\
+                "schema = 1\nrig = \"{rig}\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}]\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
             let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();

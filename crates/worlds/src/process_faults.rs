@@ -58,7 +58,7 @@ mod tests {
 
     #[test]
     fn a_crash_that_ends_kills_and_starts_and_a_drives_is_not_of_its_process() {
-        let text = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
             [[fault.node.crash]]\nfrom_seconds = 3.0\nuntil_seconds = 4.0\nnode = \"controller\"\n\
             [[fault.node.hang]]\nfrom_seconds = 1.0\nnode = \"controller\"\n\
             [[fault.node.crash]]\nfrom_seconds = 2.0\nnode = \"drive\"\n";

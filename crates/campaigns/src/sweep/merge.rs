@@ -457,7 +457,7 @@ mod tests {
             runs: RUNS,
             seed: 1,
         };
-        let cases = TortureCases::new(&plan, draws).unwrap();
+        let cases = TortureCases::new(&plan, draws);
         let campaign = CampaignCases::Torture(Box::new(cases));
         let CampaignCases::Torture(cases) = &campaign else {
             unreachable!("as it was made")

@@ -244,6 +244,7 @@ mod tests {
     use std::collections::{BTreeMap, BTreeSet};
 
     use scenario::Scenario;
+    use worlds::catalogue::catalogue;
 
     use super::*;
     use crate::torture::TortureCase;

@@ -10,10 +10,9 @@ use dbc::Database;
 use dbc::loops::LoopPlace;
 use scenario::loops::{Loops, OneLoop};
 use scenario::rig::nodes::Rig;
-use scenario::{Beside, Objection, Scenario, ScenarioError, Texts, read_text};
+use scenario::{Beside, Objection, Scenario, ScenarioError, Texts, text_of};
 
 use super::{ControlLoop, LoopName, Plan};
-use crate::FILE_BYTES_MAX;
 use crate::bus_budget::BusBudget;
 use crate::catalogue::Catalogue;
 use crate::external::External;
@@ -148,10 +147,6 @@ impl Plan {
         plan.expect("a rig without objections")
             .with_texts(beside, texts)
     }
-}
-
-fn text_of(path: &Path) -> Result<String, ScenarioError> {
-    read_text(path, FILE_BYTES_MAX).map_err(|error| ScenarioError::unreadable(path, &error))
 }
 
 /// Checks the text of a rig file on which nothing is tried, and computes what it needs of the bus under the shipped laws.

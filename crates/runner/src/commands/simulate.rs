@@ -70,7 +70,7 @@ mod tests {
         let scenario = |name: &str, limit: &str| {
             let path = folder.path().join(name);
             let text = format!(
-                "schema = 1\nname = \"{name}\"\nduration_seconds = 0.2\n[controller.pid]\n\
+                "schema = 1\nrig = \"sma_actuator\"\nname = \"{name}\"\nduration_seconds = 0.2\n[controller.pid]\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[expect]\n{limit}"
             );
             fs::write(&path, text).unwrap();

@@ -365,6 +365,8 @@ fn at_rest(rest: Span, unit: &Unit) -> String {
 #[cfg(test)]
 mod tests {
     use canopen::frame::ERROR_FLAG;
+    use dbc::Database;
+    use scenario::rig::{Limits, Preflight, RealDrive, RigDrive, Timeouts};
 
     use super::*;
 

@@ -6,23 +6,23 @@ use scenario::node::Part;
 use super::*;
 
 const SERVO: &str = include_str!("../../../../../tests/foreign/servo.eds");
-const SCENARIO: &str = "schema = 2\nname = \"two servos\"\nrig = \"rigs/two.toml\"\nduration_seconds = 4.0\n\
+const SCENARIO: &str = "schema = 1\nname = \"two servos\"\nrig = \"rigs/two.toml\"\nduration_seconds = 4.0\n\
     [controller.all.open_loop]\n";
 const TWO_AXES: &str = include_str!("../../../../worlds/tests/data/two_axes_rig.toml");
 
 fn servo(name: &str, node_id: u8) -> String {
     format!(
-        "[node.{name}]\nkind = \"drive\"\nnode_id = {node_id}\nexternal = true\neds = \"sheets/servo.eds\"\n\
+        "[node.{name}]\nkind = \"drive\"\nnode_id = {node_id}\neds = \"sheets/servo.eds\"\n\
          mode_of_operation = -1\ncommand = {{ object = \"0x2200\", units_per_ampere = 10000.0 }}\n\
-         position = {{ object = \"0x2100:01\", units_per_millimetre = -40.0, units_at_stop = 5000.0 }}\n\
+         position = {{ object = \"0x2100:01\", increments_per_unit = -40.0, increments_at_zero = 5000.0 }}\n\
          current = {{ object = \"0x2201\" }}\n[node.{name}.limits]\ncurrent_amperes = 1.0\n\
-         position_millimetres = {{ min = -1.0, max = 45.0 }}\nspeed_millimetres_per_second = 600.0\n\
-         [loop.{name}]\nfeedback = \"{name}.position\"\ndrives = [\"{name}\"]\n"
+         min = -1.0\nmax = 45.0\nrate_max = 600.0\n\
+         [loop.{name}]\nfeedback = \"{name}.position\"\noutputs = [\"{name}.current\"]\n"
     )
 }
 
 fn two_servos(second: u8) -> String {
-    let head = "schema = 2\nname = \"two servos\"\n[bus]\nsync_period_milliseconds = 5.0\n\
+    let head = "schema = 1\nname = \"two servos\"\n[bus]\nsync_period_milliseconds = 5.0\n\
         [node.controller]\nkind = \"controller\"\nnode_id = 1\n";
     head.to_owned() + &servo("x", 0x20) + &servo("y", second)
 }
@@ -53,14 +53,11 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
             (name, node_id)
         );
         assert!(one.is_external(Part::Drive) && one.is_ours(Part::Controller));
-        let rig = one.rig.as_ref().unwrap();
-        assert_eq!(rig.drive.node_id().get(), node_id);
-        assert_eq!(rig.drive.mode_of_operation(), -1);
-        assert!((rig.file.limits.current_amperes - 1.0).abs() < 1e-12);
-        // Its text is a rig file of one drive.
-        let read = scenario::rig::RigFile::parse(&rig.text, "x.toml").unwrap();
-        assert_eq!(read, rig.file);
-        let feedback = rig.drive.feedback_id();
+        let drive = one.real_drive.as_ref().unwrap();
+        assert_eq!(drive.layout.node_id().get(), node_id);
+        assert_eq!(drive.layout.mode_of_operation(), -1);
+        assert!((drive.real.limits.current_amperes - 1.0).abs() < 1e-12);
+        let feedback = drive.layout.feedback_id();
         assert_eq!(one.position().unwrap().raw_id(), u32::from(feedback));
         assert!(one.message(&one.nodes.drive, "truth").is_err());
     }
@@ -117,9 +114,9 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     assert!(unknown.contains("did you mean `controller`?"), "{unknown}");
 }
 
-/// The plan of a scenario that names no rig, with these nodes external.
+/// The plan of a scenario on the rig that ships, with these nodes external.
 fn with_external(names: &[&str], fault: &str) -> Result<Plan, String> {
-    let head = "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
+    let head = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
     let scenario = Scenario::parse(&format!("{head}{fault}"), "t.toml", |_| unreachable!());
     let plan = Plan::new(scenario.unwrap(), &Catalogue::shipped());
     let names = names.iter().map(ToString::to_string);
@@ -128,13 +125,13 @@ fn with_external(names: &[&str], fault: &str) -> Result<Plan, String> {
 
 #[test]
 fn a_fan_is_external_only_beside_an_external_drive() {
-    let refused = with_external(&["fan"], "").unwrap_err();
+    let refused = with_external(&["disturbance"], "").unwrap_err();
     assert_eq!(
         refused,
-        "--external fan needs --external drive: a real fan cannot cool an emulated wire"
+        "--external disturbance needs --external drive: a real fan cannot cool an emulated wire"
     );
-    let plan = with_external(&["fan", "drive", "fan"], "").unwrap();
-    assert_eq!(plan.external_names(), ["drive", "fan"]);
+    let plan = with_external(&["disturbance", "drive", "disturbance"], "").unwrap();
+    assert_eq!(plan.external_names(), ["drive", "disturbance"]);
 }
 
 #[test]

@@ -100,12 +100,20 @@ impl Loops<Scenario> {
         let reading = Reading::ToPlay;
         made(&files, &mut { read }, reading, &|_| Vec::new(), &object)
     }
+}
 
-    /// The scenario of the only loop; none where there are several.
-    #[must_use]
-    pub fn only(mut self) -> Option<Scenario> {
+impl<T> Loops<T> {
+    /// What is tried in the only loop.
+    ///
+    /// # Errors
+    /// There are several.
+    pub(crate) fn only(mut self, file_name: &str) -> Result<T, ScenarioError> {
+        let count = self.loops.len();
         let one = self.loops.pop().filter(|_| self.loops.is_empty());
-        one.map(|one| one.scenario)
+        one.map(|one| one.scenario).ok_or_else(|| {
+            let message = format!("its rig has {count} loops, and one is played here");
+            ScenarioError::of_scenario(file_name, message)
+        })
     }
 }
 

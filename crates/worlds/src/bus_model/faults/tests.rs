@@ -8,7 +8,7 @@ use super::*;
 /// The faults of these tables for one drive, with scenario time begun at 0.
 fn faults(tables: &str) -> BusFaults {
     let text = format!(
-        "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
     );
     let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
     let plan = Plan::new(scenario, &Catalogue::shipped());
