@@ -25,7 +25,8 @@ pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
 pub(crate) use fault::{faults, faults_of_plants};
-use limits::{limits, reactions};
+use limits::limits;
+pub(crate) use limits::reactions;
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
 
 /// What scenario and controller view have in common.
@@ -73,7 +74,6 @@ pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem
     let mut problems = disturbances(document, scenario);
     problems.extend(plant::check(document, scenario));
     problems.extend(limits(document, scenario));
-    problems.extend(reactions(document, scenario));
     problems.extend(signals::check(document, scenario));
     problems.extend(requirements::check(document, scenario));
     problems

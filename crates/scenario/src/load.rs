@@ -85,6 +85,8 @@ enum Reading {
 struct OfRun {
     wiring: Wiring,
     faults: Faults,
+    /// False where some of the faults could not be read.
+    has_all_faults: bool,
 }
 
 /// Finds what else is wrong with a scenario.
@@ -145,7 +147,11 @@ impl Scenario {
         read_table: ReadTable<'_>,
         reading: Reading,
         find_objections: FindObjections<'_>,
-        OfRun { wiring, faults }: OfRun,
+        OfRun {
+            wiring,
+            faults,
+            has_all_faults,
+        }: OfRun,
     ) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay => Outside::Registered,
@@ -172,6 +178,9 @@ impl Scenario {
         problems.extend(check::control(document, &control));
         problems.extend(check::name(document, &scenario.name));
         problems.extend(check::bench(document, &scenario));
+        if has_all_faults {
+            problems.extend(check::reactions(document, &scenario));
+        }
         problems.extend(check::read_tables(
             document,
             &mut scenario.reference,

@@ -69,7 +69,7 @@ fn missing_for(metric: &Metric, scenario: &Scenario) -> Option<String> {
 }
 
 /// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
-pub(super) fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
+pub(crate) fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let expect = &scenario.expect;
     let mut problems = Vec::new();
     let reactions = METRICS.iter().filter(|metric| metric.needs_fault());

@@ -84,6 +84,11 @@ pub(super) type Split<'text> = (Vec<(String, DeTable<'text>)>, Vec<Problem>);
 
 impl<'text> Splitter<'_, 'text> {
     pub(super) fn split(&self) -> Split<'text> {
+        // A misspelt table is one problem, not another one for all that it does not say.
+        let strange = self.strange_keys();
+        if !strange.is_empty() {
+            return (Vec::new(), strange);
+        }
         let mut problems = self.strangers();
         let mut trees = Vec::new();
         for name in self.rig.loops.keys() {
@@ -308,7 +313,7 @@ impl<'text> Splitter<'_, 'text> {
 
     /// Loops and nodes that the scenario names and the rig does not have.
     fn strangers(&self) -> Vec<Problem> {
-        let mut problems = self.strange_keys();
+        let mut problems = Vec::new();
         let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
         for (section, by, known) in [

@@ -159,10 +159,15 @@ fn made(
         mut problems,
     } = overlaid;
     let (faults, found) = fault::read(&files.scenario, &rig);
+    let has_all_faults = found.is_empty();
     problems.extend(found);
     let read = |document: &mut Document<'_>, wiring: Wiring| {
         let faults = faults.clone();
-        let of_run = OfRun { wiring, faults };
+        let of_run = OfRun {
+            wiring,
+            faults,
+            has_all_faults,
+        };
         Scenario::read(document, &mut *read_file, reading, &objections, of_run)
     };
     let mut loops = match read_loops(files, rig, &tree, read) {
