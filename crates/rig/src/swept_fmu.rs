@@ -14,7 +14,7 @@ pub(crate) fn objection(
     objection: impl Fn(&Scenario) -> Option<Objection>,
 ) -> Option<Objection> {
     let sweep = scenario.sweep.as_ref()?;
-    let start = format!("plant.{plant}.fmu.start.");
+    let start = format!("plant.{plant}.start.");
     let of_fmu = |key: &str| key.starts_with(&start);
     if !sweep.keys().any(of_fmu) {
         return None;

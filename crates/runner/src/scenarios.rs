@@ -82,8 +82,10 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         beside = beside.with_rig(rig);
     }
     let is_of_rig = |name: &str| Path::new(name).starts_with(FOLDER);
-    let read = |name: &str| match shipped {
-        Some(shipped) if !is_of_rig(name) => shipped.beside(name),
+    let shipped_rig = values.rig_file().and_then(shipped::rig);
+    let read = |name: &str| match (shipped, shipped_rig) {
+        (_, Some(rig)) if is_of_rig(name) => Ok(rig.text.to_owned()),
+        (Some(shipped), _) if !is_of_rig(name) => shipped.beside(name),
         _ => beside.read(name),
     };
     Ok(Plan::parse(&beside, text, read, catalogue())?)

@@ -37,7 +37,7 @@ pub fn check(args: &CheckArgs) -> Exit {
         match checked(&path, &args.values) {
             Ok(Valid { name, bus }) => {
                 print(&format!("{}: valid ({name})", path.display()));
-                print(&arithmetic(&bus));
+                bus.iter().for_each(|bus| print(&arithmetic(bus)));
             }
             Err(error) => {
                 print_error(&format!("{error:?}"));
@@ -51,8 +51,8 @@ pub fn check(args: &CheckArgs) -> Exit {
 /// A valid scenario or rig file.
 struct Valid {
     name: String,
-    /// What the nodes send.
-    bus: BusBudget,
+    /// What the nodes of a rig file send.
+    bus: Option<BusBudget>,
 }
 
 fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
@@ -60,16 +60,16 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
     if Rig::is_meant(&text) {
         let (rig, bus) = check_rig(&text, &path.display().to_string(), catalogue())?;
         let name = format!("rig: {}", rig.name);
+        let bus = Some(bus);
         return Ok(Valid { name, bus });
     }
     let plan = read(path, values)?;
     let Shared { name, sweep, .. } = &plan.shared;
-    let bus = BusBudget::new(&plan);
     let name = match sweep {
         Some(sweep) => format!("{name}, {} runs in a sweep", sweep.runs()),
         None => name.clone(),
     };
-    Ok(Valid { name, bus })
+    Ok(Valid { name, bus: None })
 }
 
 /// What is on the bus in a cycle, and whether it fits.

@@ -68,23 +68,20 @@ impl<'text> Overlaid<'text> {
         }
         let as_written = tree.clone();
         let mut problems = overlay.put_into(&mut tree, &at);
-        if problems.is_empty() {
-            let document = scenario.with_root(tree.clone());
-            match Rig::of_tree(&document, reading) {
-                Ok(rig) => {
-                    return Self {
-                        rig,
-                        tree,
-                        problems,
-                    };
+        match Rig::of_tree(&scenario.with_root(tree.clone()), reading) {
+            Ok(rig) => Self {
+                rig,
+                tree,
+                problems,
+            },
+            Err(found) => {
+                problems.extend(overlay.without_models(found));
+                Self {
+                    rig,
+                    tree: as_written,
+                    problems,
                 }
-                Err(found) => problems.extend(overlay.without_models(found)),
             }
-        }
-        Self {
-            rig,
-            tree: as_written,
-            problems,
         }
     }
 }
@@ -151,7 +148,7 @@ impl<'text> Overlay<'_, 'text> {
         problems: &mut Vec<Problem>,
     ) {
         let known = Vec::from_iter(self.rig.node.keys().map(String::as_str));
-        for (name, parts) in nodes {
+        'nodes: for (name, parts) in nodes {
             if !self.rig.node.contains_key(name.get_ref().as_ref()) {
                 problems.push(self.unknown(name, NODE, &known));
                 continue;
@@ -165,7 +162,7 @@ impl<'text> Overlay<'_, 'text> {
                     let message = format!("`{}` of the rig has no {}", name.get_ref(), part.get_ref());
                     let label = "a scenario gives other values and adds nothing";
                     problems.push(self.problem(part.span(), message, label));
-                    return;
+                    continue 'nodes;
                 }
             }
             put(node, parts);

@@ -192,7 +192,8 @@ fn made(
         return Ok(loops);
     };
     let in_scenario = path_in_scenario(&objection.path, &loops.rig);
-    let is_overlaid = files.scenario.has(&in_scenario);
+    let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
+    let is_overlaid = files.scenario.has(&in_scenario) || files.scenario.has(table);
     if is_overlaid || objection.path.starts_with(OF_SWEEP) {
         objection.path = in_scenario;
         return Err(fail(vec![objection.problem(&files.scenario)]));
