@@ -381,7 +381,7 @@ mod tests {
 
     fn scenario(tables: &str) -> Scenario {
         let text = format!(
-            "schema = 1\nname = \"t\"\nduration_seconds = 30.0\n[controller.pid]\n{tables}"
+            "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 30.0\n[controller.pid]\n{tables}"
         );
         Scenario::parse(
             &text,

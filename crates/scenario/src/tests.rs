@@ -6,21 +6,23 @@ use std::path::{Path, PathBuf};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use proptest::prelude::*;
 
-use crate::loops::Loops;
 use crate::{ControllerView, Scenario, ScenarioError};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios")
 }
 
-/// The scenarios of schema 1 that ship.
+/// The scenarios that ship, but for those of several loops.
 fn shipped() -> Vec<PathBuf> {
     let entries = fs::read_dir(folder()).unwrap();
     let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
     files.retain(|path| {
         path.extension()
             .is_some_and(|extension| extension == "toml")
-            && !Loops::is_meant(&fs::read_to_string(path).unwrap())
+            && ["sma_actuator", "dc_motor", "press"].iter().any(|rig| {
+                let text = fs::read_to_string(path).unwrap();
+                text.contains(&format!("\nrig = \"{rig}\"\n"))
+            })
     });
     files.sort();
     files
@@ -42,7 +44,7 @@ fn no_tables(_: &str) -> std::io::Result<String> {
 
 /// The least valid scenario, with `more` behind it.
 fn with(more: &str) -> String {
-    format!("schema = 1\nname = \"test\"\nduration_seconds = 12.0\n{more}")
+    format!("schema = 1\nrig = \"sma_actuator\"\nname = \"test\"\nduration_seconds = 12.0\n{more}")
 }
 
 const CLOSED: &str =
@@ -65,9 +67,9 @@ fn a_misspelt_key_is_one_problem_with_the_right_name() {
 
 Error:
   × unknown key `postion_millimetres` in [[reference.hold]]
-   ╭─[broken.toml:7:1]
- 6 │ at_seconds = 0.0
- 7 │ postion_millimetres = 10.0
+   ╭─[broken.toml:8:1]
+ 7 │ at_seconds = 0.0
+ 8 │ postion_millimetres = 10.0
    · ─────────┬─────────
    ·          ╰── did you mean `position_millimetres`?
    ╰────
@@ -86,42 +88,42 @@ fn several_problems_are_reported_together_in_the_order_of_the_file() {
 
 Error:
   × `duration_seconds` = 0 is out of range
-   ╭─[broken.toml:3:20]
- 2 │ name = \"test\"
- 3 │ duration_seconds = 0
+   ╭─[broken.toml:4:20]
+ 3 │ name = \"test\"
+ 4 │ duration_seconds = 0
    ·                    ┬
    ·                    ╰── must be above 0, at most 604800
- 4 │ [controller.pid]
+ 5 │ [controller.pid]
    ╰────
 
 Error:
   × [[reference.hold]] starts after the end of the run
-   ╭─[broken.toml:6:14]
- 5 │ [[reference.hold]]
- 6 │ at_seconds = 0.0
+   ╭─[broken.toml:7:14]
+ 6 │ [[reference.hold]]
+ 7 │ at_seconds = 0.0
    ·              ─┬─
    ·               ╰── the run ends at 0 s
- 7 │ position_millimetres = 75
+ 8 │ position_millimetres = 75
    ╰────
 
 Error:
   × `reference.hold.position_millimetres` = 75 is out of range
-   ╭─[broken.toml:7:24]
- 6 │ at_seconds = 0.0
- 7 │ position_millimetres = 75
+   ╭─[broken.toml:8:24]
+ 7 │ at_seconds = 0.0
+ 8 │ position_millimetres = 75
    ·                        ─┬
    ·                         ╰── must be from 0 to 60
- 8 │ [expect]
+ 9 │ [expect]
    ╰────
 
 Error:
   × no value meets the limit `overshoot_percent`
-   ╭─[broken.toml:9:21]
- 8 │ [expect]
- 9 │ overshoot_percent = { min = 2, max = 1 }
-   ·                     ──────────┬─────────
-   ·                               ╰── min 2 is above max 1
-   ╰────
+    ╭─[broken.toml:10:21]
+  9 │ [expect]
+ 10 │ overshoot_percent = { min = 2, max = 1 }
+    ·                     ──────────┬─────────
+    ·                               ╰── min 2 is above max 1
+    ╰────
 ",
     );
 }
@@ -135,9 +137,9 @@ fn a_syntax_error_underlines_where_the_reading_stopped() {
 
 Error:
   × TOML syntax error
-   ╭─[broken.toml:4:15]
- 3 │ duration_seconds = 12.0
- 4 │ [controller.pid
+   ╭─[broken.toml:5:15]
+ 4 │ duration_seconds = 12.0
+ 5 │ [controller.pid
    ·               ▲
    ·               ╰── unclosed table, expected `]`
    ╰────
@@ -154,12 +156,12 @@ fn an_array_of_tables_written_as_a_table_says_how_to_write_it() {
 
 Error:
   × `reference.hold` must be an array of tables
-   ╭─[broken.toml:5:1]
- 4 │ [controller.pid]
- 5 │ [reference.hold]
+   ╭─[broken.toml:6:1]
+ 5 │ [controller.pid]
+ 6 │ [reference.hold]
    · ────────┬───────
    ·         ╰── this is a table
- 6 │ at_seconds = 0.0
+ 7 │ at_seconds = 0.0
    ╰────
   help: write it with double brackets: [[reference.hold]]
 ",
@@ -230,7 +232,7 @@ fn a_key_of_the_wrong_type_or_length_has_its_place_and_its_words() {
         ),
         (
             change("\"test\"", "\"te\\u001Bst\""),
-            2,
+            3,
             8,
             "`name` has a control character in it",
             "one line of plain text",
@@ -244,7 +246,7 @@ fn a_key_of_the_wrong_type_or_length_has_its_place_and_its_words() {
         ),
         (
             change("\"test\"", "\"\""),
-            2,
+            3,
             8,
             "`name` has 0 characters",
             "must have 1 to 200",
@@ -266,49 +268,49 @@ fn a_number_or_a_key_that_is_wrong_has_its_place_and_its_words() {
     check_broken([
         (
             change("= 10.0", "= \"10\""),
-            7,
+            8,
             24,
             "`reference.hold.position_millimetres` must be a number",
             "this is a string",
         ),
         (
             change("= 10.0", "= nan"),
-            7,
+            8,
             24,
             "`reference.hold.position_millimetres` must be finite",
             "not a finite number",
         ),
         (
             change("= 10.0", "= -inf"),
-            7,
+            8,
             24,
             "`reference.hold.position_millimetres` must be finite",
             "not a finite number",
         ),
         (
             change("= 10.0", "= 1e999"),
-            7,
+            8,
             24,
             "`reference.hold.position_millimetres` must be finite",
             "not a finite number",
         ),
         (
             change("= 10.0", "= 99999999999999999999"),
-            7,
+            8,
             24,
             "`reference.hold.position_millimetres` is too large",
             "does not fit a number",
         ),
         (
             change("position_millimetres = 10.0\n", ""),
-            5,
+            6,
             1,
             "[[reference.hold]] lacks the key `position_millimetres`",
             "`position_millimetres` is missing",
         ),
         (
             change("[controller.pid]", "[controler.pid]\n[controller.pid]"),
-            4,
+            5,
             2,
             "unknown key `controler` in the scenario",
             "did you mean `controller`?",
@@ -325,7 +327,7 @@ fn a_law_or_a_set_point_that_is_wrong_has_its_place_and_its_words() {
     check_broken([
         (
             change("[controller.pid]", "[controller]"),
-            4,
+            5,
             2,
             "no control law",
             "a law is missing here",
@@ -335,35 +337,35 @@ fn a_law_or_a_set_point_that_is_wrong_has_its_place_and_its_words() {
                 "[controller.pid]",
                 "[controller.pid]\n[controller.open_loop]",
             ),
-            5,
+            6,
             13,
             "more than one control law",
             "the second law",
         ),
         (
             with("[controller.pid]\n"),
-            4,
+            5,
             13,
             "the closed loop `pid` has no set-point",
             "needs one to follow",
         ),
         (
             more(&format!("{step}{step}")),
-            12,
+            13,
             14,
             "times of [[reference.step]] are out of order",
             "must be after 5 s, where the one before starts",
         ),
         (
             more(&step.replace("5.0", "0")),
-            9,
+            10,
             14,
             "two pieces of [reference] start at 0 s",
             "a hold starts at the same time",
         ),
         (
             more(&step.replace("5.0", "12.0")),
-            9,
+            10,
             14,
             "[[reference.step]] starts after the end of the run",
             "the run ends at 12 s",
@@ -380,7 +382,7 @@ fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
             more(
                 "[[reference.ramp]]\nfrom_seconds = 3\nuntil_seconds = 3\nposition_millimetres = 1\n",
             ),
-            10,
+            11,
             17,
             "[[reference.ramp]] ends before it begins",
             "must be after 3 s",
@@ -389,7 +391,7 @@ fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
             more(
                 "[[reference.sine]]\nfrom_seconds = 3\ncentre_millimetres = 55\namplitude_millimetres = 10\nperiod_seconds = 1\n",
             ),
-            11,
+            12,
             25,
             "the sine leaves the travel of 0 to 60 mm",
             "goes from 45 to 65 mm",
@@ -399,7 +401,7 @@ fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
                 "[[reference.chirp]]\nfrom_seconds = 3\nuntil_seconds = 4\ncentre_millimetres = 55\namplitude_millimetres = 10\n\
                  from_hertz = 1\nuntil_hertz = 2\n",
             ),
-            12,
+            13,
             25,
             "the chirp leaves the travel of 0 to 60 mm",
             "goes from 45 to 65 mm",
@@ -409,35 +411,35 @@ fn a_piece_of_the_set_point_that_is_wrong_has_its_place_and_its_words() {
                 "[[reference.chirp]]\nfrom_seconds = 3\nuntil_seconds = 4\ncentre_millimetres = 25\namplitude_millimetres = 10\n\
                  from_hertz = 1\nuntil_hertz = 1\n",
             ),
-            14,
+            15,
             15,
             "the frequency of the chirp does not move",
             "the same as from_hertz; [[reference.sine]] has one frequency",
         ),
         (
             with("[[controller.open_loop.table]]\nfrom_seconds = 0\nfile = \"/x.csv\"\n"),
-            6,
+            7,
             8,
             "a table must lie in the scenario's folder",
             "no absolute path, no `..`",
         ),
         (
             more("[[reference.table]]\nfrom_seconds = 3\nfile = \"../x.csv\"\n"),
-            10,
+            11,
             8,
             "a table must lie in the scenario's folder",
             "no absolute path, no `..`",
         ),
         (
             more("[[reference.table]]\nfrom_seconds = 3\nfile = \"x.csv\"\n"),
-            10,
+            11,
             8,
             "the CSV file x.csv cannot be read",
             "no such file",
         ),
         (
             with("[[controller.open_loop.step]]\nat_seconds = 1\ncurrent_amperes = 1.5\n"),
-            6,
+            7,
             19,
             "`controller.open_loop.step.current_amperes` = 1.5 is out of range",
             "must be from 0 to 1",
@@ -452,42 +454,42 @@ fn a_limit_or_a_bus_that_is_wrong_has_its_place_and_its_words() {
     check_broken([
         (
             more("[expect]\ncurrent_amperes_rms = {}\n"),
-            9,
+            10,
             23,
             "the limit `current_amperes_rms` is empty",
             "give min, max or both",
         ),
         (
             more("[expect]\ncurrent_amperes_rms = { min = 1.0, max = 0.5 }\n"),
-            9,
+            10,
             23,
             "no value meets the limit `current_amperes_rms`",
             "min 1 is above max 0.5",
         ),
         (
             more("[expect]\nsettling_time_seconds = { max = 0.5 }\n"),
-            9,
+            10,
             25,
             "`settling_time_seconds` cannot be judged",
             "needs a [[reference.step]]",
         ),
         (
             more("[expect]\nrecovery_time_seconds = { max = 0.5 }\n"),
-            9,
+            10,
             25,
             "`recovery_time_seconds` cannot be judged",
             "needs a [[disturbance.…]]",
         ),
         (
             more("[bus]\nbitrate_kilobits_per_second = 300\n"),
-            9,
+            10,
             31,
             "`bus.bitrate_kilobits_per_second` = 300 is out of range",
             "must be one of: 10, 20, 50, 125, 250, 500, 800, 1000",
         ),
         (
             more("[bus]\nsync_period_milliseconds = 0.25\n"),
-            9,
+            10,
             28,
             "`bus.sync_period_milliseconds` = 0.25 is out of range",
             "must be a multiple of 0.1",
@@ -501,38 +503,38 @@ fn a_plant_or_a_disturbance_that_is_wrong_has_its_place_and_its_words() {
     let more = |text: &str| format!("{closed}{text}");
     check_broken([
         (
-            more("[plant.mechanics]\nstress_strain = \"ful\"\n"),
-            9,
+            more("[plant.wire.mechanics]\nstress_strain = \"ful\"\n"),
+            10,
             17,
-            "`plant.mechanics.stress_strain` cannot be \"ful\"",
+            "`plant.wire.mechanics.stress_strain` cannot be \"ful\"",
             "must be one of: austenite_only, full",
         ),
         (
-            more("[plant.phase]\naustenite_finish_celsius = 50.0\n"),
-            9,
+            more("[plant.wire.phase]\naustenite_finish_celsius = 50.0\n"),
+            10,
             28,
             "`austenite_finish_celsius` must be above `austenite_start_celsius`",
             "must be above 53",
         ),
         (
-            more("[plant]\nheat = 3\n"),
-            9,
+            more("[plant.wire]\nheat = 3\n"),
+            10,
             8,
-            "`plant.heat` must be a table",
+            "`plant.wire.heat` must be a table",
             "this is an integer",
         ),
         (
             more(
                 "[[disturbance.fan]]\nfrom_seconds = 1\nuntil_seconds = 3\nconvection_factor = 5\n[[disturbance.fan]]\nfrom_seconds = 2\nuntil_seconds = 4\nconvection_factor = 5\n",
             ),
-            13,
+            14,
             16,
             "two fans blow at a time",
             "the one before blows until 3 s",
         ),
         (
             more("[[disturbance.load]]\nat_seconds = 1\nadded_grams = -40\n"),
-            10,
+            11,
             15,
             "nothing is left of the load",
             "must leave something of 40 g",
@@ -681,7 +683,7 @@ fn a_nominal_model_in_a_file_takes_the_place_of_the_table() {
         assert_eq!(error.problems()[0].file_name(), "model.toml");
     }
     let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
-    assert_eq!(error.problems()[0].line_and_column().unwrap().0, 5);
+    assert_eq!(error.problems()[0].line_and_column().unwrap().0, 6);
 }
 
 #[test]
@@ -743,7 +745,7 @@ fn files_and_tables_are_read_within_bounds() {
 #[test]
 fn the_controller_never_looks_at_the_plant() {
     let text = with(CLOSED)
-        + "[plant]\nnonsense = 1\n[expect]\nnonsense = 2\n[disturbance]\nnonsense = 3\n[fault]\nnonsense = 4\n";
+        + "[plant.wire.heat]\nnonsense = 1\n[expect]\nnonsense = 2\n[disturbance]\nnonsense = 3\n[fault]\nnonsense = 4\n";
     assert_eq!(
         Scenario::parse(&text, "x.toml", no_tables)
             .unwrap_err()
@@ -754,12 +756,10 @@ fn the_controller_never_looks_at_the_plant() {
     let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
     assert_eq!(view.bus.sync_period(), std::time::Duration::from_millis(1));
     assert_eq!(view.plant, "sma_actuator");
-    for plant in ["dc_motor", "pendulum_of_another_bench"] {
-        let text = with(CLOSED) + &format!("[plant.{plant}]\nnonsense = 1\n");
-        let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
-        assert_eq!(view.plant, plant);
-    }
-    let text = text.replace("[plant]", "[plants]");
+    let on_motor = with(CLOSED).replace("sma_actuator", "dc_motor");
+    let view = ControllerView::parse(&on_motor, "x.toml", no_tables).unwrap();
+    assert_eq!(view.plant, "dc_motor");
+    let text = text.replace("[plant.wire.heat]", "[plants]");
     assert_eq!(
         ControllerView::parse(&text, "x.toml", no_tables)
             .unwrap_err()
@@ -778,7 +778,7 @@ fn a_table_that_stands_twice_is_one_problem_that_names_both_places() {
         panic!("{:?}", error.problems());
     };
     assert_eq!(problem.to_string(), "[controller.pid] stands twice");
-    assert_eq!(problem.line_and_column(), Some((9, 13)));
+    assert_eq!(problem.line_and_column(), Some((10, 13)));
     let rendered = render(&error);
     for label in ["here for the first time", "for the second time"] {
         assert!(rendered.contains(label), "{rendered}");
@@ -853,34 +853,11 @@ fn all_shipped_scenarios_load_and_name_their_schema() {
 }
 
 #[test]
-fn all_shipped_rigs_and_scenarios_of_several_drives_name_their_schema() {
-    let schema_of = |folder: &str| {
-        if folder == "." {
-            "./schema_2"
-        } else {
-            "../rig_schema_2"
-        }
-    };
-    for (folder_name, at_least) in [(".", 3), ("rigs", 2)] {
-        let entries = fs::read_dir(folder().join(folder_name)).unwrap();
-        let paths = entries.map(|entry| entry.unwrap().path());
-        let is_toml = |path: &PathBuf| path.extension().is_some_and(|end| end == "toml");
-        let texts = paths
-            .filter(is_toml)
-            .map(|path| fs::read_to_string(path).unwrap());
-        let texts: Vec<String> = texts.filter(|text| Loops::is_meant(text)).collect();
-        let first_line = format!("#:schema {}.json\n", schema_of(folder_name));
-        assert!(texts.len() >= at_least, "{} in {folder_name}", texts.len());
-        assert!(
-            texts.iter().all(|text| text.starts_with(&first_line)),
-            "{folder_name}"
-        );
+fn all_shipped_rigs_name_their_schema() {
+    for name in crate::rig::shipped::names() {
+        let text = crate::rig::shipped::text(name).unwrap();
+        assert!(text.starts_with("#:schema ../rig_schema.json\n"), "{name}");
     }
-}
-
-#[test]
-fn the_committed_schema_is_current() {
-    crate::schema::assert_committed("schema.json", &crate::schema::json_schema());
 }
 
 proptest! {
@@ -930,11 +907,11 @@ fn a_law_in_capital_letters_is_known_by_its_nearest_name() {
 
 #[test]
 fn one_kind_of_file_is_not_taken_for_the_other() {
-    const RIG: &str = "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n";
-    let error = Scenario::parse(RIG, "rig.toml", no_tables).unwrap_err();
+    let rig = crate::rig::shipped::text("sma_actuator").unwrap();
+    let error = Scenario::parse(rig, "rig.toml", no_tables).unwrap_err();
     assert_eq!(error.problems().len(), 1, "{}", render(&error));
     assert!(render(&error).contains("this is a rig file, not a scenario"));
-    let error = crate::rig::RigFile::parse(&with(CLOSED), "step.toml").unwrap_err();
+    let error = crate::rig::nodes::Rig::parse(&with(CLOSED), "step.toml").unwrap_err();
     assert_eq!(error.problems().len(), 1, "{}", render(&error));
     assert!(render(&error).contains("this is a scenario, not a rig file"));
 }

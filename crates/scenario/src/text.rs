@@ -1,4 +1,4 @@
-//! Scenarios, plants and nominal models as TOML text.
+//! Plants and nominal models as TOML text.
 
 use std::sync::LazyLock;
 
@@ -12,7 +12,6 @@ use crate::error::{Problem, Source};
 use crate::load::{build, none_of};
 use crate::outside::Outside;
 use crate::plant::Plant;
-use crate::scenario::Scenario;
 use crate::schema::schema_of;
 
 static NOMINAL_MODEL_FILE: LazyLock<Value> = LazyLock::new(schema_of::<NominalModelFile>);
@@ -74,15 +73,5 @@ impl Plant {
         toml::to_string(&PlantFile {
             plant: Some(self.clone()),
         })
-    }
-}
-
-impl Scenario {
-    /// The text of a scenario file with these values.
-    ///
-    /// # Errors
-    /// A value has no form in TOML.
-    pub fn to_text(&self) -> Result<String, toml::ser::Error> {
-        toml::to_string(self)
     }
 }

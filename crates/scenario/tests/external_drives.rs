@@ -1,9 +1,9 @@
-//! Drives of a rig file of schema 2 that are somebody else's.
+//! Drives of a rig file that are somebody else's.
 
 use scenario::rig::nodes::Rig;
 
 const RIG: &str = r#"
-schema = 2
+schema = 1
 name = "a bench"
 
 [plant.wire.sma]
@@ -22,12 +22,13 @@ command = { object = "0x2200", units_per_ampere = 10000.0 }
 
 [node.real.limits]
 current_amperes = 0.9
-position_millimetres = { min = -1.0, max = 45.0 }
-speed_millimetres_per_second = 400.0
+min = -1.0
+max = 45.0
+rate_max = 400.0
 
 [loop.lift]
 feedback = "real.position"
-drives = ["real"]
+outputs = ["real.current"]
 "#;
 const FAN: &str = "\n[node.fan]\nkind = \"io\"\nnode_id = 17\noutputs.convection_factor = \"wire.convection_factor\"\n";
 
@@ -39,17 +40,16 @@ fn refused(text: &str) -> String {
 }
 
 #[test]
-fn an_external_drive_is_described_as_in_a_rig_file_of_one_drive() {
+fn an_external_drive_is_described_by_its_node() {
     let rig = Rig::parse(RIG, "rig.toml").unwrap();
-    let file = rig.rig_file_of("real").unwrap();
+    let real = rig.real_drive("real").unwrap();
     assert_eq!(
-        (file.drive.node_id, file.drive.mode_of_operation),
+        (real.drive.node_id, real.drive.mode_of_operation),
         (0x30, -1)
     );
-    assert_eq!(file.drive.command.object, "0x2200");
-    assert_eq!(file.drive.position.object, "0x6064");
-    assert_eq!(file.bus.of_scenario(), rig.bus);
-    assert!(rig.rig_file_of("controller").is_none());
+    assert_eq!(real.drive.command.object, "0x2200");
+    assert_eq!(real.drive.position.object, "0x6064");
+    assert!(rig.real_drive("controller").is_none());
     // It needs no plant: nobody emulates it.
     let alone = RIG.replace("[plant.wire.sma]", "");
     let alone = alone.replace("amplifier.port = \"wire.current_amperes\"", "");
@@ -65,10 +65,6 @@ fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
     };
     for (text, words) in [
         (without("[node.real.limits]"), "`real` lacks its limits"),
-        (
-            RIG.replace("external = true", ""),
-            "`real` can have no mode_of_operation",
-        ),
         (
             RIG.replace("node_id = 1\n", "node_id = 1\nexternal = true\n"),
             "controller is canrig's",
@@ -87,8 +83,8 @@ fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
         ),
         (RIG.to_owned() + FAN, "which nobody emulates"),
         (
-            RIG.replace("external = true", "").replace("0x30", "0x13"),
-            "`real` can have no limits",
+            without("[node.real.limits]").replace("external = true", "").replace("0x30", "0x13"),
+            "`real` can have no mode_of_operation",
         ),
     ] {
         let refused = refused(&text);

@@ -55,7 +55,7 @@ impl<'a> Page<'a> {
         };
         let mut children = Vec::new();
         self.text += "| key | value | meaning |\n|---|---|---|\n";
-        for (key, property) in properties {
+        for (key, property) in properties.iter().filter(|(key, _)| !is_of_other_unit(key)) {
             let child = self.child(path, key, property);
             let section = child
                 .as_ref()
@@ -105,7 +105,17 @@ impl<'a> Page<'a> {
     fn child(&self, path: &str, key: &str, property: &'a Value) -> Option<Child<'a>> {
         let is_list = property["type"] == "array";
         // A table whose keys are the user's own has tables that are all alike.
-        let are_alike = property["additionalProperties"].is_object();
+        let are_alike =
+            property["additionalProperties"].is_object() && !property["properties"].is_object();
+        if !is_list && property["properties"].is_object() {
+            let separator = if path.is_empty() { "" } else { "." };
+            return Some(Child {
+                path: format!("{path}{separator}{key}"),
+                is_list,
+                description: description(property),
+                table: property,
+            });
+        }
         let name = referred(match () {
             () if is_list => &property["items"],
             () if are_alike => &property["additionalProperties"],
@@ -251,6 +261,15 @@ fn range(property: &Value) -> String {
     parts.join("; ")
 }
 
+/// Whether a key stands for one in millimetres or by the metre.
+fn is_of_other_unit(key: &str) -> bool {
+    let is_of = |unit: &&str| key.ends_with(*unit) || key.contains(&format!("{unit}_"));
+    let units = ["_degrees", "_revolutions", "per_degree", "per_revolution"];
+    // The motor's own: turns of a pinion, revolutions by the minute.
+    let is_of_motor = key.starts_with("pinion") || key.contains("per_minute");
+    units.iter().any(is_of) && !is_of_motor
+}
+
 #[track_caller]
 fn check(name: &str, head: &str, schema: &str) {
     let current = Page::text_of(&serde_json::from_str(schema).unwrap(), head);
@@ -269,44 +288,36 @@ fn check(name: &str, head: &str, schema: &str) {
 #[test]
 fn the_page_of_scenario_keys_is_that_of_the_schema() {
     let head = "# Scenario keys\n\n\
-        This page is written from the schema that `canrig schema` prints: it has the keys of schema 1. [Rigs with several drives](../several-drives.md#the-scenario) says what schema 2 adds, and `canrig schema 2` prints that schema.\n\n\
-        A scenario is a TOML file; [a scenario of your own](../tutorial/own-scenario.md) builds one.\n\
-        The [metrics](metrics.md) page defines what each key of `[expect]` measures. A plant or law of your own adds its table.\n\n\
+        This page is written from the schema that `canrig schema` prints. A scenario is a TOML file; [a scenario of your own](../tutorial/own-scenario.md) builds one, \
+        and [rigs with several drives](../several-drives.md#the-scenario) says how a scenario names loops and nodes.\n\
+        The [metrics](metrics.md) page defines what each key of `[expect]` measures. Keys in millimetres end in the unit of the loop's sensor: `position_degrees` for `position_millimetres`, and a gain `per_degree` for one `per_metre`. A law of your own adds its table.\n\n\
         \"Paper\" and the numbers of equations refer to Romano and Tannuri, \"New development on shape memory alloys actuators\": the wire and the sliding-mode law come from there. \"Assumed\" means that no source gives the value.";
     check("scenario-keys.md", head, &scenario::schema::json_schema());
 }
 
 #[test]
 fn the_page_of_rig_keys_is_that_of_the_schema() {
-    let head = "# Rig keys, schema 1\n\n\
-        This page is written from the schema that `canrig schema --rig` prints. A rig file of schema 1 describes one real drive: [from the emulator to a drive](../hardware.md#the-rig-file). Rigs whose nodes have names have [schema 2](rig-keys-2.md).";
+    let head = "# Rig keys\n\n\
+        This page is written from the schema that `canrig schema --rig` prints. A rig file names plants, nodes and loops: [rigs with several drives](../several-drives.md) builds one, \
+        and [from the emulator to a drive](../hardware.md#the-rig-file) describes a real drive. A scenario gives other values to its rig by the same paths, without the name of a plant's model. A plant of your own adds its table.";
     check("rig-keys.md", head, &scenario::schema::rig_json_schema());
 }
 
-#[test]
-fn the_page_of_rig_keys_of_schema_2_is_that_of_the_schema() {
-    let head = "# Rig keys, schema 2\n\n\
-        This page is written from the schema that `canrig schema 2 --rig` prints. A rig file of schema 2 names plants, nodes and loops: [rigs with several drives](../several-drives.md) builds one. The parameters of the plants that ship are also those of a scenario's [`[plant]`](scenario-keys.md#plant).";
-    check(
-        "rig-keys-2.md",
-        head,
-        &scenario::schema::rig_json_schema_2(),
-    );
-}
-
-/// Every key of a schema is on its page.
+/// Every key of a schema is on a page: those of plants stand on that of rigs.
 #[test]
 fn no_key_is_left_out() {
-    use scenario::schema::{json_schema, rig_json_schema, rig_json_schema_2};
-    for schema in [json_schema(), rig_json_schema(), rig_json_schema_2()] {
-        let schema: Value = serde_json::from_str(&schema).unwrap();
-        let page = Page::text_of(&schema, "");
+    use scenario::schema::{json_schema, rig_json_schema};
+    let schemas = [json_schema(), rig_json_schema()];
+    let schemas: [Value; 2] = schemas.map(|schema| serde_json::from_str(&schema).unwrap());
+    let pages = schemas.each_ref().map(|schema| Page::text_of(schema, ""));
+    let pages = pages.concat();
+    for schema in &schemas {
         let tables = schema["definitions"].as_object().unwrap().values();
         let keys = tables
-            .chain([&schema])
+            .chain([schema])
             .filter_map(|table| table["properties"].as_object());
-        for key in keys.flat_map(Map::keys) {
-            assert!(page.contains(&format!("| `{key}` |")), "{key}");
+        for key in keys.flat_map(Map::keys).filter(|key| !is_of_other_unit(key)) {
+            assert!(pages.contains(&format!("| `{key}` |")), "{key}");
         }
     }
 }

@@ -1,17 +1,19 @@
 //! `[[expect.signal]]` and `[[expect.sequence]]` as the loader takes them: what is wrong, where, and what is read.
 
 use std::io;
+use std::path::Path;
 
 use proptest::prelude::*;
 
-use crate::{Objection, Scenario, ScenarioError};
+use crate::loops::Loops;
+use crate::{Beside, Objection, Scenario, ScenarioError};
 
 const GOLDEN: &str = "cycle,time_seconds,current_amperes\n0,0.5,1.0\n1,1.0,\n2,1.5,2.0\n";
 
 /// A scenario of 4 s with something more; `[[expect.signal]]` begins in line 8.
 pub(super) fn parse(more: &str) -> Result<Scenario, ScenarioError> {
     let text = format!(
-        "schema = 1\nname = \"t\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.hold]]\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.hold]]\n\
          at_seconds = 0.0\nposition_millimetres = 10.0\n{more}"
     );
     Scenario::parse(&text, "t.toml", |name| match name {
@@ -57,7 +59,7 @@ fn help(parsed: Result<Scenario, ScenarioError>) -> String {
 fn what_is_no_limit_says_how_a_limit_is_written() {
     let place = "`expect.overshoot_percent` must be a table";
     let more = "[expect]\novershoot_percent = 1.5\n";
-    check(more, 9, 21, place, "this is a number with a fraction");
+    check(more, 10, 21, place, "this is a number with a fraction");
     for (more, part) in [
         (more, "`overshoot_percent = { max = 1.5 }`"),
         (
@@ -81,7 +83,7 @@ fn what_is_no_limit_says_how_a_limit_is_written() {
         let help = help(parse(more));
         assert!(help.contains(part), "{more}{help}");
     }
-    let bare = "schema = 1\nname = \"t\"\nduration_seconds = 4.0\nexpect = 2\n[controller.pid]\n\
+    let bare = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 4.0\nexpect = 2\n[controller.pid]\n\
                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
     let help = help(Scenario::parse(bare, "t.toml", |_| {
         unreachable!("no table")
@@ -93,28 +95,28 @@ fn what_is_no_limit_says_how_a_limit_is_written() {
 fn a_check_demands_something_that_can_be_met() {
     check(
         &signal(""),
-        8,
+        9,
         1,
         "nothing is demanded of `current_amperes`",
         "a demand is missing",
     );
     check(
         &signal("stays = {}"),
-        10,
+        11,
         9,
         "the limit `stays` is empty",
         "give min, max or both",
     );
     check(
         &signal("rate_per_second = { min = 2, max = 1 }"),
-        10,
+        11,
         19,
         "no value meets the limit `rate_per_second`",
         "min 2 is above max 1",
     );
     check(
         &(signal("stays = { min = 0 }") + &signal("stays = { max = 1 }")),
-        13,
+        14,
         9,
         "`stays` of `current_amperes` is demanded twice",
         "in the same window as before",
@@ -125,7 +127,7 @@ fn a_check_demands_something_that_can_be_met() {
 fn the_judgement_ends_within_the_run_and_behind_what_it_judges() {
     check(
         "[expect]\njudged_until_seconds = 4.5\n",
-        9,
+        10,
         24,
         "the judgement ends after the run",
         "the run ends at 4 s",
@@ -134,7 +136,7 @@ fn the_judgement_ends_within_the_run_and_behind_what_it_judges() {
     let limit = "[expect]\njudged_until_seconds = 2.0\novershoot_percent = { max = 1.0 }\n";
     check(
         &format!("{step}{limit}"),
-        13,
+        14,
         21,
         "`overshoot_percent` cannot be judged",
         "needs a [[reference.step]] before judged_until_seconds = 2",
@@ -147,28 +149,28 @@ fn the_judgement_ends_within_the_run_and_behind_what_it_judges() {
 fn a_window_lies_within_the_run() {
     check(
         &signal("from_seconds = 4\nstays = { max = 1 }"),
-        10,
+        11,
         16,
         "the window is after the end of the run",
         "the run ends at 4 s",
     );
     check(
         &signal("from_seconds = 2\nuntil_seconds = 2\nstays = { max = 1 }"),
-        11,
+        12,
         17,
         "the window ends before it begins",
         "must be after 2 s",
     );
     check(
         &signal("until_seconds = 4.5\nreaches = { max = 1 }"),
-        10,
+        11,
         17,
         "the window ends after the run",
         "the run ends at 4 s",
     );
     check(
         "[[expect.sequence]]\nname = \"s\"\nfrom_seconds = 9\nevent = [{ text = \"x\" }]\n",
-        10,
+        11,
         16,
         "the window is after the end of the run",
         "the run ends at 4 s",
@@ -183,49 +185,49 @@ fn a_course_is_read_and_covers_its_window() {
     assert_eq!(course.rows, [(0.5, 1.0), (1.5, 2.0)]);
     check(
         &signal(&format!("from_seconds = 0.2\n{follows}")),
-        10,
+        11,
         16,
         "the window begins before the course",
         "the course lasts from 0.5 to 1.5 s",
     );
     check(
         &signal(&format!("until_seconds = 3\n{follows}")),
-        10,
+        11,
         17,
         "the window ends after the course",
         "the course lasts from 0.5 to 1.5 s",
     );
     check(
         &signal(&format!("until_seconds = 0.4\n{follows}")),
-        11,
+        12,
         20,
         "the course lies outside the window",
         "the course lasts from 0.5 to 1.5 s",
     );
     check(
         &signal("follows = { file = \"other.csv\", tolerance = 0.1 }"),
-        10,
+        11,
         20,
         "the CSV file other.csv does not exist",
         "looked for beside the scenario",
     );
     check(
         &signal("follows = { file = \"locked.csv\", tolerance = 0.1 }"),
-        10,
+        11,
         20,
         "the CSV file locked.csv cannot be read",
         "permission denied",
     );
     check(
         &signal("follows = { file = \"../golden.csv\", tolerance = 0.1 }"),
-        10,
+        11,
         20,
         "a table must lie in the scenario's folder",
         "no absolute path, no `..`",
     );
     check(
         &signal("follows = { file = \"golden.csv\", tolerance = -1 }"),
-        10,
+        11,
         46,
         "`expect.signal.follows.tolerance` = -1 is out of range",
         "must be from 0 to 1000000000000",
@@ -247,56 +249,56 @@ fn a_course_is_read_and_covers_its_window() {
 fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
     check(
         &sequence(""),
-        10,
+        11,
         9,
         "`expect.sequence.event` has 0 entries",
         "at least 1 is needed",
     );
     check(
         &sequence("{ within_milliseconds = 5 }"),
-        10,
+        11,
         10,
         "an event of a sequence is one of `emcy`, `text` and `signal`",
         "none is given",
     );
     check(
         &sequence("{ emcy = \"drive 0x8130\", text = \"loss\" }"),
-        10,
+        11,
         10,
         "an event of a sequence is one of `emcy`, `text` and `signal`",
         "more than one is given",
     );
     check(
         &sequence("{ emcy = \"drive 8130\" }"),
-        10,
+        11,
         19,
         "\"drive 8130\" names no emergency",
         "must be node and code",
     );
     check(
         &sequence("{ text = \"lo\\u001Bss\" }"),
-        10,
+        11,
         19,
         "`text` has a control character in it",
         "one line of plain text",
     );
     check(
         &sequence("{ signal = \"current_amperes\" }"),
-        10,
+        11,
         10,
         "a signal alone is no event",
         "`reaches` is missing",
     );
     check(
         &sequence("{ text = \"loss\", for_milliseconds = 3 }"),
-        10,
+        11,
         46,
         "`for_milliseconds` is for events of a signal",
         "`signal` is missing",
     );
     check(
         &sequence("{ text = \"loss\" }, { text = \"back\" }"),
-        10,
+        11,
         29,
         "event 2 of a sequence has no time limit",
         "`within_milliseconds` is missing",
@@ -304,7 +306,7 @@ fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
     let twice = sequence("{ text = \"loss\" }");
     check(
         &(twice.clone() + &twice),
-        12,
+        13,
         8,
         "there are two sequences \"s\"",
         "another name is needed",
@@ -315,7 +317,7 @@ fn an_event_of_a_sequence_is_one_thing_and_has_a_time() {
 fn a_misspelt_key_deep_in_a_sequence_is_underlined() {
     check(
         &sequence("{ text = \"loss\", witin_milliseconds = 3 }"),
-        10,
+        11,
         27,
         "unknown key `witin_milliseconds` in [[expect.sequence.event]]",
         "did you mean `within_milliseconds`?",
@@ -324,12 +326,9 @@ fn a_misspelt_key_deep_in_a_sequence_is_underlined() {
 
 #[test]
 fn an_objection_is_underlined_beside_the_other_problems() {
-    let folder = std::env::temp_dir().join(format!("canrig-objection-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let path = folder.join("s.toml");
-    let text = "schema = 1\nname = \"t\"\nduration_seconds = 0\n[controller.open_loop]\n";
-    std::fs::write(&path, format!("{text}{}", signal("stays = { max = 1 }"))).unwrap();
-    let loaded = Scenario::load_with_text(&path, |scenario| {
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 0\n[controller.open_loop]\n";
+    let text = format!("{text}{}", signal("stays = { max = 1 }"));
+    let objections = |scenario: &Scenario| {
         let named = scenario.expect.named_signals();
         let objection = |(path, name): (String, &str)| Objection {
             path,
@@ -337,9 +336,11 @@ fn an_objection_is_underlined_beside_the_other_problems() {
             label: "here".to_owned(),
             help: Some("ask".to_owned()),
         };
-        named.map(objection).collect()
-    });
-    std::fs::remove_dir_all(&folder).unwrap();
+        Vec::from_iter(named.map(objection))
+    };
+    let beside = Beside::new(Path::new("s.toml"));
+    let none = |_: &str| unreachable!("no table");
+    let loaded = Loops::parse(&beside, text, none, objections, |_| None);
     let error = loaded.unwrap_err();
     let found: Vec<_> = error
         .problems()
@@ -347,9 +348,9 @@ fn an_objection_is_underlined_beside_the_other_problems() {
         .map(|problem| (problem.to_string(), problem.line_and_column().unwrap()))
         .collect();
     let expected = [
-        ("`duration_seconds` = 0 is out of range".to_owned(), (3, 20)),
-        ("what is current_amperes?".to_owned(), (6, 8)),
-        ("the window is after the end of the run".to_owned(), (5, 1)),
+        ("`duration_seconds` = 0 is out of range".to_owned(), (4, 20)),
+        ("what is current_amperes?".to_owned(), (7, 8)),
+        ("the window is after the end of the run".to_owned(), (6, 1)),
     ];
     assert!(expected.iter().all(|one| found.contains(one)), "{found:?}");
 }
@@ -361,35 +362,35 @@ fn requirements_are_of_demands_that_are_made() {
         |key: &str, list: &str| format!("{limits}[expect.requirements]\n{key} = {list}\n");
     check(
         &of_limit("curent_amperes_rms", "[\"REQ-1\"]"),
-        11,
+        12,
         1,
         "`curent_amperes_rms` tests no requirement, since it has no limit",
         "did you mean `current_amperes_rms`?",
     );
     check(
         &of_limit("safe_state", "[\"REQ-1\"]"),
-        11,
+        12,
         1,
         "`safe_state` tests no requirement, since it has no limit",
         "has no limit in [expect]",
     );
     check(
         &of_limit("current_amperes_rms", "\"REQ-1\""),
-        11,
+        12,
         23,
         "`expect.requirements.current_amperes_rms` must be an array of strings",
         "this is a string",
     );
     check(
         &signal("stays = { max = 1 }\nrequirements = [\"REQ-1\", \"REQ-2\", \"REQ-1\"]"),
-        11,
+        12,
         35,
         "this is no name of a requirement",
         "it stands here already",
     );
     check(
         &signal("stays = { max = 1 }\nrequirements = [\" REQ-1\"]"),
-        11,
+        12,
         17,
         "this is no name of a requirement",
         "without blanks at its ends",

@@ -7,7 +7,7 @@ use crate::Scenario;
 
 fn parse(tables: &str) -> Result<Scenario, Vec<String>> {
     let text = format!(
-        "schema = 1\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n[[reference.hold]]\n\
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n[[reference.hold]]\n\
          at_seconds = 0.0\nposition_millimetres = 10.0\n{tables}"
     );
     let parsed = Scenario::parse(&text, "t.toml", |_| unreachable!("no table"));
@@ -34,7 +34,7 @@ fn least(kind: &Kind) -> String {
 }
 
 #[test]
-fn every_kind_is_read_with_its_name_and_written_again() {
+fn every_kind_is_read_with_its_name() {
     assert!(KINDS.len() >= 31, "{} kinds", KINDS.len());
     for kind in KINDS {
         let table = least(kind);
@@ -48,8 +48,6 @@ fn every_kind_is_read_with_its_name_and_written_again() {
             is_behind_the_drive || kind.name == "duplicate",
             "{table}"
         );
-        let again = Scenario::parse(&scenario.to_text().unwrap(), "t.toml", |_| unreachable!());
-        assert_eq!(again.unwrap().faults, scenario.faults, "{table}");
     }
 }
 
@@ -86,7 +84,7 @@ fn what_makes_no_sense_is_refused() {
         ),
         (
             "[[fault.node.hang]]\nfrom_seconds = 1.0\nnode = \"wheel\"\n",
-            "`fault.node.hang.node` cannot be \"wheel\"",
+            "the rig has no node `wheel`",
         ),
         (
             "[[fault.bus.lose]]\nfrom_seconds = 1.0\nreceiver = \"drive\"\nprobability = 1.5\n",

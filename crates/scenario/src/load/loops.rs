@@ -138,7 +138,10 @@ impl<'text> Splitter<'_, 'text> {
         if let Some(bus) = self.rig_tree.get("bus") {
             tree.insert(key("bus"), bus.clone());
         }
-        tree.insert(key("controller"), self.law(name)?);
+        let span_of = |name: &'static str| {
+            Spanned::new(self.scenario.key_span(name), name.into())
+        };
+        tree.insert(span_of(CONTROLLER), self.law(name)?);
         tree.insert(key("plant"), self.plant(name, &span));
         let is_led = self.is_led(name);
         let sections = ["reference", "disturbance"].into_iter();
@@ -146,7 +149,7 @@ impl<'text> Splitter<'_, 'text> {
             if let Some(value) = self.root().get(section) {
                 let mut kept = value.clone();
                 self.keep(kept.get_mut(), name, section);
-                tree.insert(key(section), kept);
+                tree.insert(span_of(section), kept);
             }
         }
         if let Some(mut expect) = self.expect(name) {

@@ -1,60 +1,42 @@
-use miette::{GraphicalReportHandler, GraphicalTheme};
+use super::ObjectAddress;
+use super::nodes::Rig;
 
-use super::{ObjectAddress, RigFile};
-
-/// The least valid rig file, with `more` behind it.
+/// A rig with one real drive, and these keys in its node.
 fn with(more: &str) -> String {
     format!(
-        "schema = 1\nname = \"bench\"\n[limits]\ncurrent_amperes = 0.9\n\
-         position_millimetres = {{ min = -1.0, max = 45.0 }}\nspeed_millimetres_per_second = 400.0\n{more}"
+        "schema = 1\nname = \"bench\"\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+         [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n\
+         [node.drive]\nkind = \"drive\"\nnode_id = 16\n\
+         limits = {{ current_amperes = 0.9, min = -1.0, max = 45.0, rate_max = 400.0 }}\n{more}"
     )
 }
 
 fn messages(text: &str) -> Vec<String> {
-    let error = RigFile::parse(text, "rig.toml").expect_err("the rig file is broken");
+    let error = Rig::parse(text, "rig.toml").expect_err("the rig file is broken");
     error.problems().iter().map(ToString::to_string).collect()
 }
 
 #[test]
 fn what_is_left_out_is_as_with_the_emulated_drive() {
-    let rig = RigFile::parse(&with(""), "rig.toml").unwrap();
-    assert_eq!(rig.drive.node_id, 16);
-    assert_eq!(rig.drive.position.object, "0x6064");
-    assert_eq!(rig.bus.of_scenario(), crate::Bus::default());
-    assert!(RigFile::is_meant(&with("")) && !RigFile::is_meant("[controller.pid]\n"));
+    let rig = Rig::parse(&with(""), "rig.toml").unwrap();
+    let real = rig.real_drive("drive").unwrap();
+    assert!(rig.node["drive"].external, "it has limits");
+    assert_eq!(real.drive.position.object, "0x6064");
+    assert_eq!(rig.bus, crate::Bus::default());
 }
 
 #[test]
-fn limits_must_be_given() {
-    assert_eq!(
-        messages("schema = 1\nname = \"bench\"\n"),
-        ["the rig file lacks the key `limits`"]
-    );
-}
-
-#[test]
-fn an_error_underlines_its_place() {
-    let error = RigFile::parse(&with("[drive]\nnode_id = 17\n"), "rig.toml").unwrap_err();
-    let handler =
-        GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor()).with_width(110);
-    let mut text = String::new();
-    handler.render_report(&mut text, &error).unwrap();
-    for part in [
-        "rig.toml is not a valid rig file",
-        "node-ID 17 is taken",
-        "node_id = 17",
-        "drive, and fan and load module, have the same",
-    ] {
-        assert!(text.contains(part), "{part} is not in\n{text}");
-    }
-    assert_eq!(error.problems()[0].line_and_column(), Some((8, 11)));
+fn an_external_drive_needs_limits() {
+    let limits = "limits = { current_amperes = 0.9, min = -1.0, max = 45.0, rate_max = 400.0 }";
+    let text = with("").replace(limits, "external = true");
+    assert_eq!(messages(&text), ["`drive` lacks its limits"]);
 }
 
 #[test]
 fn all_that_makes_no_sense_is_reported_at_once() {
     let text = with(
-        "[drive]\neds = \"../other.eds\"\ncommand = { object = \"6071\" }\n\
-         position = { units_per_millimetre = 0.0 }\n[timeouts]\ndrive_lost_milliseconds = 20\n",
+        "eds = \"../other.eds\"\ncommand = { object = \"6071\" }\n\
+         position = { increments_per_unit = 0.0 }\n[node.drive.timeouts]\ndrive_lost_milliseconds = 20\n",
     )
     .replace("min = -1.0", "min = 45.0");
     let expected = [
@@ -65,6 +47,19 @@ fn all_that_makes_no_sense_is_reported_at_once() {
         "the drive is lost between two heartbeats",
     ];
     assert_eq!(messages(&text), expected);
+}
+
+#[test]
+fn a_rig_of_one_drive_alone_is_a_rig() {
+    let text = crate::rig::shipped::text("sma_pair").unwrap();
+    let rig = Rig::parse(text, "rig.toml").unwrap();
+    let real = Rig::parse(&with(""), "rig.toml").unwrap();
+    let real = real.real_drive("drive").unwrap();
+    let drive = rig.loops.values().next().unwrap().drives[0].clone();
+    let alone = rig.of_one_drive(&drive, &real, None);
+    let read = Rig::parse(&alone.to_toml(), "rig.toml").unwrap();
+    assert_eq!(read.real_drive(&drive).unwrap().limits, real.limits);
+    assert_eq!((read.node.len(), read.plant.len()), (2, 0));
 }
 
 #[test]
@@ -89,9 +84,4 @@ fn an_object_is_index_and_sub_index() {
     ] {
         assert_eq!(address(bad), None, "{bad}");
     }
-}
-
-#[test]
-fn the_committed_schema_is_current() {
-    crate::schema::assert_committed("rig_schema.json", &crate::schema::rig_json_schema());
 }

@@ -60,7 +60,41 @@ pub(super) fn of_scenario() -> Value {
         "type": "object",
         "additionalProperties": part.take(),
     });
+    prune(&mut schema);
     schema
+}
+
+/// Takes away definitions to which nothing refers.
+fn prune(schema: &mut Value) {
+    let Some(mut definitions) = schema["definitions"].as_object().cloned() else {
+        return;
+    };
+    schema["definitions"] = json!({});
+    let mut used = Map::new();
+    let mut referring = vec![schema.clone()];
+    while let Some(value) = referring.pop() {
+        for name in references(&value) {
+            if let Some(definition) = definitions.remove(&name) {
+                referring.push(definition.clone());
+                used.insert(name, definition);
+            }
+        }
+    }
+    schema["definitions"] = used.into();
+}
+
+/// The names of all definitions to which a schema refers.
+fn references(value: &Value) -> Vec<String> {
+    match value {
+        Value::Object(table) => {
+            let own = table.get("$ref").and_then(Value::as_str);
+            let own = own.and_then(|path| path.rsplit('/').next());
+            let below = table.values().flat_map(references);
+            own.map(str::to_owned).into_iter().chain(below).collect()
+        }
+        Value::Array(values) => values.iter().flat_map(references).collect(),
+        _ => Vec::new(),
+    }
 }
 
 /// The definition of the values of a part.

@@ -9,18 +9,18 @@ fn swept(entry: &str) -> String {
 #[test]
 fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
     check(
-        &swept("[[sweep.list]]\nkey = \"plant.mechanics.lod_kilograms\"\nvalues = [1.0]"),
-        10,
-        24,
-        "`plant.mechanics.lod_kilograms` is no number of this scenario",
-        "did you mean `plant.mechanics.load_kilograms`?",
+        &swept("[[sweep.list]]\nkey = \"plant.wire.mechanics.lod_kilograms\"\nvalues = [1.0]"),
+        11,
+        29,
+        "`plant.wire.mechanics.lod_kilograms` is no number of this scenario",
+        "did you mean `plant.wire.mechanics.load_kilograms`?",
     );
     // The path is forgotten, the entry does not exist, the law is another one, the key is no number.
     for (key, column, label) in [
         (
             "load_kilograms",
             8,
-            "did you mean `plant.mechanics.load_kilograms`?",
+            "did you mean `plant.wire.mechanics.load_kilograms`?",
         ),
         (
             "reference.hold[1].position_millimetres",
@@ -48,22 +48,20 @@ fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
 
 #[test]
 fn a_key_of_another_plant_is_refused_with_the_nearest_of_this_one() {
-    let swept = |key: &str| {
-        format!("[plant.dc_motor]\n[sweep]\n[[sweep.list]]\nkey = \"{key}\"\nvalues = [0.3, 0.4]\n")
-    };
+    let swept = |key: &str| format!("[sweep]\n[[sweep.list]]\nkey = \"{key}\"\nvalues = [0.3, 0.4]\n");
     check(
-        &swept("plant.mechanics.load_kilograms"),
+        &swept("plant.motor.load_kilograms"),
         11,
         14,
-        "`plant.mechanics.load_kilograms` is a key of the wire, and the plant is `dc_motor`",
-        "did you mean `plant.dc_motor.load_kilograms`?",
+        "`plant.motor.load_kilograms` is no number of this scenario",
+        "did you mean `plant.wire.mechanics.load_kilograms`?",
     );
-    assert!(parse(&swept("plant.dc_motor.load_kilograms")).is_ok());
-    assert!(parse(&swept("plant.sensor.noise_millimetres_rms")).is_ok());
+    assert!(parse(&swept("plant.wire.mechanics.load_kilograms")).is_ok());
+    assert!(parse(&swept("node.drive.sensor.noise_rms")).is_ok());
 }
 
-const NOISE: &str = "key = \"plant.sensor.noise_millimetres_rms\"";
-const BITS: &str = "key = \"plant.sensor.resolution_bits\"";
+const NOISE: &str = "key = \"node.drive.sensor.noise_rms\"";
+const BITS: &str = "key = \"node.drive.sensor.resolution_bits\"";
 const BITRATE: &str = "key = \"bus.bitrate_kilobits_per_second\"";
 
 /// Entries of a sweep, the line and column where they are underlined, and some of what is said.
@@ -89,49 +87,49 @@ fn the_values_of_lists_and_ranges_are_those_that_the_key_admits() {
     check_entries([
         (
             format!("[[sweep.list]]\n{NOISE}\nvalues = [0.1, -1.0]"),
-            11,
+            12,
             16,
             "out of range",
         ),
         (
             format!("[[sweep.list]]\n{NOISE}\nvalues = [0.1, 0.1]"),
-            11,
+            12,
             16,
             "0.1 is listed twice",
         ),
         (
             format!("[[sweep.list]]\n{NOISE}\nvalues = []"),
-            11,
+            12,
             10,
             "at least 1 is needed",
         ),
         (
             format!("[[sweep.list]]\n{NOISE}\nvalues = 1"),
-            11,
+            12,
             10,
             "must be an array of numbers",
         ),
         (
             format!("[[sweep.list]]\n{BITS}\nvalues = [8, 9.5]"),
-            11,
+            12,
             14,
             "must be an integer",
         ),
         (
             format!("[[sweep.range]]\n{BITS}\nfrom = 8\nto = 11\ncount = 3"),
-            9,
+            10,
             1,
             "must be an integer",
         ),
         (
             format!("[[sweep.range]]\n{NOISE}\nfrom = 1\nto = 0\ncount = 3"),
-            12,
+            13,
             6,
             "must be above 1",
         ),
         (
             format!("[[sweep.range]]\n{NOISE}\nfrom = 0\nto = 1"),
-            9,
+            10,
             1,
             "either `count` or `step`",
         ),
@@ -139,7 +137,7 @@ fn the_values_of_lists_and_ranges_are_those_that_the_key_admits() {
             format!(
                 "[[sweep.range]]\n{NOISE}\nfrom = 0\nto = 1\ncount = 3\nspacing = \"logarithmic\""
             ),
-            11,
+            12,
             8,
             "must be above 0",
         ),
@@ -151,19 +149,19 @@ fn the_values_that_are_drawn_are_those_that_the_key_admits() {
     check_entries([
         (
             format!("draws = 3\n[[sweep.uniform]]\n{BITRATE}\nfrom = 10\nto = 1000"),
-            11,
+            12,
             7,
             "use [[sweep.list]]",
         ),
         (
             format!("draws = 3\n[[sweep.uniform]]\n{NOISE}\nfrom = -1\nto = 1"),
-            12,
+            13,
             8,
             "out of range",
         ),
         (
             format!("draws = 3\n[[sweep.normal]]\n{NOISE}\nmean = -1\nstandard_deviation = 1"),
-            12,
+            13,
             8,
             "out of range",
         ),
@@ -175,22 +173,22 @@ fn a_sweep_varies_something_and_each_key_once() {
     check_entries([
         (
             format!("[[sweep.uniform]]\n{NOISE}\nfrom = 0\nto = 1"),
-            8,
+            9,
             2,
             "lacks the key `draws`",
         ),
         (
             format!("draws = 3\n[[sweep.list]]\n{NOISE}\nvalues = [1]"),
-            8,
+            9,
             2,
             "nothing is drawn",
         ),
-        ("seed = 1".to_owned(), 8, 2, "varies nothing"),
+        ("seed = 1".to_owned(), 9, 2, "varies nothing"),
         (
             format!(
                 "[[sweep.list]]\n{NOISE}\nvalues = [0.1]\n[[sweep.list]]\n{NOISE}\nvalues = [0.1]"
             ),
-            13,
+            14,
             7,
             "varied twice",
         ),
@@ -198,7 +196,7 @@ fn a_sweep_varies_something_and_each_key_once() {
             format!(
                 "draws = 1000000\n[[sweep.uniform]]\n{NOISE}\nfrom = 0\nto = 1\n[[sweep.list]]\nkey = \"seed\"\nvalues = [1, 2]"
             ),
-            8,
+            9,
             2,
             "has 2000000 runs",
         ),
@@ -208,14 +206,14 @@ fn a_sweep_varies_something_and_each_key_once() {
 #[test]
 fn a_sweep_knows_which_keys_take_whole_numbers() {
     let entries = "draws = 2\n[[sweep.uniform]]\nkey = \"seed\"\nfrom = 0\nto = 9\n\
-        [[sweep.range]]\nkey = \"plant.sensor.resolution_bits\"\nfrom = 8\nto = 10\nstep = 1\n\
-        [[sweep.list]]\nkey = \"plant.mechanics.load_kilograms\"\nvalues = [0.03, 0.04]";
+        [[sweep.range]]\nkey = \"node.drive.sensor.resolution_bits\"\nfrom = 8\nto = 10\nstep = 1\n\
+        [[sweep.list]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nvalues = [0.03, 0.04]";
     let sweep = parse(&swept(entries)).unwrap().sweep.unwrap();
     assert!(
         sweep
             .whole_numbers
             .iter()
-            .eq(["plant.sensor.resolution_bits", "seed"])
+            .eq(["node.drive.sensor.resolution_bits", "seed"])
     );
     assert_eq!(sweep.runs(), 2 * 3 * 2);
 }

@@ -4,10 +4,11 @@ use super::*;
 use crate::error::ScenarioError;
 use crate::expect::Expectation;
 use crate::loops::{Loops, OneLoop};
+use crate::beside::Beside;
 use crate::scenario::Scenario;
 
 const RIG: &str = r#"
-schema = 2
+schema = 1
 name = "two axes"
 [bus]
 sync_period_milliseconds = 2.0
@@ -32,19 +33,19 @@ amplifier.port = "gantry_y.current_amperes"
 sensor = { port = "gantry_y.position_metres", resolution_bits = 12 }
 [loop.x]
 feedback = "x.position"
-drives = ["x"]
+outputs = ["x.current"]
 [loop.y]
 feedback = "y.position"
-drives = ["y"]
+outputs = ["y.current"]
 "#;
 
 const SCENARIO: &str = r#"
-schema = 2
+schema = 1
 name = "two moves"
 rig = "rig.toml"
 duration_seconds = 3.0
 [controller.all.pid]
-[plant.gantry_x.dc_motor]
+[plant.gantry_x]
 load_kilograms = 0.3
 [[reference.hold]]
 loop = "x"
@@ -79,7 +80,10 @@ fn load_files(scenario: &str, rig: &str) -> Result<Loops<Scenario>, ScenarioErro
     let path = folder.path().join("scenario.toml");
     fs::write(&path, scenario).unwrap();
     fs::write(folder.path().join("rig.toml"), rig).unwrap();
-    let loaded = Loops::load(&path, |_| Vec::new(), |_| None);
+    let beside = Beside::new(&path);
+    let read = |name: &str| beside.read(name);
+    let text = scenario.to_owned();
+    let loaded = Loops::parse(&beside, text, read, |_| Vec::new(), |_| None);
     loaded.map(|(loops, _)| loops)
 }
 
@@ -139,7 +143,9 @@ fn the_controller_sees_of_all_loops_what_it_may_know() {
     let path = folder.path().join("scenario.toml");
     fs::write(&path, SCENARIO).unwrap();
     fs::write(folder.path().join("rig.toml"), RIG).unwrap();
-    let loops = Loops::load_view(&path).unwrap();
+    let beside = Beside::new(&path);
+    let read = |name: &str| beside.read(name);
+    let loops = Loops::parse_view(&beside, SCENARIO.to_owned(), read).unwrap();
     let scenarios = load_text(SCENARIO, RIG).unwrap();
     for (view, one) in loops.loops.iter().zip(&scenarios.loops) {
         assert_eq!(view.scenario, one.scenario.controller_view());
@@ -158,24 +164,14 @@ fn what_a_scenario_names_wrongly_is_underlined_once() {
             "no law closes the loop `y`",
         ),
         ("[expect.x]", "[expect.z]", "the rig has no loop `z`"),
-        // Then it is the rig that ships.
-        ("rig = \"rig.toml\"\n", "", "the rig has no loop `x`"),
-        (
-            "rig = \"rig.toml\"\n",
-            "",
-            "this scenario names no rig file, so its rig is the one that ships",
-        ),
+        ("rig = \"rig.toml\"\n", "", "the scenario names no rig"),
         ("\"rig.toml\"", "3", "`rig` must be a string"),
         (
             "\"rig.toml\"",
             "\"../rig.toml\"",
             "must lie in the scenario's folder",
         ),
-        (
-            "\"rig.toml\"",
-            "\"rig.dbc\"",
-            "a rig file cannot be called `rig.dbc`",
-        ),
+        ("\"rig.toml\"", "\"rig.dbc\"", "no rig `rig.dbc` ships"),
         (
             "\"rig.toml\"",
             "\"./scenario.toml\"",
@@ -186,7 +182,7 @@ fn what_a_scenario_names_wrongly_is_underlined_once() {
             "duration_second",
             "did you mean `duration_seconds`?",
         ),
-        ("[expect.x]", "[bus]", "a scenario on a rig has no `bus`"),
+        ("[expect.x]", "[buss]", "unknown key `buss` in the scenario"),
         ("rig.toml", "ring.toml", "ring.toml does not exist"),
         (
             "duration_seconds = 3.0",
@@ -220,18 +216,18 @@ fn what_is_wrong_with_a_rig_names_both_places() {
             "the emulated node `y` cannot have the node-ID 32",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = []",
-            "`loop.y.drives` has 0 entries",
+            "outputs = [\"y.current\"]",
+            "outputs = []",
+            "`loop.y.outputs` has 0 entries",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = [\"x\"]",
+            "outputs = [\"y.current\"]",
+            "outputs = [\"x.current\"]",
             "the drive `x` is in two loops",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = [\"y\", \"y\"]",
+            "outputs = [\"y.current\"]",
+            "outputs = [\"y.current\", \"y.current\"]",
             "the drive `y` is twice in the loop `y`",
         ),
         (
@@ -306,13 +302,13 @@ fn a_rig_that_could_be_misread_is_refused() {
             "[plant.gantry_z.dc_motor]\n[plant.gantry_y.dc_motor]",
             "no drive moves the plant `gantry_z`",
         ),
-        ("schema = 2", "schema = 1", "`schema` = 1 is out of range"),
+        ("schema = 1", "schema = 2", "`schema` = 2 is out of range"),
         (
             "[loop.x]",
             "[controller.all.pid]\n[loop.x]",
             "this is a scenario, not a rig file",
         ),
-        ("[bus]", "[limits]\n[bus]", "unknown key `limits`"),
+        ("[bus]", "[limits]\n[bus]", "a drive is a node of a rig file"),
     ] {
         let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
@@ -320,13 +316,10 @@ fn a_rig_that_could_be_misread_is_refused() {
 }
 
 #[test]
-fn a_rig_file_of_the_other_schema_is_called_so() {
-    let one_drive = "schema = 1\nname = \"one\"\n[limits]\ncurrent_amperes = 1.0\n";
-    let error = load_text(SCENARIO, one_drive).unwrap_err();
-    assert!(error.contains("this is a rig file of schema 1"), "{error}");
-    let error = crate::rig::RigFile::parse(RIG, "rig.toml").unwrap_err();
-    let error = crate::without_colours(&error);
-    assert!(error.contains("this is a rig file of schema 2"), "{error}");
+fn a_rig_file_of_a_drive_without_a_node_is_told_so_and_nothing_else() {
+    let of_a_drive = "schema = 1\nname = \"one\"\n[drive]\nnode_id = 3\n[limits]\ncurrent_amperes = 1.0\n";
+    let error = load_text(SCENARIO, of_a_drive).unwrap_err();
+    assert!(error.contains("a drive is a node of a rig file"), "{error}");
     assert_eq!(error.matches("help:").count(), 1, "{error}");
 }
 
@@ -376,32 +369,32 @@ fn a_mistake_is_said_once() {
             "`node.x",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = [\"x\"]",
+            "outputs = [\"y.current\"]",
+            "outputs = [\"x.current\"]",
             "the drive `x` is in two loops",
             "is the name of two things",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = [\"x\"]",
+            "outputs = [\"y.current\"]",
+            "outputs = [\"x.current\"]",
             "the drive `x` is in two loops",
             "which is not of its first drive",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = [\"x\"]",
+            "outputs = [\"y.current\"]",
+            "outputs = [\"x.current\"]",
             "the drive `x` is in two loops",
             "no loop leads the drive",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = []",
-            "`loop.y.drives` has 0 entries",
+            "outputs = [\"y.current\"]",
+            "outputs = []",
+            "`loop.y.outputs` has 0 entries",
             "which is not of its first drive",
         ),
         (
-            "drives = [\"y\"]",
-            "drives = []",
+            "outputs = [\"y.current\"]",
+            "outputs = []",
             "at least 1 is needed",
             "no loop leads the drive",
         ),
@@ -417,7 +410,7 @@ fn a_mistake_is_said_once() {
 fn both_places_are_underlined() {
     for (right, wrong, labels) in [
         ("node_id = 0x12", "node_id = 0x10", ["here", "and here"]),
-        ("drives = [\"y\"]", "drives = [\"x\"]", ["here", "and here"]),
+        ("outputs = [\"y.current\"]", "outputs = [\"x.current\"]", ["here", "and here"]),
         (
             "[node.x]",
             "[node.second]\nkind = \"controller\"\nnode_id = 2\n[node.x]",
@@ -455,7 +448,7 @@ fn a_rig_file_is_no_scenario() {
     );
     assert!(Rig::is_meant(RIG) && !Rig::is_meant(SCENARIO));
     assert!(Scenario::may_be(SCENARIO) && Scenario::may_be("[controller"));
-    for text in [RIG, "", "schema = 2\n"] {
+    for text in [RIG, "", "schema = 1\n"] {
         assert!(!Scenario::may_be(text), "{text}");
     }
 }
@@ -519,7 +512,7 @@ fn what_is_expected_in_the_wrong_place_is_shown_the_right_one() {
 
 const SWEEP: &str = "[sweep]\ndraws = 2\n\
     [[sweep.list]]\nkey = \"reference.hold[1].position_millimetres\"\nvalues = [5, 15]\n\
-    [[sweep.uniform]]\nkey = \"plant.gantry_y.dc_motor.load_kilograms\"\nfrom = 0.3\nto = 0.5\n\
+    [[sweep.uniform]]\nkey = \"plant.gantry_y.load_kilograms\"\nfrom = 0.3\nto = 0.5\n\
     [[sweep.uniform]]\nkey = \"expect.x.tracking_error_millimetres_rms.max\"\nfrom = 0.3\nto = 0.5\n\
     [[sweep.uniform]]\nkey = \"controller.all.pid.proportional_amperes_per_metre\"\nfrom = 0.3\nto = 0.5\n\
     [expect.x]";
@@ -532,9 +525,9 @@ fn a_sweep_varies_what_has_the_names_of_the_rig() {
     assert_eq!(sweep.runs(), 4);
     for (right, wrong, said) in [
         (
-            "gantry_y.dc",
-            "gantry_z.dc",
-            "did you mean `plant.gantry_y.dc_motor.load_kilograms`?",
+            "gantry_y.load",
+            "gantry_z.load",
+            "did you mean `plant.gantry_y.load_kilograms`?",
         ),
         (
             "controller.all.pid.p",
@@ -554,44 +547,130 @@ fn a_sweep_varies_what_has_the_names_of_the_rig() {
     }
 }
 
+/// The least scenario on the rig that ships.
+const ON_SHIPPED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nduration_seconds = 3.0\n[controller.pid]\n\
+    [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+    [[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
+    [expect]\nsafe_state = true\n";
+
+fn load_shipped(text: &str) -> Result<(Loops<Scenario>, crate::Texts), ScenarioError> {
+    let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
+    let beside = Beside::new(std::path::Path::new("step.toml"));
+    Loops::parse(&beside, text.to_owned(), none, |_| Vec::new(), |_| None)
+}
+
 #[test]
-fn a_scenario_without_a_rig_is_played_on_the_one_that_ships() {
-    let text = "schema = 2\nname = \"step\"\nduration_seconds = 3.0\n[controller.pid]\n\
-        [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
-        [plant.wire.sma.mechanics]\nload_kilograms = 0.05\n\
-        [[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
-        [expect]\nsafe_state = true\n";
-    let load = |text: &str| {
-        let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
-        let path = std::path::Path::new("step.toml");
-        Loops::parse(path, text.to_owned(), none, |_| Vec::new(), |_| None)
-    };
-    let (loops, texts) = load(text).unwrap();
+fn a_rig_that_ships_is_a_rig_file_whose_text_is_kept() {
+    let (loops, texts) = load_shipped(ON_SHIPPED).unwrap();
     let [one] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
-    let of_one_drive = text
-        .replace("schema = 2", "schema = 1")
-        .replace("wire.sma.", "");
-    let scenario = Scenario::parse(&of_one_drive, "step.toml", |_| unreachable!("no table"));
-    // A scenario of one drive leaves out what the rig file writes out: its first ports, and what a wire's position can be.
-    let plain = crate::wiring::Wiring::default();
     assert_eq!(
         one.scenario.wiring.plausible,
         Some(crate::wiring::Plausible::WIRE)
     );
-    assert_eq!(one.scenario.wiring.range(), plain.range());
-    let mut found = one.scenario.clone();
-    found.wiring = plain;
-    assert_eq!(found, scenario.unwrap());
-    assert!(texts.tables.is_empty());
+    let rig = crate::rig::shipped::text("sma_actuator").unwrap();
+    assert_eq!(texts.tables["rig/sma_actuator.toml"], rig);
+    assert_eq!(texts.tables.len(), 1);
     for (flat, by_loop) in [
         ("[controller.pid]", "[controller.position.pid]"),
         ("[controller.pid]", "[controller.all.pid]"),
         ("[expect]", "[expect.position]"),
     ] {
-        let (named, _) = load(&text.replace(flat, by_loop)).unwrap();
+        let (named, _) = load_shipped(&ON_SHIPPED.replace(flat, by_loop)).unwrap();
         assert_eq!(named.loops[0].scenario, one.scenario, "{by_loop}");
+    }
+}
+
+#[test]
+fn every_rig_that_ships_is_valid() {
+    for name in crate::rig::shipped::names() {
+        let text = crate::rig::shipped::text(name).unwrap();
+        Rig::parse(text, name).unwrap();
+    }
+}
+
+#[test]
+fn a_rig_that_is_not_there_is_one_error() {
+    for (rig, said) in [
+        ("", "the scenario names no rig"),
+        ("rig = 3\n", "`rig` must be a string"),
+        ("rig = \"sma_actuatr\"\n", "did you mean `sma_actuator`?"),
+        ("rig = \"x.toml\"\n", "the rig file x.toml does not exist"),
+        ("rig = \"../x.toml\"\n", "must lie in the scenario's folder"),
+    ] {
+        let text = ON_SHIPPED.replace("rig = \"sma_actuator\"\n", rig);
+        let error = load_shipped(&text).unwrap_err();
+        assert_eq!(error.problems().len(), 1, "{rig}");
+        let error = crate::without_colours(&error);
+        assert!(error.contains(said), "{rig}: {error}");
+    }
+}
+
+#[test]
+fn a_scenario_gives_other_values_to_its_rig() {
+    let more = "[bus]\nsync_period_milliseconds = 2.0\n[plant.wire.heat]\nambient_celsius = 30.0\n\
+        [node.drive.sensor]\nnoise_rms = 0.1\nmax = 50.0\n[node.drive.amplifier]\nmax = 0.5\n";
+    let (loops, _) = load_shipped(&format!("{ON_SHIPPED}{more}")).unwrap();
+    let scenario = &loops.loops[0].scenario;
+    assert_eq!(scenario.bus.sync_period_milliseconds, 2.0);
+    assert_eq!(loops.rig.bus.sync_period_milliseconds, 2.0);
+    assert_eq!(scenario.plant.heat.ambient_celsius, 30.0);
+    let (sensor, amplifier) = (&scenario.plant.sensor, &scenario.plant.amplifier);
+    assert_eq!(sensor.noise_millimetres_rms, 0.1);
+    assert_eq!((sensor.resolution_bits, sensor.span_millimetres), (10, 50.0));
+    assert_eq!(amplifier.current_amperes_max, 0.5);
+    assert_eq!(scenario.wiring.range(), [0.0, 50.0]);
+}
+
+#[test]
+fn other_values_are_checked_where_they_stand() {
+    for (more, place, said) in [
+        (
+            "[plant.wire.heat]\nambient_celcius = 3.0\n",
+            (16, 1),
+            "unknown key `ambient_celcius` in [plant.wire.heat]",
+        ),
+        (
+            "[node.drive.sensor]\nnoise_rms = 100.0\n",
+            (16, 13),
+            "`node.drive.sensor.noise_rms` = 100 is out of range",
+        ),
+        (
+            "[plant.wire.sma.heat]\nambient_celsius = 3.0\n",
+            (15, 13),
+            "unknown key `sma` in [plant.wire]",
+        ),
+        (
+            "[node.drive.sensor]\nmin = 70.0\n",
+            (2, 7),
+            "the range of `drive` ends where it has not begun",
+        ),
+        ("[plant.wir.heat]\n", (15, 8), "the rig has no plant `wir`"),
+        ("[node.drve.sensor]\n", (15, 7), "the rig has no node `drve`"),
+        (
+            "[node.drive]\nnode_id = 3\n",
+            (16, 1),
+            "a scenario cannot give its rig another `node_id`",
+        ),
+        (
+            "[node.drive.sensor]\nport = \"wire.position_metres\"\n",
+            (16, 1),
+            "a scenario cannot give its rig another `port`",
+        ),
+        (
+            "[node.drive.limits]\ncurrent_amperes = 0.5\n",
+            (15, 13),
+            "`drive` of the rig has no limits",
+        ),
+        ("[bus]\nbitrate_kilobits_per_second = 3\n", (16, 31), "is out of range"),
+    ] {
+        let error = load_shipped(&format!("{ON_SHIPPED}{more}")).unwrap_err();
+        let [problem] = error.problems() else {
+            panic!("{more}: {}", crate::without_colours(&error))
+        };
+        assert!(problem.to_string().contains(said), "{more}: {problem}");
+        assert_eq!(problem.line_and_column(), Some(place), "{more}");
     }
 }
 
@@ -602,7 +681,7 @@ fn a_rig_with_a_hundred_thousand_nodes_is_refused_by_their_number() {
     for (table, max) in [("node", 127), ("plant", 127), ("loop", 8)] {
         let names = (0..100_000).map(|number| format!("n{number}={{}}\n"));
         let names = names.collect::<String>();
-        let rig = format!("schema=2\nname=\"r\"\n[{table}]\n{names}");
+        let rig = format!("schema=1\nname=\"r\"\n[{table}]\n{names}");
         let error = load_files(SCENARIO, &rig).unwrap_err();
         let [problem] = error.problems() else {
             panic!("{error}")
@@ -617,13 +696,6 @@ fn a_rig_with_a_hundred_thousand_nodes_is_refused_by_their_number() {
     let long = format!("{RIG}#{}", "x".repeat(1 << 20));
     let error = load_text(SCENARIO, &long).unwrap_err();
     assert!(error.contains("longer than"), "{error}");
-}
-
-#[test]
-fn a_scenario_says_by_its_number_what_it_is() {
-    assert!(Loops::is_meant(SCENARIO));
-    assert!(!Loops::is_meant("schema = 1\n"));
-    assert!(!Loops::is_meant("schema ="));
 }
 
 #[test]
@@ -652,18 +724,8 @@ fn a_contour_needs_two_loops_each_once() {
     }
 }
 
-#[test]
-fn a_scenario_of_schema_1_that_names_a_rig_is_told_so_and_nothing_else() {
-    let text = SCENARIO.replacen("schema = 2", "schema = 1", 1);
-    let error = Scenario::parse(&text, "scenario.toml", |_| unreachable!()).unwrap_err();
-    let error = crate::without_colours(&error);
-    let said = "a scenario of schema 1 is of one drive, and names no rig file";
-    assert!(error.contains(said), "{error}");
-    assert_eq!(error.matches("help:").count(), 1, "{error}");
-}
-
 const JOINT_RIG: &str = r#"
-schema = 2
+schema = 1
 name = "joint"
 [bus]
 sync_period_milliseconds = 2.0
@@ -683,11 +745,11 @@ node_id = 0x12
 amplifier.port = "joint.extensor_current_amperes"
 [loop.angle]
 feedback = "flexor.position"
-drives = ["flexor", "extensor"]
+outputs = ["flexor.current", "extensor.current"]
 "#;
 
 const JOINT: &str = r#"
-schema = 2
+schema = 1
 name = "a step"
 rig = "rig.toml"
 duration_seconds = 3.0
@@ -813,7 +875,7 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
 /// A wire beside the motors of the two axes.
 const MIXED: &str = "[plant.wire.sma]\n[node.w]\nkind = \"drive\"\nnode_id = 0x14\n\
     amplifier = { port = \"wire.current_amperes\", rated = 1.0, min = 0.0, max = 1.0 }\nsensor.port = \"wire.position_metres\"\n\
-    [loop.w]\nfeedback = \"w.position\"\ndrives = [\"w\"]\n";
+    [loop.w]\nfeedback = \"w.position\"\noutputs = [\"w.current\"]\n";
 const HOLD: &str =
     "[[reference.hold]]\nloop = \"w\"\nat_seconds = 1.0\nposition_millimetres = 20.0\n";
 
