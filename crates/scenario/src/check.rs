@@ -25,6 +25,7 @@ pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
 pub(crate) use fault::{faults, faults_of_plants};
+pub(crate) use plant::temperatures;
 use limits::limits;
 pub(crate) use limits::reactions;
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
@@ -72,7 +73,6 @@ pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
 /// Checks disturbances, plant and limits.
 pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = disturbances(document, scenario);
-    problems.extend(plant::check(document, scenario));
     problems.extend(limits(document, scenario));
     problems.extend(signals::check(document, scenario));
     problems.extend(requirements::check(document, scenario));

@@ -32,30 +32,33 @@ pub fn defaults<P: Parameters>() -> Result<P, toml::de::Error> {
     toml::Table::new().try_into()
 }
 
-/// Which of a scenario's tables holds the plant's or the law's own.
+/// The tables of which a plant's or a law's own is one.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Section {
-    /// `[plant.NAME]`.
+    /// Models of plants: `[plant.NAME.MODEL]` of a rig file.
     Plant,
-    /// `[controller.NAME]`.
+    /// Laws: `[controller.LAW]` of a scenario.
     Controller,
 }
 
 impl Section {
     pub(crate) const ALL: [Self; 2] = [Self::Plant, Self::Controller];
 
-    /// The section for people.
-    pub(crate) const fn place(self) -> &'static str {
+    /// Whether its tables stand in the table at a place: the models of a plant in `[plant.NAME]`, the laws in `[controller]`.
+    pub(crate) fn is_place(self, place: &str) -> bool {
         match self {
-            Self::Plant => "[plant]",
-            Self::Controller => "[controller]",
+            Self::Plant => {
+                let name = place.strip_prefix("[plant.");
+                name.is_some_and(|name| !name.contains('.'))
+            }
+            Self::Controller => place == "[controller]",
         }
     }
 
     /// What the section chooses.
     pub(crate) const fn kind(self) -> &'static str {
         match self {
-            Self::Plant => "plant",
+            Self::Plant => "plant model",
             Self::Controller => "control law",
         }
     }
@@ -191,22 +194,16 @@ pub(crate) fn leads_all(law: &str) -> bool {
     find(Section::Controller, law).is_some_and(|table| table.drives.is_none())
 }
 
-/// Parts of a plant's rig, which stand beside a plant's own table.
-const RIG_PARTS: [&str; 5] = ["amplifier", "heat", "mechanics", "phase", "sensor"];
-
 /// Which plants or laws there are among the keys of a section, for people.
 pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -> String {
-    let names = Vec::from_iter(keys.filter(|key| !RIG_PARTS.contains(key))).join(", ");
-    let (without, page) = match section {
-        Section::Plant => (
-            ", and without a plant's table the shape-memory-alloy wire",
-            "docs/your-plant.md",
-        ),
-        Section::Controller => ("", "docs/your-law.md"),
+    let names = Vec::from_iter(keys).join(", ");
+    let page = match section {
+        Section::Plant => "docs/your-plant.md",
+        Section::Controller => "docs/your-law.md",
     };
     let kind = section.kind();
     format!(
-        "known here: {names}{without}; a {kind} of your own is known to the program of its crate only ({page})"
+        "known here: {names}; a {kind} of your own is known to the program of its crate only ({page})"
     )
 }
 

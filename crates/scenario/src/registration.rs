@@ -87,4 +87,4 @@ fn has_key(schema: &Value, definition: &str, key: &str) -> bool {
 }
 
 /// Names that mean something else without being keys.
-const RESERVED: [&str; 2] = ["sma_actuator", "none"];
+const RESERVED: [&str; 3] = ["sma_actuator", "sma", "none"];

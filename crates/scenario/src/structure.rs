@@ -130,7 +130,7 @@ impl<'a> Checker<'a> {
         let meant = nearest(name, known.keys().map(String::as_str));
         let section = Section::ALL
             .into_iter()
-            .find(|section| section.place() == place);
+            .find(|section| section.is_place(place));
         if let Some(section) = section.filter(|_| meant.is_none() && value.is_table()) {
             let kind = section.kind();
             let label = format!("this bench has no such {kind}");
@@ -316,7 +316,8 @@ fn expected_words(schema_type: Option<&str>) -> &'static str {
     }
 }
 
-fn found_words(value: &DeValue<'_>) -> &'static str {
+/// What a value is, for people.
+pub(crate) fn found_words(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a string",
         DeValue::Integer(_) => "an integer",

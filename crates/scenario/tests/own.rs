@@ -187,8 +187,8 @@ fn what_the_bench_does_not_have_is_named() {
         RELAY,
         "[plant.rocket]\nthrust_newtons = 3.0\n",
         &[
-            "unknown key `rocket` in [plant.p]",
-            "known here: dc_motor, fmu, pendulum, sma, sma_pair",
+            "unknown plant model `rocket`",
+            "known here: dc_motor, fmu, pendulum, sma, sma_pair; a plant model of your own",
         ],
     );
 }
@@ -209,9 +209,11 @@ fn recorded(controller: &str, plant: &str) -> Result<Scenario, String> {
 #[test]
 fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
     let rocket = "[plant.rocket]\nthrust_newtons = 3.0\nstages = [{ name = \"a\" }]\n";
-    let more = "[controller.fuzzy]\nrules = 3\n[[fault.plant.dropped_load]]\nfrom_seconds = 1.0\n\
+    let fuzzy = "[controller.fuzzy]\nrules = 3\n\
+        [plant.p]\nthrust_newtons = 4.0\n\
+        [[fault.plant.dropped_load]]\nfrom_seconds = 1.0\n\
         [sweep]\n[[sweep.list]]\nkey = \"plant.p.thrust_newtons\"\nvalues = [1.0, 2.0]\n";
-    let scenario = recorded(more, rocket).unwrap();
+    let scenario = recorded(fuzzy, rocket).unwrap();
     assert_eq!(scenario.plant.name(), "rocket");
     assert_eq!(scenario.controller.law_name(), "fuzzy");
     // One that the bench has may have been another one when it was played.
@@ -224,7 +226,7 @@ fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
 #[test]
 fn a_recorded_scenario_is_checked_in_all_else() {
     for (controller, plant, expected) in [
-        (RELAY, "[plant.Rocket]\n", "unknown key `Rocket`"),
+        (RELAY, "[plant.Rocket]\n", "unknown plant model `Rocket`"),
         (
             RELAY,
             "[plant.rocket]\n[plant.dc_motor]\n",
@@ -298,6 +300,10 @@ fn what_cannot_be_a_table_is_refused_when_it_is_registered() {
     let plant = |table| register(Section::Plant, vec![table]).unwrap_err();
     assert!(matches!(
         plant(OwnTable::new::<Pendulum>("heat")),
+        InvalidOwn::Taken { .. }
+    ));
+    assert!(matches!(
+        plant(OwnTable::new::<Pendulum>("sma")),
         InvalidOwn::Taken { .. }
     ));
     assert!(matches!(

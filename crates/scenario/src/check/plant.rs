@@ -2,19 +2,12 @@
 
 use crate::document::Document;
 use crate::error::Problem;
-use crate::plant::{Phase, SMA_ACTUATOR};
-use crate::scenario::Scenario;
-
-/// What the schema cannot say about the plant.
-pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    match scenario.plant.name() {
-        SMA_ACTUATOR => temperatures(document, &scenario.plant.phase),
-        _ => Vec::new(),
-    }
-}
+use crate::plant::Phase;
 
 /// Transformation temperatures in order: Eq. (2) divides by their differences.
-fn temperatures(document: &Document<'_>, phase: &Phase) -> Vec<Problem> {
+///
+/// `path` is that of the table in the document.
+pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -> Vec<Problem> {
     let pairs = [
         (
             "austenite_finish_celsius",
@@ -32,7 +25,7 @@ fn temperatures(document: &Document<'_>, phase: &Phase) -> Vec<Problem> {
     let is_wrong = |(_, high, _, low): &(&str, f64, &str, f64)| high <= low;
     let problem = |(name, _, below, low): (&str, f64, &str, f64)| {
         let message = format!("`{name}` must be above `{below}`");
-        let path = format!("plant.phase.{name}");
+        let path = format!("{path}.{name}");
         document.problem(&path, message, format!("must be above {low}"))
     };
     pairs.into_iter().filter(is_wrong).map(problem).collect()

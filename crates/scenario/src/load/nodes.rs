@@ -220,6 +220,7 @@ impl Check<'_> {
         problems.extend(self.names());
         problems.extend(self.models());
         problems.extend(self.fmus());
+        problems.extend(self.temperatures());
         problems.extend(self.node_ids());
         problems.extend(self.controllers());
         problems.extend(self.nodes());
@@ -276,6 +277,22 @@ impl Check<'_> {
             }
         }
         problems
+    }
+
+    /// Wires whose transformation temperatures are out of order.
+    fn temperatures(&self) -> Vec<Problem> {
+        let phases = self.rig.plant.iter().filter_map(|(name, plant)| {
+            let phase = match (&plant.sma, &plant.sma_pair) {
+                (Some(sma), _) => &sma.phase,
+                (None, Some(pair)) => &pair.phase,
+                (None, None) => return None,
+            };
+            Some((format!("plant.{name}.{}.phase", plant.model()), phase))
+        });
+        let problems = phases.flat_map(|(path, phase)| {
+            crate::check::temperatures(self.document, &path, phase)
+        });
+        problems.collect()
     }
 
     fn controllers(&self) -> Vec<Problem> {
@@ -344,7 +361,7 @@ impl Check<'_> {
                 (false, _) | (true, NodeKind::Io) => {
                     problems.extend(node.keys_of_external().map(|key| {
                         let message = format!("`{name}` can have no {key}");
-                        let label = "only an external drive has";
+                        let label = "only a drive with `limits` has this";
                         self.problem(&format!("{path}.{key}"), message, label)
                     }));
                 }

@@ -19,11 +19,10 @@ const WITH_UNITS: [&str; 3] = ["Expect", "Pid", "PidPair"];
 const ALL: &str = "all";
 
 /// Parts of a node to which a scenario may give other values, each with its definition.
-const PARTS: [(&str, &str); 6] = [
+const PARTS: [(&str, &str); 5] = [
     ("amplifier", "RigAmplifier"),
     ("sensor", "RigSensor"),
     ("plausible", "Plausible"),
-    ("limits", "Limits"),
     ("timeouts", "Timeouts"),
     ("preflight", "Preflight"),
 ];
@@ -157,7 +156,6 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
             node.amplifier.is_some(),
             node.sensor.is_some(),
             node.plausible.is_some(),
-            node.limits.is_some(),
             node.timeouts.is_some(),
             node.preflight.is_some(),
         ];

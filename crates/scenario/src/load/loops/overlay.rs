@@ -10,14 +10,17 @@ use super::fmus;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::Reading;
-use crate::nearest::meant_or_known;
+use crate::nearest::{meant_or_known, nearest};
 use crate::plant::FMU;
 use crate::rig::nodes::Rig;
+use crate::structure::found_words;
 
 /// Tables of a rig file that a scenario may have too.
 const SECTIONS: [&str; 3] = ["bus", "plant", "node"];
 const PLANT: &str = "plant";
 const NODE: &str = "node";
+/// What a real drive may never do.
+const LIMITS: &str = "limits";
 /// Keys of a node that say what is there and how it is wired, which only the rig file does.
 const WIRING: [&str; 12] = [
     "kind",
@@ -100,8 +103,7 @@ impl<'text> Overlay<'_, 'text> {
                 continue;
             };
             let DeValue::Table(values) = values.get_ref() else {
-                let message = format!("`{section}` must be a table");
-                problems.push(self.scenario.problem(section, message, "this is none"));
+                problems.push(self.no_table(section, values));
                 continue;
             };
             let own = below(tree, section, at);
@@ -128,9 +130,13 @@ impl<'text> Overlay<'_, 'text> {
                 continue;
             };
             let wiring = if model == FMU { &WIRING_OF_FMU[..] } else { &[] };
-            let Some(values) = self.values(name, values, wiring, problems) else {
+            let Some(values) = self.values(PLANT, name, values, wiring, problems) else {
                 continue;
             };
+            if let Some(problem) = self.with_model(name, model, values.1) {
+                problems.push(problem);
+                continue;
+            }
             let models = below(tree, name.get_ref(), &values.0);
             let mut values = values.1.clone();
             if model == FMU {
@@ -153,15 +159,13 @@ impl<'text> Overlay<'_, 'text> {
                 problems.push(self.unknown(name, NODE, &known));
                 continue;
             }
-            let Some((at, parts)) = self.values(name, parts, &WIRING, problems) else {
+            let Some((at, parts)) = self.values(NODE, name, parts, &WIRING, problems) else {
                 continue;
             };
             let node = below(tree, name.get_ref(), &at);
             for (part, values) in parts {
-                if values.get_ref().is_table() && !node.contains_key(part.get_ref().as_ref()) {
-                    let message = format!("`{}` of the rig has no {}", name.get_ref(), part.get_ref());
-                    let label = "a scenario gives other values and adds nothing";
-                    problems.push(self.problem(part.span(), message, label));
+                if let Some(problem) = self.part(name, part, values, node) {
+                    problems.push(problem);
                     continue 'nodes;
                 }
             }
@@ -169,28 +173,76 @@ impl<'text> Overlay<'_, 'text> {
         }
     }
 
+    /// The name of a plant's model, which a rig file has and a scenario has not.
+    fn with_model(
+        &self,
+        plant: &Spanned<DeString<'text>>,
+        model: &str,
+        values: &DeTable<'text>,
+    ) -> Option<Problem> {
+        let (key, value) = values.get_key_value(model)?;
+        value.get_ref().is_table().then(|| {
+            let plant = plant.get_ref();
+            let message = format!("unknown key `{model}` in [{PLANT}.{plant}]");
+            let label = format!("write [{PLANT}.{plant}], without the name of the model");
+            self.problem(key.span(), message, label)
+        })
+    }
+
+    /// Why a scenario cannot give other values to a part of a node.
+    fn part(
+        &self,
+        name: &Spanned<DeString<'text>>,
+        part: &Spanned<DeString<'text>>,
+        values: &Spanned<DeValue<'text>>,
+        node: &DeTable<'text>,
+    ) -> Option<Problem> {
+        let (name, key): (&str, &str) = (name.get_ref(), part.get_ref());
+        if values.get_ref().is_table() && !node.contains_key(key) {
+            let parts = node.iter().filter(|(_, value)| value.get_ref().is_table());
+            let parts = parts.map(|(part, _)| part.get_ref().as_ref());
+            let label = match nearest(key, parts) {
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => "a scenario gives other values and adds nothing".to_owned(),
+            };
+            let message = format!("`{name}` of the rig has no {key}");
+            return Some(self.problem(part.span(), message, label));
+        }
+        (key == LIMITS).then(|| {
+            let message = format!("a scenario cannot change the limits of `{name}`");
+            let label = "they stand in the rig file and hold whatever a scenario says";
+            self.problem(part.span(), message, label)
+        })
+    }
+
     /// The table below a name, if nothing in it is for the rig file alone.
     fn values<'b>(
         &self,
+        section: &str,
         name: &Spanned<DeString<'text>>,
         values: &'b Spanned<DeValue<'text>>,
         wiring: &[&str],
         problems: &mut Vec<Problem>,
     ) -> Option<(Range<usize>, &'b DeTable<'text>)> {
         let DeValue::Table(table) = values.get_ref() else {
-            let message = format!("`{}` must be a table", name.get_ref());
-            problems.push(self.problem(values.span(), message, "this is none"));
+            let path = format!("{section}.{}", name.get_ref());
+            problems.push(self.no_table(&path, values));
             return None;
         };
         if let Some(key) = first_of(table, wiring) {
             let message = format!("a scenario cannot give its rig another `{}`", key.get_ref());
-            let label = "stands in the rig file";
-            let problem = self.problem(key.span(), message, label);
-            let help = "a scenario gives other values to its rig; another rig takes its place by --rig";
+            let problem = self.problem(key.span(), message, "only the rig file says this");
+            let help = "a scenario changes the values of its rig, not its wiring; `--rig FILE` plays it on another rig";
             problems.push(problem.with_help(help));
             return None;
         }
         Some((values.span(), table))
+    }
+
+    fn no_table(&self, path: &str, value: &Spanned<DeValue<'text>>) -> Problem {
+        let message = format!("`{path}` must be a table");
+        let label = format!("this is {}", found_words(value.get_ref()));
+        self.problem(value.span(), message, label)
     }
 
     fn unknown(&self, name: &Spanned<DeString<'text>>, kind: &str, known: &[&str]) -> Problem {
@@ -289,3 +341,6 @@ fn placed<'text>(value: &Spanned<DeValue<'text>>, at: &Range<usize>) -> Spanned<
     };
     Spanned::new(at.clone(), inner)
 }
+
+#[cfg(test)]
+mod tests;
