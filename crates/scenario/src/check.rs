@@ -25,10 +25,10 @@ pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
 pub(crate) use fault::{faults, faults_of_plants};
-pub(crate) use plant::temperatures;
 use limits::limits;
 pub(crate) use limits::reactions;
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
+pub(crate) use plant::temperatures;
 
 /// What scenario and controller view have in common.
 pub(crate) struct Control<'a> {

@@ -2,8 +2,8 @@
 
 use std::fmt;
 use std::io;
-use std::path::Path;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 
 use miette::{

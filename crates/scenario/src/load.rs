@@ -18,10 +18,10 @@ use toml::de::ValueDeserializer;
 
 pub(crate) use loops::InUnit;
 
+use crate::beside::Beside;
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::beside::Beside;
 use crate::fault::Faults;
 use crate::file::read_text;
 use crate::loops::Loops;

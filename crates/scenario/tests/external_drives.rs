@@ -83,7 +83,9 @@ fn what_an_external_drive_needs_and_others_cannot_have_is_named() {
         ),
         (RIG.to_owned() + FAN, "which nobody emulates"),
         (
-            without("[node.real.limits]").replace("external = true", "").replace("0x30", "0x13"),
+            without("[node.real.limits]")
+                .replace("external = true", "")
+                .replace("0x30", "0x13"),
             "`real` can have no mode_of_operation",
         ),
     ] {

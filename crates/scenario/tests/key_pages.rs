@@ -316,7 +316,10 @@ fn no_key_is_left_out() {
         let keys = tables
             .chain([schema])
             .filter_map(|table| table["properties"].as_object());
-        for key in keys.flat_map(Map::keys).filter(|key| !is_of_other_unit(key)) {
+        for key in keys
+            .flat_map(Map::keys)
+            .filter(|key| !is_of_other_unit(key))
+        {
             assert!(pages.contains(&format!("| `{key}` |")), "{key}");
         }
     }

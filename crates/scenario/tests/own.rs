@@ -73,7 +73,11 @@ fn text(controller: &str) -> String {
 /// A rig file with a plant `p` of this model, in place of `[plant.sma]`.
 fn rig(model: &str) -> String {
     let model = model.replace("[plant.", "[plant.p.");
-    let model = if model.is_empty() { "[plant.p.sma]\n" } else { &model };
+    let model = if model.is_empty() {
+        "[plant.p.sma]\n"
+    } else {
+        &model
+    };
     format!(
         "schema = 1\nname = \"r\"\n{model}[node.controller]\nkind = \"controller\"\nnode_id = 1\n\
          [node.drive]\nkind = \"drive\"\nnode_id = 16\namplifier = {{ port = \"p.current_amperes\" }}\n\
@@ -232,7 +236,11 @@ fn a_recorded_scenario_is_checked_in_all_else() {
             "[plant.rocket]\n[plant.dc_motor]\n",
             "the plant `p` needs one model",
         ),
-        (RELAY, "[plant.a]\n[plant.b]\n", "the plant `p` needs one model"),
+        (
+            RELAY,
+            "[plant.a]\n[plant.b]\n",
+            "the plant `p` needs one model",
+        ),
         (
             "[controller.a]\n[controller.b]\n",
             "",

@@ -23,11 +23,7 @@ const NOT_SWEPT: [&str; 2] = ["schema", "sweep"];
 const CHECKS: [&str; 2] = [".signal", ".sequence"];
 
 /// Everything that is wrong with the sweep of a scenario. Notes in it which keys are whole numbers.
-pub(crate) fn check(
-    document: &Document<'_>,
-    rig: &Rig,
-    sweep: Option<&mut Sweep>,
-) -> Vec<Problem> {
+pub(crate) fn check(document: &Document<'_>, rig: &Rig, sweep: Option<&mut Sweep>) -> Vec<Problem> {
     let Some(sweep) = sweep else {
         return Vec::new();
     };

@@ -226,7 +226,9 @@ impl<'text> Reader<'_, 'text> {
         let mut tree: DeTable<'text> = section.into_iter().collect();
         let drive = node.filter(|node| node.part == Part::Drive);
         let wiring = drive.map(|node| self.rig.wiring_of(&node.name));
-        let unit = wiring.as_ref().map_or(Unit::Millimetres, |one| one.unit.clone());
+        let unit = wiring
+            .as_ref()
+            .map_or(Unit::Millimetres, |one| one.unit.clone());
         if let Some(wiring) = &wiring {
             let units = InUnit {
                 source: &self.document.source,

@@ -27,5 +27,7 @@ pub(super) fn drive_without_node(document: &Document<'_>) -> Option<Problem> {
         table => format!("write [node.NAME.{table}]"),
     };
     let problem = document.source.problem(span, message, label);
-    Some(problem.with_help("a real drive has `limits` in its node; the rig names a controller and a loop besides"))
+    Some(problem.with_help(
+        "a real drive has `limits` in its node; the rig names a controller and a loop besides",
+    ))
 }

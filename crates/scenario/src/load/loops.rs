@@ -51,6 +51,8 @@ const SPLIT: [&str; 9] = [
     "fault",
     "sweep",
 ];
+/// Keys of a rig file to which a scenario gives no other values.
+const OF_RIG: [&str; 2] = ["defaults", "loop"];
 const EXPECT: &str = "expect";
 /// What the nodes of a loop are called in a scenario of one drive.
 const DRIVE: &str = "drive";
@@ -90,8 +92,14 @@ impl<'text> Splitter<'_, 'text> {
             return (Vec::new(), strange);
         }
         let mut problems = self.strangers();
+        // Nor is a law of no loop another one for each loop that it does not close.
+        let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
+        let is_law_said = !self.strange_tables(CONTROLLER, &loops).is_empty();
         let mut trees = Vec::new();
         for name in self.rig.loops.keys() {
+            if is_law_said && self.law(name).is_err() {
+                continue;
+            }
             match self.tree(name) {
                 Ok(tree) => trees.push((name.clone(), tree)),
                 Err(problem) => problems.push(problem),
@@ -138,9 +146,7 @@ impl<'text> Splitter<'_, 'text> {
         if let Some(bus) = self.rig_tree.get("bus") {
             tree.insert(key("bus"), bus.clone());
         }
-        let span_of = |name: &'static str| {
-            Spanned::new(self.scenario.key_span(name), name.into())
-        };
+        let span_of = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
         tree.insert(span_of(CONTROLLER), self.law(name)?);
         tree.insert(key("plant"), self.plant(name, &span));
         let is_led = self.is_led(name);
@@ -342,7 +348,11 @@ impl<'text> Splitter<'_, 'text> {
         let problems = strange.map(|key| {
             let name: &str = key.get_ref();
             let message = format!("unknown key `{name}` in the scenario");
-            (self.scenario.source).problem(key.span(), message, meant_or_known(name, &known))
+            let label = match OF_RIG.contains(&name) {
+                true => "a table of rig files".to_owned(),
+                false => meant_or_known(name, &known),
+            };
+            (self.scenario.source).problem(key.span(), message, label)
         });
         problems.collect()
     }

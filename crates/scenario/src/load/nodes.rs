@@ -17,9 +17,7 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::meant_or_known;
 use crate::outside::Outside;
 use crate::own::is_name;
-use crate::rig::nodes::{
-    FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode,
-};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode};
 use crate::rig::{ObjectAddress, RealDrive};
 use crate::table;
 
@@ -289,9 +287,8 @@ impl Check<'_> {
             };
             Some((format!("plant.{name}.{}.phase", plant.model()), phase))
         });
-        let problems = phases.flat_map(|(path, phase)| {
-            crate::check::temperatures(self.document, &path, phase)
-        });
+        let problems = phases
+            .flat_map(|(path, phase)| crate::check::temperatures(self.document, &path, phase));
         problems.collect()
     }
 
@@ -397,7 +394,10 @@ impl Check<'_> {
         } = &real;
         let mut problems = Vec::new();
         let mut object = |key: &str, message: &str, label: &str| {
-            problems.push(self.document.problem(&format!("{path}.{key}"), message, label));
+            problems.push(
+                self.document
+                    .problem(&format!("{path}.{key}"), message, label),
+            );
         };
         let eds = drive.eds.as_ref();
         if eds.is_some_and(|eds| !table::is_inside_folder(eds)) {
@@ -561,7 +561,9 @@ impl Check<'_> {
         for drive in self.of_kind(NodeKind::Drive) {
             if !led.contains_key(drive) && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
-                let label = format!("name it in `outputs` of a loop, as in outputs = [\"{drive}.{CURRENT}\"]");
+                let label = format!(
+                    "name it in `outputs` of a loop, as in outputs = [\"{drive}.{CURRENT}\"]"
+                );
                 problems.push(self.problem(&format!("node.{drive}"), message, label));
             }
         }

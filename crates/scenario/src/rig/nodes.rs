@@ -241,11 +241,13 @@ impl Rig {
         };
         let plant = self.plant_of(drive).filter(|_| io.is_some());
         let plant = plant.and_then(|name| self.plant.get_key_value(name));
-        rig.plant.extend(plant.map(|(name, plant)| (name.clone(), plant.clone())));
+        rig.plant
+            .extend(plant.map(|(name, plant)| (name.clone(), plant.clone())));
         let controller = self.controller().map(|(name, _)| name);
         let beside = [controller, io].into_iter().flatten();
         let beside = beside.filter_map(|name| self.node.get_key_value(name));
-        rig.node.extend(beside.map(|(name, node)| (name.clone(), node.clone())));
+        rig.node
+            .extend(beside.map(|(name, node)| (name.clone(), node.clone())));
         if let Some(io) = io.and_then(|io| rig.node.get_mut(io)) {
             io.external = true;
         }

@@ -2,12 +2,30 @@
 
 /// The rigs by name, each with its text.
 const RIGS: [(&str, &str); 6] = [
-    ("dc_motor", include_str!("../../../../scenarios/rigs/dc_motor.toml")),
-    ("four_drives", include_str!("../../../../scenarios/rigs/four_drives.toml")),
-    ("press", include_str!("../../../../scenarios/rigs/press.toml")),
-    ("sma_actuator", include_str!("../../../../scenarios/rigs/sma_actuator.toml")),
-    ("sma_pair", include_str!("../../../../scenarios/rigs/sma_pair.toml")),
-    ("two_axes", include_str!("../../../../scenarios/rigs/two_axes.toml")),
+    (
+        "dc_motor",
+        include_str!("../../../../scenarios/rigs/dc_motor.toml"),
+    ),
+    (
+        "four_drives",
+        include_str!("../../../../scenarios/rigs/four_drives.toml"),
+    ),
+    (
+        "press",
+        include_str!("../../../../scenarios/rigs/press.toml"),
+    ),
+    (
+        "sma_actuator",
+        include_str!("../../../../scenarios/rigs/sma_actuator.toml"),
+    ),
+    (
+        "sma_pair",
+        include_str!("../../../../scenarios/rigs/sma_pair.toml"),
+    ),
+    (
+        "two_axes",
+        include_str!("../../../../scenarios/rigs/two_axes.toml"),
+    ),
 ];
 
 /// The text of the rig of a name.

@@ -162,10 +162,16 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         let parts = PARTS.into_iter().zip(has).filter(|(_, has)| *has);
         let parts = parts.map(|((part, definition), _)| {
             let definition = reference(&values(definition));
-            (part.to_owned(), json!({"allOf": [definition], "default": {}}))
+            (
+                part.to_owned(),
+                json!({"allOf": [definition], "default": {}}),
+            )
         });
         let parts = Map::from_iter(parts);
-        (name.clone(), json!({"type": "object", "default": {}, "properties": parts}))
+        (
+            name.clone(),
+            json!({"type": "object", "default": {}, "properties": parts}),
+        )
     });
     let nodes = Map::from_iter(nodes);
     schema["properties"]["node"] = json!({"type": "object", "default": {}, "properties": nodes});

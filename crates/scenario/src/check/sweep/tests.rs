@@ -48,7 +48,8 @@ fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
 
 #[test]
 fn a_key_of_another_plant_is_refused_with_the_nearest_of_this_one() {
-    let swept = |key: &str| format!("[sweep]\n[[sweep.list]]\nkey = \"{key}\"\nvalues = [0.3, 0.4]\n");
+    let swept =
+        |key: &str| format!("[sweep]\n[[sweep.list]]\nkey = \"{key}\"\nvalues = [0.3, 0.4]\n");
     check(
         &swept("plant.motor.load_kilograms"),
         11,

@@ -13,6 +13,7 @@ use crate::load::Reading;
 use crate::nearest::{meant_or_known, nearest};
 use crate::plant::FMU;
 use crate::rig::nodes::Rig;
+use crate::schema;
 use crate::structure::found_words;
 
 /// Tables of a rig file that a scenario may have too.
@@ -21,6 +22,8 @@ const PLANT: &str = "plant";
 const NODE: &str = "node";
 /// What a real drive may never do.
 const LIMITS: &str = "limits";
+/// The key of a node that is a value and no table.
+const TRUTH: &str = "truth_every_cycles";
 /// Keys of a node that say what is there and how it is wired, which only the rig file does.
 const WIRING: [&str; 12] = [
     "kind",
@@ -129,7 +132,11 @@ impl<'text> Overlay<'_, 'text> {
                 problems.push(self.unknown(name, PLANT, &known));
                 continue;
             };
-            let wiring = if model == FMU { &WIRING_OF_FMU[..] } else { &[] };
+            let wiring = if model == FMU {
+                &WIRING_OF_FMU[..]
+            } else {
+                &[]
+            };
             let Some(values) = self.values(PLANT, name, values, wiring, problems) else {
                 continue;
             };
@@ -163,8 +170,8 @@ impl<'text> Overlay<'_, 'text> {
                 continue;
             };
             let node = below(tree, name.get_ref(), &at);
-            for (part, values) in parts {
-                if let Some(problem) = self.part(name, part, values, node) {
+            for part in parts.keys() {
+                if let Some(problem) = self.part(name, part, node) {
                     problems.push(problem);
                     continue 'nodes;
                 }
@@ -173,20 +180,30 @@ impl<'text> Overlay<'_, 'text> {
         }
     }
 
-    /// The name of a plant's model, which a rig file has and a scenario has not.
+    /// The name of a model of plants, which a rig file has and a scenario has not.
     fn with_model(
         &self,
         plant: &Spanned<DeString<'text>>,
         model: &str,
         values: &DeTable<'text>,
     ) -> Option<Problem> {
-        let (key, value) = values.get_key_value(model)?;
-        value.get_ref().is_table().then(|| {
-            let plant = plant.get_ref();
-            let message = format!("unknown key `{model}` in [{PLANT}.{plant}]");
-            let label = format!("write [{PLANT}.{plant}], without the name of the model");
-            self.problem(key.span(), message, label)
-        })
+        let models = &schema::RIG["definitions"]["PlantModel"]["properties"];
+        let is_model = |(key, value): &(&Spanned<DeString<'_>>, &Spanned<DeValue<'_>>)| {
+            models.get(key.get_ref().as_ref()).is_some() && value.get_ref().is_table()
+        };
+        let (key, _) = values.iter().find(is_model)?;
+        let (name, plant) = (key.get_ref(), plant.get_ref());
+        let (message, label) = match name == model {
+            true => (
+                format!("unknown key `{name}` in [{PLANT}.{plant}]"),
+                format!("write [{PLANT}.{plant}], without the name of the model"),
+            ),
+            false => (
+                format!("the model of `{plant}` is `{model}`, not `{name}`"),
+                "a scenario gives other values and no other model".to_owned(),
+            ),
+        };
+        Some(self.problem(key.span(), message, label))
     }
 
     /// Why a scenario cannot give other values to a part of a node.
@@ -194,14 +211,13 @@ impl<'text> Overlay<'_, 'text> {
         &self,
         name: &Spanned<DeString<'text>>,
         part: &Spanned<DeString<'text>>,
-        values: &Spanned<DeValue<'text>>,
         node: &DeTable<'text>,
     ) -> Option<Problem> {
         let (name, key): (&str, &str) = (name.get_ref(), part.get_ref());
-        if values.get_ref().is_table() && !node.contains_key(key) {
+        if key != TRUTH && !node.contains_key(key) {
             let parts = node.iter().filter(|(_, value)| value.get_ref().is_table());
             let parts = parts.map(|(part, _)| part.get_ref().as_ref());
-            let label = match nearest(key, parts) {
+            let label = match nearest(key, parts.chain([TRUTH])) {
                 Some(meant) => format!("did you mean `{meant}`?"),
                 None => "a scenario gives other values and adds nothing".to_owned(),
             };

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
+use super::Splitter;
 use super::contours::read_contours;
 use super::overlay::Overlaid;
 use super::sweep::read_sweep;
-use super::Splitter;
 use crate::beside::Beside;
 use crate::check;
 use crate::document::Document;
@@ -388,7 +388,7 @@ fn rig_text(
     reading: Reading,
     read_file: ReadTable<'_>,
 ) -> Result<RigText, Problem> {
-    const HELP: &str = "rig = \"sma_actuator\" is the actuator of the paper; rig = \"FILE.toml\" a rig file beside the scenario";
+    const HELP: &str = "rig = \"sma_actuator\" is the actuator of the paper, which ships; rig = \"FILE.toml\" is a rig file beside the scenario";
     let problem = |message: String, label: &str| scenario.problem("rig", message, label);
     let Some(rig) = scenario.root().get("rig") else {
         let message = "the scenario names no rig".to_owned();
@@ -402,9 +402,11 @@ fn rig_text(
     };
     if !rig.ends_with(".toml") {
         let Some(text) = shipped::text(rig) else {
-            let message = format!("no rig `{rig}` ships");
+            let message = format!("no rig that ships is called `{rig}`");
             let label = meant_or_known(rig, &shipped::names());
-            return Err(problem(message, &label).with_help(HELP));
+            let help =
+                "a rig file beside the scenario is named with its ending: rig = \"FILE.toml\"";
+            return Err(problem(message, &label).with_help(help));
         };
         let copy = shipped::copy_of(rig);
         let recorded = matches!(reading, Reading::Recorded).then(|| read_file(&copy).ok());
@@ -429,10 +431,17 @@ fn rig_text(
         return Err(problem(message, "the name of the scenario in a run folder"));
     }
     let text = read_file(rig).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => problem(
-            format!("the rig file {rig} does not exist"),
-            "looked for beside the scenario",
-        ),
+        io::ErrorKind::NotFound => {
+            let message = format!("the rig file {rig} does not exist");
+            let problem = problem(message, "looked for beside the scenario");
+            let name = Path::new(rig).file_stem().and_then(|name| name.to_str());
+            match name.filter(|name| shipped::text(name).is_some()) {
+                Some(name) => {
+                    problem.with_help(format!("the one that ships is named rig = \"{name}\""))
+                }
+                None => problem,
+            }
+        }
         _ => problem(
             format!("the rig file {rig} cannot be read"),
             &error.to_string(),

@@ -1,10 +1,10 @@
 use std::fs;
 
 use super::*;
+use crate::beside::Beside;
 use crate::error::ScenarioError;
 use crate::expect::Expectation;
 use crate::loops::{Loops, OneLoop};
-use crate::beside::Beside;
 use crate::scenario::Scenario;
 
 const RIG: &str = r#"
@@ -171,7 +171,11 @@ fn what_a_scenario_names_wrongly_is_underlined_once() {
             "\"../rig.toml\"",
             "must lie in the scenario's folder",
         ),
-        ("\"rig.toml\"", "\"rig.dbc\"", "no rig `rig.dbc` ships"),
+        (
+            "\"rig.toml\"",
+            "\"rig.dbc\"",
+            "no rig that ships is called `rig.dbc`",
+        ),
         (
             "\"rig.toml\"",
             "\"./scenario.toml\"",
@@ -308,7 +312,11 @@ fn a_rig_that_could_be_misread_is_refused() {
             "[controller.all.pid]\n[loop.x]",
             "this is a scenario, not a rig file",
         ),
-        ("[bus]", "[limits]\n[bus]", "a drive is a node of a rig file"),
+        (
+            "[bus]",
+            "[limits]\n[bus]",
+            "a drive is a node of a rig file",
+        ),
     ] {
         let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
@@ -317,7 +325,8 @@ fn a_rig_that_could_be_misread_is_refused() {
 
 #[test]
 fn a_rig_file_of_a_drive_without_a_node_is_told_so_and_nothing_else() {
-    let of_a_drive = "schema = 1\nname = \"one\"\n[drive]\nnode_id = 3\n[limits]\ncurrent_amperes = 1.0\n";
+    let of_a_drive =
+        "schema = 1\nname = \"one\"\n[drive]\nnode_id = 3\n[limits]\ncurrent_amperes = 1.0\n";
     let error = load_text(SCENARIO, of_a_drive).unwrap_err();
     assert!(error.contains("a drive is a node of a rig file"), "{error}");
     assert_eq!(error.matches("help:").count(), 1, "{error}");
@@ -410,7 +419,11 @@ fn a_mistake_is_said_once() {
 fn both_places_are_underlined() {
     for (right, wrong, labels) in [
         ("node_id = 0x12", "node_id = 0x10", ["here", "and here"]),
-        ("outputs = [\"y.current\"]", "outputs = [\"x.current\"]", ["here", "and here"]),
+        (
+            "outputs = [\"y.current\"]",
+            "outputs = [\"x.current\"]",
+            ["here", "and here"],
+        ),
         (
             "[node.x]",
             "[node.second]\nkind = \"controller\"\nnode_id = 2\n[node.x]",
@@ -508,6 +521,10 @@ fn what_is_expected_in_the_wrong_place_is_shown_the_right_one() {
         assert!(error.contains(said), "{wrong}: {error}");
         assert_eq!(error.matches(said).count(), 1, "{wrong}: {error}");
     }
+    let law = SCENARIO.replace("[controller.all.pid]", "[controller.pid]");
+    let error = load_files(&law, RIG).unwrap_err();
+    let said = error.problems().iter().map(ToString::to_string);
+    assert!(said.eq(["`pid` of which loop?"]), "{error:?}");
 }
 
 const SWEEP: &str = "[sweep]\ndraws = 2\n\
@@ -594,9 +611,24 @@ fn every_rig_that_ships_is_valid() {
 fn a_rig_that_is_not_there_is_one_error() {
     for (rig, said) in [
         ("", "the scenario names no rig"),
+        ("", "`rig` is missing"),
+        ("", "help: rig = \"sma_actuator\" is the actuator"),
         ("rig = 3\n", "`rig` must be a string"),
         ("rig = \"sma_actuatr\"\n", "did you mean `sma_actuator`?"),
+        ("rig = \"bench\"\n", "no rig that ships is called `bench`"),
+        (
+            "rig = \"bench\"\n",
+            "known are: dc_motor, four_drives, press, sma_actuator",
+        ),
+        (
+            "rig = \"bench\"\n",
+            "is named with its ending: rig = \"FILE.toml\"",
+        ),
         ("rig = \"x.toml\"\n", "the rig file x.toml does not exist"),
+        (
+            "rig = \"rigs/press.toml\"\n",
+            "the one that ships is named rig = \"press\"",
+        ),
         ("rig = \"../x.toml\"\n", "must lie in the scenario's folder"),
     ] {
         let text = ON_SHIPPED.replace("rig = \"sma_actuator\"\n", rig);
@@ -618,60 +650,12 @@ fn a_scenario_gives_other_values_to_its_rig() {
     assert_eq!(scenario.plant.heat.ambient_celsius, 30.0);
     let (sensor, amplifier) = (&scenario.plant.sensor, &scenario.plant.amplifier);
     assert_eq!(sensor.noise_millimetres_rms, 0.1);
-    assert_eq!((sensor.resolution_bits, sensor.span_millimetres), (10, 50.0));
+    assert_eq!(
+        (sensor.resolution_bits, sensor.span_millimetres),
+        (10, 50.0)
+    );
     assert_eq!(amplifier.current_amperes_max, 0.5);
     assert_eq!(scenario.wiring.range(), [0.0, 50.0]);
-}
-
-#[test]
-fn other_values_are_checked_where_they_stand() {
-    for (more, place, said) in [
-        (
-            "[plant.wire.heat]\nambient_celcius = 3.0\n",
-            (16, 1),
-            "unknown key `ambient_celcius` in [plant.wire.heat]",
-        ),
-        (
-            "[node.drive.sensor]\nnoise_rms = 100.0\n",
-            (16, 13),
-            "`node.drive.sensor.noise_rms` = 100 is out of range",
-        ),
-        (
-            "[plant.wire.sma.heat]\nambient_celsius = 3.0\n",
-            (15, 13),
-            "unknown key `sma` in [plant.wire]",
-        ),
-        (
-            "[node.drive.sensor]\nmin = 70.0\n",
-            (2, 7),
-            "the range of `drive` ends where it has not begun",
-        ),
-        ("[plant.wir.heat]\n", (15, 8), "the rig has no plant `wir`"),
-        ("[node.drve.sensor]\n", (15, 7), "the rig has no node `drve`"),
-        (
-            "[node.drive]\nnode_id = 3\n",
-            (16, 1),
-            "a scenario cannot give its rig another `node_id`",
-        ),
-        (
-            "[node.drive.sensor]\nport = \"wire.position_metres\"\n",
-            (16, 1),
-            "a scenario cannot give its rig another `port`",
-        ),
-        (
-            "[node.drive.limits]\ncurrent_amperes = 0.5\n",
-            (15, 13),
-            "`drive` of the rig has no limits",
-        ),
-        ("[bus]\nbitrate_kilobits_per_second = 3\n", (16, 31), "is out of range"),
-    ] {
-        let error = load_shipped(&format!("{ON_SHIPPED}{more}")).unwrap_err();
-        let [problem] = error.problems() else {
-            panic!("{more}: {}", crate::without_colours(&error))
-        };
-        assert!(problem.to_string().contains(said), "{more}: {problem}");
-        assert_eq!(problem.line_and_column(), Some(place), "{more}");
-    }
 }
 
 /// Each of these entries is wrong by itself, and none is looked at before their number is refused. How the work until then grows

@@ -38,8 +38,13 @@ impl Check<'_> {
                 if max <= min {
                     let message = format!("the range of `{name}` ends where it has not begun");
                     let label = format!("must be above {min}, its lowest");
-                    let path = path(&format!("{part}.max"));
-                    problems.push(self.document.problem(&path, message, label));
+                    let problem =
+                        (self.document).problem(&path(&format!("{part}.max")), message, label);
+                    let lowest = path(&format!("{part}.min"));
+                    problems.push(match self.document.has(&lowest) {
+                        true => problem.with_place(self.document.span(&lowest), "the lowest"),
+                        false => problem,
+                    });
                 }
             }
         }

@@ -44,8 +44,8 @@ outputs = ["lift.current"]
 "#;
 
 const HEAD: &str = "schema = 1\nname = \"t\"\nduration_seconds = 3.0\n[controller.all.open_loop]\n";
-/// The line at which the tables of a test begin.
-const BEGIN: usize = 6;
+/// The line at which the tables of a test begin; the rig is named four lines before.
+const BEGIN: i32 = 6;
 
 fn scenario(rig: &str, tables: &str) -> String {
     let name = format!("schema = 1\nrig = \"{rig}\"\n");
@@ -84,21 +84,22 @@ fn refused(rig: &str, tables: &str) -> (Vec<Problem>, String) {
 
 /// The one problem of some tables: the line counted from the first of them, the column, what is said, and what stands there.
 #[track_caller]
-fn check(rig: &str, tables: &str, (line, column): (usize, usize), message: &str, label: &str) {
+fn check(rig: &str, tables: &str, (line, column): (i32, usize), message: &str, label: &str) {
     let (problems, shown) = refused(rig, tables);
     let [problem] = &problems[..] else {
         panic!("{shown}");
     };
     assert_eq!(problem.to_string(), message, "{shown}");
     assert!(shown.contains(&format!("─ {label}\n")), "{label}: {shown}");
-    let place = problem.line_and_column();
-    assert_eq!(place, Some((BEGIN + line - 1, column)), "{shown}");
+    let (found, found_column) = problem.line_and_column().unwrap();
+    let found = i32::try_from(found).unwrap() - BEGIN + 1;
+    assert_eq!((found, found_column), (line, column), "{shown}");
 }
 
 #[test]
 fn values_take_the_places_of_those_of_the_rig() {
     let tables = "[bus]\nbitrate_kilobits_per_second = 500\n[plant.motor]\ngear_ratio = 20.0\n\
-        [node.axis.sensor]\nnoise_rms = 0.1\n[node.lift.timeouts]\nsdo_answer_milliseconds = 900\n";
+        [node.axis]\ntruth_every_cycles = 7\nsensor.noise_rms = 0.1\n[node.lift.timeouts]\nsdo_answer_milliseconds = 900\n";
     let loops = load("rig.toml", tables).unwrap();
     let [axis, lift] = &loops.loops[..] else {
         panic!("{loops:?}")
@@ -113,6 +114,7 @@ fn values_take_the_places_of_those_of_the_rig() {
     let sensor = &axis.scenario.plant.sensor;
     assert_eq!(sensor.resolution_bits, 16);
     assert!((sensor.noise_millimetres_rms - 0.1).abs() < 1e-12);
+    assert_eq!(loops.rig.node["axis"].truth_every_cycles, Some(7));
     let timeouts = loops.rig.real_drive("lift").unwrap().timeouts;
     assert_eq!(timeouts.sdo_answer_milliseconds, 900);
     assert!((timeouts.bring_up_seconds - 20.0).abs() < 1e-12);
@@ -160,7 +162,30 @@ fn what_the_rig_does_not_have_gets_no_values() {
             "`disturbance` of the rig has no sensor",
             "a scenario gives other values and adds nothing",
         ),
-        ("[node]\ndrive = 3\n", (2, 9), "`node.drive` must be a table", "this is an integer"),
+        (
+            "[node.drive]\ntruth_every_cycle = 5\n",
+            (2, 1),
+            "`drive` of the rig has no truth_every_cycle",
+            "did you mean `truth_every_cycles`?",
+        ),
+        (
+            "[loop.position]\noutputs = []\n",
+            (1, 2),
+            "unknown key `loop` in the scenario",
+            "a table of rig files",
+        ),
+        (
+            "[plant.wire.dc_motor]\ngear_ratio = 2.0\n",
+            (1, 13),
+            "the model of `wire` is `sma`, not `dc_motor`",
+            "a scenario gives other values and no other model",
+        ),
+        (
+            "[node]\ndrive = 3\n",
+            (2, 9),
+            "`node.drive` must be a table",
+            "this is an integer",
+        ),
     ] {
         check("sma_actuator", tables, place, message, label);
     }
@@ -187,7 +212,13 @@ fn how_a_rig_is_wired_is_said_by_its_file_alone() {
         ),
     ] {
         let message = format!("a scenario cannot give its rig another `{key}`");
-        check("sma_actuator", tables, place, &message, "only the rig file says this");
+        check(
+            "sma_actuator",
+            tables,
+            place,
+            &message,
+            "only the rig file says this",
+        );
     }
 }
 
@@ -283,6 +314,13 @@ fn a_wrong_value_is_shown_where_it_stands_without_the_name_of_the_model() {
             "the range of `drive` ends where it has not begun",
             "must be above 0, its lowest",
         ),
+        (
+            "sma_actuator",
+            "[node.drive.sensor]\nmin = 70.0\n",
+            (-3, 7),
+            "the range of `drive` ends where it has not begun",
+            "the lowest",
+        ),
     ] {
         check(rig, tables, place, message, label);
     }
@@ -294,15 +332,22 @@ fn all_that_is_wrong_is_said_at_once() {
         [node.drve]\n[expect]\novershoot_percent = { min = 2.0, max = 1.0 }\n";
     let (problems, shown) = refused("sma_actuator", tables);
     let lines = problems.iter().filter_map(Problem::line_and_column);
-    let lines = Vec::from_iter(lines.map(|(line, _)| line - BEGIN + 1));
-    assert_eq!(lines, [2, 3, 5, 6, 8], "{shown}");
+    assert!(
+        lines.map(|(line, _)| line).eq([7, 8, 10, 11, 13]),
+        "{shown}"
+    );
 }
 
 /// What is wrong in the rig file is shown there, whatever values the scenario gives besides.
 #[test]
 fn a_mistake_in_the_rig_file_is_shown_in_the_rig_file() {
     for (right, wrong, said, line) in [
-        ("schema = 1", "schema = 2", "`schema` = 2 is out of range", 2),
+        (
+            "schema = 1",
+            "schema = 2",
+            "`schema` = 2 is out of range",
+            2,
+        ),
         (
             "load_kilograms = 0.4",
             "load_kilograms = -0.4",
