@@ -235,7 +235,7 @@ fn no_scenario_changes_the_limits_of_a_real_drive() {
 }
 
 #[test]
-fn a_wrong_value_is_shown_where_it_stands_without_the_name_of_the_model() {
+fn a_wrong_value_of_a_plant_is_shown_where_it_stands_without_the_name_of_the_model() {
     for (rig, tables, place, message, label) in [
         (
             "sma_actuator",
@@ -279,50 +279,52 @@ fn a_wrong_value_is_shown_where_it_stands_without_the_name_of_the_model() {
             "unknown key `sma` in [plant.wire]",
             "write [plant.wire], without the name of the model",
         ),
+    ] {
+        check(rig, tables, place, message, label);
+    }
+}
+
+#[test]
+fn a_wrong_value_of_a_node_or_the_bus_is_shown_where_it_stands() {
+    for (tables, place, message, label) in [
         (
-            "sma_actuator",
             "[node.drive.sensor]\nnoise_rms = 100.0\n",
             (2, 13),
             "`node.drive.sensor.noise_rms` = 100 is out of range",
             "must be from 0 to 10",
         ),
         (
-            "sma_actuator",
             "[node.drive.amplifier]\ncurrent_amperes_max = 0.5\n",
             (2, 1),
             "unknown key `current_amperes_max` in [node.drive.amplifier]",
             "not a key of the format",
         ),
         (
-            "sma_actuator",
             "[bus]\nbitrate_kilobits_per_second = 300\n",
             (2, 31),
             "`bus.bitrate_kilobits_per_second` = 300 is out of range",
             "must be one of: 10, 20, 50, 125, 250, 500, 800, 1000",
         ),
         (
-            "sma_actuator",
             "[node.drive]\nsensor = 3\n",
             (2, 10),
             "`node.drive.sensor` must be a table",
             "this is an integer",
         ),
         (
-            "sma_actuator",
             "[node.drive.sensor]\nmax = -1.0\n",
             (2, 7),
             "the range of `drive` ends where it has not begun",
             "must be above 0, its lowest",
         ),
         (
-            "sma_actuator",
             "[node.drive.sensor]\nmin = 70.0\n",
             (-3, 7),
             "the range of `drive` ends where it has not begun",
             "the lowest",
         ),
     ] {
-        check(rig, tables, place, message, label);
+        check("sma_actuator", tables, place, message, label);
     }
 }
 
