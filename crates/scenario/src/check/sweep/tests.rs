@@ -41,7 +41,7 @@ fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
         let problem = &error.problems()[0];
         assert_eq!(problem.to_string(), message);
         let place = if key.is_empty() { 7 } else { column };
-        assert_eq!(problem.line_and_column(), Some((10, place)), "{key}");
+        assert_eq!(problem.line_and_column(), Some((11, place)), "{key}");
         assert!(format!("{problem:?}").contains(label), "{problem:?}");
     }
 }
