@@ -9,7 +9,7 @@ use std::time::Duration;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::real_time::{Started, in_real_time, wait_for};
-use crate::support::{canrig, only_run, output, rig_of_a_drive, scenario};
+use crate::support::{canrig, only_run, output, scenario};
 
 const CYCLE: &str = "[bus]\nsync_period_milliseconds = 100.0\n";
 const FAN: &str =
@@ -491,4 +491,14 @@ fn a_set_point_that_the_rig_may_not_reach_is_refused_before_current_flows() {
     assert_eq!(code, Some(3), "{stderr}");
     let expected = "the set-point is 35 mm at 10 s, beyond the rig's limits (-1 to 34 mm)";
     assert!(stderr.contains(expected), "{stderr}");
+}
+
+/// The text of a rig with one real drive of these keys, its loop, and a cycle of so many milliseconds.
+pub(crate) fn rig_of_a_drive(sync_period_milliseconds: f64, drive: &str) -> String {
+    format!(
+        "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = {sync_period_milliseconds:?}\n\
+         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+         [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n\
+         [node.drive]\nkind = \"drive\"\nnode_id = 16\n{drive}\n"
+    )
 }

@@ -17,7 +17,7 @@ use paper::identify::statistics::FitStatistics;
 use scenario::plant::Plant;
 use tempfile::TempDir;
 
-use crate::support::{canrig, only_run, output, rig_of_a_drive, scenario};
+use crate::support::{canrig, only_run, output, scenario};
 
 const SIX: &str = "C,h,As,Af,Ms,Mf";
 const NOISE_OF_ONE_STEP: &str = "\n[node.drive.sensor]\nnoise_rms = 0.05859375\n";
@@ -488,7 +488,7 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     // The same drive as if it measured no current and its sensor were of another kind.
     let drive = "current = { object = \"\" }\nposition = { resolution = 0.025 }\n\
         limits = { current_amperes = 1.0, min = -1.0, max = 59.5, rate_max = 1e4 }";
-    let rig = rig_of_a_drive(1.0, drive);
+    let rig = crate::external::rig_of_a_drive(1.0, drive);
     fs::write(recording.run.join("rig/sma_actuator.toml"), rig).unwrap();
     let silent = recording.measurement();
     assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);

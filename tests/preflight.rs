@@ -8,7 +8,6 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::external::{Run, start, stop};
 use crate::real_time::{in_real_time, wait_for};
-use crate::support::rig_of_a_drive;
 
 /// A scenario for bench and emulator; the emulator's has faults that the bench does not know of.
 fn scenario_text(faults: &str) -> String {
@@ -29,7 +28,7 @@ fn rig_file(folder: &Path, drive: &str, bring_up_seconds: f64) -> PathBuf {
          [node.drive.timeouts]\nbring_up_seconds = {bring_up_seconds:?}\ndrive_lost_milliseconds = 1000\n\
          controller_lost_milliseconds = 1000"
     );
-    fs::write(&path, rig_of_a_drive(20.0, &drive)).unwrap();
+    fs::write(&path, crate::external::rig_of_a_drive(20.0, &drive)).unwrap();
     path
 }
 

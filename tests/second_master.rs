@@ -12,7 +12,7 @@ use platform::bus::{Bus, BusAddress};
 
 use crate::external::{Run, stop};
 use crate::real_time::{in_real_time, wait_for};
-use crate::support::{only_run, output, rig_of_a_drive};
+use crate::support::{only_run, output};
 
 const PERIOD: Duration = Duration::from_millis(100);
 
@@ -107,7 +107,7 @@ fn a_bench_is_heard_during_its_pre_flight_and_its_pause() {
         let drive = "limits = { current_amperes = 1.0, min = -1.5, max = 59.5, rate_max = 1e4 }\n\
              timeouts = { drive_lost_milliseconds = 1000, controller_lost_milliseconds = 1000 }\n\
              preflight = { ramp_amperes_per_second = 1.0, heating_seconds_max = 3.0, cooling_seconds = 1.0 }";
-        fs::write(&rig, rig_of_a_drive(20.0, drive)).unwrap();
+        fs::write(&rig, crate::external::rig_of_a_drive(20.0, drive)).unwrap();
         let arguments = ["--rig", rig.to_str().unwrap(), "--dry-run"];
         let text = scenario_text("").replace("= 100.0", "= 20.0");
         let run = Run::of(&text, folder.path(), &arguments);

@@ -75,13 +75,3 @@ fn hold_scenario(folder: &Path, duration_seconds: f64, sync_period_milliseconds:
     fs::write(&path, text).unwrap();
     path
 }
-
-/// The text of a rig with one real drive of these keys, its loop, and a cycle of so many milliseconds.
-pub(crate) fn rig_of_a_drive(sync_period_milliseconds: f64, drive: &str) -> String {
-    format!(
-        "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = {sync_period_milliseconds:?}\n\
-         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
-         [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n\
-         [node.drive]\nkind = \"drive\"\nnode_id = 16\n{drive}\n"
-    )
-}

@@ -65,7 +65,7 @@ fn table_of(file: &Path, description: &Description) -> String {
     let file = file.display().to_string();
     let table = proposed(&name, &file, description);
     format!(
-        "# For a rig file of schema 2. Leave out the ports and start values that you do not need;\n# the name of a port ends in the unit that it has on the bench.\n{}",
+        "# For a rig file. Leave out the ports and start values that you do not need;\n# the name of a port ends in the unit that it has on the bench.\n{}",
         table.trim_end()
     )
 }

@@ -217,7 +217,7 @@ outputs = ["drive.current"]
         let rig = RIG.replace("max = 45.0", "max = 35.0");
         let admits = |pieces: &str| {
             let text = SCENARIO.replace("= 1.0", "= 604800.0").replace("= 36.0", "= 20.0");
-            let text = format!("{text}{pieces}[bus]\nsync_period_milliseconds = 0.1\n");
+            let text = format!("{text}{pieces}[bus]\nsync_period_milliseconds = 1.0\n");
             let plan = plan_of(&rig, &text).unwrap();
             drive(&plan).admits(&plan.loops[0].scenario)
         };

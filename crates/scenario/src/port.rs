@@ -472,15 +472,6 @@ impl Unit {
         })
     }
 
-    /// As [`Unit::rename`], for a key of a rig file, which may be by one of the unit: `units_per_millimetre` is `units_per_degree`.
-    #[must_use]
-    pub fn rename_rig_key(&self, key: &str) -> String {
-        match key.strip_suffix(Self::Millimetres.singular()) {
-            Some(before) => format!("{before}{}", self.singular()),
-            None => self.rename(key),
-        }
-    }
-
     /// One of it, in words.
     #[must_use]
     pub fn singular(&self) -> &str {

@@ -128,7 +128,7 @@ impl Wiring {
         self.loops.iter().find(|one| one.name == self.of_loop)
     }
 
-    /// Whether set-points have another range or another unit than those of schema 1.
+    /// Whether set-points have another range or another unit than 0 to 60 mm.
     #[must_use]
     pub fn is_other_travel(&self) -> bool {
         self.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
