@@ -388,7 +388,7 @@ fn rig_text(
     reading: Reading,
     read_file: ReadTable<'_>,
 ) -> Result<RigText, Problem> {
-    const HELP: &str = "rig = \"sma_actuator\" is the actuator of the paper, which ships; rig = \"FILE.toml\" is a rig file beside the scenario";
+    const HELP: &str = "rig = \"sma_actuator\" is the actuator of the paper; rig = \"FILE.toml\" a rig file beside the scenario";
     let problem = |message: String, label: &str| scenario.problem("rig", message, label);
     let Some(rig) = scenario.root().get("rig") else {
         let message = "the scenario names no rig".to_owned();
