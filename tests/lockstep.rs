@@ -516,7 +516,10 @@ fn a_bus_that_cannot_carry_its_frames_is_refused() {
     let (code, _, stderr) = output(canrig(&runs, "simulate").arg(&path));
     assert_eq!(code, Some(3), "{stderr}");
     // 1 kHz needs some 410 bits a cycle; 125 are there.
-    for said in ["do not fit between two SYNCs", "sync_period_milliseconds = "] {
+    for said in [
+        "do not fit between two SYNCs",
+        "sync_period_milliseconds = ",
+    ] {
         assert!(stderr.contains(said), "{stderr}");
     }
     // Eight times the bit rate carries it.

@@ -49,7 +49,7 @@ fn a_recording_gives_its_verdict_again_to_the_byte() {
 /// The table of a plant that no bench has; the frames are those of the motor.
 const STRANGE_PLANT: &str = "[plant.motor.my_motor]\nwindings = \"two\"\n";
 /// What is said where the plant must be known.
-const UNKNOWN_PLANT: &str = "unknown key `my_motor` in [plant.motor]";
+const UNKNOWN_PLANT: &str = "unknown plant model `my_motor`";
 
 /// A run of the DC motor whose rig file then says that it was another plant.
 fn run_of_a_strange_plant(folder: &Path) -> PathBuf {

@@ -60,7 +60,9 @@ fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
         (rig.real_drive(name), eds)
     });
     let drives = Vec::from_iter(drives);
-    let drives = drives.iter().map(|(real, eds)| Some((real.as_ref()?, *eds)));
+    let drives = drives
+        .iter()
+        .map(|(real, eds)| Some((real.as_ref()?, *eds)));
     ControllerNode::of_loops(loops.iter().zip(drives)).into_diagnostic()
 }
 

@@ -25,7 +25,6 @@ use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::N
 use dbc::LawTerm;
 use scenario::ControllerView;
 use scenario::loops::OneLoop;
-use scenario::plant::SMA_ACTUATOR;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
 use scenario::rig::{Limits, RealDrive, RigDrive, Timeouts};
@@ -70,7 +69,12 @@ impl ControllerNode {
     /// # Errors
     /// As [`ControllerNode::new`].
     pub fn of_loops<'a>(
-        loops: impl IntoIterator<Item = (&'a OneLoop<ControllerView>, Option<(&'a RealDrive, &'a str)>)>,
+        loops: impl IntoIterator<
+            Item = (
+                &'a OneLoop<ControllerView>,
+                Option<(&'a RealDrive, &'a str)>,
+            ),
+        >,
     ) -> Result<Self, ControllerError> {
         let mut plans = Vec::new();
         let mut io_nodes = Vec::new();
@@ -111,11 +115,10 @@ impl ControllerNode {
         let laws = laws.collect::<Result<_, ControllerError>>()?;
         let loops = plans.into_iter().map(|plan| {
             let view = plan.view;
-            let is_wire = view.plant == SMA_ACTUATOR;
             let limits = plan
                 .limits
                 .map(|limits| LimitWatch::new(limits, sync_period).in_unit(&view.wiring.unit));
-            let plausibility = Plausibility::new(&view.wiring, is_wire);
+            let plausibility = Plausibility::new(&view.wiring);
             ControlLoop {
                 drive: LedDrive::new(
                     plan.drive,

@@ -49,10 +49,10 @@ struct Watch {
 }
 
 impl Plausibility {
-    /// Of a drive that is wired so, to a wire or to another plant.
-    pub(crate) fn new(wiring: &Wiring, is_wire: bool) -> Self {
+    /// Of a drive that is wired so.
+    pub(crate) fn new(wiring: &Wiring) -> Self {
         Self {
-            plausible: in_thousands(&wiring.plausible_positions(is_wire)),
+            plausible: in_thousands(&wiring.plausible),
             ends: wiring.range().map(|end| end / THOUSAND),
             symbol: wiring.unit.symbol().to_owned(),
             last: None,
@@ -191,21 +191,25 @@ fn in_thousands(plausible: &Plausible) -> Plausible {
 mod tests {
     use super::*;
     use scenario::port::Unit;
+    use scenario::rig::nodes::Rig;
+    use scenario::rig::shipped;
 
     const PERIOD: f64 = 1e-3;
 
     /// What is said of samples of a wire in millimetres, one a cycle, under a current.
     fn check(current: f64, samples: impl Iterator<Item = f64>) -> Vec<Result<(), Cause>> {
-        check_plant(true, current, 0.0, samples)
+        check_on("sma_actuator", current, 0.0, samples)
     }
 
-    fn check_plant(
-        is_wire: bool,
+    /// The same on a rig that ships.
+    fn check_on(
+        rig: &str,
         current: f64,
         set_point_millimetres: f64,
         samples: impl Iterator<Item = f64>,
     ) -> Vec<Result<(), Cause>> {
-        let mut plausibility = Plausibility::new(&Wiring::default(), is_wire);
+        let rig = Rig::parse(shipped::text(rig).unwrap(), rig).unwrap();
+        let mut plausibility = Plausibility::new(&rig.wiring_of("drive"));
         let check = |millimetres: f64| {
             plausibility.advance(PERIOD, current);
             plausibility.check(millimetres * 1e-3, set_point_millimetres * 1e-3)
@@ -271,7 +275,7 @@ mod tests {
     #[test]
     fn a_motor_that_holds_is_not_stuck_and_one_that_cannot_follow_is() {
         let still = |current, set_point| {
-            let checked = check_plant(false, current, set_point, (0..3500).map(|_| 20.0));
+            let checked = check_on("dc_motor", current, set_point, (0..3500).map(|_| 20.0));
             checked.iter().position(Result::is_err)
         };
         assert_eq!(still(1.0, 20.2), None, "at the set-point");
@@ -282,7 +286,7 @@ mod tests {
         assert_eq!(still(1.0, f64::NAN), None, "without a set-point");
         let late = (0..3000).map(|cycle| 20.0 + 2e-3 * f64::from(cycle));
         assert!(
-            check_plant(false, 1.0, 50.0, late)
+            check_on("dc_motor", 1.0, 50.0, late)
                 .iter()
                 .all(Result::is_ok)
         );
@@ -293,7 +297,7 @@ mod tests {
     fn a_current_that_pushes_outward_at_an_end_is_no_stall() {
         let stalls = |current, millimetres, set_point| {
             let samples = (0..3500).map(|_| millimetres);
-            check_plant(false, current, set_point, samples)
+            check_on("dc_motor", current, set_point, samples)
                 .iter()
                 .any(Result::is_err)
         };
@@ -313,21 +317,24 @@ mod tests {
                 plausible,
                 ..Wiring::default()
             };
-            let mut plausibility = Plausibility::new(&wiring, false);
+            let mut plausibility = Plausibility::new(&wiring);
             let check = |degrees: &f64| {
                 plausibility.advance(PERIOD, 1.0);
                 plausibility.check(degrees * 1e-3, f64::NAN)
             };
             Vec::from_iter(samples.iter().map(check))
         };
-        assert_eq!(watched(None, &[0.0, 5e3, -5e3]), [Ok(()); 3]);
+        assert_eq!(
+            watched(Plausible::default(), &[0.0, 5e3, -5e3]),
+            [Ok(()); 3]
+        );
         let long = Wiring {
             position_max: Some(2e3),
             ..Wiring::default()
         };
-        let mut beyond_60_mm = Plausibility::new(&long, false);
+        let mut beyond_60_mm = Plausibility::new(&long);
         assert_eq!(beyond_60_mm.check(1.5, f64::NAN), Ok(()));
-        assert!(watched(None, &[f64::NAN])[0].is_err());
+        assert!(watched(Plausible::default(), &[f64::NAN])[0].is_err());
         let plausible = Plausible {
             min: Some(-62.0),
             max: Some(62.0),
@@ -337,7 +344,7 @@ mod tests {
             stall: None,
         };
         assert_eq!(
-            watched(Some(plausible), &[61.0, 62.4, 59.6, 58.0]),
+            watched(plausible, &[61.0, 62.4, 59.6, 58.0]),
             [
                 Ok(()),
                 Err(Cause::PositionOutsideTravel),

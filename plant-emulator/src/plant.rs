@@ -11,7 +11,7 @@ pub use scenario::port::{Port, Ports};
 ///
 /// Values come and go in the order of the ports, and a rig file wires drives and io nodes to them. The emulator owns the rest: the
 /// drive nodes, sensors, amplifiers, I²t protection, their faults, and when time passes. A plant of one axis has the ports of
-/// [`one_axis`], which need no rig file.
+/// [`one_axis`].
 pub trait Plant: Any + fmt::Debug + Send {
     /// Its parameters: what a scenario's table is read into.
     type Config: Parameters

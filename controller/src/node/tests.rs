@@ -136,7 +136,9 @@ fn controller(tables: &str) -> ControllerNode {
 }
 
 fn view(tables: &str) -> ControllerView {
-    let text = format!("schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n{tables}");
+    let text = format!(
+        "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n{tables}"
+    );
     let view = ControllerView::parse(
         &text,
         "t.toml",
@@ -787,7 +789,9 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
             io,
             truth_every_cycles: 1,
         },
-        scenario: view(&format!("{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n")),
+        scenario: view(&format!(
+            "{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n"
+        )),
     };
     let loops = [(&one, Some((real, dbc::DRIVE_EDS)))];
     bus.controller = ControllerNode::of_loops(loops).unwrap();

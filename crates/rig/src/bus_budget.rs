@@ -104,7 +104,11 @@ impl BusBudget {
         let loops = plan.loops.iter();
         let of_loops = loops.flat_map(|one| of_loop(controller, &one.nodes.drive.name, one));
         let mut shares = Vec::from_iter([sync].into_iter().chain(of_loops));
-        let id = |name: &str| plan.nodes().find(|node| node.name == name).map(|node| node.id);
+        let id = |name: &str| {
+            plan.nodes()
+                .find(|node| node.name == name)
+                .map(|node| node.id)
+        };
         shares.sort_by_key(|share| id(&share.node));
         Self {
             shares,

@@ -374,8 +374,8 @@ fn signal_of(port: &Port) -> PlantSignal {
 mod tests {
     use std::path::Path;
 
-    use scenario::Beside;
     use dbc::Kind;
+    use scenario::Beside;
 
     use super::*;
     use crate::plan::Plan;

@@ -198,7 +198,10 @@ outputs = ["drive.current"]
         assert_eq!(decode("drive_heartbeat.nmt_state", &heartbeat), Some(5.0));
         // The emulated drive's own identifiers mean nothing here.
         for id in [0x190, 0x210, 0x290, 0x710] {
-            assert_eq!(database.decode(&CanFrame::new(id, &[0; 8])).map(|_| ()), None);
+            assert_eq!(
+                database.decode(&CanFrame::new(id, &[0; 8])).map(|_| ()),
+                None
+            );
         }
     }
 
@@ -216,7 +219,9 @@ outputs = ["drive.current"]
     fn a_set_point_beyond_the_limits_is_found_wherever_it_is() {
         let rig = RIG.replace("max = 45.0", "max = 35.0");
         let admits = |pieces: &str| {
-            let text = SCENARIO.replace("= 1.0", "= 604800.0").replace("= 36.0", "= 20.0");
+            let text = SCENARIO
+                .replace("= 1.0", "= 604800.0")
+                .replace("= 36.0", "= 20.0");
             let text = format!("{text}{pieces}[bus]\nsync_period_milliseconds = 1.0\n");
             let plan = plan_of(&rig, &text).unwrap();
             drive(&plan).admits(&plan.loops[0].scenario)
@@ -257,7 +262,10 @@ outputs = ["drive.current"]
     fn what_does_not_fit_is_refused() {
         let other = RIG.replace("object = \"\"", "object = \"0x2345:01\"");
         let said = plan_of(&other, SCENARIO).unwrap_err();
-        assert!(said.contains("the drive's EDS has no object 0x2345:01"), "{said}");
+        assert!(
+            said.contains("the drive's EDS has no object 0x2345:01"),
+            "{said}"
+        );
         let other = RIG.replace("node_id = 32", "node_id = 32\neds = \"none.eds\"");
         let said = plan_of(&other, SCENARIO).unwrap_err();
         assert!(said.contains("the EDS of `drive` cannot be read"), "{said}");

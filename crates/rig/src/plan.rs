@@ -9,13 +9,13 @@ use dbc::loops::LoopPlace;
 use dbc::names;
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
-use scenario::rig::nodes::Rig;
-use scenario::{Beside, Bus};
 use scenario::fault::{Fault, Faults, Group};
 use scenario::loops::Contour;
 use scenario::node::{LoopNodes, Node, Part};
+use scenario::rig::nodes::Rig;
 use scenario::sweep::Sweep;
 use scenario::wiring::IoOutput;
+use scenario::{Beside, Bus};
 use scenario::{Scenario, Texts};
 
 use crate::catalogue::{Catalogue, Frames, Player, column_messages};

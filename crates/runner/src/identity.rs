@@ -98,7 +98,10 @@ mod tests {
             ("sma_actuator", "pid")
         );
         let names: Vec<_> = one.files.keys().collect();
-        assert_eq!(names, ["course.csv", "rig/sma_actuator.toml", "scenario.toml"]);
+        assert_eq!(
+            names,
+            ["course.csv", "rig/sma_actuator.toml", "scenario.toml"]
+        );
         // As sha256sum says.
         assert_eq!(one.files["course.csv"], hexadecimal(Sha256::digest(COURSE)));
         assert!(!one.program.is_empty());

@@ -7,8 +7,8 @@ use scenario::rig::nodes::Rig;
 
 use crate::console::print_diagnostic;
 use crate::exit::Exit;
-use crate::recorded::{read_played, refuse};
 use crate::play::ValueArgs;
+use crate::recorded::{read_played, refuse};
 use crate::scenarios::{load, rig_text};
 use rig::plan::Plan;
 use worlds::catalogue::catalogue;

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use clap::Args;
-use scenario::rig::shipped;
 use scenario::Override;
+use scenario::rig::shipped;
 
 use crate::console::usage_error;
 use crate::event::{Listener, RunEvent};
@@ -81,7 +81,7 @@ impl ValueArgs {
         let name = self.rig.as_deref().map(|rig| match self.rig_file() {
             Some(file) => {
                 let name = file.file_name().unwrap_or_default();
-                format!("{}/{}", shipped::FOLDER, name.to_string_lossy())
+                shipped::copy_of(&name.to_string_lossy())
             }
             None => rig.to_string_lossy().into_owned(),
         });
@@ -208,7 +208,7 @@ pub(crate) fn refuse_external(plan: &Plan) -> Result<(), String> {
     match external.is_empty() {
         true => Ok(()),
         false => Err(format!(
-            "external: {}: an external node keeps its own time; play on its bus, as in `canrig run SCENARIO --bus can0`, or in virtual time on a rig file without `external`",
+            "external: {}: an external node keeps its own time; play on its bus, as in `canrig run SCENARIO --bus can0`, or in virtual time on a rig without a real drive",
             external.join(", ")
         )),
     }

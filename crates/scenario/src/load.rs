@@ -25,7 +25,7 @@ use crate::error::{Problem, ScenarioError, Source};
 use crate::fault::Faults;
 use crate::file::read_text;
 use crate::loops::Loops;
-use crate::outside::{self, Outside};
+use crate::outside::Outside;
 use crate::own::{Own, Section};
 use crate::plant::Sensor;
 use crate::port::Unit;
@@ -240,7 +240,6 @@ impl ControllerView {
         read_table: ReadTable<'_>,
         wiring: Wiring,
     ) -> Result<Self, Vec<Problem>> {
-        let plant = outside::plant_name(document.root());
         for key in HIDDEN_FROM_CONTROLLER {
             document.remove(key);
         }
@@ -251,7 +250,7 @@ impl ControllerView {
             "the scenario",
             &schema::of_travel(Cow::Borrowed(&schema::CONTROLLER_VIEW), &wiring),
         )?;
-        (view.plant, view.wiring) = (plant, wiring);
+        view.wiring = wiring;
         let own = &mut view.controller.own;
         read_own(document, &outside, Section::Controller, own, &mut problems);
         let control = check::Control {

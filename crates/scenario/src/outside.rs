@@ -7,7 +7,6 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::own::{self, Section, is_name};
-use crate::plant::{SMA_ACTUATOR, WITH_TABLE};
 use crate::schema;
 
 /// Models of plants that the format of rig files knows.
@@ -132,18 +131,6 @@ impl Outside {
             }
         }
     }
-}
-
-/// The name of the plant that a document chooses, whether this bench knows that plant or not.
-pub(crate) fn plant_name(root: &DeTable<'_>) -> String {
-    let table = root
-        .get(Section::Plant.key())
-        .and_then(|value| value.get_ref().as_table());
-    let is = |name: &&str| table.is_some_and(|table| table.contains_key(*name));
-    let shipped = WITH_TABLE.into_iter().find(is);
-    let shipped = shipped.unwrap_or(SMA_ACTUATOR);
-    let mut strange = strange_tables(root, Section::Plant);
-    strange.next().unwrap_or_else(|| shipped.to_owned())
 }
 
 /// Names of tables in a section of a document that the format does not know.

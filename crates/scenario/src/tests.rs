@@ -755,10 +755,6 @@ fn the_controller_never_looks_at_the_plant() {
     );
     let view = ControllerView::parse(&text, "x.toml", no_tables).unwrap();
     assert_eq!(view.bus.sync_period(), std::time::Duration::from_millis(1));
-    assert_eq!(view.plant, "sma_actuator");
-    let on_motor = with(CLOSED).replace("sma_actuator", "dc_motor");
-    let view = ControllerView::parse(&on_motor, "x.toml", no_tables).unwrap();
-    assert_eq!(view.plant, "dc_motor");
     let text = text.replace("[plant.wire.heat]", "[plants]");
     assert_eq!(
         ControllerView::parse(&text, "x.toml", no_tables)

@@ -29,10 +29,6 @@ pub struct ControllerView {
     /// The position set-point.
     #[serde(default)]
     pub reference: reference::Reference,
-    /// The name of the plant, of which the controller knows nothing else: that a position stands still means one thing of a
-    /// wire under current and another of a motor.
-    #[serde(skip)]
-    pub plant: String,
     /// How the drive is wired, put in by the loader.
     #[serde(skip)]
     pub wiring: Wiring,
@@ -61,7 +57,6 @@ impl Scenario {
             bus: self.bus.clone(),
             controller: self.controller.clone(),
             reference: self.reference.clone(),
-            plant: self.plant.name().to_owned(),
             wiring: self.wiring.clone(),
         }
     }

@@ -59,8 +59,8 @@ pub struct Wiring {
     pub beside: Vec<String>,
     /// Whether another drive of the plant has a lower node-ID.
     pub is_second: bool,
-    /// What a position can be.
-    pub plausible: Option<Plausible>,
+    /// What a position can be; nothing is watched where nothing is said.
+    pub plausible: Plausible,
     /// How many drives its law leads.
     pub leads: usize,
     /// Of a drive that the law of another one leads.
@@ -96,7 +96,7 @@ impl Default for Wiring {
             record: None,
             beside: Vec::new(),
             is_second: false,
-            plausible: None,
+            plausible: Plausible::default(),
             leads: 1,
             led_by: None,
             of_loop: String::new(),
@@ -132,17 +132,6 @@ impl Wiring {
     #[must_use]
     pub fn is_other_travel(&self) -> bool {
         self.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
-    }
-
-    /// What the drive's node says of a position; where it says nothing, what is known of the plants that ship.
-    #[must_use]
-    pub fn plausible_positions(&self, is_wire: bool) -> Plausible {
-        let known = match is_wire {
-            _ if self.is_other_travel() => Plausible::default(),
-            true => Plausible::WIRE,
-            false => Plausible::MOTOR,
-        };
-        self.plausible.unwrap_or(known)
     }
 
     /// The place of the output that the sensor reads.
@@ -335,41 +324,6 @@ pub struct Stall {
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub away: Option<f64>,
-}
-
-impl Plausible {
-    /// That of the shape-memory-alloy wire of the paper, in millimetres. No wire holds its load higher: the nominal travel is
-    /// 60 mm, and any load stretches the wire. One that is thrown higher falls freely, and is back within 0.1 s from the greatest
-    /// speed. 1 A takes the wire through 60 mm in 0.2 s. The continuous current of the drive's
-    /// protection, 0.9 A, is more than any position needs: either the wire moves, or it is at the top. It is watched for longer
-    /// than the nominal wire's time constant of 0.65 s.
-    pub const WIRE: Self = Self {
-        min: Some(-2.0),
-        max: Some(59.5),
-        rate_max: Some(500.0),
-        jump: Some(2.0),
-        thrown_seconds: Some(0.2),
-        stall: Some(Stall {
-            current_rms: 0.9,
-            seconds: 1.0,
-            motion: 1.0,
-            below: Some(50.0),
-            away: None,
-        }),
-    };
-
-    /// That of another plant in the shipped rig's travel, in millimetres: its current may hold it anywhere.
-    pub const MOTOR: Self = Self {
-        thrown_seconds: None,
-        stall: Some(Stall {
-            current_rms: 0.9,
-            seconds: 1.0,
-            motion: 1.0,
-            below: None,
-            away: Some(1.0),
-        }),
-        ..Self::WIRE
-    };
 }
 
 #[cfg(test)]

@@ -14,8 +14,8 @@ use scenario::{ControllerView, Scenario};
 
 use crate::error::WorldError;
 use crate::names::{CONTROLLER, emulator_name};
-use rig::plan::Plan;
 use rig::loaded_drive::LoadedDrive;
+use rig::plan::Plan;
 
 /// A plant with all drives that move it: those of the loops whose emulator has this name.
 ///

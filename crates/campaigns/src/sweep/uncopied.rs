@@ -73,7 +73,8 @@ mod tests {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Scenario::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let mut plan = Plan::new(scenario, catalogue()).from_file(folder.path().join("s.toml"), text.to_owned());
+        let mut plan = Plan::new(scenario, catalogue())
+            .from_file(folder.path().join("s.toml"), text.to_owned());
         fs::write(&path, "one").unwrap();
         let hash = hash_of(File::open(&path).unwrap()).unwrap();
         let line = format!("{hash}  a.fmu\n");

@@ -261,11 +261,7 @@ mod tests {
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
         let mut drawn = BTreeSet::new();
         for seed in 0..1000 {
-            let faults = mix(
-                &mut Stream::new(seed),
-                &nodes_of(BASE),
-                2.0,
-            );
+            let faults = mix(&mut Stream::new(seed), &nodes_of(BASE), 2.0);
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.leading().scenario;
@@ -281,11 +277,7 @@ mod tests {
         let base = BASE.replace("sma_actuator", "dc_motor");
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
-            let faults = mix(
-                &mut Stream::new(seed),
-                &nodes_of(&base),
-                2.0,
-            );
+            let faults = mix(&mut Stream::new(seed), &nodes_of(&base), 2.0);
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.leading().scenario;
@@ -296,13 +288,7 @@ mod tests {
 
     #[test]
     fn a_seed_gives_one_mix() {
-        let draw = |seed| {
-            mix(
-                &mut Stream::new(seed),
-                &nodes_of(BASE),
-                2.0,
-            )
-        };
+        let draw = |seed| mix(&mut Stream::new(seed), &nodes_of(BASE), 2.0);
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
     }

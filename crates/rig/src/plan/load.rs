@@ -16,8 +16,8 @@ use super::{ControlLoop, LoopName, Plan};
 use crate::bus_budget::BusBudget;
 use crate::catalogue::Catalogue;
 use crate::external::External;
-use crate::ports;
 use crate::loaded_drive::LoadedDrive;
+use crate::ports;
 use crate::signal_names::SignalNames;
 
 impl Plan {

@@ -26,8 +26,7 @@ use worlds::{
 };
 
 /// What `--dry-run` is for.
-const NOTHING_TO_CHECK: &str =
-    "--dry-run checks a drive that canrig does not emulate: name it with --external, or its rig file with --rig";
+const NOTHING_TO_CHECK: &str = "--dry-run checks a drive that canrig does not emulate: name it with --external, or its rig file with --rig";
 
 /// Arguments of `run`.
 #[derive(Args, Debug)]

@@ -162,7 +162,7 @@ impl Rig {
                 .filter_map(|(other, _)| amplifier_port(other))
                 .collect(),
             is_second: self.drives_beside(drive).any(|(_, is_before)| is_before),
-            plausible: node.plausible,
+            plausible: node.plausible.unwrap_or_default(),
             leads: self.drives_led_from(drive),
             led_by: self.led_by(drive),
             of_loop: self.loop_of(drive).to_owned(),
@@ -425,8 +425,7 @@ pub struct RigNode {
     #[schemars(range(min = 1, max = 240))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth_every_cycles: Option<u8>,
-    /// Of a drive: what a position can be. If absent, in millimetres what it can be of the plants that ship; else nothing is
-    /// watched.
+    /// Of a drive: what a position can be. What is left out is not watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plausible: Option<Plausible>,
     /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports. If absent: all of a plant

@@ -17,8 +17,8 @@ use scenario::rig::ObjectAddress;
 use super::checklist::Check;
 use crate::bus_place::ManagerHeartbeat;
 use rig::data_sheet::{DataSheet, rig_data_sheets};
-use rig::presence::Presence;
 use rig::loaded_drive::LoadedDrive;
+use rig::presence::Presence;
 
 /// How long is listened for another manager: longer than its SYNCs are apart.
 const LISTEN_TIME: Duration = Duration::from_millis(300);

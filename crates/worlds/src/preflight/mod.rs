@@ -300,8 +300,7 @@ fn emulated(one: &ControlLoop) -> RealDrive {
     let wiring = &one.scenario.wiring;
     let [lowest, highest] = wiring.range();
     let travel = highest - lowest;
-    // A motor's differ in nothing that is asked here.
-    let plausible = wiring.plausible_positions(true);
+    let plausible = &wiring.plausible;
     RealDrive {
         drive: RigDrive {
             node_id: one.place.drive_node_id,

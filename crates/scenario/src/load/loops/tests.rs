@@ -582,10 +582,7 @@ fn a_rig_that_ships_is_a_rig_file_whose_text_is_kept() {
     let [one] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
-    assert_eq!(
-        one.scenario.wiring.plausible,
-        Some(crate::wiring::Plausible::WIRE)
-    );
+    assert_eq!(one.scenario.wiring.plausible.max, Some(59.5));
     let rig = crate::rig::shipped::text("sma_actuator").unwrap();
     assert_eq!(texts.tables["rig/sma_actuator.toml"], rig);
     assert_eq!(texts.tables.len(), 1);
