@@ -60,7 +60,12 @@ impl Beside {
     fn folder_of<'a>(&'a self, name: &'a str) -> (&'a Path, &'a Path) {
         let of_rig = Path::new(name).strip_prefix(shipped::FOLDER).ok();
         match (&self.rig, of_rig) {
-            (Some(rig), Some(name)) => (folder_of(rig), name),
+            (Some(rig), Some(name)) => {
+                let own = rig.file_name().unwrap_or_default();
+                let copy = shipped::copy_of(&own.to_string_lossy());
+                let is_own = Path::new(&copy).file_name() == Some(name.as_os_str());
+                (folder_of(rig), if is_own { Path::new(own) } else { name })
+            }
             _ => (folder_of(&self.scenario), Path::new(name)),
         }
     }

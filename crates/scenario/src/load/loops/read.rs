@@ -430,20 +430,14 @@ fn rig_text(
         let message = format!("a rig file cannot be called `{rig}`");
         return Err(problem(message, "the name of the scenario in a run folder"));
     }
+    let place = beside.place(rig).display().to_string();
     let text = read_file(rig).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => {
-            let message = format!("the rig file {rig} does not exist");
-            let problem = problem(message, "looked for beside the scenario");
-            let name = Path::new(rig).file_stem().and_then(|name| name.to_str());
-            match name.filter(|name| shipped::text(name).is_some()) {
-                Some(name) => {
-                    problem.with_help(format!("the one that ships is named rig = \"{name}\""))
-                }
-                None => problem,
-            }
-        }
+        io::ErrorKind::NotFound => problem(
+            format!("the rig file {place} does not exist"),
+            "looked for beside the scenario",
+        ),
         _ => problem(
-            format!("the rig file {rig} cannot be read"),
+            format!("the rig file {place} cannot be read"),
             &error.to_string(),
         ),
     })?;
@@ -454,7 +448,7 @@ fn rig_text(
     }
     Ok(RigText {
         text,
-        name: beside.place(rig).display().to_string(),
+        name: place,
         beside: rig.to_owned(),
         is_shipped: false,
     })
