@@ -227,9 +227,9 @@ mod tests {
         let find_ports = |_: &Scenario| {
             let output = |name: &str| Port::output(name, [0.0, 1.0]);
             let outputs = vec![
-                output("height_millimetres"),
+                output("position_metres"),
                 output("winding_temperature_celsius").with_comment("Winding."),
-                output("position_metres").with_comment("Position of the load."),
+                output("height_metres").with_comment("Height of the load."),
                 output("flexor_tension_newtons"),
             ];
             Some(Ports {
@@ -245,10 +245,10 @@ mod tests {
         let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));
         assert_eq!(
             titles,
-            ["Position of the load (m)", "flexor_tension_newtons (N)"]
+            ["Height of the load (m)", "flexor_tension_newtons (N)"]
         );
         let group = |name| style(name, || true, &views).group;
-        assert_eq!(group("position_metres"), "position_metres");
+        assert_eq!(group("height_metres"), "height_metres");
         assert_eq!(group("position_millimetres"), POSITION);
         assert_eq!(group("winding_temperature_celsius"), "temperature");
         assert!(
