@@ -432,10 +432,17 @@ fn rig_text(
     }
     let place = beside.place(rig).display().to_string();
     let text = read_file(rig).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => problem(
-            format!("the rig file {place} does not exist"),
-            "looked for beside the scenario",
-        ),
+        io::ErrorKind::NotFound => {
+            let message = format!("the rig file {place} does not exist");
+            let problem = problem(message, "looked for beside the scenario");
+            let name = Path::new(rig).file_stem().and_then(|name| name.to_str());
+            match name.filter(|name| shipped::text(name).is_some()) {
+                Some(name) => {
+                    problem.with_help(format!("the one that ships is named rig = \"{name}\""))
+                }
+                None => problem,
+            }
+        }
         _ => problem(
             format!("the rig file {place} cannot be read"),
             &error.to_string(),
