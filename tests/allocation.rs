@@ -10,7 +10,7 @@ use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
 use plant_emulator::plants::sma::Actuator;
 use platform::counting_allocator::allocations;
-use scenario::{ControllerView, Scenario, without_colours};
+use scenario::{Scenario, without_colours};
 
 use crate::support::scenario;
 
@@ -57,8 +57,8 @@ struct World {
 impl World {
     fn new() -> Self {
         let path = scenario("step.toml");
-        let view = ControllerView::load(&path).unwrap();
         let scenario = Scenario::load(&path).unwrap();
+        let view = scenario.controller_view();
         Self {
             controller: Counted::new(ControllerNode::new(&view).unwrap()),
             rig: Counted::new(PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).unwrap()),

@@ -40,7 +40,7 @@ Examples:
   canrig run step.toml --bus vcan0           over the kernel's SocketCAN
   canrig run step.toml --bus can0 --external drive
                                              with a real drive
-  canrig run step.toml --rig rig.toml --dry-run
+  canrig run step.toml --rig desk.toml --bus can0 --dry-run
                                              only the checks before current flows
   canrig run scenarios/step.toml --viewer    and watch it while it runs
   canrig simulate scenarios/step.toml        in one process, at once

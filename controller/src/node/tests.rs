@@ -12,7 +12,6 @@ use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
 
 use scenario::loops::NodesOfLoop;
-use scenario::rig::Preflight;
 
 use super::*;
 use crate::cause::Cause;
@@ -758,23 +757,24 @@ fn a_single_spike_costs_a_cycle_only() {
 
 /// A real drive as node 0x20 with these limits of the position.
 fn real_drive(min: f64, max: f64) -> RealDrive {
+    let drive = RigDrive {
+        node_id: 32,
+        ..RigDrive::default()
+    };
+    let limits = Limits {
+        current_amperes: 0.3,
+        min,
+        max,
+        rate_max: 1e4,
+    };
+    let timeouts = Timeouts {
+        drive_heartbeat_milliseconds: 50,
+        drive_lost_milliseconds: 200,
+        ..Timeouts::default()
+    };
     RealDrive {
-        drive: RigDrive {
-            node_id: 32,
-            ..RigDrive::default()
-        },
-        limits: Limits {
-            current_amperes: 0.3,
-            min,
-            max,
-            rate_max: 1e4,
-        },
-        timeouts: Timeouts {
-            drive_heartbeat_milliseconds: 50,
-            drive_lost_milliseconds: 200,
-            ..Timeouts::default()
-        },
-        preflight: Preflight::default(),
+        timeouts,
+        ..RealDrive::new(drive, limits)
     }
 }
 

@@ -201,20 +201,10 @@ impl Scenario {
 }
 
 impl ControllerView {
-    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Scenario::load`].
+    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Scenario::parse`].
     ///
     /// # Errors
-    /// As [`Scenario::load`], for what the controller sees.
-    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        let beside = Beside::new(path);
-        let read = |name: &str| beside.read(name);
-        Self::parse(&text_of(path)?, &path.display().to_string(), read)
-    }
-
-    /// As [`ControllerView::load`], from text; as [`Scenario::parse`].
-    ///
-    /// # Errors
-    /// As [`ControllerView::load`].
+    /// As [`Scenario::parse`], for what the controller sees.
     pub fn parse(
         text: &str,
         file_name: &str,

@@ -20,9 +20,9 @@ use crate::view::ControllerView;
 use crate::wiring::Wiring;
 
 /// What is tried in a loop is checked against this. To make a schema takes most of the time that loading takes, so each is made once.
-pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(of_loop);
+pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(schema_of::<Scenario>);
 /// As [`SCENARIO`], of a recording: the same without plants and laws from outside.
-pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(|| with_faults(shipped::<Scenario>()));
+pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Scenario>);
 /// What the controller checks of scenario files.
 pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
 /// What rig files are checked against.
@@ -35,7 +35,7 @@ pub(crate) static CONTOURS: LazyLock<Value> = LazyLock::new(schema_of::<Contours
 pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
 
 /// What `[fault]` is checked against.
-pub(crate) static FAULTS_ON_RIG: LazyLock<Value> = LazyLock::new(fault::described);
+pub(crate) static FAULTS: LazyLock<Value> = LazyLock::new(fault::described);
 
 pub(crate) use loops::on_rig;
 
@@ -95,16 +95,6 @@ pub fn rig_json_schema() -> String {
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     let mut schema = shipped::<T>();
     own::describe(&mut schema);
-    schema
-}
-
-/// The schema of what is tried in a loop, with the plants and laws from outside.
-fn of_loop() -> Value {
-    with_faults(schema_of::<Scenario>())
-}
-
-fn with_faults(mut schema: Value) -> Value {
-    fault::describe(&mut schema);
     schema
 }
 

@@ -53,20 +53,16 @@ impl Supervisor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::rig::{Limits, Preflight, RealDrive, RigDrive, Timeouts};
+    use scenario::rig::{Limits, RealDrive, RigDrive};
 
     fn supervisor() -> Supervisor {
-        let real = RealDrive {
-            drive: RigDrive::default(),
-            limits: Limits {
-                current_amperes: 0.9,
-                min: -1.0,
-                max: 45.0,
-                rate_max: 400.0,
-            },
-            timeouts: Timeouts::default(),
-            preflight: Preflight::default(),
+        let limits = Limits {
+            current_amperes: 0.9,
+            min: -1.0,
+            max: 45.0,
+            rate_max: 400.0,
         };
+        let real = RealDrive::new(RigDrive::default(), limits);
         let drive = LoadedDrive::new(real, None).unwrap();
         Supervisor::new(&drive, Duration::from_millis(1), &Unit::default())
     }

@@ -16,7 +16,7 @@ use crate::node::{Node, Part};
 
 pub use kinds::{Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
 pub(crate) use read::read;
-pub(crate) use schema::{describe, describe_on_rig, described};
+pub(crate) use schema::{describe, described};
 
 /// A value of a fault.
 #[derive(Clone, Debug, PartialEq)]

@@ -83,7 +83,7 @@ impl<'text> Reader<'_, 'text> {
 
     fn check(&self, tree: DeTable<'text>) -> Vec<Problem> {
         let document = self.document.with_root(tree);
-        structure::check(&document, "the scenario", &schema::FAULTS_ON_RIG)
+        structure::check(&document, "the scenario", &schema::FAULTS)
     }
 
     fn fault(

@@ -10,27 +10,16 @@ use crate::TIME_SECONDS_MAX;
 const ENTRIES_MAX: usize = 100;
 const TEXT: &str = "Injected faults, by where they act; the nodes do not know of them. Each kind says where it acts and whether `bus.log` shows it.";
 
-/// Puts `[fault]` into the schema of scenarios of one drive.
-pub(crate) fn describe(schema: &mut Value) {
-    add(schema, false);
-}
-
-/// As [`describe`], for scenarios on a rig, whose nodes and plants have names of their own.
-pub(crate) fn describe_on_rig(schema: &mut Value) {
-    add(schema, true);
-}
-
-/// The schema of `[fault]` on a rig as the only section.
+/// The schema of `[fault]` as the only section.
 pub(crate) fn described() -> Value {
     let mut schema = json!({"type": "object", "properties": {}, "definitions": {}});
-    add(&mut schema, true);
+    describe(&mut schema);
     schema
 }
 
-fn add(schema: &mut Value, is_on_rig: bool) {
-    let of_kinds = KINDS
-        .iter()
-        .map(|kind| (definition(kind), of_kind(kind, is_on_rig)));
+/// Puts `[fault]` into a schema.
+pub(crate) fn describe(schema: &mut Value) {
+    let of_kinds = KINDS.iter().map(|kind| (definition(kind), of_kind(kind)));
     let of_groups = Group::ALL.map(|group| (of_group(group), kinds_of(group)));
     let groups = Group::ALL.map(|group| {
         let described = reference_to(&of_group(group), group.text());
@@ -44,7 +33,7 @@ fn add(schema: &mut Value, is_on_rig: bool) {
     });
     let choices = KINDS.iter().flat_map(|kind| kind.keys);
     let choices = choices.filter_map(|key| {
-        let (definition, words) = choice(key, is_on_rig)?;
+        let (definition, words) = choice(key)?;
         let words = words
             .iter()
             .map(|(word, text)| json!({"const": word, "description": text, "type": "string"}));
@@ -82,11 +71,9 @@ fn reference_to(definition: &str, text: &str) -> Value {
 }
 
 /// The words among which a key chooses, with the name of their definition.
-fn choice(key: &Key, is_on_rig: bool) -> Option<(String, &'static [(&'static str, &'static str)])> {
+fn choice(key: &Key) -> Option<(String, &'static [(&'static str, &'static str)])> {
     match key.form {
         Form::Word(words) => Some((capitalised(key.name), words)),
-        Form::Node if !is_on_rig => Some(("Node".to_owned(), &NODES[..2])),
-        Form::Station if !is_on_rig => Some(("Station".to_owned(), &NODES)),
         _ => None,
     }
 }
@@ -110,7 +97,7 @@ fn kinds_of(group: Group) -> Value {
     })
 }
 
-fn of_kind(kind: &Kind, is_on_rig: bool) -> Value {
+fn of_kind(kind: &Kind) -> Value {
     let mut properties = times(kind.time);
     let mut required = match kind.time {
         Time::Lasts | Time::Ends => vec!["from_seconds"],
@@ -118,14 +105,14 @@ fn of_kind(kind: &Kind, is_on_rig: bool) -> Value {
         Time::Boot => Vec::new(),
     };
     for key in kind.keys {
-        properties.insert(key.name.to_owned(), of_key(key, is_on_rig));
+        properties.insert(key.name.to_owned(), of_key(key));
         required.extend(matches!(key.need, Need::Required).then_some(key.name));
     }
-    if is_on_rig && kind.is_of_a_drive() {
+    if kind.is_of_a_drive() {
         let node = name("The drive; needed where there are several.");
         properties.insert("node".to_owned(), node);
     }
-    if is_on_rig && kind.group == Group::Plant {
+    if kind.group == Group::Plant {
         let plant = name("The plant, in place of one of its drives.");
         properties.insert("plant".to_owned(), plant);
     }
@@ -169,7 +156,7 @@ fn name(text: &str) -> Value {
     json!({"description": text, "type": "string"})
 }
 
-fn of_key(key: &Key, is_on_rig: bool) -> Value {
+fn of_key(key: &Key) -> Value {
     let mut schema = match key.form {
         Form::Number(min, max) => {
             json!({"type": "number", "format": "double", "minimum": min, "maximum": max})
@@ -177,13 +164,13 @@ fn of_key(key: &Key, is_on_rig: bool) -> Value {
         Form::Whole(min, max) => {
             json!({"type": "integer", "format": "uint32", "minimum": min, "maximum": max})
         }
-        Form::Word(_) | Form::Node | Form::Station => match choice(key, is_on_rig) {
+        Form::Word(_) | Form::Node | Form::Station => match choice(key) {
             Some((definition, _)) => json!({"allOf": [reference(&definition)]}),
             None => json!({"type": "string"}),
         },
     };
-    schema["description"] = match (key.form, is_on_rig) {
-        (Form::Station, true) => {
+    schema["description"] = match key.form {
+        Form::Station => {
             let text = key.text.trim_end_matches('.');
             format!("{text}: the name of a node; `bench` is canrig's own node.").into()
         }
@@ -201,15 +188,6 @@ fn of_key(key: &Key, is_on_rig: bool) -> Value {
     }
     schema
 }
-
-static NODES: [(&str, &str); 3] = [
-    ("controller", "The controller, node 0x01."),
-    (
-        "drive",
-        "The drive, node 0x10, with the actuator and the disturbance module.",
-    ),
-    ("bench", "canrig's own node, which can stop the drive."),
-];
 
 impl Serialize for Faults {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -230,7 +208,7 @@ impl Serialize for Faults {
     }
 }
 
-/// A fault as it stands in a scenario of one drive.
+/// A fault as it stands in a scenario.
 fn table(fault: &Fault) -> toml::Table {
     let mut table = toml::Table::new();
     let mut set = |key: &str, value: toml::Value| drop(table.insert(key.to_owned(), value));

@@ -91,10 +91,11 @@ impl<'text> Splitter<'_, 'text> {
         if !strange.is_empty() {
             return (Vec::new(), strange);
         }
-        let mut problems = self.strangers();
-        // Nor is a law of no loop another one for each loop that it does not close.
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
-        let is_law_said = !self.strange_tables(CONTROLLER, &loops).is_empty();
+        // Nor is a law of no loop another one for each loop that it does not close.
+        let mut problems = self.strange_tables(CONTROLLER, &loops);
+        let is_law_said = !problems.is_empty();
+        problems.extend(self.strangers(&loops));
         let mut trees = Vec::new();
         for name in self.rig.loops.keys() {
             if is_law_said && self.law(name).is_err() {
@@ -321,22 +322,19 @@ impl<'text> Splitter<'_, 'text> {
     }
 
     /// Loops and nodes that the scenario names and the rig does not have.
-    fn strangers(&self) -> Vec<Problem> {
+    fn strangers(&self, loops: &[&str]) -> Vec<Problem> {
         let mut problems = Vec::new();
         let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
-        let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
         for (section, by, known) in [
-            ("reference", "loop", &loops),
+            ("reference", "loop", loops),
             ("disturbance", "node", &nodes),
         ] {
             if let Some(value) = self.root().get(section) {
                 self.look(value, section, by, known, &mut problems);
             }
         }
-        for section in [CONTROLLER, EXPECT] {
-            problems.extend(self.strange_tables(section, &loops));
-        }
-        problems.extend(self.misplaced(&loops));
+        problems.extend(self.strange_tables(EXPECT, loops));
+        problems.extend(self.misplaced(loops));
         problems
     }
 

@@ -28,6 +28,19 @@ pub struct RealDrive {
     pub preflight: Preflight,
 }
 
+impl RealDrive {
+    /// A drive with these limits; all else is as for the emulated drive.
+    #[must_use]
+    pub fn new(drive: RigDrive, limits: Limits) -> Self {
+        Self {
+            drive,
+            limits,
+            timeouts: Timeouts::default(),
+            preflight: Preflight::default(),
+        }
+    }
+}
+
 /// The objects of a drive on the bus.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigDrive {

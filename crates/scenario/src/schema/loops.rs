@@ -30,7 +30,7 @@ const PARTS: [(&str, &str); 5] = [
 /// The schema of scenarios on any rig.
 pub(super) fn of_scenario() -> Value {
     let mut schema = with_names(schema_of::<Scenario>());
-    fault::describe_on_rig(&mut schema);
+    fault::describe(&mut schema);
     let mut schema = with_units(schema);
     let laws = properties(&schema, "Controller");
     let limits = with_contours(&mut schema);

@@ -366,23 +366,19 @@ fn at_rest(rest: Span, unit: &Unit) -> String {
 mod tests {
     use canopen::frame::ERROR_FLAG;
     use dbc::Database;
-    use scenario::rig::{Limits, Preflight, RealDrive, RigDrive, Timeouts};
+    use scenario::rig::{Limits, RealDrive, RigDrive};
 
     use super::*;
 
     /// The emulated drive, as a real one.
     fn drive() -> LoadedDrive {
-        let real = RealDrive {
-            drive: RigDrive::default(),
-            limits: Limits {
-                current_amperes: 0.9,
-                min: -1.0,
-                max: 45.0,
-                rate_max: 400.0,
-            },
-            timeouts: Timeouts::default(),
-            preflight: Preflight::default(),
+        let limits = Limits {
+            current_amperes: 0.9,
+            min: -1.0,
+            max: 45.0,
+            rate_max: 400.0,
         };
+        let real = RealDrive::new(RigDrive::default(), limits);
         LoadedDrive::new(real, None).unwrap()
     }
 

@@ -20,7 +20,7 @@ use canopen::nmt::NodeId;
 use platform::clock;
 use scenario::Beside;
 use scenario::node::Part;
-use scenario::rig::{Limits, PositionObject, RealDrive, RigDrive, Timeouts};
+use scenario::rig::{Limits, PositionObject, RealDrive, RigDrive};
 
 pub use checklist::{Check, CheckOutcome};
 
@@ -301,25 +301,22 @@ fn emulated(one: &ControlLoop) -> RealDrive {
     let [lowest, highest] = wiring.range();
     let travel = highest - lowest;
     let plausible = &wiring.plausible;
-    RealDrive {
-        drive: RigDrive {
-            node_id: one.place.drive_node_id,
-            position: PositionObject {
-                increments_per_unit: wiring.unit.counts(),
-                resolution: travel / STEPS_OF_TRAVEL,
-                ..PositionObject::default()
-            },
-            ..RigDrive::default()
+    let drive = RigDrive {
+        node_id: one.place.drive_node_id,
+        position: PositionObject {
+            increments_per_unit: wiring.unit.counts(),
+            resolution: travel / STEPS_OF_TRAVEL,
+            ..PositionObject::default()
         },
-        limits: Limits {
-            current_amperes: 1.0,
-            min: plausible.min.unwrap_or(lowest),
-            max: plausible.max.unwrap_or(highest),
-            rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
-        },
-        timeouts: Timeouts::default(),
-        preflight: scenario::rig::Preflight::default(),
-    }
+        ..RigDrive::default()
+    };
+    let limits = Limits {
+        current_amperes: 1.0,
+        min: plausible.min.unwrap_or(lowest),
+        max: plausible.max.unwrap_or(highest),
+        rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
+    };
+    RealDrive::new(drive, limits)
 }
 
 /// The session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
