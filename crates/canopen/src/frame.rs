@@ -247,11 +247,19 @@ impl From<Vec<Filter>> for FilterSet {
     fn from(filters: Vec<Filter>) -> Self {
         let mut standard = Box::new([0; Self::WORDS]);
         for filter in &filters {
-            let exact = (filter.id & 0x7FF) as u16;
-            let is_exact = filter.mask & 0x7FF == 0x7FF;
-            let ids = if is_exact { exact..=exact } else { 0..=0x7FF };
-            for id in ids.filter(|id| filter.accepts(&CanFrame::new(*id, &[]))) {
-                standard[usize::from(id / 64)] |= 1 << (id % 64);
+            let (fixed, free) = (filter.id & filter.mask, !filter.mask & 0x7FF);
+            // A data frame with 11 bits has no flag.
+            if filter.mask & ERROR_FLAG != 0 || fixed > 0x7FF {
+                continue;
+            }
+            let mut part = free;
+            loop {
+                let id = fixed | part;
+                standard[(id / 64) as usize] |= 1 << (id % 64);
+                if part == 0 {
+                    break;
+                }
+                part = (part - 1) & free;
             }
         }
         Self { filters, standard }

@@ -77,6 +77,8 @@ pub struct Texts {
 #[derive(Clone, Copy)]
 enum Reading {
     ToPlay,
+    /// As `ToPlay`, with other values than those with which its rig was checked.
+    Case,
     /// It was played already.
     Recorded,
 }
@@ -154,7 +156,7 @@ impl Scenario {
         }: OfRun,
     ) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
-            Reading::ToPlay => Outside::Registered,
+            Reading::ToPlay | Reading::Case => Outside::Registered,
             Reading::Recorded => Outside::from_recording(document.root()),
         };
         let (mut scenario, mut problems) = build::<Self>(

@@ -127,7 +127,7 @@ impl Plan {
         };
         // Files that are no text lie beside the scenario that is varied.
         let beside = self.shared.beside.of_case();
-        let (loops, _) = Loops::parse(&beside, text.to_owned(), read_file, |_| Vec::new(), object)?;
+        let loops = Loops::parse_case(&beside, text.to_owned(), read_file, object)?;
         let varied = self.loops.iter().zip(loops.loops);
         let varied = varied.map(|(base, one)| base.varied(one.scenario));
         let nodes = self.shared.nodes_of_loops.clone();

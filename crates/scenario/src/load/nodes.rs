@@ -67,20 +67,30 @@ impl Rig {
         file_name: &str,
         reading: Reading,
     ) -> Result<(Self, Document<'text>), ScenarioError> {
+        let document = Self::document(text, file_name)?;
+        let rig = Self::of_tree(&document, reading);
+        let rig = rig.map_err(|problems| fail(file_name, problems))?;
+        Ok((rig, document))
+    }
+
+    /// The tree of a rig file, in which each node has what it needs.
+    pub(super) fn document<'text>(
+        text: &'text str,
+        file_name: &str,
+    ) -> Result<Document<'text>, ScenarioError> {
         let fail = |problems| fail(file_name, problems);
         let mut document = Document::parse(Source::new(file_name, text), text).map_err(fail)?;
         if let Some(problem) = no_rig(&document).or_else(|| too_many(&document)) {
             return Err(fail(vec![problem]));
         }
         document.rewrite(spread_defaults);
-        let rig = Self::of_tree(&document, reading).map_err(fail)?;
-        Ok((rig, document))
+        Ok(document)
     }
 
     /// The rig of a tree in which each node has what it needs.
     pub(super) fn of_tree(document: &Document<'_>, reading: Reading) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
-            Reading::ToPlay => Outside::Registered,
+            Reading::ToPlay | Reading::Case => Outside::Registered,
             Reading::Recorded => Outside::from_recorded_rig(document.root()),
         };
         let schema = outside.rig_schema();

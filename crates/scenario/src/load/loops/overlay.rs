@@ -51,41 +51,55 @@ pub(super) struct Overlaid<'text> {
 }
 
 impl<'text> Overlaid<'text> {
+    /// `as_written` is the rig without the scenario's values, where it was checked so: then more can be said of a scenario whose
+    /// values are wrong.
+    ///
+    /// # Errors
+    /// What is wrong with the values, where nothing more can be said.
     pub(super) fn new(
         scenario: &Document<'text>,
-        rig: Rig,
+        as_written: Option<Rig>,
         rig_tree: &DeTable<'text>,
         reading: Reading,
-    ) -> Self {
+    ) -> Result<Self, Vec<Problem>> {
+        let at = scenario.span("rig");
+        let mut own_tree = placed_table(rig_tree, &at);
+        own_tree.remove("defaults");
+        let is_overlaid = SECTIONS.iter().any(|section| scenario.has(section));
+        let as_written = match as_written {
+            Some(rig) if !is_overlaid => {
+                return Ok(Self {
+                    rig,
+                    tree: own_tree,
+                    problems: Vec::new(),
+                });
+            }
+            as_written => as_written,
+        };
         let overlay = Overlay {
             scenario,
-            rig: &rig,
+            tree: &own_tree,
         };
-        let at = scenario.span("rig");
-        let mut tree = placed_table(rig_tree, &at);
-        tree.remove("defaults");
-        if !SECTIONS.iter().any(|section| scenario.has(section)) {
-            let problems = Vec::new();
-            return Self {
-                rig,
-                tree,
-                problems,
-            };
-        }
-        let as_written = tree.clone();
+        let mut tree = own_tree.clone();
         let mut problems = overlay.put_into(&mut tree, &at);
-        match Rig::of_tree(&scenario.with_root(tree.clone()), reading) {
-            Ok(rig) => Self {
+        match (
+            Rig::of_tree(&scenario.with_root(tree.clone()), reading),
+            as_written,
+        ) {
+            (Ok(rig), _) => Ok(Self {
                 rig,
                 tree,
                 problems,
-            },
-            Err(found) => {
+            }),
+            (Err(found), as_written) => {
                 problems.extend(overlay.without_models(found));
-                Self {
-                    rig,
-                    tree: as_written,
-                    problems,
+                match as_written {
+                    Some(rig) => Ok(Self {
+                        rig,
+                        tree: own_tree,
+                        problems,
+                    }),
+                    None => Err(problems),
                 }
             }
         }
@@ -94,7 +108,8 @@ impl<'text> Overlaid<'text> {
 
 struct Overlay<'a, 'text> {
     scenario: &'a Document<'text>,
-    rig: &'a Rig,
+    /// The rig's tree as it is written.
+    tree: &'a DeTable<'text>,
 }
 
 impl<'text> Overlay<'_, 'text> {
@@ -125,10 +140,11 @@ impl<'text> Overlay<'_, 'text> {
         plants: &DeTable<'text>,
         problems: &mut Vec<Problem>,
     ) {
-        let known = Vec::from_iter(self.rig.plant.keys().map(String::as_str));
+        let models = Vec::from_iter(self.models());
+        let known = Vec::from_iter(models.iter().map(|(plant, _)| *plant));
         for (name, values) in plants {
-            let model = self.rig.plant.get(name.get_ref().as_ref());
-            let Some(model) = model.map(|plant| plant.model()) else {
+            let plant = models.iter().find(|(plant, _)| *plant == name.get_ref());
+            let Some((_, model)) = plant.copied() else {
                 problems.push(self.unknown(name, PLANT, &known));
                 continue;
             };
@@ -160,9 +176,9 @@ impl<'text> Overlay<'_, 'text> {
         nodes: &DeTable<'text>,
         problems: &mut Vec<Problem>,
     ) {
-        let known = Vec::from_iter(self.rig.node.keys().map(String::as_str));
+        let known = Vec::from_iter(self.entries(NODE).map(|(node, _)| node));
         'nodes: for (name, parts) in nodes {
-            if !self.rig.node.contains_key(name.get_ref().as_ref()) {
+            if !known.contains(&name.get_ref().as_ref()) {
                 problems.push(self.unknown(name, NODE, &known));
                 continue;
             }
@@ -178,6 +194,22 @@ impl<'text> Overlay<'_, 'text> {
             }
             put(node, parts);
         }
+    }
+
+    /// The entries of a table of the rig file.
+    fn entries(&self, section: &str) -> impl Iterator<Item = (&str, &DeValue<'text>)> {
+        let table = self.tree.get(section);
+        let table = table.and_then(|table| table.get_ref().as_table());
+        let entries = table.into_iter().flat_map(DeTable::iter);
+        entries.map(|(name, value)| (name.get_ref().as_ref(), value.get_ref()))
+    }
+
+    /// The plants of the rig, each with the name of its model.
+    fn models(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.entries(PLANT).filter_map(|(plant, models)| {
+            let model = models.as_table()?.keys().next()?;
+            Some((plant, model.get_ref().as_ref()))
+        })
     }
 
     /// The name of a model of plants, which a rig file has and a scenario has not.
@@ -277,9 +309,9 @@ impl<'text> Overlay<'_, 'text> {
 
     /// Problems with the paths that a scenario has, which are without the names of models.
     fn without_models(&self, problems: Vec<Problem>) -> impl Iterator<Item = Problem> {
-        let paths = self.rig.plant.iter().map(|(name, plant)| {
-            let short = format!("{PLANT}.{name}");
-            (format!("{short}.{}", plant.model()), short)
+        let paths = self.models().map(|(plant, model)| {
+            let short = format!("{PLANT}.{plant}");
+            (format!("{short}.{model}"), short)
         });
         let paths = Vec::from_iter(paths);
         problems.into_iter().map(move |problem| {

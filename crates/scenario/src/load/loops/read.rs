@@ -57,6 +57,21 @@ impl Loops<Scenario> {
         parse_for(beside, text, &mut read_file, reading, &objections, &object)
     }
 
+    /// As [`Loops::parse`], for a scenario with other values than one that was read before, on the same rig.
+    ///
+    /// # Errors
+    /// As [`Loops::parse`].
+    pub fn parse_case(
+        beside: &Beside,
+        text: String,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
+        object: impl Fn(&Self) -> Option<Objection>,
+    ) -> Result<Self, ScenarioError> {
+        let none = |_: &Scenario| Vec::new();
+        let reading = Reading::Case;
+        parse_for(beside, text, &mut read_file, reading, &none, &object).map(|(loops, _)| loops)
+    }
+
     /// As [`Loops::parse`], for a scenario that was played already: tables of plants and laws from outside are kept as they are,
     /// whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what a sweep would vary.
     ///
@@ -147,17 +162,24 @@ fn made(
     let RigText {
         text, name, beside, ..
     } = &files.rig;
-    let (rig, rig_document) = Rig::read(text, name, reading)?;
-    let sheets = read_sheets(&rig, &rig_document, beside, read_file);
-    let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
-    find_fmus(&rig, files, &rig_document, reading, read_file)?;
+    let rig_document = Rig::document(text, name)?;
+    let as_written = match reading {
+        Reading::Case => None,
+        Reading::ToPlay | Reading::Recorded => {
+            let rig = Rig::of_tree(&rig_document, reading);
+            Some(rig.map_err(|problems| nodes::fail(name, problems))?)
+        }
+    };
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
-    let overlaid = Overlaid::new(&files.scenario, rig, rig_document.root(), reading);
+    let overlaid = Overlaid::new(&files.scenario, as_written, rig_document.root(), reading);
     let Overlaid {
         rig,
         tree,
         mut problems,
-    } = overlaid;
+    } = overlaid.map_err(fail)?;
+    let sheets = read_sheets(&rig, &rig_document, beside, read_file);
+    let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
+    find_fmus(&rig, files, &rig_document, reading, read_file)?;
     let (faults, found) = fault::read(&files.scenario, &rig);
     let has_all_faults = found.is_empty();
     problems.extend(found);
@@ -223,7 +245,8 @@ fn wrong_faults(
     let document = &files.scenario;
     let mut problems = check::faults(document, faults, duration_seconds.unwrap_or_default());
     // Which faults mean something to a plant from outside, only the bench knows that played it.
-    let is_known = |one: &&Scenario| one.plant.own.is_none() || matches!(reading, Reading::ToPlay);
+    let is_known =
+        |one: &&Scenario| one.plant.own.is_none() || !matches!(reading, Reading::Recorded);
     let plant_of = |fault: &Fault| {
         let is_at =
             |one: &&Scenario| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
@@ -250,7 +273,7 @@ fn find_fmus(
         let wrong = match wrong_name(named) {
             Some(label) => Some(label.to_owned()),
             None => match (read_file(&format!("{file}{HASH_SUFFIX}")), reading) {
-                (Err(error), Reading::ToPlay) => Some(match error.kind() {
+                (Err(error), Reading::ToPlay | Reading::Case) => Some(match error.kind() {
                     io::ErrorKind::NotFound => {
                         "there is no such file beside the rig file".to_owned()
                     }
@@ -324,8 +347,9 @@ impl Loops<ControllerView> {
             let (rig, rig_document) = Rig::read(text, name, for_what)?;
             let sheets = read_sheets(&rig, &rig_document, beside, read_file);
             let sheets = sheets.map_err(|problems| nodes::fail(name, problems))?;
+            let overlaid = Overlaid::new(&files.scenario, Some(rig), rig_document.root(), for_what);
             let Overlaid { rig, tree, .. } =
-                Overlaid::new(&files.scenario, rig, rig_document.root(), for_what);
+                overlaid.map_err(|problems| ScenarioError::new(KIND, name, problems))?;
             let read = |document: &mut Document<'_>, wiring: Wiring| {
                 ControllerView::read(document, read_file, wiring)
             };
