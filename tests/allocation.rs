@@ -10,7 +10,7 @@ use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
 use plant_emulator::plants::sma::Actuator;
 use platform::counting_allocator::allocations;
-use scenario::{Scenario, without_colours};
+use scenario::{Trial, without_colours};
 
 use crate::support::scenario;
 
@@ -57,11 +57,14 @@ struct World {
 impl World {
     fn new() -> Self {
         let path = scenario("step.toml");
-        let scenario = Scenario::load(&path).unwrap();
+        let scenario = Trial::load(&path).unwrap();
         let view = scenario.controller_view();
         Self {
             controller: Counted::new(ControllerNode::new(&view).unwrap()),
-            rig: Counted::new(PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).unwrap()),
+            rig: Counted::new(
+                PlantEmulator::new::<Actuator>(&scenario, &scenario.plant.actuator().unwrap())
+                    .unwrap(),
+            ),
             now: Duration::ZERO,
             // The bus itself must not count.
             to_controller: VecDeque::with_capacity(4096),
@@ -160,7 +163,7 @@ fn allocations_to_refuse(entries: usize) -> u64 {
     }
     fs::write(folder.path().join("rig.toml"), rig).unwrap();
     let before = allocations();
-    let refused = Scenario::load(&path);
+    let refused = Trial::load(&path);
     let count = allocations() - before;
     let error = without_colours(&refused.unwrap_err());
     assert!(error.contains("entries in [plant]"), "{error}");

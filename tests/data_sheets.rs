@@ -10,7 +10,7 @@ use canopen::sdo_client::{SdoClient, SdoFailure};
 use canopen::{AbortCode, CanFrame, Node, ObjectDictionary, eds};
 use plant_emulator::PlantEmulator;
 use plant_emulator::plants::sma::Actuator;
-use scenario::Scenario;
+use scenario::Trial;
 
 use crate::support::scenario;
 
@@ -54,13 +54,16 @@ impl Sheet {
 
     /// The node after power-on, in Pre-operational.
     fn node(&self) -> Bench {
-        let scenario = Scenario::load(&scenario("step.toml")).unwrap();
+        let scenario = Trial::load(&scenario("step.toml")).unwrap();
         let node: Box<dyn Node> = match self.node_id {
             0x01 => {
                 let view = scenario.controller_view();
                 Box::new(controller::ControllerNode::new(&view).unwrap())
             }
-            _ => Box::new(PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).unwrap()),
+            _ => Box::new(
+                PlantEmulator::new::<Actuator>(&scenario, &scenario.plant.actuator().unwrap())
+                    .unwrap(),
+            ),
         };
         let mut bench = Bench {
             node,

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use campaigns::campaign::{Campaign, CampaignRun, of_one_loop};
 use judge::verdict::Outcome;
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::expect::Expectation;
 
 use crate::real_time::in_real_time;
@@ -37,10 +37,10 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
     let catalogue = catalogue();
     assert!(catalogue.len() >= 25, "{} cases", catalogue.len());
     for path in &catalogue {
-        let scenario = Scenario::load(path).unwrap();
+        let scenario = Trial::load(path).unwrap();
         let expect = &scenario.expect;
         assert!(
-            !scenario.faults.is_empty(),
+            !scenario.run.faults.is_empty(),
             "{} has no fault",
             path.display()
         );
@@ -56,21 +56,21 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
 #[test]
 fn a_reaction_that_does_not_come_fails() {
     let is_safe_wanted =
-        |scenario: &Scenario| scenario.expect.of("safe_state") == Some(&Expectation::Answer(true));
-    let scenarios: Vec<Scenario> = catalogue().into_iter().filter_map(|path| {
-        let mut scenario = Scenario::load(&path).unwrap();
+        |scenario: &Trial| scenario.expect.of("safe_state") == Some(&Expectation::Answer(true));
+    let scenarios: Vec<Trial> = catalogue().into_iter().filter_map(|path| {
+        let mut scenario = Trial::load(&path).unwrap();
         let harmless = "[[fault.sensor.offset]]\nfrom_seconds = 2.0\noffset_millimetres = 0.0\n";
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 3.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 1.0\n{harmless}"
         );
-        let without = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        scenario.faults = without.faults;
+        let without = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        scenario.run_mut().faults = without.run.faults.clone();
         is_safe_wanted(&scenario).then_some(scenario)
     }).collect();
     assert!(scenarios.len() >= 10);
     let outcomes = campaign().play(scenarios.into_iter().map(of_one_loop), |played| {
-        (played.scenario().name.clone(), played.verdict.outcome)
+        (played.scenario().run.name.clone(), played.verdict.outcome)
     });
     for (name, outcome) in outcomes.unwrap().into_iter().map(Result::unwrap) {
         assert_eq!(outcome, Outcome::Fail, "{name}");
@@ -107,7 +107,7 @@ fn each_law_meets_each_fault_as_in_the_table() {
         let text = fs::read_to_string(&path).unwrap();
         for law in LAWS {
             let text = text.replace("[controller.sliding_mode]", &format!("[controller.{law}]"));
-            let scenario = Scenario::parse(&text, law, |_| unreachable!("no table")).unwrap();
+            let scenario = Trial::parse(&text, law, |_| unreachable!("no table")).unwrap();
             scenarios.push((name(&path), law, scenario));
         }
     }

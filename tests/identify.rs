@@ -9,12 +9,11 @@ use paper::identify::data::IdentificationData;
 use paper::identify::fit::Fit;
 use paper::identify::optimiser;
 use paper::identify::parameter::{self, Parameter};
-use paper::identify::played::text_on_shipped_rig;
 use paper::identify::report;
 use paper::identify::search::{self, Detour, Solution};
 use paper::identify::start::{self, Start};
 use paper::identify::statistics::FitStatistics;
-use scenario::plant::Plant;
+use scenario::plant::Sma;
 use tempfile::TempDir;
 
 use crate::support::{canrig, only_run, output, scenario};
@@ -71,16 +70,16 @@ fn fit<'a>(measurements: &'a [IdentificationData], parameters: &str) -> Fit<'a> 
     Fit::new(
         measurements,
         parameter::parse_list(parameters).unwrap(),
-        Plant::default(),
+        Sma::default(),
     )
 }
 
-fn search_from(fit: &Fit<'_>, start: &Plant) -> Solution {
+fn search_from(fit: &Fit<'_>, start: &Sma) -> Solution {
     search::search(fit, &fit.values_of(start), &|_, _| {}).unwrap()
 }
 
 /// Relative errors against a plant, by parameter.
-fn errors(fit: &Fit<'_>, values: &[f64], truth: &Plant) -> Vec<(&'static Parameter, f64)> {
+fn errors(fit: &Fit<'_>, values: &[f64], truth: &Sma) -> Vec<(&'static Parameter, f64)> {
     let truth = fit.values_of(truth);
     let errors = values
         .iter()
@@ -91,7 +90,7 @@ fn errors(fit: &Fit<'_>, values: &[f64], truth: &Plant) -> Vec<(&'static Paramet
 
 /// PAPER, "identification": C and the temperatures within 1 %.
 fn assert_on_target(fit: &Fit<'_>, values: &[f64], convection_tolerance: f64) {
-    for (parameter, error) in errors(fit, values, &Plant::default()) {
+    for (parameter, error) in errors(fit, values, &Sma::default()) {
         let tolerance = if parameter.symbol == "h" {
             convection_tolerance
         } else {
@@ -131,8 +130,8 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
             .unwrap()
             .contains("</svg>")
     );
-    let again = scenario::Scenario::load(&result.join("scenario.toml")).unwrap();
-    assert_eq!(again.plant, plant);
+    let again = scenario::Trial::load(&result.join("scenario.toml")).unwrap();
+    assert_eq!(again.plant.actuator(), Some(plant));
 }
 
 #[test]
@@ -179,7 +178,7 @@ fn all_of_20_random_starts_end_at_the_same_optimum() {
         let start = draw();
         let descent = search::descend(&fit, &start, &|_, _| {}).unwrap();
         let values = &descent.optimum.values;
-        let is_found = errors(&fit, values, &Plant::default())
+        let is_found = errors(&fit, values, &Sma::default())
             .iter()
             .all(|(parameter, error)| {
                 error.abs() < if parameter.symbol == "h" { 0.05 } else { 0.01 }
@@ -201,7 +200,7 @@ fn the_papers_ramp_alone_does_not_determine_the_six_and_the_report_says_so() {
     let measurements =
         [Recording::of(&fs::read_to_string(scenario("ramp.toml")).unwrap()).measurement()];
     let fit = fit(&measurements, SIX).coarse();
-    let found = search_from(&fit, &Plant::default());
+    let found = search_from(&fit, &Sma::default());
     let [conduction, convection, ..] = found.statistics.estimates[..] else {
         panic!()
     };
@@ -256,7 +255,7 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
         "{summary}"
     );
     // With the right law the same recording gives the plant.
-    let known = measurements[0].scenario.plant.clone();
+    let known = measurements[0].own.trial.plant.actuator().unwrap();
     let right = Fit::new(&measurements, parameter::parse_list(SIX).unwrap(), known).coarse();
     let found = search_from(&right, &start);
     assert_on_target(&right, &found.statistics.values(), 0.05);
@@ -264,17 +263,22 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
 }
 
 /// The excitation of another plant, measured with noise.
-fn excitation_of(plant: &Plant, seed: u64) -> Recording {
-    let mut scenario = scenario::Scenario::load(&scenario("identify_excitation.toml")).unwrap();
-    scenario.seed = seed;
-    scenario.plant = plant.clone();
-    scenario.plant.sensor.noise_millimetres_rms = 0.03;
-    Recording::of(&text_on_shipped_rig(&scenario).unwrap())
+fn excitation_of(plant: &Sma, seed: u64) -> Recording {
+    let noise = "\n[node.drive.sensor]\nnoise_rms = 0.03\n";
+    Recording::of(&format!(
+        "seed = {seed}\n{}{noise}",
+        text_of(&excitation_text(), plant)
+    ))
+}
+
+/// A scenario on another plant.
+fn text_of(text: &str, plant: &Sma) -> String {
+    format!("{text}\n{}", plant.to_file_text("wire").unwrap())
 }
 
 #[test]
 fn a_truth_with_twice_the_damping_ends_in_1_and_damping_and_stiffness_can_be_sought() {
-    let mut truth = Plant::default();
+    let mut truth = Sma::default();
     truth.mechanics.damping_newton_seconds_per_metre *= 2.0;
     truth.mechanics.austenite_modulus_pascals *= 1.1;
     let recording = excitation_of(&truth, 7);
@@ -307,7 +311,7 @@ fn a_truth_with_twice_the_damping_ends_in_1_and_damping_and_stiffness_can_be_sou
 }
 
 /// Whether the model with the best values near the truth explains the data.
-fn is_explained(known: &Plant, truth: &Plant, seed: u64) -> bool {
+fn is_explained(known: &Sma, truth: &Sma, seed: u64) -> bool {
     let measurements = [excitation_of(truth, seed).measurement()];
     let fit = Fit::new(
         &measurements,
@@ -325,7 +329,7 @@ fn is_explained(known: &Plant, truth: &Plant, seed: u64) -> bool {
 fn of_20_true_models_one_at_most_is_flagged_and_a_tenth_more_damping_is_each_time() {
     let mut state = 26;
     let mut truth = || {
-        let mut plant = Plant::default();
+        let mut plant = Sma::default();
         for symbol in ["C", "h", "As", "Af", "Ms", "Mf"] {
             let parameter = parameter::parse_list(symbol).unwrap()[0];
             let value = parameter.get(&plant) * (0.92 + 0.16 * uniform(&mut state));
@@ -349,11 +353,9 @@ fn of_20_true_models_one_at_most_is_flagged_and_a_tenth_more_damping_is_each_tim
 }
 
 /// Settling time in seconds and overshoot in per cent of the warm step on a plant.
-fn warm_step(folder: &Path, truth: &Plant, model: Option<&str>) -> (f64, f64) {
+fn warm_step(folder: &Path, truth: &Sma, model: Option<&str>) -> (f64, f64) {
     let text = fs::read_to_string(scenario("step.toml")).unwrap();
-    let mut scenario = scenario::Scenario::parse(&text, "step.toml", |_| unreachable!()).unwrap();
-    scenario.plant = truth.clone();
-    let text = text_on_shipped_rig(&scenario).unwrap();
+    let text = text_of(&text, truth);
     let file =
         model.map(|file| format!("[controller.sliding_mode]\nnominal_model_file = \"{file}\"\n"));
     let law = "[controller.sliding_mode]\n";
@@ -376,7 +378,7 @@ fn warm_step(folder: &Path, truth: &Plant, model: Option<&str>) -> (f64, f64) {
 /// One excitation run calibrates the controller: the same plant again, with the model that identification wrote.
 #[test]
 fn the_controller_takes_the_model_that_identification_found() {
-    let mut truth = Plant::default();
+    let mut truth = Sma::default();
     for (symbol, value) in [
         ("C", 0.2472),
         ("h", 5.8603),
@@ -391,11 +393,7 @@ fn the_controller_takes_the_model_that_identification_found() {
     ] {
         parameter::parse_list(symbol).unwrap()[0].set(&mut truth, value);
     }
-    let recording = {
-        let mut scenario = scenario::Scenario::load(&scenario("identify_excitation.toml")).unwrap();
-        scenario.plant = truth.clone();
-        Recording::of(&text_on_shipped_rig(&scenario).unwrap())
-    };
+    let recording = Recording::of(&text_of(&excitation_text(), &truth));
     let folder = tempfile::tempdir().unwrap();
     let results = folder.path().join("identified");
     let mut command = canrig(&results, "identify");
@@ -492,7 +490,7 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     fs::write(recording.run.join("rig/sma_actuator.toml"), rig).unwrap();
     let silent = recording.measurement();
     assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);
-    assert!(silent.sensor.span_millimetres >= 59.5);
+    assert!(silent.sensor.span >= 59.5);
     // The commands show when which current flowed, to the cycle.
     assert_eq!(silent.positions_metres, emulated.positions_metres);
     let pairs = silent

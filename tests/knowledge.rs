@@ -82,7 +82,7 @@ fn compared(text: &str) -> Compared {
 fn plant(folder: &Path, text: &str) -> Table {
     let path = folder.join("plant.toml");
     fs::write(&path, text).unwrap();
-    let scenario = scenario::Scenario::load(&path).unwrap();
+    let scenario = scenario::Trial::load(&path).unwrap();
     let mut plant = Table::try_from(&scenario.plant).unwrap();
     let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
     let sensor = renamed(plant.remove("sensor").unwrap());

@@ -8,7 +8,7 @@ use recording::log::Stamped;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
 use rig::plan::Plan;
-use scenario::Scenario;
+use scenario::Trial;
 
 use crate::support;
 
@@ -22,12 +22,12 @@ const NOISE: &str = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnoise_millimetr
 const SLOW: &str = "[[fault.node.slow_cycle]]\nfrom_seconds = 0.0\nnode = \"controller\"\ndelay_milliseconds = 0.1\n";
 
 /// 6 s at 1 kHz.
-fn scenario(faults: &str) -> Scenario {
+fn scenario(faults: &str) -> Trial {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"missed\"\nseed = 7\nduration_seconds = 6.0\n[controller.sliding_mode]\n\
          [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n{faults}"
     );
-    Scenario::parse(&text, "missed.toml", |_| unreachable!("no table")).unwrap()
+    Trial::parse(&text, "missed.toml", |_| unreachable!("no table")).unwrap()
 }
 
 fn fault(kind: &str, node: &str, from_seconds: f64) -> String {

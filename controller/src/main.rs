@@ -14,8 +14,7 @@ use platform::bus::BusAddress;
 use platform::stop::StopSignal;
 use platform::terminal::printable;
 use platform::{real_time, scheduling};
-use scenario::loops::Loops;
-use scenario::{Beside, text_of, without_colours};
+use scenario::{Beside, Scenario, text_of, without_colours};
 
 /// Leads the drive on a CAN bus through a scenario until it is stopped (Ctrl-C).
 ///
@@ -51,19 +50,20 @@ fn main() -> ExitCode {
 fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
     let path = &arguments.scenario;
     let (beside, text) = (Beside::new(path), text_of(path)?);
-    let Loops {
+    let (scenario, _) = Scenario::parse_view(&beside, text, |name| beside.read(name))?;
+    let Scenario {
         rig, loops, sheets, ..
-    } = Loops::parse_view(&beside, text, |name| beside.read(name))?;
-    let drives = loops.iter().map(|one| {
-        let name = rig.drive_of_loop(&one.name);
-        let eds = sheets.get(name).map_or(dbc::DRIVE_EDS, String::as_str);
-        (rig.real_drive(name), eds)
+    } = scenario;
+    let loops = loops.iter().map(|one| {
+        let drive = &one.wiring.nodes.drive.name;
+        let eds = sheets.get(drive).map_or(dbc::DRIVE_EDS, String::as_str);
+        (one.controller_view(), rig.real_drive(drive), eds)
     });
-    let drives = Vec::from_iter(drives);
-    let drives = drives
+    let loops = Vec::from_iter(loops);
+    let loops = loops
         .iter()
-        .map(|(real, eds)| Some((real.as_ref()?, *eds)));
-    ControllerNode::of_loops(loops.iter().zip(drives)).into_diagnostic()
+        .map(|(view, real, eds)| (view, real.as_ref().map(|real| (real, *eds))));
+    ControllerNode::of_loops(loops).into_diagnostic()
 }
 
 fn run(address: &BusAddress, mut node: ControllerNode) -> miette::Result<()> {

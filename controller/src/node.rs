@@ -24,7 +24,6 @@ use canopen::object_dictionary::Entry;
 use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
 use dbc::LawTerm;
 use scenario::ControllerView;
-use scenario::loops::OneLoop;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
 use scenario::rig::{Limits, RealDrive, RigDrive, Timeouts};
@@ -32,7 +31,7 @@ use scenario::rig::{Limits, RealDrive, RigDrive, Timeouts};
 use crate::catalogue;
 use crate::error::ControllerError;
 use crate::law::AnyLaw;
-use crate::node_ids::{CONTROLLER, DISTURBANCE};
+use crate::node_ids::CONTROLLER;
 use crate::plausibility::Plausibility;
 use crate::terms;
 use crate::wired_law::{Seen, WiredLaw};
@@ -59,8 +58,7 @@ impl ControllerNode {
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
-        let plan = LoopPlan::emulated(view, RigDrive::default().node_id)?;
-        Self::leading(vec![plan], vec![DISTURBANCE])
+        Self::of_loops([(view, None)])
     }
 
     /// As [`ControllerNode::new`], for several loops, each with a drive of its own: an emulated one, or a real one with its EDS,
@@ -69,22 +67,17 @@ impl ControllerNode {
     /// # Errors
     /// As [`ControllerNode::new`].
     pub fn of_loops<'a>(
-        loops: impl IntoIterator<
-            Item = (
-                &'a OneLoop<ControllerView>,
-                Option<(&'a RealDrive, &'a str)>,
-            ),
-        >,
+        loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a str)>)>,
     ) -> Result<Self, ControllerError> {
         let mut plans = Vec::new();
         let mut io_nodes = Vec::new();
-        for (one, real_drive) in loops {
+        for (view, real_drive) in loops {
             plans.push(match real_drive {
-                Some((real, eds)) => LoopPlan::real(&one.scenario, real, eds)?,
-                None => LoopPlan::emulated(&one.scenario, one.place.drive)?,
+                Some((real, eds)) => LoopPlan::real(view, real, eds)?,
+                None => LoopPlan::emulated(view)?,
             });
-            if let Some(id) = one.place.io {
-                io_nodes.push(NodeId::new(id).ok_or(ControllerError::NodeId(id))?);
+            if let Some(io) = &view.wiring.nodes.io {
+                io_nodes.push(NodeId::new(io.id).ok_or(ControllerError::NodeId(io.id))?);
             }
         }
         Self::leading(plans, io_nodes)
@@ -195,7 +188,8 @@ struct LoopPlan<'a> {
 }
 
 impl<'a> LoopPlan<'a> {
-    fn emulated(view: &'a ControllerView, node_id: u8) -> Result<Self, ControllerError> {
+    fn emulated(view: &'a ControllerView) -> Result<Self, ControllerError> {
+        let node_id = view.wiring.nodes.drive.id;
         let mut rig = RigDrive {
             node_id,
             ..RigDrive::default()

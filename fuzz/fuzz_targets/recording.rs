@@ -11,13 +11,13 @@ use libfuzzer_sys::fuzz_target;
 use recording::log::Stamped;
 use recording::timeline;
 use rig::plan::Plan;
-use scenario::Scenario;
+use scenario::Trial;
 use worlds::catalogue::catalogue;
 
 static PLAN: LazyLock<Plan> = LazyLock::new(|| {
     let text = include_str!("../../scenarios/fan.toml");
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
-    let scenario = Scenario::parse(text, "fan.toml", no_table).expect("the scenario is valid");
+    let scenario = Trial::parse(text, "fan.toml", no_table).expect("the scenario is valid");
     Plan::new(scenario, catalogue())
 });
 

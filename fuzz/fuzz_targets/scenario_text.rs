@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use plant_emulator::catalogue;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::nodes::Rig;
-use scenario::{ControllerView, Scenario};
+use scenario::{ControllerView, Trial};
 
 const TABLE: &str = "time_seconds,position_millimetres\n0,10\n1,20\n";
 
@@ -18,7 +18,7 @@ fuzz_target!(|text: &str| {
             }
         }
     }
-    let Ok(scenario) = Scenario::parse(text, "fuzz.toml", |_| Ok(TABLE.to_owned())) else {
+    let Ok(scenario) = Trial::parse(text, "fuzz.toml", |_| Ok(TABLE.to_owned())) else {
         return;
     };
     let view = ControllerView::parse(text, "fuzz.toml", |_| Ok(TABLE.to_owned()));

@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
 use canopen::{CanFrame, Node};
-use scenario::Scenario;
+use scenario::Trial;
 
 /// A scenario for the nodes of the rig.
-pub static SCENARIO: LazyLock<Scenario> = LazyLock::new(|| {
+pub static SCENARIO: LazyLock<Trial> = LazyLock::new(|| {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"fuzz\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
-    Scenario::parse(text, "fuzz.toml", no_table).expect("the scenario is valid")
+    Trial::parse(text, "fuzz.toml", no_table).expect("the scenario is valid")
 });
 
 /// Bytes of one step: pause (16 bits, 2 microseconds each), identifier (11 bits and three flags), length, data.

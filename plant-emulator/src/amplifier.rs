@@ -27,8 +27,8 @@ impl Amplifier {
         let bits = config.resolution_bits.min(RESOLUTION_BITS_MAX);
         Self {
             rated_amperes,
-            amperes_min: config.current_amperes_min,
-            amperes_max: config.current_amperes_max,
+            amperes_min: config.min,
+            amperes_max: config.max,
             steps: f64::from((1_u32 << bits) - 1),
         }
     }
@@ -64,9 +64,9 @@ impl Amplifier {
 mod tests {
     use super::*;
 
-    fn amplifier(current_amperes_max: f64, resolution_bits: u32) -> Amplifier {
+    fn amplifier(max: f64, resolution_bits: u32) -> Amplifier {
         let config = plant::Amplifier {
-            current_amperes_max,
+            max,
             resolution_bits,
             ..plant::Amplifier::default()
         };
@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn an_amplifier_that_drives_both_ways_clips_at_both_ends() {
         let config = plant::Amplifier {
-            current_amperes_min: -0.5,
+            min: -0.5,
             resolution_bits: 10,
             ..plant::Amplifier::default()
         };

@@ -6,7 +6,7 @@ use canopen::Node;
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::own::{OwnTable, Section, defaults};
 use scenario::plant::is_of_format;
 use scenario::registration::{InvalidOwn, register};
@@ -20,8 +20,8 @@ use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 pub struct PlantRow {
     name: fn() -> &'static str,
     table: fn() -> OwnTable,
-    make: fn(&Scenario) -> Result<Box<dyn Plant>, InvalidEmulator>,
-    ports: fn(&Scenario) -> Result<Ports, InvalidEmulator>,
+    make: fn(&Trial) -> Result<Box<dyn Plant>, InvalidEmulator>,
+    ports: fn(&Trial) -> Result<Ports, InvalidEmulator>,
     /// The ports by the parameters that an empty table stands for; `None` where some must be given.
     default_ports: fn() -> Option<Ports>,
 }
@@ -33,8 +33,8 @@ impl PlantRow {
         Self {
             name: P::name,
             table: || OwnTable::new::<P::Config>(P::name()).with_faults(P::faults()),
-            make: |scenario| Ok(Box::new(scenario.plant.with_parameters(P::new)??)),
-            ports: |scenario| Ok(scenario.plant.with_parameters(P::ports_by)??),
+            make: |trial| Ok(Box::new(trial.plant.with_parameters(P::new)??)),
+            ports: |trial| Ok(trial.plant.with_parameters(P::ports_by)??),
             default_ports: || P::ports_by(&defaults().ok()?).ok(),
         }
     }
@@ -101,39 +101,39 @@ fn check_ports(row: &PlantRow) -> Result<(), InvalidOwnPlant> {
 ///
 /// # Errors
 /// It makes no sense.
-pub fn plant(scenario: &Scenario) -> Result<Box<dyn Plant>, InvalidEmulator> {
-    (row_of(scenario)?.make)(scenario)
+pub fn plant(trial: &Trial) -> Result<Box<dyn Plant>, InvalidEmulator> {
+    (row_of(trial)?.make)(trial)
 }
 
 /// Checks that the plant that a scenario chooses makes sense.
 ///
 /// # Errors
 /// It makes none.
-pub fn check(scenario: &Scenario) -> Result<(), InvalidEmulator> {
-    (row_of(scenario)?.ports)(scenario).map(drop)
+pub fn check(trial: &Trial) -> Result<(), InvalidEmulator> {
+    (row_of(trial)?.ports)(trial).map(drop)
 }
 
 /// The ports of the plant that a scenario chooses; those by default where its parameters make no sense, so that the rest of the
 /// scenario can be checked. `None` where neither is known.
 #[must_use]
-pub fn ports(scenario: &Scenario) -> Option<Ports> {
-    let row = row_of(scenario).ok()?;
-    (row.ports)(scenario).ok().or_else(row.default_ports)
+pub fn ports(trial: &Trial) -> Option<Ports> {
+    let row = row_of(trial).ok()?;
+    (row.ports)(trial).ok().or_else(row.default_ports)
 }
 
 /// The emulator of the plant that a scenario chooses.
 ///
 /// # Errors
 /// The plant makes no sense.
-pub fn emulator(scenario: &Scenario) -> Result<Box<dyn Node>, InvalidEmulator> {
+pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
     let database = Database::shipped();
     let only = DriveOf {
-        scenario,
+        trial,
         place: LoopPlace::SHIPPED,
         database,
         clock: &ScenarioClock::new(database, ["drive"])?,
     };
-    emulator_of(scenario.plant.name(), &[only])
+    emulator_of(trial.plant.name(), &[only])
 }
 
 /// The emulator of a plant with these drives, all of which choose the same one; errors call it `name`.
@@ -141,14 +141,14 @@ pub fn emulator(scenario: &Scenario) -> Result<Box<dyn Node>, InvalidEmulator> {
 /// # Errors
 /// As [`emulator`], and a port that the plant has not.
 pub fn emulator_of(name: &str, drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
-    let first = drives.first().map(|drive| drive.scenario);
+    let first = drives.first().map(|drive| drive.trial);
     let first = first.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))?;
     let emulator = PlantEmulator::of(name, plant(first)?, drives)?;
     Ok(Box::new(emulator))
 }
 
-fn row_of(scenario: &Scenario) -> Result<&'static PlantRow, InvalidEmulator> {
-    let name = scenario.plant.name();
+fn row_of(trial: &Trial) -> Result<&'static PlantRow, InvalidEmulator> {
+    let name = trial.plant.name();
     let own = OWN.get().into_iter().flatten();
     let mut rows = SHIPPED.iter().chain(FMU.get()).chain(own);
     let row = rows.find(|row| (row.name)() == name);
@@ -164,17 +164,17 @@ mod tests {
 
     use super::*;
 
-    fn scenario(rig: &str, plant: &str) -> Scenario {
+    fn scenario(rig: &str, plant: &str) -> Trial {
         let text = format!(
             "schema = 1\nrig = \"{rig}\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n{plant}"
         );
-        Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
+        Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
     }
 
     /// The frames of the drive that moves a plant.
-    fn database(scenario: &Scenario) -> Database {
-        let ports = ports(scenario).unwrap();
-        let recorded = scenario.wiring.recorded(&ports).unwrap().into_iter();
+    fn database(trial: &Trial) -> Database {
+        let ports = ports(trial).unwrap();
+        let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
         let signals = recorded.map(|(_, port)| PlantSignal {
             name: port.name.clone(),
             unit: port.symbol.clone(),

@@ -164,7 +164,7 @@ mod tests {
     use crate::plants::sma::Actuator;
 
     fn clocked() -> ClockedPlant {
-        let plant = Actuator::new(&scenario::plant::Plant::default());
+        let plant = Actuator::new(&scenario::plant::Sma::default());
         ClockedPlant::new(Box::new(plant))
     }
 

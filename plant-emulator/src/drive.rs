@@ -18,7 +18,8 @@ use canopen::{
     AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, NodeId, ObjectDictionary,
     Services, earlier,
 };
-use scenario::Scenario;
+use dbc::loops::seed_of_drive;
+use scenario::Trial;
 
 use objects::{Objects, TARGET_TORQUE};
 pub(crate) use objects::{declare, declare_unit, set_truth_pace};
@@ -92,27 +93,27 @@ impl Drive {
     /// # Errors
     /// An object that the dictionary lacks.
     pub(crate) fn new(
-        scenario: &Scenario,
+        trial: &Trial,
         plant: ClockedPlant,
         wires: Wires,
         dictionary: &ObjectDictionary,
     ) -> Result<Self, MissingObject> {
         let objects = Objects::find(dictionary, &wires)?;
-        let config = &scenario.plant;
-        let position_min = scenario.wiring.position_min;
+        let wiring = &trial.wiring;
+        let seed = seed_of_drive(trial.run.seed, wiring.nodes.drive.id);
         Ok(Self {
             machine: StateMachine::new(),
-            sensor: PositionSensor::new(&config.sensor, scenario.seed).from(position_min),
-            amplifier: Amplifier::new(&config.amplifier, objects.rated_amperes(dictionary)),
+            sensor: PositionSensor::new(&trial.sensor, seed).from(wiring.position_min),
+            amplifier: Amplifier::new(&trial.amplifier, objects.rated_amperes(dictionary)),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
             plant,
             wires,
             followed: Duration::ZERO,
-            faults: RigFaults::new(scenario),
+            faults: RigFaults::new(trial, seed),
             commanded_amperes: 0.0,
             deviates_since: None,
             clock_error: (Duration::ZERO, Duration::ZERO),
-            idle_max: SYNC_TIMEOUT.max(scenario.bus.sync_period() * 3 / 2),
+            idle_max: SYNC_TIMEOUT.max(trial.run.bus.sync_period() * 3 / 2),
             codes: None,
             is_limit_active: false,
             is_command_cut: false,

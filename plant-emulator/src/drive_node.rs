@@ -7,7 +7,7 @@ use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use faults::{FaultPlan, Faulty, Output};
-use scenario::Scenario;
+use scenario::Trial;
 
 use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
@@ -24,7 +24,7 @@ const PRODUCT_CODE: u8 = 2;
 #[derive(Clone, Copy, Debug)]
 pub struct DriveOf<'a> {
     /// What is tried.
-    pub scenario: &'a Scenario,
+    pub trial: &'a Trial,
     /// Where.
     pub place: LoopPlace,
     /// The frames.
@@ -52,10 +52,10 @@ impl DriveNode {
         of: &DriveOf<'_>,
     ) -> Result<Self, InvalidEmulator> {
         let sound = parts.device(plant)?;
-        if !of.scenario.has_own_faults() {
+        if !of.trial.has_own_faults() {
             return Ok(Self::Sound(sound));
         }
-        let plan = FaultPlan::new(&of.scenario.drive_faults(), of.place.drive_node_id);
+        let plan = FaultPlan::new(&of.trial.drive_faults(), of.place.drive_node_id);
         let renew = move |device: &mut Device<Drive>| {
             // It could be set up once, so it can again.
             if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
@@ -66,7 +66,7 @@ impl DriveNode {
             }
         };
         let faulty = Faulty::new(sound, plan, of.clock.clone(), renew);
-        let drive = &of.scenario.wiring.nodes.drive.name;
+        let drive = &of.trial.wiring.nodes.drive.name;
         Ok(Self::Faulty(faulty, Truth::new(of.database, drive)?))
     }
 
@@ -160,7 +160,7 @@ impl DriveNode {
 /// What a drive is made of, at the start and after a reboot.
 pub(crate) struct Parts {
     node_id: NodeId,
-    scenario: Scenario,
+    trial: Trial,
     wires: Wires,
     objects: ObjectDictionary,
 }
@@ -172,10 +172,8 @@ impl Parts {
         wires: Wires,
         of: &DriveOf<'_>,
     ) -> Result<Self, InvalidEmulator> {
-        let DriveOf {
-            scenario, place, ..
-        } = of;
-        let faults = scenario.drive_faults();
+        let DriveOf { trial, place, .. } = of;
+        let faults = trial.drive_faults();
         let wrong_id = faults.of("wrong_node_id").next();
         let wrong_id = wrong_id.and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
         let node_id = wrong_id
@@ -187,18 +185,18 @@ impl Parts {
             set_product_code(&mut objects, code);
         }
         drive::declare(&mut objects, plant, ports, &wires);
-        drive::declare_unit(&mut objects, &scenario.wiring.unit);
+        drive::declare_unit(&mut objects, &trial.wiring.unit);
         drive::set_truth_pace(&mut objects, place);
         Ok(Self {
             node_id,
-            scenario: Scenario::clone(scenario),
+            trial: Trial::clone(trial),
             wires,
             objects,
         })
     }
 
     fn device(&self, plant: ClockedPlant) -> Result<Device<Drive>, InvalidEmulator> {
-        let drive = Drive::new(&self.scenario, plant, self.wires.clone(), &self.objects)?;
+        let drive = Drive::new(&self.trial, plant, self.wires.clone(), &self.objects)?;
         Ok(Device::new(self.node_id, self.objects.clone(), drive)?)
     }
 }

@@ -46,7 +46,7 @@ pub use drive_node::DriveOf;
 use drive_node::{DriveNode, Parts};
 pub use objects::MissingObject;
 use plant::{InvalidPlant, Plant};
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::wiring::{IoOutput, RECORDED_MAX};
 use wires::Wires;
 
@@ -147,11 +147,11 @@ impl PlantEmulator {
     ///
     /// # Errors
     /// A plant that makes no sense, or a data sheet that does not suit.
-    pub fn new<P: Plant>(scenario: &Scenario, config: &P::Config) -> Result<Self, InvalidEmulator> {
+    pub fn new<P: Plant>(trial: &Trial, config: &P::Config) -> Result<Self, InvalidEmulator> {
         let plant = Box::new(P::new(config)?);
         let database = Database::shipped();
         let only = DriveOf {
-            scenario,
+            trial,
             place: LoopPlace::SHIPPED,
             database,
             clock: &ScenarioClock::new(database, ["drive"])?,
@@ -175,7 +175,7 @@ impl PlantEmulator {
         let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
         let mut parts = Vec::new();
         for of in sorted {
-            let wires = Wires::new(&ports, &of.scenario.wiring)?;
+            let wires = Wires::new(&ports, &of.trial.wiring)?;
             node_ids.push(of.place.drive_node_id);
             if let Some(id) = of.place.disturbance_node_id
                 && !node_ids.contains(&id)

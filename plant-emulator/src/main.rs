@@ -14,7 +14,7 @@ use platform::bus::BusAddress;
 use platform::stop::StopSignal;
 use platform::terminal::printable;
 use platform::{real_time, scheduling};
-use scenario::{Scenario, without_colours};
+use scenario::{Trial, without_colours};
 
 /// Plays the drive with its plant, and the fan and load module, on a CAN bus until it is stopped (Ctrl-C).
 ///
@@ -35,9 +35,9 @@ const FAILED: u8 = 4;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let outcome = Scenario::load(&arguments.scenario)
+    let outcome = Trial::load(&arguments.scenario)
         .map_err(|error| (SCENARIO_INVALID, Report::new(error)))
-        .and_then(|scenario| run(&arguments.bus, &scenario).map_err(|error| (FAILED, error)));
+        .and_then(|trial| run(&arguments.bus, &trial).map_err(|error| (FAILED, error)));
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err((code, error)) => {
@@ -47,8 +47,8 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(address: &BusAddress, scenario: &Scenario) -> miette::Result<()> {
-    let mut node = catalogue::emulator(scenario).into_diagnostic()?;
+fn run(address: &BusAddress, trial: &Trial) -> miette::Result<()> {
+    let mut node = catalogue::emulator(trial).into_diagnostic()?;
     let stop = StopSignal::from_signals().into_diagnostic()?;
     let mut bus = platform::open(address, &node.filters()).into_diagnostic()?;
     let scheduling = scheduling::request();

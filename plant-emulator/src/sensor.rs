@@ -46,9 +46,9 @@ impl PositionSensor {
         let counts = 1_u32 << config.resolution_bits.clamp(1, RESOLUTION_BITS_MAX);
         Self {
             zero_metres: 0.0,
-            count_metres: config.span_millimetres * 1e-3 / f64::from(counts),
+            count_metres: config.span * 1e-3 / f64::from(counts),
             counts_max: counts - 1,
-            noise_metres_rms: config.noise_millimetres_rms * 1e-3,
+            noise_metres_rms: config.noise_rms * 1e-3,
             stream: Stream::new(seed),
         }
     }
@@ -89,9 +89,9 @@ impl PositionSensor {
 mod tests {
     use super::*;
 
-    fn sensor(noise_millimetres_rms: f64, seed: u64) -> PositionSensor {
+    fn sensor(noise_rms: f64, seed: u64) -> PositionSensor {
         let config = plant::Sensor {
-            noise_millimetres_rms,
+            noise_rms,
             ..plant::Sensor::default()
         };
         PositionSensor::new(&config, seed)
@@ -121,7 +121,7 @@ mod tests {
     fn noise_is_normal_and_follows_from_the_seed() {
         let config = plant::Sensor {
             resolution_bits: 24,
-            noise_millimetres_rms: 0.1,
+            noise_rms: 0.1,
             ..plant::Sensor::default()
         };
         let draw = |seed| -> Vec<f64> {

@@ -2,7 +2,7 @@
 
 use plant_emulator::plant::{CURRENT, Inputs, Plant};
 use plant_emulator::plants::dc_motor::DcMotor;
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::plant::DcMotor as Config;
 
 /// `g`, m/s².
@@ -307,11 +307,11 @@ fn a_jammed_pinion_stands_and_a_dropped_load_no_longer_pulls() {
     let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n\
                 [[fault.plant.jammed_pulley]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
                 [[fault.plant.dropped_load]]\nfrom_seconds = 2.0\n";
-    let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-    motor.set_condition(CURRENT, &scenario.faults, 1.5);
+    let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+    motor.set_condition(CURRENT, &scenario.run.faults, 1.5);
     motor.advance(1.0, &current(1.0));
     assert_eq!(motor.position_metres(), 0.03);
-    motor.set_condition(CURRENT, &scenario.faults, 2.5);
+    motor.set_condition(CURRENT, &scenario.run.faults, 2.5);
     motor.advance(60.0, &current(holding_amperes(&config, 0.03)));
     let higher = config.load_kilograms * GRAVITY / config.spring_newtons_per_metre;
     assert!((motor.position_metres() - 0.03 - higher).abs() < 1e-6);

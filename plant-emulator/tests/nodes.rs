@@ -9,6 +9,7 @@ use canopen::{AbortCode, CanFrame, Progress};
 use manager::{DISTURBANCE, DRIVE, Manager, milliseconds};
 use plant_emulator::plants::sma::Actuator;
 use proptest::prelude::*;
+use scenario::plant::{PlantModel, Sma};
 
 const ENABLE_OPERATION: u16 = 0x0F;
 /// Bit 11 of the statusword.
@@ -466,7 +467,7 @@ fn the_disturbance_module_acts_on_arrival_and_falls_back() {
 fn equal_frames_give_equal_frames() {
     let run = || {
         let mut scenario = manager::scenario();
-        scenario.plant.sensor.noise_millimetres_rms = 0.06;
+        scenario.sensor.noise_rms = 0.06;
         let mut manager = Manager::with(&scenario);
         manager.configure();
         manager.enable();
@@ -481,9 +482,14 @@ fn equal_frames_give_equal_frames() {
 #[test]
 fn an_impossible_plant_is_refused_by_name() {
     let mut scenario = manager::scenario();
-    scenario.plant.phase.austenite_finish_celsius = 50.0;
-    let error =
-        plant_emulator::PlantEmulator::new::<Actuator>(&scenario, &scenario.plant).unwrap_err();
+    let mut plant = Sma::default();
+    plant.phase.austenite_finish_celsius = 50.0;
+    scenario.plant = PlantModel::of_sma(plant);
+    let error = plant_emulator::PlantEmulator::new::<Actuator>(
+        &scenario,
+        &scenario.plant.actuator().unwrap(),
+    )
+    .unwrap_err();
     assert_eq!(
         error.to_string(),
         "plant: austenite_start_celsius is 53 °C, it must be below austenite_finish_celsius of 50 °C"

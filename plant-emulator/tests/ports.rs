@@ -8,7 +8,7 @@ use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::port::Unit;
 use scenario::wiring::Wiring;
 
@@ -67,12 +67,12 @@ impl Plant for Arm {
     }
 }
 
-fn scenario(input: &str) -> Scenario {
+fn scenario(input: &str) -> Trial {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-    let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table"));
+    let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table"));
     let mut scenario = scenario.expect("it is valid");
-    scenario.plant.sensor.span_millimetres = 180.0;
-    scenario.plant.sensor.resolution_bits = 20;
+    scenario.sensor.span = 180.0;
+    scenario.sensor.resolution_bits = 20;
     scenario.wiring = Wiring {
         input: format!("{input}_current_amperes"),
         output: "angle_degrees".to_owned(),
@@ -84,7 +84,7 @@ fn scenario(input: &str) -> Scenario {
     scenario
 }
 
-fn emulator(arm: Arm, scenarios: &[Scenario; 2]) -> Result<PlantEmulator, InvalidEmulator> {
+fn emulator(arm: Arm, scenarios: &[Trial; 2]) -> Result<PlantEmulator, InvalidEmulator> {
     let place = |number, drive_node_id| LoopPlace {
         number,
         drive_node_id,
@@ -94,8 +94,8 @@ fn emulator(arm: Arm, scenarios: &[Scenario; 2]) -> Result<PlantEmulator, Invali
     let [left, right] = scenarios;
     let database = Database::shipped();
     let clock = ScenarioClock::new(database, ["drive"])?;
-    let drive = |scenario, place| DriveOf {
-        scenario,
+    let drive = |trial, place| DriveOf {
+        trial,
         place,
         database,
         clock: &clock,

@@ -3,10 +3,10 @@
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
 use proptest::prelude::*;
-use scenario::plant::{Plant, StressStrain};
+use scenario::plant::{Sma, StressStrain};
 
-fn plant(law: StressStrain) -> Plant {
-    let mut plant = Plant::default();
+fn plant(law: StressStrain) -> Sma {
+    let mut plant = Sma::default();
     plant.mechanics.stress_strain = law;
     plant
 }
@@ -55,7 +55,7 @@ proptest! {
     #[test]
     fn equal_histories_give_equal_bits(history in history()) {
         let run = || {
-            let mut actuator = Actuator::new(&Plant::default());
+            let mut actuator = Actuator::new(&Sma::default());
             for (duration, inputs) in &history {
                 actuator.advance(*duration, inputs);
             }
@@ -74,7 +74,7 @@ fn current(current_amperes: f64) -> Inputs {
 
 /// Position after a smooth stretch: heating on one branch, off the stop.
 fn smooth_stretch(step_seconds: f64) -> f64 {
-    let mut actuator = Actuator::new(&Plant::default());
+    let mut actuator = Actuator::new(&Sma::default());
     actuator.advance(1.5, &current(0.62));
     assert!(actuator.position_metres() > 0.005);
     let mut coarse = actuator.continued_with_step(step_seconds);
@@ -93,7 +93,7 @@ fn halving_the_step_divides_the_error_by_sixteen() {
 /// PAPER E7: from cold at 1 A the load lifts off after 0.233 s.
 #[test]
 fn lift_off_from_cold() {
-    let mut actuator = Actuator::new(&Plant::default());
+    let mut actuator = Actuator::new(&Sma::default());
     let mut time = 0.0;
     while actuator.position_metres() <= 0.0 && time < 1.0 {
         actuator.advance(0.001, &current(1.0));
@@ -114,12 +114,12 @@ fn the_full_law_lifts_and_lowers_the_load() {
 
 #[test]
 fn durations_that_are_none_do_nothing() {
-    let mut actuator = Actuator::new(&Plant::default());
+    let mut actuator = Actuator::new(&Sma::default());
     for duration in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         actuator.advance(duration, &current(1.0));
     }
     assert_eq!(
         actuator.temperature_celsius(),
-        Actuator::new(&Plant::default()).temperature_celsius()
+        Actuator::new(&Sma::default()).temperature_celsius()
     );
 }

@@ -2,7 +2,7 @@
 
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
-use scenario::plant::Plant;
+use scenario::plant::Sma;
 
 /// Time between two rows.
 const ROW_SECONDS: f64 = 0.01;
@@ -22,7 +22,7 @@ struct Deviation {
 fn deviation(file: &str, profile: impl Fn(f64, f64) -> Inputs) -> Deviation {
     let path = format!("{}/tests/data/{file}", env!("CARGO_MANIFEST_DIR"));
     let mut reader = csv::Reader::from_path(path).expect("the copied file");
-    let mut actuator = Actuator::new(&Plant::default());
+    let mut actuator = Actuator::new(&Sma::default());
     let mut largest = Deviation::default();
     let mut rows = 0;
     let mut start = 0.0;

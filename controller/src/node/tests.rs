@@ -11,7 +11,7 @@ use canopen::sync::Sync;
 use canopen::{Application, CommunicationLoss, Services, eds};
 use proptest::prelude::*;
 
-use scenario::loops::NodesOfLoop;
+use scenario::node::{Node as RigNode, Part};
 
 use super::*;
 use crate::cause::Cause;
@@ -152,6 +152,9 @@ fn drive(node_id: NodeId) -> Device<TestDrive> {
         .dictionary;
     Device::new(node_id, dictionary, TestDrive::default()).unwrap()
 }
+
+/// The io node of the rig that ships.
+const DISTURBANCE: NodeId = NodeId::new(0x11).unwrap();
 
 fn module() -> Device<Module> {
     let dictionary = eds::parse(dbc::DISTURBANCE_EDS, DISTURBANCE.get())
@@ -782,18 +785,11 @@ fn real_drive(min: f64, max: f64) -> RealDrive {
 fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let mut bus = Bus::new(OPEN_LOOP);
     let node_id = real.drive.node_id;
-    let one = OneLoop {
-        name: "position".to_owned(),
-        place: NodesOfLoop {
-            drive: node_id,
-            io,
-            truth_every_cycles: 1,
-        },
-        scenario: view(&format!(
-            "{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n"
-        )),
-    };
-    let loops = [(&one, Some((real, dbc::DRIVE_EDS)))];
+    let tables = format!("{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n");
+    let mut view = view(&tables);
+    view.wiring.nodes.drive.id = node_id;
+    view.wiring.nodes.io = io.map(|id| RigNode::new("module", id, Part::Io));
+    let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
     bus.controller = ControllerNode::of_loops(loops).unwrap();
     let node = NodeId::new(node_id).unwrap();
     let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap().dictionary;

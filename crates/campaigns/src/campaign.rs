@@ -6,14 +6,14 @@ use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::thread;
 
-use scenario::Scenario;
+use scenario::Trial;
 
 use crate::job_queue::JobQueue;
 use judge::verdict::Verdict;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::timeline::{self, Timeline};
-use rig::plan::{Plan, Shared};
+use rig::plan::Plan;
 use runner::console::RunsBar;
 use runner::observer::observed;
 use runner::run;
@@ -53,8 +53,8 @@ impl CampaignRun<'_> {
     /// # Panics
     /// Never: every scenario has a loop.
     #[must_use]
-    pub fn scenario(&self) -> &Scenario {
-        &self.plan.leading().scenario
+    pub fn scenario(&self) -> &Trial {
+        &self.plan.leading().trial
     }
 
     /// The signals of the loop, or of the first of several.
@@ -147,11 +147,11 @@ impl Campaign {
         let work =
             |(index, plan): &(usize, Plan), watch: &Watch| play_one(*index, plan, watch, &reduce);
         let on_result = |(index, plan): (usize, Plan), result: Result<T, NoResult>| {
-            let Shared { name, seed, .. } = &plan.shared;
+            let run = &plan.shared.run;
             results.push(result.map_err(|reason| FailedRun {
                 index,
-                name: name.clone(),
-                seed: *seed,
+                name: run.name.clone(),
+                seed: run.seed,
                 reason: reason.to_string(),
             }));
             Ok::<(), std::convert::Infallible>(())
@@ -209,7 +209,7 @@ impl Campaign {
 
 /// The plan of a scenario of one drive.
 #[must_use]
-pub fn of_one_loop(scenario: Scenario) -> Plan {
+pub fn of_one_loop(scenario: Trial) -> Plan {
     Plan::new(scenario, catalogue())
 }
 
@@ -274,7 +274,7 @@ mod tests {
                  [node.drive.sensor]\nnoise_rms = 0.05\n\
                  [[reference.step]]\nat_seconds = 0.0\nposition_millimetres = {position}\n"
             );
-            let scenario = Scenario::parse(&text, "run.toml", |_| unreachable!("no table"));
+            let scenario = Trial::parse(&text, "run.toml", |_| unreachable!("no table"));
             of_one_loop(scenario.unwrap())
         })
     }

@@ -55,7 +55,7 @@ fn the_shipped_plants_are_those_of_the_emulator() {
         assert!(highest > 1e-3, "it moved");
     }
     let of_axis = |current| vec![current, 1.5, 0.01];
-    compare::<Actuator>("sma", &scenario::plant::Plant::default(), of_axis);
+    compare::<Actuator>("sma", &scenario::plant::Sma::default(), of_axis);
     compare::<DcMotor>("dc_motor", &scenario::plant::DcMotor::default(), of_axis);
     let config = scenario::plant::SmaPair::default();
     compare::<SmaPair>("sma_pair", &config, |current| vec![current, 0.1, 1.5, 0.01]);
@@ -64,7 +64,7 @@ fn the_shipped_plants_are_those_of_the_emulator() {
 /// The effect of a parameter on the ports is known only when the FMU starts.
 #[test]
 fn other_ports_than_those_described_are_refused() {
-    let one = Actuator::new(&scenario::plant::Plant::default()).ports();
+    let one = Actuator::new(&scenario::plant::Sma::default()).ports();
     assert!(have_the_same_names(&one, &one));
     let joint = SmaPair::new(&scenario::plant::SmaPair::default());
     assert!(!have_the_same_names(&one, &joint.ok().unwrap().ports()));

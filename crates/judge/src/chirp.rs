@@ -35,7 +35,7 @@ pub struct FrequencyPoint {
 pub fn frequency_responses(timeline: &Timeline, own: &ControlLoop) -> Vec<FrequencyResponse> {
     let circumstances = Circumstances::default();
     let evidence = Evidence::new(timeline, own, &circumstances);
-    let chirps = own.scenario.judged_chirps();
+    let chirps = own.trial.judged_chirps();
     chirps
         .iter()
         .map(|chirp| response(&evidence, chirp).flatten().collect())
@@ -45,7 +45,7 @@ pub fn frequency_responses(timeline: &Timeline, own: &ControlLoop) -> Vec<Freque
 
 /// The last frequency before the gain first falls below the cut-off; of several chirps the lowest.
 pub(crate) fn bandwidth(evidence: &Evidence<'_>) -> Measurement {
-    let chirps = evidence.scenario.judged_chirps();
+    let chirps = evidence.trial.judged_chirps();
     let bandwidths = chirps.iter().map(|chirp| {
         let points = response(evidence, chirp).collect::<Result<Vec<_>, _>>()?;
         last_before_cut_off(&sorted(points))

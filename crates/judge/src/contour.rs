@@ -1,8 +1,8 @@
 //! How near several loops together stay to the path of their set-points.
 
 use recording::timeline::Timeline;
+use scenario::contour::Contour;
 use scenario::events::Window;
-use scenario::loops::Contour;
 
 use crate::evidence::{Absence, Evidence, MetricValue, Observation, checked};
 use crate::metric::Metric;
@@ -33,7 +33,7 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     let [first, ..] = axes else {
         return Vec::new();
     };
-    let ends = axes.iter().map(|axis| axis.scenario.judged_end_seconds());
+    let ends = axes.iter().map(|axis| axis.trial.judged_end_seconds());
     let end_seconds = ends.fold(f64::INFINITY, f64::min);
     let window = window(contour, end_seconds);
     let unseen = axes.iter().find_map(|axis| {

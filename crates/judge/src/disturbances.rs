@@ -24,11 +24,11 @@ fn worst_disturbance(
     is_time: bool,
     metric: fn(&Evidence<'_>, Window) -> MetricValue,
 ) -> Measurement {
-    if evidence.scenario.reference.is_empty() {
+    if evidence.trial.reference.is_empty() {
         return Measurement::Meaningless("no set-point".to_owned());
     }
-    let windows = evidence.scenario.disturbance_windows();
-    let end_seconds = evidence.scenario.judged_end_seconds();
+    let windows = evidence.trial.disturbance_windows();
+    let end_seconds = evidence.trial.judged_end_seconds();
     let windows = windows.iter().map(|disturbance| disturbance.window);
     let judged = windows.filter(|window| window.from_seconds < end_seconds);
     let watched = Vec::from_iter(judged.map(|window| {
@@ -51,7 +51,7 @@ fn worst_disturbance(
 
 /// When, from a time on, the set-point first changes, or a disturbance or a fault first begins or ends.
 fn calm_until(evidence: &Evidence<'_>, from_seconds: f64) -> f64 {
-    let edges = evidence.scenario.edges_seconds().into_iter();
+    let edges = evidence.trial.edges_seconds().into_iter();
     let edges = edges.chain(evidence.set_point_changes());
     let later = edges.filter(|time| *time > from_seconds + TIME_TOLERANCE_SECONDS);
     later.fold(f64::INFINITY, f64::min)
@@ -65,7 +65,7 @@ fn deviation(evidence: &Evidence<'_>, window: Window) -> MetricValue {
 /// From the start of a window until the deviation stays small. Nobody knows how large it is in a silence.
 pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     let period_seconds = evidence.timeline.period_seconds;
-    let band = evidence.scenario.recovery_band();
+    let band = evidence.trial.recovery_band();
     let mut latest = window.from_seconds;
     let (mut recovered_at, mut is_outside) = (None, false);
     let mut samples = evidence.samples(window).peekable();

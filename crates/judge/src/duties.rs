@@ -29,7 +29,7 @@ pub(crate) fn limited_max(evidence: &Evidence<'_>, metric: &str) -> Option<f64> 
 
 /// The largest value of a metric of a duty: that of the scenario, or its own.
 pub(crate) fn percent_max(evidence: &Evidence<'_>, metric: &str) -> f64 {
-    let limit = evidence.scenario.expect.limit(metric);
+    let limit = evidence.trial.expect.limit(metric);
     let default = || Metric::named(metric)?.default_max;
     let max = limit.and_then(|limit| limit.max);
     max.or_else(default).unwrap_or(f64::INFINITY)
@@ -72,7 +72,7 @@ fn of_commands(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Mea
 
 /// Whether a metric of the controller's duties is reported.
 fn is_watched(evidence: &Evidence<'_>, metric: &str) -> bool {
-    Duty::Command.is_of_external(evidence.own) || evidence.scenario.expect.of(metric).is_some()
+    Duty::Command.is_of_external(evidence.own) || evidence.trial.expect.of(metric).is_some()
 }
 
 /// The largest distance of the mean of 64 SYNC periods from the period, in percent of it.
@@ -138,7 +138,7 @@ pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
 /// The times between SYNCs as far as they are judged.
 fn sync_intervals<'a>(evidence: &Evidence<'a>) -> impl Iterator<Item = (f64, f64)> + use<'a> {
     let syncs = &evidence.timeline.syncs_seconds;
-    let end = evidence.scenario.judged_end_seconds() - TIME_TOLERANCE_SECONDS;
+    let end = evidence.trial.judged_end_seconds() - TIME_TOLERANCE_SECONDS;
     let pairs = syncs.iter().copied().zip(syncs.iter().skip(1).copied());
     pairs.take_while(move |(_, until)| *until < end)
 }

@@ -8,11 +8,11 @@ use recording::ending::{EarlyEnd, EndedBy};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
 use rig::plan::ControlLoop;
-use scenario::Scenario;
+use scenario::Trial;
+use scenario::contour::Contour;
 use scenario::events::Window;
 use scenario::expect::Limit;
 use scenario::fault::Group;
-use scenario::loops::Contour;
 use scenario::node::Part;
 
 use crate::attribution::stalls::{Spans, Stretch, shadows};
@@ -28,7 +28,7 @@ pub(crate) type RecordedLoop<'a> = (&'a ControlLoop, &'a Timeline);
 pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
     pub(crate) own: &'a ControlLoop,
-    pub(crate) scenario: &'a Scenario,
+    pub(crate) trial: &'a Trial,
     pub(crate) circumstances: &'a Circumstances,
     /// The contours of the run.
     pub(crate) contours: &'a [Contour],
@@ -241,14 +241,14 @@ impl<'a> Evidence<'a> {
         own: &'a ControlLoop,
         circumstances: &'a Circumstances,
     ) -> Self {
-        let scenario = &own.scenario;
-        let period = scenario.bus.sync_period();
+        let trial = &own.trial;
+        let period = trial.run.bus.sync_period();
         let feedback = names::message(&own.nodes.drive.name, TPDO1);
         let silence = silence_seconds_max(&feedback, period, &own.database);
         Self {
             timeline,
             own,
-            scenario,
+            trial,
             circumstances,
             contours: &[],
             loops: &[],
@@ -426,7 +426,7 @@ impl<'a> Evidence<'a> {
 
     /// As the plant itself was; none where its sensor and it are sound, or it reports nothing of itself.
     pub(crate) fn of_the_truth(&self) -> Option<Self> {
-        let mut groups = self.scenario.own_faults().map(|fault| fault.kind.group);
+        let mut groups = self.trial.own_faults().map(|fault| fault.kind.group);
         if !groups.any(|group| [Group::Sensor, Group::Plant].contains(&group)) {
             return None;
         }
@@ -517,7 +517,7 @@ impl<'a> Evidence<'a> {
     pub(crate) fn silence_of_sync(&self) -> Option<Window> {
         let silence = Window {
             from_seconds: self.timeline.due_seconds(),
-            until_seconds: self.scenario.judged_end_seconds(),
+            until_seconds: self.trial.judged_end_seconds(),
         };
         self.is_silence(silence.from_seconds, silence.until_seconds)
             .then_some(silence)
@@ -541,7 +541,7 @@ impl<'a> Evidence<'a> {
     pub(crate) fn whole(&self) -> Window {
         Window {
             from_seconds: 0.0,
-            until_seconds: self.scenario.judged_end_seconds(),
+            until_seconds: self.trial.judged_end_seconds(),
         }
     }
 
@@ -549,14 +549,14 @@ impl<'a> Evidence<'a> {
     pub(crate) fn run(&self) -> Window {
         Window {
             from_seconds: 0.0,
-            until_seconds: self.scenario.duration_seconds,
+            until_seconds: self.trial.run.duration_seconds,
         }
     }
 
     /// The end of the scenario; of the recording, if it never began.
     pub(crate) fn end_seconds(&self) -> f64 {
         match self.timeline.zero_seconds {
-            Some(_) => self.scenario.duration_seconds,
+            Some(_) => self.trial.run.duration_seconds,
             None => f64::INFINITY,
         }
     }

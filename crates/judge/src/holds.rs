@@ -20,7 +20,7 @@ const MEAN_SECONDS: f64 = 0.01;
 /// Standard deviation of the commanded current in the last hold.
 pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
     if evidence
-        .scenario
+        .trial
         .expect
         .of("current_ripple_amperes_rms")
         .is_none()
@@ -32,7 +32,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
 
 /// How far apart the highest and the lowest short mean of the position are in the last second.
 pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.scenario.expect.of("hunting_millimetres").is_none() {
+    if evidence.trial.expect.of("hunting_millimetres").is_none() {
         return Measurement::NotAsked;
     }
     position_range(evidence).into()
@@ -93,7 +93,7 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
 /// The window at the end in which nothing is asked of the loop but to stand still: after the last change of the set-point, and
 /// after the last start or end of a disturbance or a fault.
 fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
-    let scenario = evidence.scenario;
+    let scenario = evidence.trial;
     if scenario.reference.is_empty() {
         return Err("no set-point".into());
     }

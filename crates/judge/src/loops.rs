@@ -2,8 +2,8 @@
 
 use recording::ending::EarlyEnd;
 use rig::plan::{ControlLoop, Plan};
+use scenario::contour::Contour;
 use scenario::expect::{Expect, Limit};
-use scenario::loops::Contour;
 use scenario::metrics::is_of_bus;
 
 use crate::metric::Metric;
@@ -14,7 +14,7 @@ use crate::verdict::{Outcome, Verdict};
 /// stands once.
 #[must_use]
 pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
-    let is_timing = one.scenario.expect.timing.rows().any(|name| name == row);
+    let is_timing = one.trial.expect.timing.rows().any(|name| name == row);
     match is_timing || is_of_bus(row) {
         true => row.to_owned(),
         false => format!("{}{row}", one.prefix()),
@@ -25,7 +25,7 @@ pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
 #[must_use]
 pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
     let of_loops = plan.loops.iter().flat_map(|one| {
-        let limits = metrics::limits(&one.scenario).into_iter();
+        let limits = metrics::limits(&one.trial).into_iter();
         limits.map(|(row, limit)| (row_of_loop(one, &row), limit))
     });
     let contours = plan.shared.contours.iter().flat_map(Contour::rows);
@@ -36,9 +36,9 @@ pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
 /// What is expected of the timing, which all loops share: that of the first loop of which anything is.
 #[must_use]
 pub fn expected_timing(plan: &Plan) -> &Expect {
-    let mut expected = plan.loops.iter().map(|one| &one.scenario.expect);
+    let mut expected = plan.loops.iter().map(|one| &one.trial.expect);
     let first = expected.find(|expect| !expect.timing.is_empty());
-    first.unwrap_or(&plan.leading().scenario.expect)
+    first.unwrap_or(&plan.leading().trial.expect)
 }
 
 /// The verdict of a plan, of those of its loops: that of the only one, or those of several joined.

@@ -1,7 +1,7 @@
 //! What a run came to, in numbers, each with its limit.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::Limit;
 use scenario::metrics::{METRICS, Subject};
@@ -62,12 +62,12 @@ static MEASURES: &[(&str, Measure)] = &[
 /// All rows of the verdict: the metrics that the scenario gives a meaning to or a limit, then its checks, then the contours whose
 /// first axis this loop is.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let expect = &evidence.scenario.expect;
+    let expect = &evidence.trial.expect;
     let mut rows = rows_of_metrics(evidence);
     rows.extend(signals::metrics(evidence));
     rows.extend(sequences::metrics(evidence));
     let requirements = expect.requirements_of_rows();
-    let unit = &evidence.scenario.wiring.unit;
+    let unit = &evidence.trial.wiring.unit;
     for row in &mut rows {
         let own = requirements.get(&row.name);
         row.requirements = own.cloned().unwrap_or_default();
@@ -79,21 +79,21 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 
 /// The rows of a scenario's verdict that have a limit, in their order; those of `[expect.timing]` are not among them.
 #[must_use]
-pub(crate) fn limits(scenario: &Scenario) -> Vec<(String, Limit)> {
+pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
-        let limit = metric.limit(&scenario.expect)?;
-        Some((scenario.wiring.unit.rename(metric.name), limit))
+        let limit = metric.limit(&trial.expect)?;
+        Some((trial.wiring.unit.rename(metric.name), limit))
     });
     limited
-        .chain(signals::limits(scenario))
-        .chain(sequences::limits(scenario))
+        .chain(signals::limits(trial))
+        .chain(sequences::limits(trial))
         .collect()
 }
 
 fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let expect = &evidence.scenario.expect;
+    let expect = &evidence.trial.expect;
     let truth = evidence.of_the_truth();
-    let is_cut = evidence.is_cut_before(evidence.scenario.judged_end_seconds());
+    let is_cut = evidence.is_cut_before(evidence.trial.judged_end_seconds());
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
         let row = measure(evidence).metric(evidence, name, metric.limit(expect));
@@ -120,12 +120,12 @@ fn without_pass(row: Metric) -> Metric {
 }
 
 fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
-    let until_seconds = evidence.scenario.judged_end_seconds();
+    let until_seconds = evidence.trial.judged_end_seconds();
     let window = Window {
         from_seconds: (until_seconds - STEADY_STATE_SECONDS).max(0.0),
         until_seconds,
     };
-    if evidence.scenario.reference.is_empty() {
+    if evidence.trial.reference.is_empty() {
         return Measurement::Meaningless("no set-point".to_owned());
     }
     let samples = || evidence.samples(window);
@@ -140,10 +140,10 @@ fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
 }
 
 fn tracking_error(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.scenario.reference.is_empty() {
+    if evidence.trial.reference.is_empty() {
         return Measurement::Meaningless("no set-point".to_owned());
     }
-    let sines = evidence.scenario.judged_sines();
+    let sines = evidence.trial.judged_sines();
     let windows = sines.iter().map(|sine| sine.window);
     let errors = windows.map(|window| deviation_rms(evidence, window));
     let error = worst(errors).unwrap_or_else(|| deviation_rms(evidence, evidence.whole()));

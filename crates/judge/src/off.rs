@@ -96,7 +96,7 @@ mod tests {
     use recording::timeline::decode;
     use rig::catalogue::Catalogue;
     use rig::plan::Plan;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     use super::*;
     use crate::verdict::Outcome;
@@ -132,7 +132,7 @@ mod tests {
     /// The row and the outcome of a run that this ended.
     fn judged(by: EndedBy, frames: &[Stamped]) -> (Option<bool>, String, Outcome, Option<String>) {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"off\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "off.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "off.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let end = EarlyEnd {
             at_seconds: (by == EndedBy::Node).then_some(0.2),

@@ -18,7 +18,7 @@ pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String
             true => 0.0,
             false => timeline.last_frame_seconds,
         };
-        let planned = one.scenario.duration_seconds;
+        let planned = one.trial.run.duration_seconds;
         format!("the recording ends after {reached:.3} s of {planned} s")
     })
 }

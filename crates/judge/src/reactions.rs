@@ -6,7 +6,7 @@ use dbc::names;
 use recording::timeline::{Column, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::silence_seconds_max;
 use recording::truth::PlantTruth;
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::Emergency;
 
@@ -26,8 +26,8 @@ const ESTIMATED: &str = "estimated_";
 
 /// The highest temperature: in a scenario with faults always, in others where it is limited.
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
-    let scenario = evidence.scenario;
-    if scenario.expect.of("temperature_celsius").is_none() && !scenario.has_own_faults() {
+    let trial = evidence.trial;
+    if trial.expect.of("temperature_celsius").is_none() && !trial.has_own_faults() {
         return Measurement::NotAsked;
     }
     if !evidence.has_all() && temperatures(evidence).next().is_none() {
@@ -80,7 +80,7 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
 }
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
-    let period = evidence.scenario.bus.sync_period();
+    let period = evidence.trial.run.bus.sync_period();
     let own = evidence.own;
     let message = names::message(&own.nodes.drive.name, names::TRUTH);
     silence_seconds_max(&message, period, &own.database)
@@ -118,7 +118,7 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
 
 /// 0 where no event has a text that none may have.
 pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
-    let unwanted = evidence.scenario.expect.listed("no_event");
+    let unwanted = evidence.trial.expect.listed("no_event");
     if unwanted.is_empty() {
         return Measurement::NotAsked;
     }
@@ -131,7 +131,7 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
     });
     match found {
         Some(event) => Err(format!("there is \"{}\"", event.text).into()).into(),
-        None if evidence.is_cut_before(evidence.scenario.duration_seconds) => {
+        None if evidence.is_cut_before(evidence.trial.run.duration_seconds) => {
             Measurement::Unavailable("none until the recording ends".to_owned())
         }
         None => Ok(0.0).into(),
@@ -140,10 +140,10 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
 
 /// Milliseconds from the first fault to the start of the first stretch without current.
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
-    let scenario = evidence.scenario;
-    if !scenario.has_own_faults() {
+    let trial = evidence.trial;
+    if !trial.has_own_faults() {
         return without_faults(
-            scenario
+            trial
                 .expect
                 .of("current_zero_within_milliseconds")
                 .is_some(),
@@ -153,7 +153,7 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let Some(first) = truth.first() else {
         return Measurement::only_emulated();
     };
-    let fault = first_fault_seconds(scenario).max(first.time_seconds);
+    let fault = first_fault_seconds(trial).max(first.time_seconds);
     let silence_max = silence_of_truth_seconds_max(evidence);
     let window = Window {
         from_seconds: fault,
@@ -183,8 +183,8 @@ fn without_faults(is_limited: bool) -> Measurement {
 }
 
 /// When the first fault begins; those of the boot do at the start of the recording.
-fn first_fault_seconds(scenario: &Scenario) -> f64 {
-    let starts = scenario.own_faults().map(|fault| fault.from_seconds);
+fn first_fault_seconds(trial: &Trial) -> f64 {
+    let starts = trial.own_faults().map(|fault| fault.from_seconds);
     starts
         .map(|start| start.unwrap_or(f64::NEG_INFINITY))
         .fold(f64::INFINITY, f64::min)
@@ -221,14 +221,14 @@ fn is_heated(truth: &PlantTruth) -> bool {
 
 /// From the end of the last fault until the deviation stays small.
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
-    let scenario = evidence.scenario;
-    if !scenario.has_own_faults() {
+    let trial = evidence.trial;
+    if !trial.has_own_faults() {
         return Measurement::Meaningless("no fault in the scenario".to_owned());
     }
-    if scenario.reference.is_empty() {
+    if trial.reference.is_empty() {
         return Measurement::Meaningless("no set-point".to_owned());
     }
-    let Some(from_seconds) = last_fault_end_seconds(scenario) else {
+    let Some(from_seconds) = last_fault_end_seconds(trial) else {
         return Err("a fault lasts to the end".into()).into();
     };
     let window = Window {
@@ -246,8 +246,8 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
 }
 
 /// None where a fault lasts to the end.
-fn last_fault_end_seconds(scenario: &Scenario) -> Option<f64> {
-    let ends = scenario
+fn last_fault_end_seconds(trial: &Trial) -> Option<f64> {
+    let ends = trial
         .own_faults()
         .map(|fault| match fault.from_seconds {
             // Booting is over when the scenario begins.
@@ -260,14 +260,14 @@ fn last_fault_end_seconds(scenario: &Scenario) -> Option<f64> {
 
 /// 1 where the bench is safe at the end, else 0.
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
-    let scenario = evidence.scenario;
-    if !scenario.has_own_faults() {
-        return without_faults(scenario.expect.of("safe_state").is_some());
+    let trial = evidence.trial;
+    if !trial.has_own_faults() {
+        return without_faults(trial.expect.of("safe_state").is_some());
     }
     if evidence.timeline.truth.is_empty() {
         return Measurement::only_emulated();
     }
-    let end = evidence.scenario.duration_seconds;
+    let end = evidence.trial.run.duration_seconds;
     if evidence.leaves_out(end - END_SECONDS, end) {
         return Err(Absence::left_out()).into();
     }
@@ -281,7 +281,7 @@ pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
 /// The silence of the plant in which the scenario ended.
 fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
     evidence.timeline.zero_seconds?;
-    let end_seconds = evidence.scenario.duration_seconds;
+    let end_seconds = evidence.trial.run.duration_seconds;
     let times = evidence
         .timeline
         .truth
@@ -354,7 +354,7 @@ pub(crate) fn state(statusword: f64) -> Option<State> {
 
 /// 0 where all emergencies that are demanded came.
 pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
-    let demanded = evidence.scenario.expect.listed("emcy");
+    let demanded = evidence.trial.expect.listed("emcy");
     if demanded.is_empty() {
         return Measurement::NotAsked;
     }

@@ -2,7 +2,7 @@
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::{Emergency, Expected, Limit, Sequence};
 
@@ -12,14 +12,14 @@ use crate::signals::nearest;
 
 /// A row for each event of each sequence.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let sequences = evidence.scenario.expect.sequence.iter();
+    let sequences = evidence.trial.expect.sequence.iter();
     sequences
         .flat_map(|sequence| of_sequence(evidence, sequence))
         .collect()
 }
 
 fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
-    let window = sequence.window(evidence.scenario.duration_seconds);
+    let window = sequence.window(evidence.trial.run.duration_seconds);
     let mut before: Result<f64, String> = Ok(window.from_seconds);
     let mut metrics = Vec::new();
     for (place, event) in sequence.event.iter().enumerate() {
@@ -68,9 +68,9 @@ fn limit_of(event: &Expected, window: Window) -> Limit {
 }
 
 /// The rows of all events with their limits.
-pub(crate) fn limits(scenario: &Scenario) -> impl Iterator<Item = (String, Limit)> {
-    scenario.expect.sequence.iter().flat_map(|sequence| {
-        let window = sequence.window(scenario.duration_seconds);
+pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
+    trial.expect.sequence.iter().flat_map(|sequence| {
+        let window = sequence.window(trial.run.duration_seconds);
         let events = sequence.event.iter().enumerate();
         events.map(move |(place, event)| (sequence.row_name(place), limit_of(event, window)))
     })
@@ -215,7 +215,7 @@ mod tests {
     use recording::timeline::decode;
     use rig::catalogue::Catalogue;
     use rig::plan::Plan;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     use super::*;
 
@@ -261,7 +261,7 @@ mod tests {
             "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.open_loop]\n\
              [[expect.sequence]]\nname = \"s\"\n{sequence}\n"
         );
-        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let timelines = decode(frames, &plan).unwrap();
         let circumstances = crate::Circumstances::default();

@@ -2,7 +2,7 @@
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::{Course, Demand, Limit, SignalCheck};
 
@@ -11,7 +11,7 @@ use crate::metric::{Metric, rounded};
 
 /// A row for each demand.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let checks = evidence.scenario.expect.signal.iter();
+    let checks = evidence.trial.expect.signal.iter();
     checks
         .flat_map(|check| {
             check
@@ -22,7 +22,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 }
 
 fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Metric {
-    let window = check.window(demand, evidence.scenario.duration_seconds);
+    let window = check.window(demand, evidence.trial.run.duration_seconds);
     let limit = limit_of(demand, window);
     let observation = match evidence.trace(&check.name) {
         Ok(trace) if evidence.has_all() => observe(trace, window, demand, limit),
@@ -42,10 +42,10 @@ fn limit_of(demand: &Demand<'_>, window: Window) -> Limit {
 }
 
 /// The rows of all demands with their limits.
-pub(crate) fn limits(scenario: &Scenario) -> impl Iterator<Item = (String, Limit)> {
-    scenario.expect.signal.iter().flat_map(|check| {
+pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
+    trial.expect.signal.iter().flat_map(|check| {
         check.demands().map(|demand| {
-            let window = check.window(&demand, scenario.duration_seconds);
+            let window = check.window(&demand, trial.run.duration_seconds);
             (check.row_name(&demand), limit_of(&demand, window))
         })
     })

@@ -55,8 +55,8 @@ impl OfSine {
     /// Of several sines the one that is nearest to the limit or farthest beyond it, or without a limit farthest from the
     /// ideal; the first of several. Its time says which it is.
     fn worst(&self, evidence: &Evidence<'_>) -> Measurement {
-        let sines = evidence.scenario.judged_sines();
-        let limit = evidence.scenario.expect.limit(self.metric);
+        let sines = evidence.trial.judged_sines();
+        let limit = evidence.trial.expect.limit(self.metric);
         let goodness = |value: f64| match limit {
             Some(limit) => margin(value, limit),
             None => -(value - self.ideal).abs(),

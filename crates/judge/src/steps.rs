@@ -26,7 +26,7 @@ fn worst_step(
     is_time: bool,
     metric: fn(&Evidence<'_>, &JudgedStep) -> MetricValue,
 ) -> Measurement {
-    let steps = evidence.scenario.judged_steps();
+    let steps = evidence.trial.judged_steps();
     let value = |evidence: &Evidence<'_>, step: &JudgedStep, window: Window| {
         let judged = JudgedStep { window, ..*step };
         metric(evidence, &judged).map_err(|absence| match steps.len() {

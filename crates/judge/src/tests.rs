@@ -9,7 +9,7 @@ use recording::timeline::decode;
 use recording::unrecorded::Unrecorded;
 use rig::catalogue::Catalogue;
 use rig::plan::Plan;
-use scenario::Scenario;
+use scenario::Trial;
 
 use crate::metrics::limits;
 use crate::verdict::{Metric, Outcome, Verdict};
@@ -18,8 +18,8 @@ use crate::{Circumstances, judge};
 const OPERATION_ENABLED: f64 = 39.0;
 
 /// A scenario of 4 s with a step from 10 mm to 35 mm at 1 s, and whatever is added.
-pub(crate) fn scenario(added: &str) -> Scenario {
-    Scenario::parse(&scenario_text(added), "judged.toml", |_| {
+pub(crate) fn scenario(added: &str) -> Trial {
+    Trial::parse(&scenario_text(added), "judged.toml", |_| {
         unreachable!("no table")
     })
     .unwrap()
@@ -59,8 +59,8 @@ pub(crate) fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<
     frames
 }
 
-fn verdict_of(scenario: &Scenario, frames: &[Stamped], lost: u64) -> Verdict {
-    let plan = Plan::new(scenario.clone(), &Catalogue::shipped());
+fn verdict_of(trial: &Trial, frames: &[Stamped], lost: u64) -> Verdict {
+    let plan = Plan::new(trial.clone(), &Catalogue::shipped());
     let timelines = decode(frames, &plan).unwrap();
     let circumstances = Circumstances {
         unrecorded: Unrecorded {
@@ -157,13 +157,13 @@ fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
 }
 
 /// A scenario of 4 s with a chirp of 10 mm from 2 to 8 Hz, and whatever is added.
-fn chirp(added: &str) -> Scenario {
+fn chirp(added: &str) -> Trial {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
          [[reference.chirp]]\nfrom_seconds = 0.0\nuntil_seconds = 4.0\ncentre_millimetres = 25.0\n\
          amplitude_millimetres = 10.0\nfrom_hertz = 2.0\nuntil_hertz = 8.0\n"
     );
-    Scenario::parse(&text, "judged.toml", |_| unreachable!("no table")).unwrap()
+    Trial::parse(&text, "judged.toml", |_| unreachable!("no table")).unwrap()
 }
 
 /// A position that follows the chirp with this gain, 30° late and 1 mm high.
@@ -404,7 +404,7 @@ fn a_limit_on_faults_is_not_met_by_a_recording_without_them() {
     let limits = "safe_state = true\ncurrent_zero_within_milliseconds = 60.0\n\
                   recovers_within_seconds = 1.0\nemcy = [\"drive 0x8130\"]\n";
     let with_fault = scenario(&format!("{CRASH}[expect]\n{limits}"));
-    plan.loops[0].scenario.expect = with_fault.expect;
+    plan.loops[0].trial.expect = with_fault.expect;
     let timelines = decode(&frames, &plan).unwrap();
     let verdict = judge(&plan, &timelines, &Circumstances::default());
     assert_eq!(names(&verdict, Some(true)), [] as [&str; 0]);
@@ -451,7 +451,7 @@ fn errors_are_means_over_their_windows() {
 fn a_sine_is_followed_with_gain_phase_and_offset() {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"sine\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.sine]]\n\
                 from_seconds = 0.0\ncentre_millimetres = 25.0\namplitude_millimetres = 10.0\nperiod_seconds = 0.8\n";
-    let sine = Scenario::parse(text, "sine.toml", |_| unreachable!("no table")).unwrap();
+    let sine = Trial::parse(text, "sine.toml", |_| unreachable!("no table")).unwrap();
     let omega = std::f64::consts::TAU / 0.8;
     let judged = |lag: f64| {
         let position = |cycle| 24.0 + 7.0 * libm::sin(omega * f64::from(cycle) / 1e3 - lag);
@@ -479,7 +479,7 @@ fn a_sine_is_followed_with_gain_phase_and_offset() {
 fn of_several_steps_the_one_without_a_value_is_named() {
     let second = "[[reference.step]]\nat_seconds = 2.5\nposition_millimetres = 15.0\n";
     let text = format!("{}{second}", scenario_text(""));
-    let steps = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+    let steps = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
     let settles_once = frames(4000, |cycle| Some(if cycle < 1100 { 10.0 } else { 35.0 }));
     let verdict = verdict_of(&steps, &settles_once, 0);
     let reason = row(&verdict, "settling_time_seconds").remark.as_deref();
@@ -524,7 +524,7 @@ fn each_sine_is_judged_and_the_worst_reported() {
     let amplitude = |cycle| if cycle < 2000 { 7.0 } else { 12.0 };
     let position = |cycle| 25.0 + amplitude(cycle) * libm::sin(omega * f64::from(cycle) / 1e3);
     let judged = |expect: &str| {
-        let sines = Scenario::parse(&text(expect), "s.toml", |_| unreachable!("no table"));
+        let sines = Trial::parse(&text(expect), "s.toml", |_| unreachable!("no table"));
         let verdict = verdict_of(
             &sines.unwrap(),
             &frames(4000, |cycle| Some(position(cycle))),
@@ -582,7 +582,7 @@ fn what_nobody_sends_is_not_judged_and_does_not_pass() {
 fn without_a_set_point_nothing_deviates_or_recovers() {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"open\"\nduration_seconds = 4.0\n[controller.open_loop]\n\
                 [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 5.0\n";
-    let open = Scenario::parse(text, "open.toml", |_| unreachable!("no table")).unwrap();
+    let open = Trial::parse(text, "open.toml", |_| unreachable!("no table")).unwrap();
     let verdict = verdict_of(&open, &frames(4000, |_| Some(10.0)), 0);
     let judged: Vec<_> = verdict
         .metrics
@@ -1088,7 +1088,7 @@ fn a_slow_loop_is_watched_until_something_else_moves_it() {
         [[disturbance.load]]\nat_seconds = 1.0\nadded_grams = 1.0\n";
     let recovery = |added: &str| {
         let text = format!("{text}{added}");
-        let slow = Scenario::parse(&text, "slow.toml", |_| unreachable!("no table")).unwrap();
+        let slow = Trial::parse(&text, "slow.toml", |_| unreachable!("no table")).unwrap();
         let frames = frames(9000, |cycle| {
             Some(if (5000..6000).contains(&cycle) {
                 11.0

@@ -122,9 +122,9 @@ impl Verdict {
     pub fn incomplete_of(plan: &Plan, reason: &str) -> Self {
         let shared = &plan.shared;
         Self {
-            requirements: shared.requirements.clone(),
+            requirements: shared.run.requirements.clone(),
             external: plan.external_names(),
-            ..Self::incomplete(&shared.name, shared.seed, reason)
+            ..Self::incomplete(&shared.run.name, shared.run.seed, reason)
         }
     }
 
@@ -180,7 +180,7 @@ fn is_none(frames: &u64) -> bool {
 #[cfg(test)]
 mod tests {
     use rig::catalogue::Catalogue;
-    use scenario::Scenario;
+    use scenario::Trial;
     use scenario::expect::Limit;
 
     use super::*;
@@ -215,7 +215,7 @@ mod tests {
     fn a_verdict_names_scenario_seed_requirements_and_foreign_nodes() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nseed = 7\nduration_seconds = 1.0\nrequirements = [\"REQ-1\"]\n\
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Scenario::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let plan = plan.with_external(&["drive".to_owned()]).unwrap();
         let expected = Verdict {

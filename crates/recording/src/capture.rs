@@ -249,7 +249,7 @@ mod tests {
     use dbc::Database;
     use rig::catalogue::Catalogue;
     use rig::plan::Plan;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     fn frame(number: usize) -> Stamped {
         // One identifier comes once only, at the beginning.
@@ -262,7 +262,7 @@ mod tests {
     fn of_a_long_run_memory_has_the_latest_frames_and_the_log_all() {
         let folder = tempfile::tempdir().unwrap();
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let watch = Watch::default();
         let mut capture = Capture::new(

@@ -29,7 +29,7 @@ pub fn watch(one: &ControlLoop) -> Duration {
     let real = one.real_drive.as_ref();
     let timeouts = real.map_or_else(Timeouts::default, |drive| drive.real.timeouts);
     let heartbeat = Duration::from_millis(timeouts.controller_lost_milliseconds.into());
-    let sync = SYNC_PERIODS * one.scenario.bus.sync_period();
+    let sync = SYNC_PERIODS * one.trial.run.bus.sync_period();
     heartbeat.max(sync).min(WATCH_MAX)
 }
 

@@ -7,7 +7,7 @@ use canopen::CanFrame;
 use dbc::{Database, Signal, SignalHandle, names};
 use platform::terminal::printable;
 use rig::error_frames::{self, ErrorMessage};
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::expect::Emergency;
 
 use crate::identifiers::ByIdentifier;
@@ -212,7 +212,7 @@ impl EventReader {
     pub(crate) fn take_until(
         &mut self,
         until_seconds: f64,
-        scenario: &Scenario,
+        scenario: &Trial,
         zero: Option<Duration>,
     ) -> Events {
         if zero.is_none() && until_seconds.is_finite() {
@@ -354,7 +354,7 @@ mod tests {
             [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\n[[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 6.0\n\
             [[fault.node.hang]]\nnode = \"controller\"\nfrom_seconds = 7.0\n[[fault.bus.load]]\nidentifier = 1000\nperiod_milliseconds = 5.0\nfrom_seconds = 8.0\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut reader = EventReader::new(Database::shipped(), words);
         let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
         let texts = Vec::from_iter(events.iter().map(|event| event.what.text.as_str()));
@@ -377,7 +377,7 @@ mod tests {
             [[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 5.0\n\
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut reader = EventReader::new(Database::shipped(), NodeWords::default());
         let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
         let levels = events.iter().map(|event| (event.time_seconds, event.level));

@@ -139,7 +139,7 @@ impl Latencies {
         one: &ControlLoop,
     ) -> Result<Self, SignalMissing> {
         let mut latencies = Self::empty(one)?;
-        let end = Duration::from_secs_f64(one.scenario.duration_seconds);
+        let end = Duration::from_secs_f64(one.trial.run.duration_seconds);
         for stamped in frames {
             latencies.on_frame(stamped.borrow(), end);
         }
@@ -272,11 +272,11 @@ mod tests {
     use canopen::CanFrame;
     use rig::catalogue::Catalogue;
     use rig::plan::Plan;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     fn plan() -> Plan {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         Plan::new(scenario, &Catalogue::shipped())
     }
 

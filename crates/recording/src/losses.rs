@@ -71,7 +71,7 @@ pub(crate) struct LossReader {
 
 impl LossReader {
     pub(crate) fn new(one: &ControlLoop, words: &NodeWords) -> Self {
-        let scenario = &one.scenario;
+        let scenario = &one.trial;
         let (controller, drive, module) = (words.controller(), words.drive(), words.module());
         let LoopNodes {
             controller: leader,
@@ -79,7 +79,7 @@ impl LossReader {
             io,
         } = &one.nodes;
         let of = |node, service| one.message(node, service).ok();
-        let sync_period = scenario.bus.sync_period();
+        let sync_period = scenario.run.bus.sync_period();
         let cyclic_limit = PERIODS_MAX * sync_period;
         let sync = one.database.message(names::SYNC);
         let position = of(led, names::TPDO1);
@@ -114,7 +114,7 @@ impl LossReader {
         });
         Self {
             watched: watched.collect(),
-            end: Duration::from_secs_f64(scenario.duration_seconds),
+            end: Duration::from_secs_f64(scenario.run.duration_seconds),
             events: Notes::default(),
             heartbeats: Vec::new(),
             temperature_silence: None,

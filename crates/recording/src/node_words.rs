@@ -24,8 +24,8 @@ pub(crate) struct NodeWords {
 impl NodeWords {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
         let nodes = &one.nodes;
-        let own = one.loop_name.as_ref().map(|names| LoopWords {
-            name: names.name.clone(),
+        let own = one.loop_name().map(|name| LoopWords {
+            name: name.to_owned(),
             controller: nodes.controller.name.clone(),
             drive: nodes.drive.name.clone(),
         });

@@ -37,13 +37,13 @@ impl ProgressReader {
     /// # Errors
     /// The database lacks the position.
     pub fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let scenario = &one.scenario;
+        let scenario = &one.trial;
         let has_set_point = !scenario.reference.is_empty();
         Ok(Self {
             position: one.position()?,
             unit: scenario.wiring.unit.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
-            period: Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3),
+            period: Duration::from_secs_f64(scenario.run.bus.sync_period_milliseconds / 1e3),
         })
     }
 
@@ -89,7 +89,7 @@ mod tests {
     use dbc::Database;
     use rig::catalogue::Catalogue;
     use rig::plan::Plan;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     use super::*;
 
@@ -98,8 +98,7 @@ mod tests {
         let database = Database::shipped();
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"progress\"\nduration_seconds = 1.0\n\n[controller.sliding_mode]\n\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario =
-            Scenario::parse(text, "progress.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "progress.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let reader = ProgressReader::new(plan.leading()).unwrap();
         let mut clock = plan.scenario_clock().unwrap();

@@ -390,10 +390,10 @@ impl SourceReader {
     /// A reader that has seen nothing.
     #[must_use]
     pub fn new(one: &ControlLoop) -> Self {
-        let scenario = &one.scenario;
+        let scenario = &one.trial;
         let is_changing = |fault: &Fault| ["clock_drift", "slow_cycle"].contains(&fault.kind.name);
         let [is_ours, is_emulated] = [Part::Controller, Part::Drive].map(|part| one.is_ours(part));
-        let cycle = scenario.bus.sync_period();
+        let cycle = scenario.run.bus.sync_period();
         let controller = &one.nodes.controller;
         let id = |service| identifier(one, controller, service);
         let watched = Vec::from_iter(watched(one, cycle, is_ours, is_emulated));
@@ -406,19 +406,19 @@ impl SourceReader {
             sources: Sources {
                 watched,
                 is_rate_changed: scenario.own_faults().any(is_changing),
-                is_bus_faulty: scenario.faults.in_group(Group::Bus).next().is_some(),
+                is_bus_faulty: scenario.run.faults.in_group(Group::Bus).next().is_some(),
                 ..Sources::default()
             },
-            end: Duration::from_secs_f64(scenario.duration_seconds),
+            end: Duration::from_secs_f64(scenario.run.duration_seconds),
             controller_heartbeat: id(names::HEARTBEAT).unwrap_or(of_controller(HEARTBEATS)),
             controller_emergency: id(names::EMERGENCY).unwrap_or(of_controller(EMERGENCIES)),
             is_ours,
             is_emulated,
             drive: u16::from(one.nodes.drive.id),
             sync: None,
-            boot_ups_left: starts_anew(&scenario.faults),
+            boot_ups_left: starts_anew(&scenario.run.faults),
             has_newcomer: false,
-            is_stop_scripted: scenario.faults.of("nmt_stop").next().is_some(),
+            is_stop_scripted: scenario.run.faults.of("nmt_stop").next().is_some(),
             stop: None,
             has_given_up: false,
         }
@@ -692,7 +692,7 @@ fn identifier(one: &ControlLoop, node: &Node, service: &str) -> Option<u16> {
 mod tests {
     use rig::catalogue::Catalogue;
     use rig::plan::Plan;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     use super::*;
 
@@ -732,7 +732,7 @@ mod tests {
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n{faults}"
         );
-        let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let external = external.iter().map(ToString::to_string);
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let plan = plan.recorded_external(&Vec::from_iter(external));

@@ -61,8 +61,8 @@ pub(crate) struct TraceReader {
 impl TraceReader {
     /// Reads all signals that the scenario names; names that stand for no signal are left to the judge.
     pub(crate) fn new(one: &ControlLoop) -> Self {
-        let scenario = &one.scenario;
-        let period = scenario.bus.sync_period();
+        let scenario = &one.trial;
+        let period = scenario.run.bus.sync_period();
         let mut collected = BTreeMap::new();
         for (_, name) in scenario.expect.named_signals() {
             let Ok(path) = one.names().find(name) else {
@@ -74,7 +74,7 @@ impl TraceReader {
         }
         Self {
             collected: collected.into_values().collect(),
-            end: Duration::from_secs_f64(scenario.duration_seconds),
+            end: Duration::from_secs_f64(scenario.run.duration_seconds),
         }
     }
 

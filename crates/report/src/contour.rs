@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use scenario::loops::Contour;
+use scenario::contour::Contour;
 
 use crate::run::{Run, RunLoop};
 

@@ -81,7 +81,7 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
     let store = StoreId::new(StoreKind::Recording, APPLICATION, id);
     let mut file = RecordingFile::begin(file, store)?;
     let properties = RecordingInfo::new()
-        .with_name(run.plan.shared.name.as_str())
+        .with_name(run.plan.shared.run.name.as_str())
         .with_start_time(0_i64);
     send_static(&mut file, EntityPath::properties(), &properties)?;
     let mut pages = Vec::new();

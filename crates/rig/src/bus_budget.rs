@@ -112,8 +112,8 @@ impl BusBudget {
         shares.sort_by_key(|share| id(&share.node));
         Self {
             shares,
-            bitrate_kilobits_per_second: plan.shared.bus.bitrate_kilobits_per_second.into(),
-            period_milliseconds: plan.shared.bus.sync_period_milliseconds,
+            bitrate_kilobits_per_second: plan.shared.run.bus.bitrate_kilobits_per_second.into(),
+            period_milliseconds: plan.shared.run.bus.sync_period_milliseconds,
         }
     }
 
@@ -243,7 +243,7 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // Of a drive without faults nothing is published besides.
     let by_clock = of_drive(names::TRUTH);
-    let beside_faults = by_clock.filter(|_| one.scenario.has_own_faults());
+    let beside_faults = by_clock.filter(|_| one.trial.has_own_faults());
     let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
     let milliseconds = Duration::from_millis(milliseconds).as_secs_f64() * 1e3;
     let shares = [

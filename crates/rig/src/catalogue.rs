@@ -7,21 +7,22 @@ use dbc::names::{self, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION_IN, 
 use dbc::{Composer, Database, LawTerm, Message, PlantSignal, PositionUnit, Range};
 use scenario::node::{LoopNodes, Node};
 use scenario::port::{Port, Ports, Unit};
+use scenario::sweep::Sweep;
 use scenario::wiring::IoOutput;
-use scenario::{Objection, Scenario};
+use scenario::{Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
 
 /// The reason why a scenario's plant, or its law, makes no sense.
-type FindObjection = fn(&Scenario) -> Option<Objection>;
+type FindObjection = fn(&Trial) -> Option<Objection>;
 
 /// The ports of a scenario's plant; `None` for a plant that is not known here, or that cannot be made.
-type FindPorts = fn(&Scenario) -> Option<Ports>;
+type FindPorts = fn(&Trial) -> Option<Ports>;
 
 /// The terms that a scenario's law publishes; empty for a law that is not known here.
-type FindTerms = fn(&Scenario) -> Vec<LawTerm>;
+type FindTerms = fn(&Trial) -> Vec<LawTerm>;
 
 /// The plants and laws that scenarios may choose.
 ///
@@ -86,7 +87,7 @@ impl Catalogue {
 
     /// The frames of a scenario's loop alone on its bus.
     #[must_use]
-    pub fn frames(&self, scenario: &Scenario) -> Arc<Frames> {
+    pub fn frames(&self, scenario: &Trial) -> Arc<Frames> {
         let published = Published {
             signals: match self.find_ports {
                 Some(_) => self.signals(scenario).unwrap_or_default(),
@@ -112,7 +113,7 @@ impl Catalogue {
     }
 
     /// The signals that the drive of a scenario publishes of its plant.
-    fn signals(&self, scenario: &Scenario) -> Option<Vec<PlantSignal>> {
+    fn signals(&self, scenario: &Trial) -> Option<Vec<PlantSignal>> {
         let ports = self.ports(scenario)?;
         let recorded = scenario.wiring.recorded(&ports).ok()?;
         let signals = recorded.into_iter().map(|(_, port)| signal_of(port));
@@ -121,12 +122,12 @@ impl Catalogue {
 
     /// The ports of a scenario's plant; `None` where they are not known here.
     #[must_use]
-    pub fn ports(&self, scenario: &Scenario) -> Option<Ports> {
+    pub fn ports(&self, scenario: &Trial) -> Option<Ports> {
         (self.find_ports?)(scenario)
     }
 
     /// The outputs of the io node of a scenario's plant, besides fan and load.
-    fn outputs(&self, scenario: &Scenario) -> Vec<IoOutput> {
+    fn outputs(&self, scenario: &Trial) -> Vec<IoOutput> {
         if scenario.wiring.outputs.is_empty() {
             return Vec::new();
         }
@@ -135,7 +136,7 @@ impl Catalogue {
     }
 
     /// What is wrong with a disturbance by another output: a value that it cannot have.
-    fn output_objection(&self, scenario: &Scenario) -> Option<Objection> {
+    fn output_objection(&self, scenario: &Trial) -> Option<Objection> {
         let outputs = self.outputs(scenario);
         let mut changes = scenario.disturbance.output.iter().enumerate();
         changes.find_map(|(index, change)| {
@@ -154,7 +155,7 @@ impl Catalogue {
     /// What only a bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense. The
     /// names are collected only where the scenario has some.
     #[must_use]
-    pub fn objections(&self, scenario: &Scenario) -> Vec<Objection> {
+    pub fn objections(&self, scenario: &Trial) -> Vec<Objection> {
         let frames = self.frames(scenario);
         let plant = (self.plant_objection)(scenario);
         // What is wrong with an FMU stands in the rig file, and hides its signals.
@@ -171,26 +172,27 @@ impl Catalogue {
 
     /// What is wrong with the FMU of a rig's plant, at its place in the rig file, or with what a sweep makes of it, at its place in
     /// the scenario.
-    pub(crate) fn fmu_objection(&self, scenario: &Scenario, plant: &str) -> Option<Objection> {
-        if !is_wired_fmu(scenario) {
+    pub(crate) fn fmu_objection(&self, trial: &Trial, sweep: Option<&Sweep>) -> Option<Objection> {
+        if !is_wired_fmu(trial) {
             return None;
         }
-        let Some(objection) = (self.plant_objection)(scenario) else {
-            return swept_fmu::objection(scenario, plant, self.plant_objection);
+        let Some(objection) = (self.plant_objection)(trial) else {
+            return swept_fmu::objection(trial, sweep?, self.plant_objection);
         };
+        let plant = &trial.wiring.plant;
         let below = objection.path.strip_prefix("plant.");
         let path = format!("plant.{plant}.{}", below.unwrap_or_default());
         Some(Objection { path, ..objection })
     }
 }
 
-/// Whether a scenario's plant is an FMU in a rig file.
-fn is_wired_fmu(scenario: &Scenario) -> bool {
-    scenario.plant.fmu.is_some() && !scenario.wiring.input.is_empty()
+/// Whether the plant of a loop is an FMU in a rig file.
+fn is_wired_fmu(trial: &Trial) -> bool {
+    trial.plant.fmu.is_some() && !trial.wiring.input.is_empty()
 }
 
 /// Two signals that would be one column: a term of the law called like another signal of its loop, or an output of the plant.
-fn two_columns(frames: &Frames, scenario: &Scenario) -> Option<Objection> {
+fn two_columns(frames: &Frames, scenario: &Trial) -> Option<Objection> {
     let name = name_of_two_columns(&frames.database, &frames.nodes, &frames.of_loop)?;
     let mut terms = frames.published.terms.iter().flatten();
     let (path, owner) = match terms.any(|term| term.name == name) {
@@ -253,7 +255,7 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn new(published: Published, scenario: &Scenario) -> Self {
+    fn new(published: Published, scenario: &Trial) -> Self {
         let nodes = &scenario.wiring.nodes;
         let of_loop = scenario.wiring.loop_among_several();
         let composer = Composer::new(&nodes.controller.name, nodes.controller.id);
@@ -409,7 +411,7 @@ mod tests {
     fn plants_and_laws_have_frames_of_their_own() {
         let catalogue = Catalogue::new(|_| Some(plant_with("spring_force_newtons")), |_| None);
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let frames = catalogue.frames(&scenario);
         assert!(frames.names().find("spring_force_newtons").is_ok());
         assert!(frames.names().find("sum").is_err());
@@ -475,7 +477,7 @@ outputs = ["drive.current"]
     fn two_signals_of_one_name_are_refused_with_their_owner() {
         let plants = Catalogue::new(|_| Some(plant_with("position_millimetres")), |_| None);
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let said = |catalogue: &Catalogue| {
             let objections = catalogue.objections(&scenario).into_iter();
             Vec::from_iter(objections.map(|one| format!("{}: {}", one.path, one.message)))

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbc::names::{CURRENT, POSITION, TARGET_CURRENT};
 use dbc::{Coding, Composer, ExternalFrames, Kind, PositionUnit, Signal};
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{Limits, RealDrive};
@@ -67,7 +67,7 @@ impl LoadedDrive {
     ///
     /// # Errors
     /// Where the set-point leaves the limits.
-    pub fn admits(&self, scenario: &Scenario) -> Result<(), String> {
+    pub fn admits(&self, scenario: &Trial) -> Result<(), String> {
         if scenario.reference.is_empty() {
             return Ok(());
         }
@@ -87,14 +87,11 @@ impl LoadedDrive {
 }
 
 /// The times of the cycles in which the set-point may have a value that it did not have before: a day has too many to ask for all.
-fn telling_cycles_seconds(
-    scenario: &Scenario,
-    trajectory: &Trajectory,
-) -> impl Iterator<Item = f64> {
+fn telling_cycles_seconds(scenario: &Trial, trajectory: &Trajectory) -> impl Iterator<Item = f64> {
     let nanoseconds = |seconds: f64| Duration::from_secs_f64(seconds).as_nanos();
-    let period = scenario.bus.sync_period().as_nanos();
-    let end = nanoseconds(scenario.duration_seconds);
-    let stretches = trajectory.stretches(scenario.duration_seconds);
+    let period = scenario.run.bus.sync_period().as_nanos();
+    let end = nanoseconds(scenario.run.duration_seconds);
+    let stretches = trajectory.stretches(scenario.run.duration_seconds);
     let cycles = stretches.flat_map(move |(from_seconds, until_seconds)| {
         let last = nanoseconds(until_seconds).div_ceil(period);
         nanoseconds(from_seconds) / period..=last
@@ -209,7 +206,7 @@ outputs = ["drive.current"]
     fn a_set_point_on_the_limit_is_admitted() {
         let admits = |max: &str| {
             let plan = plan_of(&RIG.replace("max = 45.0", max), SCENARIO).unwrap();
-            drive(&plan).admits(&plan.loops[0].scenario)
+            drive(&plan).admits(&plan.loops[0].trial)
         };
         assert_eq!(admits("max = 36.0"), Ok(()));
         assert!(admits("max = 35.9").is_err());
@@ -224,7 +221,7 @@ outputs = ["drive.current"]
                 .replace("= 36.0", "= 20.0");
             let text = format!("{text}{pieces}[bus]\nsync_period_milliseconds = 1.0\n");
             let plan = plan_of(&rig, &text).unwrap();
-            drive(&plan).admits(&plan.loops[0].scenario)
+            drive(&plan).admits(&plan.loops[0].trial)
         };
         let step = |at: f64, to: f64| {
             format!("[[reference.step]]\nat_seconds = {at:?}\nposition_millimetres = {to:?}\n")

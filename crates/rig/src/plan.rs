@@ -9,14 +9,13 @@ use dbc::loops::LoopPlace;
 use dbc::names;
 use dbc::scenario_clock::ScenarioClock;
 use dbc::{Composer, Database, Message, Signal, SignalHandle, SignalMissing};
-use scenario::fault::{Fault, Faults, Group};
-use scenario::loops::Contour;
+use scenario::contour::Contour;
+use scenario::fault::{Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::rig::nodes::Rig;
 use scenario::sweep::Sweep;
-use scenario::wiring::IoOutput;
-use scenario::{Beside, Bus};
-use scenario::{Scenario, Texts};
+use scenario::wiring::{IoOutput, LoopOfRig, Wiring};
+use scenario::{Beside, Run, Texts, Trial};
 
 use crate::catalogue::{Catalogue, Frames, Player, column_messages};
 use crate::external::{External, no_such_node};
@@ -45,20 +44,8 @@ pub struct Shared {
     pub text: String,
     /// The texts of the files that the scenario names, its rig among them, by these names.
     pub tables: BTreeMap<String, String>,
-    /// The scenario's name.
-    pub name: String,
-    /// The scenario's description.
-    pub description: Option<String>,
-    /// The requirements that the scenario as a whole tests.
-    pub requirements: Vec<String>,
-    /// Seed of every random number.
-    pub seed: u64,
-    /// Length of the run.
-    pub duration_seconds: f64,
-    /// Bit rate and cycle of the bus.
-    pub bus: Bus,
-    /// The faults of the run, each at its node.
-    pub faults: Faults,
+    /// The facts of the whole run.
+    pub run: Arc<Run>,
     /// The values that a sweep varies, where there is one.
     pub sweep: Option<Sweep>,
     /// Expectations of several loops together.
@@ -69,22 +56,11 @@ pub struct Shared {
     pub rig: Arc<Rig>,
 }
 
-/// The name of one of several loops.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct LoopName {
-    /// Its name.
-    pub name: String,
-    /// The plant that it moves.
-    pub plant: String,
-}
-
 /// One loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
 #[derive(Clone, Debug)]
 pub struct ControlLoop {
-    /// The scenario as this loop sees it.
-    pub scenario: Scenario,
-    /// Its name among several; none for the only one.
-    pub loop_name: Option<LoopName>,
+    /// What is tried in it.
+    pub trial: Trial,
     /// Its nodes.
     pub nodes: LoopNodes,
     /// The place of its nodes on the bus.
@@ -103,42 +79,29 @@ pub struct ControlLoop {
 impl Plan {
     /// The plan of the scenario of a rig with one loop.
     #[must_use]
-    pub fn new(scenario: Scenario, catalogue: &Catalogue) -> Self {
-        let frames = catalogue.frames(&scenario);
-        Self::of_one(ControlLoop::with_frames(scenario, frames))
+    pub fn new(trial: Trial, catalogue: &Catalogue) -> Self {
+        let frames = catalogue.frames(&trial);
+        let run = Arc::clone(&trial.run);
+        Self::of_loops(run, vec![ControlLoop::with_frames(trial, frames)])
     }
 
-    /// The plan of one loop.
-    fn of_one(only: ControlLoop) -> Self {
-        Self::of_loops(vec![only], Vec::new(), BTreeMap::new())
-    }
-
-    /// The plan of these loops, of which there is at least one.
-    fn of_loops(
-        mut loops: Vec<ControlLoop>,
-        contours: Vec<Contour>,
-        nodes_of_loops: BTreeMap<String, LoopNodes>,
-    ) -> Self {
+    /// The plan of these loops.
+    fn of_loops(run: Arc<Run>, mut loops: Vec<ControlLoop>) -> Self {
         let drives = loops.iter().map(|one| one.nodes.drive.name.clone());
         let drives: Arc<[String]> = drives.collect();
         for one in &mut loops {
             one.drives = Arc::clone(&drives);
         }
-        let scenario = &loops[0].scenario;
+        let several = loops.iter().filter(|one| one.loop_name().is_some());
+        let nodes_of_loops = several.map(|one| (one.name().to_owned(), one.nodes.clone()));
         let shared = Shared {
             beside: Beside::default(),
             text: String::new(),
             tables: BTreeMap::new(),
-            name: scenario.name.clone(),
-            description: scenario.description.clone(),
-            requirements: scenario.requirements.clone(),
-            seed: scenario.seed,
-            duration_seconds: scenario.duration_seconds,
-            bus: scenario.bus.clone(),
-            faults: scenario.faults.clone(),
-            sweep: scenario.sweep.clone(),
-            contours,
-            nodes_of_loops,
+            run,
+            sweep: None,
+            contours: Vec::new(),
+            nodes_of_loops: nodes_of_loops.collect(),
             rig: Arc::default(),
         };
         Self { shared, loops }
@@ -227,7 +190,7 @@ impl Plan {
             return None;
         }
         for (own, other) in self.loops.iter_mut().zip(&other.loops) {
-            own.scenario.expect = other.scenario.expect.clone();
+            own.trial.expect = other.trial.expect.clone();
         }
         self.shared.contours.clone_from(&other.shared.contours);
         Some(self)
@@ -282,19 +245,19 @@ impl Plan {
     /// Length of the run.
     #[must_use]
     pub fn duration(&self) -> Duration {
-        Duration::from_secs_f64(self.shared.duration_seconds)
+        Duration::from_secs_f64(self.shared.run.duration_seconds)
     }
 
     /// Time between two SYNCs.
     #[must_use]
     pub fn sync_period(&self) -> Duration {
-        self.shared.bus.sync_period()
+        self.shared.run.bus.sync_period()
     }
 
     /// Whether anything goes wrong on purpose.
     #[must_use]
     pub fn has_faults(&self) -> bool {
-        !self.shared.faults.is_empty()
+        !self.shared.run.faults.is_empty()
     }
 }
 
@@ -318,6 +281,18 @@ fn compose(loops: &[ControlLoop]) -> Database {
     composer.finish()
 }
 
+/// The place of a loop's nodes on the bus.
+fn place_of(wiring: &Wiring) -> LoopPlace {
+    let is_own = |one: &LoopOfRig| one.name == wiring.of_loop;
+    let number = wiring.loops.iter().position(is_own).unwrap_or_default();
+    LoopPlace {
+        number: u8::try_from(number).unwrap_or(u8::MAX),
+        drive_node_id: wiring.nodes.drive.id,
+        disturbance_node_id: wiring.nodes.io.as_ref().map(|io| io.id),
+        truth_every_cycles: wiring.truth_every_cycles,
+    }
+}
+
 /// The beginning of the names of a loop's signals and metrics, by the loop's name.
 #[must_use]
 pub fn prefix_of(loop_name: &str) -> String {
@@ -328,12 +303,11 @@ pub fn prefix_of(loop_name: &str) -> String {
 }
 
 impl ControlLoop {
-    fn with_frames(scenario: Scenario, frames: Arc<Frames>) -> Self {
+    fn with_frames(trial: Trial, frames: Arc<Frames>) -> Self {
         Self {
-            nodes: scenario.wiring.nodes.clone(),
-            scenario,
-            loop_name: None,
-            place: LoopPlace::SHIPPED,
+            nodes: trial.wiring.nodes.clone(),
+            place: place_of(&trial.wiring),
+            trial,
             external: External::default(),
             real_drive: None,
             database: Arc::clone(&frames.database),
@@ -343,17 +317,17 @@ impl ControlLoop {
     }
 
     /// A loop of a recording with this database.
-    fn of_recording(scenario: Scenario, database: &Arc<Database>) -> Self {
-        let wiring = &scenario.wiring;
+    fn of_recording(trial: Trial, database: &Arc<Database>) -> Self {
+        let wiring = &trial.wiring;
         let name = wiring.loop_among_several();
         let frames = Frames::of_recording(Arc::clone(database), &wiring.nodes, name);
-        Self::with_frames(scenario, Arc::new(frames))
+        Self::with_frames(trial, Arc::new(frames))
     }
 
-    /// The same with another scenario of the same plant and law.
-    fn varied(&self, scenario: Scenario) -> Self {
+    /// The same with other values for the same plant and law.
+    fn varied(&self, trial: Trial) -> Self {
         Self {
-            scenario,
+            trial,
             ..self.clone()
         }
     }
@@ -386,7 +360,7 @@ impl ControlLoop {
     /// # Errors
     /// The fault, and the node.
     pub fn admits_faults(&self) -> Result<(), String> {
-        let own = self.scenario.own_faults();
+        let own = self.trial.own_faults();
         // The order is given over the bus, to whoever is there.
         let mut happening = own.filter(|fault| fault.kind.name != "nmt_stop");
         // Sensor, amplifier, wire and mechanics are the emulated drive's.
@@ -407,13 +381,19 @@ impl ControlLoop {
 
     /// The faults of the whole run: those of other loops may take the current from this one too.
     pub fn faults(&self) -> impl Iterator<Item = &Fault> {
-        self.scenario.faults.iter()
+        self.trial.run.faults.iter()
     }
 
     /// The name of one of several loops; empty for the only one.
     #[must_use]
     pub fn name(&self) -> &str {
-        self.loop_name.as_ref().map_or("", |names| &names.name)
+        self.trial.wiring.loop_among_several()
+    }
+
+    /// The name of one of several loops; none for the only one.
+    #[must_use]
+    pub fn loop_name(&self) -> Option<&str> {
+        Some(self.name()).filter(|name| !name.is_empty())
     }
 
     /// The beginning of the names of its signals and metrics: empty where it is the only loop.

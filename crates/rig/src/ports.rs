@@ -1,9 +1,9 @@
 //! Whether the drives and io nodes of a rig file are wired to ports that its plants have.
 
-use scenario::loops::{Loops, OneLoop};
+use scenario::Scenario;
 use scenario::port::{Direction, Port, Ports, Unit, conversion, unit_in};
 use scenario::wiring::RECORDED_MAX;
-use scenario::{Objection, Scenario, nearest};
+use scenario::{Objection, Trial, nearest};
 
 use crate::catalogue::Catalogue;
 
@@ -17,34 +17,28 @@ const LISTED_MAX: usize = 20;
 const RANGE_TOLERANCE: f64 = 1e-6;
 
 /// What is wrong with how a rig is wired; the first thing.
-pub(crate) fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection> {
-    loops
-        .loops
-        .iter()
-        .find_map(|one| of_loop(loops, one, catalogue))
+pub(crate) fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
+    let mut loops = scenario.loops.iter();
+    loops.find_map(|one| of_loop(scenario, one, catalogue))
 }
 
-fn of_loop(
-    loops: &Loops<Scenario>,
-    one: &OneLoop<Scenario>,
-    catalogue: &Catalogue,
-) -> Option<Objection> {
-    let rig = &loops.rig;
-    let drive = rig.drive_of_loop(&one.name);
+fn of_loop(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Objection> {
+    let rig = &scenario.rig;
+    let drive = one.wiring.nodes.drive.name.as_str();
     if rig.node.get(drive)?.external {
         return None;
     }
     let plant = rig.plant_of(drive)?;
-    if let Some(objection) = catalogue.fmu_objection(&one.scenario, plant) {
+    if let Some(objection) = catalogue.fmu_objection(one, scenario.sweep.as_ref()) {
         return Some(objection);
     }
-    let ports = catalogue.ports(&one.scenario)?;
+    let ports = catalogue.ports(one)?;
     let wired = Wired {
         drive,
         io: rig.io_of(drive).map(|(name, _)| name),
         plant,
         ports: &ports,
-        scenario: &one.scenario,
+        trial: one,
     };
     wired
         .plant_objection()
@@ -60,7 +54,7 @@ struct Wired<'a> {
     io: Option<&'a str>,
     plant: &'a str,
     ports: &'a Ports,
-    scenario: &'a Scenario,
+    trial: &'a Trial,
 }
 
 impl Wired<'_> {
@@ -112,7 +106,7 @@ impl Wired<'_> {
 
     fn amplifier(&self) -> Option<Objection> {
         let path = format!("node.{}.amplifier.port", self.drive);
-        let name = &self.scenario.wiring.input;
+        let name = &self.trial.wiring.input;
         match self.find(&path, name, Direction::Input) {
             Err(objection) => Some(objection),
             Ok(port) if port.unit == "amperes" => None,
@@ -129,7 +123,7 @@ impl Wired<'_> {
 
     fn sensor(&self) -> Option<Objection> {
         let path = format!("node.{}.sensor.port", self.drive);
-        let wiring = &self.scenario.wiring;
+        let wiring = &self.trial.wiring;
         let port = match self.find(&path, &wiring.output, Direction::Output) {
             Ok(port) => port,
             Err(objection) => return Some(objection),
@@ -150,7 +144,7 @@ impl Wired<'_> {
 
     /// A sensor whose range is not that of its port: one unit of the port is `factor` of the sensor's.
     fn range(&self, port: &Port, factor: f64) -> Option<Objection> {
-        let wiring = &self.scenario.wiring;
+        let wiring = &self.trial.wiring;
         let [min, max] = wiring.range();
         let [lowest, highest] = port.range.map(|end| end * factor);
         let (name, unit) = (&port.name, &wiring.unit);
@@ -176,7 +170,7 @@ impl Wired<'_> {
     /// Fan and load of the io node that acts on the plant.
     fn io(&self) -> Option<Objection> {
         let io = self.io?;
-        let wiring = &self.scenario.wiring;
+        let wiring = &self.trial.wiring;
         for (key, name, unit) in [
             ("convection_factor", &wiring.fan, ""),
             ("added_load_grams", &wiring.load, "kilograms"),
@@ -228,7 +222,7 @@ impl Wired<'_> {
 
     /// What the drive publishes of its plant.
     fn record(&self) -> Option<Objection> {
-        let wiring = &self.scenario.wiring;
+        let wiring = &self.trial.wiring;
         let path = format!("node.{}.record", self.drive);
         if let Some(names) = &wiring.record {
             let wrong = names.iter().enumerate().find_map(|(place, name)| {
@@ -301,7 +295,7 @@ mod tests {
 
     fn found(ports: &Ports, change: impl FnOnce(&mut Wiring)) -> Option<String> {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let mut scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let mut scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         scenario.wiring = Wiring {
             input: "current_amperes".to_owned(),
             output: "angle_degrees".to_owned(),
@@ -318,7 +312,7 @@ mod tests {
             io: Some("module"),
             plant: "joint",
             ports,
-            scenario: &scenario,
+            trial: &scenario,
         };
         let found = wired
             .plant_objection()

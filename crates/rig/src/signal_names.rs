@@ -2,7 +2,7 @@
 
 use dbc::{Database, Message, names};
 use scenario::node::{LoopNodes, Node, Part};
-use scenario::{Objection, Scenario, nearest};
+use scenario::{Objection, Trial, nearest};
 
 use crate::data_sheet::{self, DataSheet};
 
@@ -155,10 +155,7 @@ impl SignalNames {
 
     /// What is wrong with the names of signals in a scenario. `names` are those of its bus, asked for only where it has some.
     #[must_use]
-    pub fn objections<'a>(
-        scenario: &Scenario,
-        names: impl Fn() -> &'a SignalNames,
-    ) -> Vec<Objection> {
+    pub fn objections<'a>(scenario: &Trial, names: impl Fn() -> &'a SignalNames) -> Vec<Objection> {
         let named = scenario.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
             let error = names().find(name).err()?;

@@ -1,28 +1,23 @@
 //! Values that a sweep gives to variables of an FMU: what they admit stands in the FMU, which no schema knows.
 
 use scenario::sweep::Sweep;
-use scenario::{Objection, Scenario};
+use scenario::{Objection, Trial};
 
 /// A value of a sweep, with its key and its place in the scenario.
 type Swept<'a> = (String, &'a str, f64);
 
-/// The first value of a scenario's sweep that the FMU of its plant does not take. `objection` says what is wrong with the FMU of a
-/// scenario. Draws of normal distributions have no ends: only what is about their means is looked at.
+/// The first value of a sweep that the FMU of a loop's plant does not take. `objection` says what is wrong with such an FMU. Draws of normal distributions have no ends: only what is about their means is looked at.
 pub(crate) fn objection(
-    scenario: &Scenario,
-    plant: &str,
-    objection: impl Fn(&Scenario) -> Option<Objection>,
+    trial: &Trial,
+    sweep: &Sweep,
+    objection: impl Fn(&Trial) -> Option<Objection>,
 ) -> Option<Objection> {
-    let sweep = scenario.sweep.as_ref()?;
-    let start = format!("plant.{plant}.start.");
+    let start = format!("plant.{}.start.", trial.wiring.plant);
     let of_fmu = |key: &str| key.starts_with(&start);
     if !sweep.keys().any(of_fmu) {
         return None;
     }
-    let mut tried = Scenario {
-        sweep: None,
-        ..scenario.clone()
-    };
+    let mut tried = trial.clone();
     let swept = values(sweep).into_iter();
     let mut swept = swept.filter(|(_, key, _)| of_fmu(key));
     swept.find_map(|(place, key, value)| {

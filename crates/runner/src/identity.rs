@@ -34,8 +34,8 @@ pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
     };
     Ok(Identity {
         program: program()?.to_owned(),
-        plant: plan.leading().scenario.plant.name().to_owned(),
-        law: plan.leading().scenario.controller.law_name().to_owned(),
+        plant: plan.leading().trial.plant.name().to_owned(),
+        law: plan.leading().trial.controller.law_name().to_owned(),
         files: files_of(plan).map(hash).collect(),
     })
 }

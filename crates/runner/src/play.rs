@@ -273,12 +273,12 @@ fn play_one(
         )));
     }
     listener.on_event(&RunEvent::Began {
-        duration_seconds: shared.duration_seconds,
+        duration_seconds: shared.run.duration_seconds,
     });
     let (queues, shows) = viewers.show(plan, testbed.when_full());
     let place = RunPlace {
         parent: &args.output,
-        is_long: shared.duration_seconds > args.compress_above,
+        is_long: shared.run.duration_seconds > args.compress_above,
         overrides: &args.values.all(),
         is_strict: args.strict,
     };

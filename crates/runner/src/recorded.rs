@@ -289,7 +289,7 @@ impl Recorded {
 
     /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
     fn unrecorded(&self, timelines: &[Timeline]) -> Unrecorded {
-        let duration_seconds = self.plan.shared.duration_seconds;
+        let duration_seconds = self.plan.shared.run.duration_seconds;
         let zero = timelines.first().and_then(|timeline| timeline.zero_seconds);
         let end = zero.and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
         let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);

@@ -159,10 +159,8 @@ fn create_folder(
     plan: &Plan,
     identity: &Identity,
 ) -> Result<RunFolder, WriteError> {
-    let Shared {
-        name, seed, text, ..
-    } = &plan.shared;
-    let folder = RunFolder::create(place.parent, name, *seed, text)?;
+    let Shared { run, text, .. } = &plan.shared;
+    let folder = RunFolder::create(place.parent, &run.name, run.seed, text)?;
     let unfinished = "the run has not ended; if no process works on it any more, it broke off";
     let verdict = Verdict {
         identity: Some(identity.clone()),

@@ -11,54 +11,65 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-use crate::controller::{Controller, drives_led_by};
+use crate::controller::drives_led_by;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::reference::{Chirp, Reference};
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
-use crate::scenario::Scenario;
+use crate::run::Run;
+use crate::trial::Trial;
 use crate::wiring::Wiring;
 
 pub(crate) use signals::read_courses;
 pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
-pub(crate) use fault::{faults, faults_of_plants};
+use fault::faults;
+pub(crate) use fault::faults_of_plants;
 use limits::limits;
 pub(crate) use limits::reactions;
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
 pub(crate) use plant::temperatures;
 
-/// What scenario and controller view have in common.
-pub(crate) struct Control<'a> {
-    pub(crate) duration_seconds: f64,
-    pub(crate) controller: &'a Controller,
-    pub(crate) reference: &'a Reference,
-    pub(crate) wiring: &'a Wiring,
-}
-
-/// Checks law, set-point and current profile.
-pub(crate) fn control(document: &Document<'_>, control: &Control<'_>) -> Vec<Problem> {
-    let mut problems = Vec::from_iter(laws(document, control));
-    problems.extend(drives_of_law(document, control.wiring));
+/// Checks what is tried in a loop.
+pub(crate) fn trial(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let duration_seconds = trial.run.duration_seconds;
+    let mut problems = Vec::from_iter(laws(document, trial));
+    problems.extend(drives_of_law(document, &trial.wiring));
     problems.extend(pieces(
         document,
         "reference",
-        &reference_pieces(control.reference),
-        control.duration_seconds,
+        &reference_pieces(&trial.reference),
+        duration_seconds,
     ));
-    problems.extend(travel(document, control.reference, control.wiring));
-    problems.extend(chirps(document, control.reference));
-    if let Some(open_loop) = &control.controller.open_loop {
+    problems.extend(travel(document, &trial.reference, &trial.wiring));
+    problems.extend(chirps(document, &trial.reference));
+    if let Some(open_loop) = &trial.controller.open_loop {
         let pieces_of_current = current_pieces(open_loop);
         problems.extend(pieces(
             document,
             "controller.open_loop",
             &pieces_of_current,
-            control.duration_seconds,
+            duration_seconds,
         ));
     }
+    problems.extend(disturbances(document, trial));
+    problems.extend(limits(document, trial));
+    problems.extend(signals::check(document, trial));
+    problems.extend(requirements::of_limits(document, trial));
+    problems
+}
+
+/// Checks what all loops share.
+pub(crate) fn run(document: &Document<'_>, run: &Run) -> Vec<Problem> {
+    let mut problems = Vec::from_iter(name(document, &run.name));
+    problems.extend(requirements::names(
+        document,
+        "requirements",
+        &run.requirements,
+    ));
+    problems.extend(faults(document, &run.faults, run.duration_seconds));
     problems
 }
 
@@ -70,18 +81,8 @@ pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
     })
 }
 
-/// Checks disturbances, plant and limits.
-pub(crate) fn bench(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let mut problems = disturbances(document, scenario);
-    problems.extend(limits(document, scenario));
-    problems.extend(signals::check(document, scenario));
-    problems.extend(requirements::check(document, scenario));
-    problems
-}
-
 /// Exactly one law, and a set-point for a closed loop.
-fn laws(document: &Document<'_>, control: &Control<'_>) -> Option<Problem> {
-    let reference = control.reference;
+fn laws(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     const HELP: &str = "exactly one table such as [controller.sliding_mode] chooses the law";
     match document.keys("controller").as_slice() {
         [] => {
@@ -92,7 +93,7 @@ fn laws(document: &Document<'_>, control: &Control<'_>) -> Option<Problem> {
             Some(problem.with_help(HELP))
         }
         ["open_loop"] => None,
-        [law] if reference.is_empty() => {
+        [law] if trial.reference.is_empty() => {
             let span = document.key_span(&format!("controller.{law}"));
             let message = format!("the closed loop `{law}` has no set-point");
             let problem = document
@@ -179,8 +180,8 @@ fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
 }
 
 /// Disturbances for which the io node of the plant has no output.
-fn outputs_of_nobody(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let (disturbance, wiring) = (&scenario.disturbance, &scenario.wiring);
+fn outputs_of_nobody(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let (disturbance, wiring) = (&trial.disturbance, &trial.wiring);
     let mut problems = Vec::new();
     for (kind, is_there, is_wired, output) in [
         (
@@ -218,10 +219,10 @@ fn outputs_of_nobody(document: &Document<'_>, scenario: &Scenario) -> Vec<Proble
     problems
 }
 
-fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let pieces = disturbance_pieces(scenario);
-    let mut problems = order(document, "disturbance", &pieces, scenario.duration_seconds);
-    for (index, pair) in scenario.disturbance.fan.windows(2).enumerate() {
+fn disturbances(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let pieces = disturbance_pieces(trial);
+    let mut problems = order(document, "disturbance", &pieces, trial.run.duration_seconds);
+    for (index, pair) in trial.disturbance.fan.windows(2).enumerate() {
         let (first, second) = (&pair[0], &pair[1]);
         if first.from_seconds < second.from_seconds && second.from_seconds < first.until_seconds {
             let path = format!("disturbance.fan.{}.from_seconds", index + 1);
@@ -229,12 +230,12 @@ fn disturbances(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
             problems.push(document.problem(&path, "two fans blow at a time", label));
         }
     }
-    problems.extend(outputs_of_nobody(document, scenario));
-    let Some(load_kilograms) = scenario.plant.load_kilograms() else {
+    problems.extend(outputs_of_nobody(document, trial));
+    let Some(load_kilograms) = trial.plant.load_kilograms() else {
         return problems;
     };
     let load_grams = load_kilograms * 1e3;
-    for (index, load) in scenario.disturbance.load.iter().enumerate() {
+    for (index, load) in trial.disturbance.load.iter().enumerate() {
         if load_grams + load.added_grams <= 0.0 {
             let path = format!("disturbance.load.{index}.added_grams");
             let label = format!("must leave something of {load_grams} g");

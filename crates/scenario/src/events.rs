@@ -3,7 +3,7 @@
 use crate::chirp::FrequencySweep;
 use crate::disturbance::Disturbance;
 use crate::port::{Unit, symbol_of, unit_in};
-use crate::scenario::Scenario;
+use crate::trial::Trial;
 pub use crate::window::Window;
 
 /// Where no scenario says another band.
@@ -88,12 +88,12 @@ pub struct DisturbanceCommand {
     pub added_grams: f64,
 }
 
-impl Scenario {
+impl Trial {
     /// The end of what the metrics of the loop are judged on.
     #[must_use]
     pub fn judged_end_seconds(&self) -> f64 {
         let earlier = self.expect.judged_until_seconds;
-        earlier.unwrap_or(self.duration_seconds)
+        earlier.unwrap_or(self.run.duration_seconds)
     }
 
     /// A deviation within this counts as recovered, in the unit of the loop: four steps of a 10-bit converter over 60 mm, and in
@@ -379,11 +379,11 @@ impl Disturbance {
 mod tests {
     use super::*;
 
-    fn scenario(tables: &str) -> Scenario {
+    fn scenario(tables: &str) -> Trial {
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 30.0\n[controller.pid]\n{tables}"
         );
-        Scenario::parse(
+        Trial::parse(
             &text,
             "t.toml",
             |_| Err(std::io::ErrorKind::NotFound.into()),

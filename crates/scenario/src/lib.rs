@@ -1,11 +1,11 @@
 //! Scenario files say what to try and what passes; rig files say on which drive.
 //!
 //! Comes in: the text of a scenario or a rig file, the tables that it names, the tables of plants and laws from outside, the
-//! objects of a drive's EDS. Goes out: [`loops::Loops`] on a [`rig::nodes::Rig`], or every [`Problem`] with the character where it
+//! objects of a drive's EDS. Goes out: a [`Scenario`] on its [`rig::nodes::Rig`], or every [`Problem`] with the character where it
 //! stands; the JSON Schemas of both; what a rig file makes of a drive ([`rig::drive`]) and the watch over its limits
 //! ([`rig::limits`]).
 //!
-//! The controller gets a [`ControllerView`], which has no more of `[plant]` than the plant's name.
+//! What is tried in a loop is a [`Trial`]; the controller gets a [`ControllerView`] of it, without the plant.
 //!
 //! It does not know: the signals of the bus (the caller brings an [`Objection`] to a name that is none), which data sheets
 //! ship, how a plant behaves, how a run is played or judged.
@@ -14,6 +14,7 @@ mod beside;
 mod bus;
 mod check;
 pub mod chirp;
+pub mod contour;
 pub mod controller;
 mod curve;
 pub mod disturbance;
@@ -28,7 +29,6 @@ pub mod law_ports;
 mod left_out;
 mod limit;
 mod load;
-pub mod loops;
 pub mod metrics;
 mod nearest;
 pub mod node;
@@ -42,6 +42,7 @@ pub mod profile;
 pub mod reference;
 pub mod registration;
 pub mod rig;
+mod run;
 mod scenario;
 pub mod schema;
 mod structure;
@@ -51,6 +52,7 @@ mod table;
 mod tests;
 mod text;
 pub mod timing;
+mod trial;
 mod view;
 mod window;
 pub mod wiring;
@@ -66,5 +68,7 @@ pub use fingerprint::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
 pub use load::{Objection, Texts, text_of};
 pub use nearest::{meant_or_known, nearest};
 pub use overrides::Override;
+pub use run::Run;
 pub use scenario::Scenario;
+pub use trial::Trial;
 pub use view::ControllerView;

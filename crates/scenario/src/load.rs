@@ -1,12 +1,22 @@
-//! Reads scenario files.
+//! Reads scenario files, each with the rig that it names, and resolves both into what a run is.
 //!
 //! Syntax first, then keys, types and ranges against the schema, then what only makes sense together.
 
+mod contours;
+mod emergencies;
+mod expect;
+mod files;
+mod fmus;
 mod kind;
-mod loops;
 mod nodes;
+mod overlay;
+mod resolve;
+mod sections;
+mod sweep;
+#[cfg(test)]
+mod tests;
+mod units;
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -16,25 +26,22 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use toml::de::ValueDeserializer;
 
-pub(crate) use loops::InUnit;
+pub(crate) use kind::is_scenario;
+pub(crate) use units::InUnit;
 
 use crate::beside::Beside;
-use crate::check;
 use crate::document::Document;
-use crate::error::{Problem, ScenarioError, Source};
-use crate::fault::Faults;
+use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
-use crate::loops::Loops;
 use crate::outside::Outside;
 use crate::own::{Own, Section};
-use crate::plant::Sensor;
 use crate::port::Unit;
 use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
+use crate::structure;
 use crate::table::ReadTable;
-use crate::view::{ControllerView, HIDDEN_FROM_CONTROLLER};
-use crate::wiring::Wiring;
-use crate::{schema, structure};
+use crate::trial::Trial;
+use crate::view::ControllerView;
 
 /// Longest scenario file.
 pub(crate) const SCENARIO_BYTES_MAX: u64 = 1 << 20;
@@ -81,20 +88,14 @@ enum Reading {
     Case,
     /// It was played already.
     Recorded,
+    /// By the controller, without what it may not know.
+    View,
 }
 
-/// The facts of a run that a loop's tree does not hold.
-struct OfRun {
-    wiring: Wiring,
-    faults: Faults,
-    /// False where some of the faults could not be read.
-    has_all_faults: bool,
-}
+/// Finds what else is wrong with a loop.
+type FindObjections<'a> = &'a dyn Fn(&Trial) -> Vec<Objection>;
 
-/// Finds what else is wrong with a scenario.
-type FindObjections<'a> = &'a dyn Fn(&Scenario) -> Vec<Objection>;
-
-impl Scenario {
+impl Trial {
     /// Reads the scenario of a rig with one loop, and the files that it names.
     ///
     /// # Errors
@@ -105,11 +106,11 @@ impl Scenario {
         Self::parse(&text_of(path)?, &path.display().to_string(), read)
     }
 
-    /// As [`Scenario::load`], from text. `file_name` names it in errors; `read_table` gives the text of a table by the name that the
+    /// As [`Trial::load`], from text. `file_name` names it in errors; `read_table` gives the text of a table by the name that the
     /// scenario uses.
     ///
     /// # Errors
-    /// As [`Scenario::load`].
+    /// As [`Trial::load`].
     pub fn parse(
         text: &str,
         file_name: &str,
@@ -117,150 +118,35 @@ impl Scenario {
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(Path::new(file_name));
         let text = text.to_owned();
-        let (loops, _) = Loops::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
-        loops.only(file_name)
-    }
-
-    /// Whether a text may be meant as a scenario: it has a key that no rig file has, or is not even TOML.
-    #[must_use]
-    pub fn may_be(text: &str) -> bool {
-        match Document::parse(Source::new("", text), text) {
-            Ok(document) => kind::is_scenario(&document),
-            Err(_) => true,
-        }
-    }
-
-    /// Reads a scenario from its tree.
-    fn read(
-        document: &Document<'_>,
-        read_table: ReadTable<'_>,
-        reading: Reading,
-        find_objections: FindObjections<'_>,
-        of_run: OfRun,
-    ) -> Result<Self, Vec<Problem>> {
-        let unit = of_run.wiring.unit.clone();
-        let read = Self::read_wired(document, read_table, reading, find_objections, of_run);
-        read.map_err(|problems| in_unit(problems, &unit))
-    }
-
-    /// As [`Scenario::read`]; problems have the names of positions in millimetres.
-    fn read_wired(
-        document: &Document<'_>,
-        read_table: ReadTable<'_>,
-        reading: Reading,
-        find_objections: FindObjections<'_>,
-        OfRun {
-            wiring,
-            faults,
-            has_all_faults,
-        }: OfRun,
-    ) -> Result<Self, Vec<Problem>> {
-        let outside = match reading {
-            Reading::ToPlay | Reading::Case => Outside::Registered,
-            Reading::Recorded => Outside::from_recording(document.root()),
-        };
-        let (mut scenario, mut problems) = build::<Self>(
-            document,
-            &outside,
-            "the scenario",
-            &schema::of_travel(outside.schema(), &wiring),
-        )?;
-        put_range_into(&mut scenario.plant.sensor, &wiring);
-        (scenario.wiring, scenario.faults) = (wiring, faults);
-        let (plant, controller) = (&mut scenario.plant.own, &mut scenario.controller.own);
-        for (section, own) in [(Section::Plant, plant), (Section::Controller, controller)] {
-            read_own(document, &outside, section, own, &mut problems);
-        }
-        let control = check::Control {
-            duration_seconds: scenario.duration_seconds,
-            controller: &scenario.controller,
-            reference: &scenario.reference,
-            wiring: &scenario.wiring,
-        };
-        problems.extend(check::control(document, &control));
-        problems.extend(check::name(document, &scenario.name));
-        problems.extend(check::bench(document, &scenario));
-        if has_all_faults {
-            problems.extend(check::reactions(document, &scenario));
-        }
-        problems.extend(check::read_tables(
-            document,
-            &mut scenario.reference,
-            &mut scenario.controller,
-            &scenario.wiring,
-            read_table,
-        ));
-        problems.extend(check::read_courses(
-            document,
-            &mut scenario.expect.signal,
-            scenario.duration_seconds,
-            read_table,
-        ));
-        let objections = find_objections(&scenario).into_iter();
-        problems.extend(objections.map(|objection| objection.problem(document)));
-        none_of(problems, scenario)
+        let (scenario, _) = Scenario::parse(&beside, text, read_table, |_| Vec::new(), |_| None)?;
+        only(scenario.loops, file_name)
     }
 }
 
 impl ControllerView {
-    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Scenario::parse`].
+    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Trial::parse`].
     ///
     /// # Errors
-    /// As [`Scenario::parse`], for what the controller sees.
+    /// As [`Trial::parse`], for what the controller sees.
     pub fn parse(
         text: &str,
         file_name: &str,
         read_table: impl FnMut(&str) -> io::Result<String>,
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(Path::new(file_name));
-        Loops::parse_view(&beside, text.to_owned(), read_table)?.only(file_name)
+        let (scenario, _) = Scenario::parse_view(&beside, text.to_owned(), read_table)?;
+        only(scenario.loops, file_name).map(|one| one.controller_view())
     }
+}
 
-    /// Reads what the controller may know from a scenario's tree.
-    fn read(
-        document: &mut Document<'_>,
-        read_table: ReadTable<'_>,
-        wiring: Wiring,
-    ) -> Result<Self, Vec<Problem>> {
-        let unit = wiring.unit.clone();
-        let read = Self::read_wired(document, read_table, wiring);
-        read.map_err(|problems| in_unit(problems, &unit))
-    }
-
-    fn read_wired(
-        document: &mut Document<'_>,
-        read_table: ReadTable<'_>,
-        wiring: Wiring,
-    ) -> Result<Self, Vec<Problem>> {
-        for key in HIDDEN_FROM_CONTROLLER {
-            document.remove(key);
-        }
-        let outside = Outside::Registered;
-        let (mut view, mut problems) = build::<Self>(
-            document,
-            &outside,
-            "the scenario",
-            &schema::of_travel(Cow::Borrowed(&schema::CONTROLLER_VIEW), &wiring),
-        )?;
-        view.wiring = wiring;
-        let own = &mut view.controller.own;
-        read_own(document, &outside, Section::Controller, own, &mut problems);
-        let control = check::Control {
-            duration_seconds: view.duration_seconds,
-            controller: &view.controller,
-            reference: &view.reference,
-            wiring: &view.wiring,
-        };
-        problems.extend(check::control(document, &control));
-        problems.extend(check::read_tables(
-            document,
-            &mut view.reference,
-            &mut view.controller,
-            &view.wiring,
-            read_table,
-        ));
-        none_of(problems, view)
-    }
+/// The only loop.
+fn only(mut loops: Vec<Trial>, file_name: &str) -> Result<Trial, ScenarioError> {
+    let count = loops.len();
+    let one = loops.pop().filter(|_| loops.is_empty());
+    one.ok_or_else(|| {
+        let message = format!("its rig has {count} loops, and one is played here");
+        ScenarioError::of_scenario(file_name, message)
+    })
 }
 
 /// The text of a scenario's file.
@@ -276,13 +162,6 @@ pub(crate) fn in_unit(problems: Vec<Problem>, unit: &Unit) -> Vec<Problem> {
     let problems = problems.into_iter();
     let problems = problems.map(|problem| problem.renamed(|text| unit.rename_keys(text)));
     problems.collect()
-}
-
-/// The converter of a sensor goes from the lowest position to the highest.
-fn put_range_into(sensor: &mut Sensor, wiring: &Wiring) {
-    if let Some(max) = wiring.position_max {
-        sensor.span_millimetres = max - wiring.position_min;
-    }
 }
 
 /// Hands a text to `parse` with a reader of the files that it names, and keeps what was read.
@@ -345,14 +224,14 @@ fn own_table(
     Some((Own::new(name, table), checked))
 }
 
-/// Reads the table of a plant or a law from outside; what the schema said of it already is not said twice.
-fn read_own(
+/// Reads the table of a law from outside; what the schema said of it already is not said twice.
+fn read_law(
     document: &Document<'_>,
     outside: &Outside,
-    section: Section,
     into: &mut Option<Own>,
     problems: &mut Vec<Problem>,
 ) {
+    let section = Section::Controller;
     let Some((own, problem)) = own_table(document, outside, section, section.key()) else {
         return;
     };

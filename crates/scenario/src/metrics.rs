@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::expect::{Expect, Expectation};
 use crate::limit::Limit;
-use crate::scenario::Scenario;
+use crate::trial::Trial;
 
 /// A metric of a run.
 #[derive(Clone, Copy, Debug)]
@@ -353,21 +353,21 @@ impl Metric {
     }
 
     /// The part of a scenario, but for a fault, that the metric needs and the scenario lacks: a table of the file.
-    pub(crate) fn missing_in(&self, scenario: &Scenario) -> Option<&'static str> {
-        let end_seconds = scenario.judged_end_seconds();
-        let has_set_point = !scenario.reference.is_empty();
+    pub(crate) fn missing_in(&self, trial: &Trial) -> Option<&'static str> {
+        let end_seconds = trial.judged_end_seconds();
+        let has_set_point = !trial.reference.is_empty();
         let has_disturbance = || {
-            let windows = scenario.disturbance_windows();
+            let windows = trial.disturbance_windows();
             let mut begins = windows.iter().map(|one| one.window.from_seconds);
             begins.any(|begin| begin < end_seconds)
         };
         const SET_POINT: &str = "a [[reference.…]]";
         match self.needs {
-            Needs::Step if scenario.judged_steps().is_empty() => Some("a [[reference.step]]"),
-            Needs::Sine if scenario.judged_sines().is_empty() => {
+            Needs::Step if trial.judged_steps().is_empty() => Some("a [[reference.step]]"),
+            Needs::Sine if trial.judged_sines().is_empty() => {
                 Some("a [[reference.sine]] of at least four periods")
             }
-            Needs::Chirp if scenario.judged_chirps().is_empty() => {
+            Needs::Chirp if trial.judged_chirps().is_empty() => {
                 Some("a [[reference.chirp]] of at least four turns")
             }
             Needs::Disturbance if !has_disturbance() => Some("a [[disturbance.…]]"),

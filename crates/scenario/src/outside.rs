@@ -7,10 +7,8 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::own::{self, Section, is_name};
+use crate::plant::MODELS;
 use crate::schema;
-
-/// Models of plants that the format of rig files knows.
-const MODELS: [&str; 4] = ["sma", "dc_motor", "sma_pair", "fmu"];
 
 /// The tables from outside that a reader of a scenario admits.
 pub(crate) enum Outside {
@@ -22,12 +20,20 @@ pub(crate) enum Outside {
 }
 
 impl Outside {
-    /// Those of a recorded scenario: every table where a plant or a law is chosen that the format itself does not know.
+    /// Those of a recorded scenario: every law that the format itself does not know.
     pub(crate) fn from_recording(root: &DeTable<'_>) -> Self {
-        let tables = Section::ALL
-            .into_iter()
-            .flat_map(|section| strange_tables(root, section).map(move |name| (section, name)));
-        Self::Recorded(tables.collect())
+        let laws = root.get(Section::Controller.key());
+        let laws = laws.and_then(|laws| laws.get_ref().as_table());
+        let known = &schema::SHIPPED["definitions"]["Controller"]["properties"];
+        let tables = laws.into_iter().flat_map(DeTable::iter);
+        let tables = tables.filter(|(_, value)| value.get_ref().is_table());
+        let names = tables.map(|(key, _)| key.get_ref().as_ref());
+        let strange = names.filter(|name| is_name(name) && known.get(name).is_none());
+        Self::Recorded(
+            strange
+                .map(|name| (Section::Controller, name.to_owned()))
+                .collect(),
+        )
     }
 
     /// Those of the rig of a recording: every model of a plant that the format itself does not know.
@@ -70,13 +76,13 @@ impl Outside {
     /// What scenarios with these tables are checked against.
     pub(crate) fn schema(&self) -> Cow<'static, Value> {
         match self {
-            Self::Registered => Cow::Borrowed(&schema::SCENARIO),
+            Self::Registered => Cow::Borrowed(&schema::SECTIONS),
             Self::Recorded(tables) if tables.is_empty() => Cow::Borrowed(&schema::SHIPPED),
             Self::Recorded(tables) => {
                 let mut schema = schema::SHIPPED.clone();
-                for (section, name) in tables {
+                for (_, name) in tables {
                     // A schema without keywords admits everything.
-                    schema["definitions"][section.definition()]["properties"][name] = json!({});
+                    schema["definitions"]["Controller"]["properties"][name] = json!({});
                 }
                 Cow::Owned(schema)
             }
@@ -100,51 +106,25 @@ impl Outside {
         }
     }
 
-    /// Removes the tables from a document, since no type of ours has a field for them.
+    /// Removes the tables from a document, since no type of ours has a field for them: laws of a scenario, and the models of a rig
+    /// file's plants.
     pub(crate) fn remove_from(&self, root: &mut DeTable<'_>) {
-        for section in Section::ALL {
-            let Some(value) = root.get_mut(section.key()) else {
-                continue;
-            };
-            if let DeValue::Table(table) = value.get_mut() {
-                for name in self.names(section) {
-                    table.remove(name);
-                }
-            }
+        if let Some(laws) = root.get_mut(Section::Controller.key()) {
+            self.remove_names(Section::Controller, laws);
         }
-        if root.contains_key("node") {
-            self.remove_from_rig(root);
-        }
-    }
-
-    /// As [`Outside::remove_from`], from a rig file, whose plants have names.
-    fn remove_from_rig(&self, root: &mut DeTable<'_>) {
         let plants = root.get_mut(Section::Plant.key()).map(Spanned::get_mut);
-        let Some(DeValue::Table(plants)) = plants else {
-            return;
-        };
-        for (_, models) in plants.iter_mut() {
-            if let DeValue::Table(models) = models.get_mut() {
-                for name in self.names(Section::Plant) {
-                    models.remove(name);
-                }
+        if let Some(DeValue::Table(plants)) = plants {
+            for (_, models) in plants.iter_mut() {
+                self.remove_names(Section::Plant, models);
             }
         }
     }
-}
 
-/// Names of tables in a section of a document that the format does not know.
-fn strange_tables(root: &DeTable<'_>, section: Section) -> impl Iterator<Item = String> {
-    let table = root
-        .get(section.key())
-        .and_then(|value| value.get_ref().as_table());
-    let known = &schema::SHIPPED["definitions"][section.definition()]["properties"];
-    let tables = table
-        .into_iter()
-        .flat_map(|table| table.iter())
-        .filter(|(_, value)| value.get_ref().is_table());
-    let names = tables
-        .map(|(key, _)| key.get_ref().as_ref())
-        .filter(|name| is_name(name) && known.get(name).is_none());
-    names.map(str::to_owned).collect::<Vec<_>>().into_iter()
+    fn remove_names(&self, section: Section, tables: &mut Spanned<DeValue<'_>>) {
+        if let DeValue::Table(tables) = tables.get_mut() {
+            for name in self.names(section) {
+                tables.remove(name);
+            }
+        }
+    }
 }

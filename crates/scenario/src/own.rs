@@ -71,14 +71,6 @@ impl Section {
         }
     }
 
-    /// The name of the section's type in the schema.
-    pub(crate) const fn definition(self) -> &'static str {
-        match self {
-            Self::Plant => "Plant",
-            Self::Controller => "Controller",
-        }
-    }
-
     /// Sets the tables from outside for good; gives them back where that was done before.
     pub(crate) fn set_tables(self, tables: Vec<OwnTable>) -> Result<(), Vec<OwnTable>> {
         self.tables().set(tables)
@@ -227,14 +219,10 @@ pub(crate) fn describe(schema: &mut Value) {
     if let Some(models) = schema.pointer_mut("/definitions/PlantModel/properties") {
         describe_plants(models);
     }
-    for section in Section::ALL {
-        let place = format!("/definitions/{}/properties", section.definition());
-        let properties = schema.pointer_mut(&place);
-        let Some(properties) = properties.and_then(Value::as_object_mut) else {
-            continue;
-        };
-        for table in tables(section) {
-            properties.insert(table.name.to_owned(), table.schema.clone());
+    let laws = schema.pointer_mut("/definitions/Controller/properties");
+    if let Some(laws) = laws.and_then(Value::as_object_mut) {
+        for table in tables(Section::Controller) {
+            laws.insert(table.name.to_owned(), table.schema.clone());
         }
     }
 }

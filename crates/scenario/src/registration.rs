@@ -1,10 +1,9 @@
 //! Registers plants and laws from outside, once and before anything is read.
 
-use serde_json::Value;
-
+use crate::controller::Controller;
 use crate::fault::{Group, Kind};
 use crate::own::{OwnTable, Section, is_name};
-use crate::scenario::Scenario;
+use crate::plant::is_of_format;
 use crate::schema::schema_of;
 
 /// Why a plant or a law cannot be registered.
@@ -70,20 +69,18 @@ pub fn register(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOw
 /// # Errors
 /// It cannot be a table's, or is that of another one.
 pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
-    let schema = schema_of::<Scenario>();
     if !is_name(name) {
         return Err(InvalidOwn::Name(name.to_owned()));
     }
-    if RESERVED.contains(&name) || has_key(&schema, section.definition(), name) {
+    let is_taken = match section {
+        Section::Plant => is_of_format(name),
+        Section::Controller => schema_of::<Controller>()["properties"].get(name).is_some(),
+    };
+    if RESERVED.contains(&name) || is_taken {
         let name = name.to_owned();
         return Err(InvalidOwn::Taken { section, name });
     }
     Ok(())
-}
-
-fn has_key(schema: &Value, definition: &str, key: &str) -> bool {
-    let properties = &schema["definitions"][definition]["properties"];
-    properties.get(key).is_some()
 }
 
 /// Names that mean something else without being keys.

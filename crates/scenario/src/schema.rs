@@ -9,22 +9,22 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
 
+use crate::contour::Contours;
 use crate::fault;
-use crate::loops::Contours;
 use crate::null::TakeNullAway;
 use crate::own;
 use crate::rig::nodes::Rig;
-use crate::scenario::Scenario;
+use crate::run::Header;
 use crate::sweep::Swept;
-use crate::view::ControllerView;
+use crate::trial::Sections;
 use crate::wiring::Wiring;
 
 /// What is tried in a loop is checked against this. To make a schema takes most of the time that loading takes, so each is made once.
-pub(crate) static SCENARIO: LazyLock<Value> = LazyLock::new(schema_of::<Scenario>);
-/// As [`SCENARIO`], of a recording: the same without plants and laws from outside.
-pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Scenario>);
-/// What the controller checks of scenario files.
-pub(crate) static CONTROLLER_VIEW: LazyLock<Value> = LazyLock::new(schema_of::<ControllerView>);
+pub(crate) static SECTIONS: LazyLock<Value> = LazyLock::new(schema_of::<Sections>);
+/// As [`SECTIONS`], of a recording: the same without laws from outside.
+pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Sections>);
+/// What the keys of a scenario that are no tables are checked against.
+pub(crate) static HEADER: LazyLock<Value> = LazyLock::new(schema_of::<Header>);
 /// What rig files are checked against.
 pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<Rig>);
 
@@ -74,8 +74,8 @@ pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
 
 /// Whether a table of a scenario of one drive has such a key.
 pub(crate) fn is_key(table: &str, key: &str) -> bool {
-    let property = &SCENARIO["properties"][table];
-    let schema = resolve(&SCENARIO, property);
+    let property = &SECTIONS["properties"][table];
+    let schema = resolve(&SECTIONS, property);
     schema["properties"].get(key).is_some()
 }
 

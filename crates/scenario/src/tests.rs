@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use proptest::prelude::*;
 
-use crate::{ControllerView, Scenario, ScenarioError};
+use crate::{ControllerView, ScenarioError, Trial};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios")
@@ -52,8 +52,7 @@ const CLOSED: &str =
 
 #[track_caller]
 fn check(text: &str, expected: &str) {
-    let error =
-        Scenario::parse(text, "broken.toml", no_tables).expect_err("the scenario is broken");
+    let error = Trial::parse(text, "broken.toml", no_tables).expect_err("the scenario is broken");
     let rendered = render(&error);
     assert_eq!(rendered.trim(), expected.trim(), "\n{rendered}");
 }
@@ -173,7 +172,7 @@ fn the_problem_of_a_table_points_into_the_table() {
     let text =
         with("[controller.pid]\n[[reference.table]]\nfrom_seconds = 0.0\nfile = \"wave.csv\"\n");
     let table = "time_seconds,position_millimetres\n0.0,10.0\n0.5, high\n";
-    let error = Scenario::parse(&text, "broken.toml", |_| Ok(table.to_owned())).unwrap_err();
+    let error = Trial::parse(&text, "broken.toml", |_| Ok(table.to_owned())).unwrap_err();
     let expected = "
   × broken.toml is not a valid scenario
 
@@ -200,7 +199,7 @@ type Broken = (String, usize, usize, &'static str, &'static str);
 #[track_caller]
 fn check_broken<const N: usize>(cases: [Broken; N]) {
     for (text, line, column, message, label) in cases {
-        let error = Scenario::parse(&text, "broken.toml", no_tables).expect_err(message);
+        let error = Trial::parse(&text, "broken.toml", no_tables).expect_err(message);
         let rendered = render(&error);
         let [problem] = error.problems() else {
             panic!("{rendered}");
@@ -599,7 +598,7 @@ fn every_problem_of_a_table_has_its_line() {
 #[test]
 fn a_recorded_current_is_one_column_of_many() {
     let text = with("[[controller.open_loop.table]]\nfrom_seconds = 1.0\nfile = \"run.csv\"\n");
-    let parse = |table: &'static str| Scenario::parse(&text, "x.toml", |_| Ok(table.to_owned()));
+    let parse = |table: &'static str| Trial::parse(&text, "x.toml", |_| Ok(table.to_owned()));
     let scenario =
         parse("cycle,time_seconds,current_amperes,note\n0,0,0.5,a\n1,0.1,,b\n2,0.2,0.7,\n")
             .unwrap();
@@ -636,7 +635,7 @@ fn a_recorded_current_is_one_column_of_many() {
     }
     let column = text.replace("file =", "column = \"target_current_amperes\"\nfile =");
     let table = "time_seconds,current_amperes,target_current_amperes\n0,0.1,0.2\n";
-    let scenario = Scenario::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
+    let scenario = Trial::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
     let open_loop = scenario.controller.open_loop.unwrap();
     assert_eq!(open_loop.current_at(1.0), 0.2);
     // The controller reads it too.
@@ -650,7 +649,7 @@ fn a_nominal_model_in_a_file_takes_the_place_of_the_table() {
         "[controller.sliding_mode]\nnominal_model_file = \"model.toml\"\n\
          [controller.sliding_mode.nominal_model]\nload_kilograms = 0.05\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 1.0\n",
     );
-    let parse = |file: &str| Scenario::parse(&text, "x.toml", |_| Ok(file.to_owned()));
+    let parse = |file: &str| Trial::parse(&text, "x.toml", |_| Ok(file.to_owned()));
     let model = crate::controller::NominalModel {
         load_kilograms: 0.03,
         ..Default::default()
@@ -682,7 +681,7 @@ fn a_nominal_model_in_a_file_takes_the_place_of_the_table() {
         assert_eq!(error.problems()[0].to_string(), message);
         assert_eq!(error.problems()[0].file_name(), "model.toml");
     }
-    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     assert_eq!(error.problems()[0].line_and_column().unwrap().0, 6);
 }
 
@@ -700,7 +699,7 @@ fn files_and_tables_are_read_within_bounds() {
         "time_seconds,position_millimetres\n0,1\n2,3\n",
     )
     .unwrap();
-    let scenario = Scenario::load(&path).unwrap();
+    let scenario = Trial::load(&path).unwrap();
     assert_eq!(scenario.reference.at(1.0).position_metres, 0.002);
 
     fs::write(
@@ -712,7 +711,7 @@ fn files_and_tables_are_read_within_bounds() {
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink(folder.join("secret.csv"), inside.join("wave.csv")).unwrap();
-        let error = Scenario::load(&path).unwrap_err();
+        let error = Trial::load(&path).unwrap_err();
         assert!(
             render(&error).contains("it lies outside the scenario's folder"),
             "{}",
@@ -721,19 +720,19 @@ fn files_and_tables_are_read_within_bounds() {
     }
 
     fs::write(&path, "#".repeat((1 << 20) + 1)).unwrap();
-    let error = Scenario::load(&path).unwrap_err();
+    let error = Trial::load(&path).unwrap_err();
     assert_eq!(
         error.problems()[0].to_string(),
         "it is longer than 1048576 bytes"
     );
     fs::write(&path, [0xFF, 0xFE]).unwrap();
     assert!(
-        Scenario::load(&path).unwrap_err().problems()[0]
+        Trial::load(&path).unwrap_err().problems()[0]
             .to_string()
             .contains("UTF-8")
     );
-    assert!(Scenario::load(&folder).is_err());
-    let error = Scenario::load(&folder.join("missing.toml")).unwrap_err();
+    assert!(Trial::load(&folder).is_err());
+    let error = Trial::load(&folder.join("missing.toml")).unwrap_err();
     assert!(
         error.to_string().ends_with("missing.toml cannot be read"),
         "{error}"
@@ -747,7 +746,7 @@ fn the_controller_never_looks_at_the_plant() {
     let text = with(CLOSED)
         + "[plant.wire.heat]\nnonsense = 1\n[expect]\nnonsense = 2\n[disturbance]\nnonsense = 3\n[fault]\nnonsense = 4\n";
     assert_eq!(
-        Scenario::parse(&text, "x.toml", no_tables)
+        Trial::parse(&text, "x.toml", no_tables)
             .unwrap_err()
             .problems()
             .len(),
@@ -769,7 +768,7 @@ fn the_controller_never_looks_at_the_plant() {
 fn a_table_that_stands_twice_is_one_problem_that_names_both_places() {
     let pid = "[controller.pid]\nset_point_weight = 0.4\nproportional_amperes_per_metre = 20.0\n";
     let text = with(&format!("{pid}\n# Again.\n{pid}\n[plant]\n[bus]\n"));
-    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     let [problem] = error.problems() else {
         panic!("{:?}", error.problems());
     };
@@ -781,7 +780,7 @@ fn a_table_that_stands_twice_is_one_problem_that_names_both_places() {
     }
     // A key outside such a table is a problem of its own.
     let text = with("[bus]\nx = 1\n[bus]\nx = 1\n[plant]\na = 1\na = 2\n");
-    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     let problems: Vec<_> = error.problems().iter().map(ToString::to_string).collect();
     assert_eq!(problems, ["[bus] stands twice", "TOML syntax error"]);
 }
@@ -789,7 +788,7 @@ fn a_table_that_stands_twice_is_one_problem_that_names_both_places() {
 #[test]
 fn two_laws_are_one_problem_that_names_both() {
     let text = with("[controller.pid]\n[controller.open_loop]\n");
-    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     assert_eq!(error.problems().len(), 1);
     let rendered = render(&error);
     for label in ["the first law", "the second law"] {
@@ -800,14 +799,14 @@ fn two_laws_are_one_problem_that_names_both() {
 #[test]
 fn more_problems_than_fit_are_counted() {
     let text = with(CLOSED) + &"[[reference.step]]\nx = 1\n".repeat(100);
-    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     assert_eq!(error.problems().len(), 50);
     assert_eq!(
         error.to_string(),
         "x.toml is not a valid scenario: 300 problems, the first 50 of them"
     );
     let text = with(CLOSED) + &"[[reference.step]]\n".repeat(10_001);
-    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     assert_eq!(
         error.problems()[0].to_string(),
         "`reference.step` has 10001 entries"
@@ -817,15 +816,15 @@ fn more_problems_than_fit_are_counted() {
 #[test]
 fn deep_nesting_is_an_error_not_a_stack_overflow() {
     let text = with(&format!("x = {}", "[".repeat(100_000)));
-    assert!(Scenario::parse(&text, "x.toml", no_tables).is_err());
+    assert!(Trial::parse(&text, "x.toml", no_tables).is_err());
     let text = with(&format!("{} = 1", vec!["a"; 100_000].join(".")));
-    assert!(Scenario::parse(&text, "x.toml", no_tables).is_err());
+    assert!(Trial::parse(&text, "x.toml", no_tables).is_err());
 }
 
 #[test]
 fn a_place_in_an_endless_line_is_numbered_instead_of_underlined() {
     let text = with(&format!("x = {}", "[".repeat(100_000)));
-    let error = Scenario::parse(&text, "x.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
     let rendered = render(&error);
     assert!(rendered.len() < 5000, "{rendered}");
     assert!(rendered.contains("column 85"), "{rendered}");
@@ -836,7 +835,7 @@ fn a_place_in_an_endless_line_is_numbered_instead_of_underlined() {
 fn all_shipped_scenarios_load_and_name_their_schema() {
     assert!(shipped().len() >= 8);
     for path in shipped() {
-        let scenario = Scenario::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
+        let scenario = Trial::load(&path).unwrap_or_else(|error| panic!("{}", render(&error)));
         let text = fs::read_to_string(&path).unwrap();
         let beside = crate::Beside::new(&path);
         let view = ControllerView::parse(&text, "x.toml", |name| beside.read(name));
@@ -861,7 +860,7 @@ fn all_shipped_rigs_name_their_schema() {
 proptest! {
     #[test]
     fn arbitrary_text_never_panics(text in ".{0,400}") {
-        let _ = Scenario::parse(&text, "x.toml", no_tables);
+        let _ = Trial::parse(&text, "x.toml", no_tables);
         let _ = ControllerView::parse(&text, "x.toml", no_tables);
         let _ = parse_table(&text);
     }
@@ -878,7 +877,7 @@ proptest! {
         let at = at.index(text.len());
         let end = (at + length).min(text.len());
         let text: String = text[..at].iter().copied().chain(by.chars()).chain(text[end..].iter().copied()).collect();
-        if let Err(error) = Scenario::parse(&text, "x.toml", no_tables) {
+        if let Err(error) = Trial::parse(&text, "x.toml", no_tables) {
             prop_assert!(!error.problems().is_empty());
             prop_assert!(error.problems().iter().all(|problem| problem.line_and_column().is_some()));
             render(&error);
@@ -895,7 +894,7 @@ proptest! {
 #[test]
 fn a_law_in_capital_letters_is_known_by_its_nearest_name() {
     let text = with(CLOSED).replace("[controller.pid]", "[controller.PID]");
-    let error = Scenario::parse(&text, "broken.toml", no_tables).unwrap_err();
+    let error = Trial::parse(&text, "broken.toml", no_tables).unwrap_err();
     assert!(
         render(&error).contains("did you mean `pid`?"),
         "{}",
@@ -906,7 +905,7 @@ fn a_law_in_capital_letters_is_known_by_its_nearest_name() {
 #[test]
 fn one_kind_of_file_is_not_taken_for_the_other() {
     let rig = crate::rig::shipped::text("sma_actuator").unwrap();
-    let error = Scenario::parse(rig, "rig.toml", no_tables).unwrap_err();
+    let error = Trial::parse(rig, "rig.toml", no_tables).unwrap_err();
     assert_eq!(error.problems().len(), 1, "{}", render(&error));
     assert!(render(&error).contains("this is a rig file, not a scenario"));
     let error = crate::rig::nodes::Rig::parse(&with(CLOSED), "step.toml").unwrap_err();

@@ -1,5 +1,6 @@
 //! Plants and nominal models as TOML text.
 
+use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use schemars::JsonSchema;
@@ -11,15 +12,16 @@ use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::load::{build, none_of};
 use crate::outside::Outside;
-use crate::plant::Plant;
+use crate::plant::Sma;
 use crate::schema::schema_of;
 
 static NOMINAL_MODEL_FILE: LazyLock<Value> = LazyLock::new(schema_of::<NominalModelFile>);
 
-/// A file that has a `[plant]` table: a scenario, or a file that identification wrote. Its other tables are ignored.
+/// A file with other values for the plant of a rig, as a scenario has them. Its other tables are ignored.
 #[derive(Deserialize, Serialize)]
 struct PlantFile {
-    plant: Option<Plant>,
+    #[serde(default)]
+    plant: BTreeMap<String, Sma>,
 }
 
 /// A file with the model of a law.
@@ -56,22 +58,21 @@ impl NominalModel {
     }
 }
 
-impl Plant {
-    /// The `[plant]` table of a file's text, if there is one.
+impl Sma {
+    /// The actuator of a file's text, if there is one, by the name of its plant.
     ///
     /// # Errors
-    /// The text is no TOML, or the table describes no plant.
-    pub fn from_file_text(text: &str) -> Result<Option<Self>, toml::de::Error> {
-        toml::from_str(text).map(|file: PlantFile| file.plant)
+    /// The text is no TOML, or the table describes no actuator.
+    pub fn from_file_text(text: &str) -> Result<Option<(String, Self)>, toml::de::Error> {
+        toml::from_str(text).map(|file: PlantFile| file.plant.into_iter().next())
     }
 
-    /// The text of a file with this plant only.
+    /// The text of a file with these values for a plant, as a scenario has them.
     ///
     /// # Errors
     /// A value has no form in TOML.
-    pub fn to_file_text(&self) -> Result<String, toml::ser::Error> {
-        toml::to_string(&PlantFile {
-            plant: Some(self.clone()),
-        })
+    pub fn to_file_text(&self, plant: &str) -> Result<String, toml::ser::Error> {
+        let plant = BTreeMap::from([(plant.to_owned(), self.clone())]);
+        toml::to_string(&PlantFile { plant })
     }
 }

@@ -53,6 +53,8 @@ pub struct Wiring {
     pub load: Option<String>,
     /// The other outputs of its io node by name, each with the input of the plant that it drives.
     pub outputs: BTreeMap<String, String>,
+    /// The drive publishes the truth about its plant in every so many cycles.
+    pub truth_every_cycles: u8,
     /// The outputs of the plant that it publishes; those that are its own where nothing is said.
     pub record: Option<Vec<String>>,
     /// The inputs that other drives drive on the same plant, and whether one of them comes first.
@@ -93,6 +95,7 @@ impl Default for Wiring {
             fan: Some("convection_factor".to_owned()),
             load: Some("added_load_kilograms".to_owned()),
             outputs: BTreeMap::new(),
+            truth_every_cycles: 1,
             record: None,
             beside: Vec::new(),
             is_second: false,

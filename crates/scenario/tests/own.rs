@@ -3,10 +3,10 @@
 
 use std::sync::Once;
 
-use scenario::loops::Loops;
+use scenario::Scenario;
 use scenario::own::{OwnTable, Section};
 use scenario::registration::{InvalidOwn, register};
-use scenario::{Beside, ControllerView, Scenario};
+use scenario::{Beside, ControllerView, Trial};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -86,9 +86,9 @@ fn rig(model: &str) -> String {
     )
 }
 
-fn parsed(controller: &str, plant: &str) -> Result<Scenario, String> {
+fn parsed(controller: &str, plant: &str) -> Result<Trial, String> {
     register_once();
-    Scenario::parse(&text(controller), "t.toml", |_| Ok(rig(plant)))
+    Trial::parse(&text(controller), "t.toml", |_| Ok(rig(plant)))
         .map_err(|error| format!("{:?}", miette::Report::new(error)))
 }
 
@@ -198,15 +198,15 @@ fn what_the_bench_does_not_have_is_named() {
 }
 
 /// Reads a scenario from its folder, as that of a recording.
-fn recorded(controller: &str, plant: &str) -> Result<Scenario, String> {
+fn recorded(controller: &str, plant: &str) -> Result<Trial, String> {
     register_once();
     let folder = tempfile::tempdir().expect("a folder can be made");
     let path = folder.path().join("scenario.toml");
     std::fs::write(folder.path().join("rig.toml"), rig(plant)).expect("it can be written");
     let beside = Beside::new(&path);
-    let loaded = Loops::parse_recorded(&beside, text(controller), |_| Vec::new(), |_| None);
+    let loaded = Scenario::parse_recorded(&beside, text(controller), |_| Vec::new(), |_| None);
     loaded
-        .map(|(loops, _)| loops.loops[0].scenario.clone())
+        .map(|(loops, _)| loops.loops[0].clone())
         .map_err(|error| format!("{:?}", miette::Report::new(error)))
 }
 
@@ -224,7 +224,7 @@ fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
     let scenario = recorded(RELAY, "[plant.pendulum]\nmass_kilograms = 1.0\n").unwrap();
     assert_eq!(scenario.plant.name(), "pendulum");
     let scenario = recorded("[controller.pid]\n", "").unwrap();
-    assert_eq!(scenario.plant.name(), scenario::plant::SMA_ACTUATOR);
+    assert_eq!(scenario.plant.name(), scenario::plant::SMA);
 }
 
 #[test]

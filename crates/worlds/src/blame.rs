@@ -15,7 +15,7 @@ use rig::plan::{ControlLoop, Plan};
 
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
-use crate::names::{CONTROLLER, drive_name};
+use crate::names::{CONTROLLER, emulator_name};
 
 /// A bus that was in such a state so shortly before the end is why a node gave up.
 const BUS_TROUBLE: Duration = Duration::from_secs(1);
@@ -109,12 +109,10 @@ impl<'a> Seen<'a> {
     where
         'a: 'b,
     {
-        let plays = |one: &&ControlLoop| {
-            let names = one.loop_name.as_ref();
-            names.is_some_and(|names| names.plant == participant)
-        };
         let mut loops = self.plan.loops.iter();
-        loops.find(plays).map_or(participant, drive_name)
+        let is_played = |one: &&ControlLoop| one.loop_name().is_some();
+        let plays = loops.find(|one| is_played(one) && emulator_name(one) == participant);
+        plays.map_or(participant, |one| &one.nodes.drive.name)
     }
 
     /// A participant in a message: of a plant's emulator, with the drive that it plays.
@@ -129,7 +127,7 @@ impl<'a> Seen<'a> {
     /// The loop of a drive; the first one where no drive has that name.
     fn one(&self, drive: &str) -> &'a ControlLoop {
         let mut loops = self.plan.loops.iter();
-        let of_drive = loops.find(|one| drive_name(one) == drive);
+        let of_drive = loops.find(|one| one.nodes.drive.name == drive);
         of_drive.unwrap_or(self.plan.leading())
     }
 
@@ -247,7 +245,7 @@ impl<'a> Seen<'a> {
         // A drive that was only late may have been heard again since.
         let position = self.before(given_up).last_position(drive);
         let when = self.when_at(Some(given_up));
-        let patience = SILENT_PERIODS * one.scenario.bus.sync_period();
+        let patience = SILENT_PERIODS * one.trial.run.bus.sync_period();
         let silent = position
             .filter(|position| given_up > *position + patience)
             .and_then(|position| self.seconds(position));
@@ -282,7 +280,7 @@ impl<'a> Seen<'a> {
             }
         };
         let drive = drive.filter(|_| is_of_drive)?;
-        Some((drive_name(drive), noticed?))
+        Some((drive.nodes.drive.name.as_str(), noticed?))
     }
 
     /// The errors that nodes reported.
@@ -317,7 +315,7 @@ mod tests {
     use super::*;
     use canopen::CanFrame;
     use rig::catalogue::Catalogue;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     const POSITION: u16 = 0x190;
     const SYNC: u16 = 0x080;
@@ -325,7 +323,7 @@ mod tests {
     #[test]
     fn a_drive_that_is_given_up_is_amiss_since_its_last_position_before() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let frame = |milliseconds, id, data: &[u8]| {
             Stamped::new(Duration::from_millis(milliseconds), CanFrame::new(id, data))

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use controller::catalogue as laws;
 use plant_emulator::catalogue::PlantRow;
 use plant_emulator::{InvalidEmulator, catalogue as plants};
-use scenario::{Objection, Scenario};
+use scenario::{Objection, Trial};
 
 use rig::catalogue::Catalogue;
 
@@ -16,18 +16,18 @@ use crate::fmu_plant::{self, FmuPlant};
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
         plants::register_fmu(PlantRow::of::<FmuPlant>());
-        let find_terms = |scenario: &Scenario| laws::terms(&scenario.controller, &scenario.wiring);
+        let find_terms = |scenario: &Trial| laws::terms(&scenario.controller, &scenario.wiring);
         let catalogue = Catalogue::new(plants::ports, plant_objection);
         catalogue.with_laws(find_terms, law_objection)
     });
     &CATALOGUE
 }
 
-fn law_objection(scenario: &Scenario) -> Option<Objection> {
+fn law_objection(scenario: &Trial) -> Option<Objection> {
     laws::objection(&scenario.controller, &scenario.wiring)
 }
 
-fn plant_objection(scenario: &Scenario) -> Option<Objection> {
+fn plant_objection(scenario: &Trial) -> Option<Objection> {
     let plant = scenario.plant.name();
     if let Some(fmu) = &scenario.plant.fmu {
         return fmu_plant::objection(fmu);
@@ -60,7 +60,7 @@ mod tests {
                  austenite_modulus_pascals = {modulus}\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
-            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
             law_objection(&scenario).map(|objection| objection.path)
         };
         for law in ["sliding_mode", "sliding_mode_paper"] {
@@ -79,7 +79,7 @@ mod tests {
                 "schema = 1\nrig = \"{rig}\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}]\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
-            let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
             assert_eq!(catalogue().objections(&scenario), []);
         }
     }

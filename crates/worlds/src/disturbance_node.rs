@@ -11,7 +11,6 @@ use rig::plan::{ControlLoop, Plan};
 use scenario::fault::Faults;
 use scenario::node::Part;
 
-use crate::names;
 use crate::supervisor::Supervisor;
 use dbc::scenario_clock::ScenarioClock;
 
@@ -47,7 +46,7 @@ impl DisturbanceProducer {
                 frames.extend(disturbances(one)?);
             }
         }
-        frames.extend(stop_orders(&plan.shared.faults));
+        frames.extend(stop_orders(&plan.shared.run.faults));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
         Ok(Self {
             clock: plan.scenario_clock()?,
@@ -111,10 +110,10 @@ struct RealDrive {
 impl RealDrive {
     fn new(one: &ControlLoop) -> Self {
         let real = one.real_drive.as_ref();
-        let sync_period = one.scenario.bus.sync_period();
-        let unit = &one.scenario.wiring.unit;
+        let sync_period = one.trial.run.bus.sync_period();
+        let unit = &one.trial.wiring.unit;
         Self {
-            name: names::drive_name(one).to_owned(),
+            name: one.nodes.drive.name.clone(),
             node_id: NodeId::new(one.place.drive_node_id),
             supervisor: real.map(|drive| Supervisor::new(drive, sync_period, unit)),
         }
@@ -140,13 +139,13 @@ fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
 
 /// The RPDOs of the disturbance module.
 fn disturbances(one: &ControlLoop) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
-    let (disturbance, database) = (&one.scenario.disturbance, &one.database);
+    let (disturbance, database) = (&one.trial.disturbance, &one.database);
     let commands = disturbance.commands();
     let Some(io) = one.nodes.io.as_ref().filter(|_| !commands.is_empty()) else {
         return Ok(Vec::new());
     };
     let outputs = message_name(&io.name, RPDO1);
-    let wiring = &one.scenario.wiring;
+    let wiring = &one.trial.wiring;
     let require = |is_wired: bool, name| {
         let signal = is_wired.then(|| database.signal_of(&outputs, name));
         signal.transpose()

@@ -120,9 +120,11 @@ pub fn play(
         .collect();
     let participants = roles.into_iter().map(|role| role.participant);
     let faults = BusFaults::new(plan, seats)?;
-    let mut coordinator =
-        Coordinator::new(plan.shared.bus.bitrate_kilobits_per_second, participants)
-            .with_faults(faults);
+    let mut coordinator = Coordinator::new(
+        plan.shared.run.bus.bitrate_kilobits_per_second,
+        participants,
+    )
+    .with_faults(faults);
     capture.expect(frames_expected(plan));
     let mut taps = Taps { capture, wire };
     let (end, is_faulty) = (plan.duration(), plan.has_faults());
@@ -222,7 +224,8 @@ fn stop(
     reason = "positive numbers below a million"
 )]
 fn frames_expected(plan: &Plan) -> usize {
-    let cycles = 1e3 * plan.shared.duration_seconds / plan.shared.bus.sync_period_milliseconds;
+    let cycles =
+        1e3 * plan.shared.run.duration_seconds / plan.shared.run.bus.sync_period_milliseconds;
     (cycles * FRAMES_PER_CYCLE * plan.loops.len() as f64).min(FRAMES_EXPECTED_MAX) as usize
 }
 

@@ -23,14 +23,8 @@ pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> V
 /// The name of the participant that emulates a plant: the plant's where there are several.
 #[must_use]
 pub fn emulator_name(one: &ControlLoop) -> &str {
-    let plant = one.loop_name.as_ref().map(|names| names.plant.as_str());
-    plant.unwrap_or(PLANT_EMULATOR)
-}
-
-/// The name of the drive of a loop, as the rig file has it where there are several.
-pub(crate) fn drive_name(one: &ControlLoop) -> &str {
-    match one.loop_name {
-        Some(_) => &one.nodes.drive.name,
-        None => DRIVE,
+    match one.loop_name() {
+        Some(_) => &one.trial.wiring.plant,
+        None => PLANT_EMULATOR,
     }
 }

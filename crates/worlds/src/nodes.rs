@@ -5,12 +5,10 @@ use std::sync::Arc;
 use ::faults::{FaultKind, FaultPlan, Faulty};
 use canopen::Node;
 use controller::ControllerNode;
-use dbc::loops::seed_of_drive;
 use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
-use scenario::loops::{NodesOfLoop, OneLoop};
+use scenario::ControllerView;
 use scenario::rig::nodes::CONTROLLER_NODE_ID;
-use scenario::{ControllerView, Scenario};
 
 use crate::error::WorldError;
 use crate::names::{CONTROLLER, emulator_name};
@@ -23,22 +21,19 @@ use rig::plan::Plan;
 /// The plant cannot be emulated.
 pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldError> {
     let drives = plan.loops.iter().filter(|one| emulator_name(one) == name);
-    let scenarios = drives.clone().map(|one| Scenario {
-        seed: seed_of_drive(one.scenario.seed, one.place.drive_node_id),
-        ..one.scenario.clone()
-    });
-    let scenarios = Vec::from_iter(scenarios);
     let clock = plan.scenario_clock()?;
-    let drives = scenarios.iter().zip(drives);
-    let drives = drives.map(|(scenario, one)| DriveOf {
-        scenario,
+    // The participant of a rig's only plant has no name of its own, but the plant has.
+    let plant = drives
+        .clone()
+        .next()
+        .map(|one| one.trial.wiring.plant.as_str());
+    let plant = plant.filter(|plant| !plant.is_empty()).unwrap_or(name);
+    let drives = drives.map(|one| DriveOf {
+        trial: &one.trial,
         place: one.place,
         database: &one.database,
         clock: &clock,
     });
-    // The participant of a rig's only plant has no name of its own, but the plant has.
-    let plant = scenarios.first().map(|one| one.wiring.plant.as_str());
-    let plant = plant.filter(|plant| !plant.is_empty()).unwrap_or(name);
     let made = catalogue::emulator_of(plant, &Vec::from_iter(drives));
     made.map_err(|error| no_emulator(name, error))
 }
@@ -58,25 +53,16 @@ fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
 
 /// The part of a plan that the controller may know of one loop, and its drive where that is a real one.
 pub struct LoopView {
-    view: OneLoop<ControllerView>,
+    view: ControllerView,
     real_drive: Option<Arc<LoadedDrive>>,
 }
 
 /// The parts of a plan that the controller may know.
 #[must_use]
 pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
-    let views = plan.loops.iter().map(|one| {
-        let view = OneLoop {
-            name: one.name().to_owned(),
-            place: NodesOfLoop {
-                drive: one.nodes.drive.id,
-                io: one.nodes.io.as_ref().map(|io| io.id),
-                truth_every_cycles: one.place.truth_every_cycles,
-            },
-            scenario: one.scenario.controller_view(),
-        };
-        let real_drive = one.real_drive.clone();
-        LoopView { view, real_drive }
+    let views = plan.loops.iter().map(|one| LoopView {
+        view: one.trial.controller_view(),
+        real_drive: one.real_drive.clone(),
     });
     views.collect()
 }
@@ -124,5 +110,5 @@ pub fn faulty_controller(
 
 /// The faults of the controller.
 pub(crate) fn controller_faults(plan: &Plan) -> FaultPlan {
-    FaultPlan::new(&plan.shared.faults.at_controller(), CONTROLLER_NODE_ID)
+    FaultPlan::new(&plan.shared.run.faults.at_controller(), CONTROLLER_NODE_ID)
 }

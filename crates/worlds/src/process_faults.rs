@@ -52,7 +52,7 @@ impl ProcessFaults {
 #[cfg(test)]
 mod tests {
     use rig::catalogue::Catalogue;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     use super::*;
 
@@ -62,7 +62,7 @@ mod tests {
             [[fault.node.crash]]\nfrom_seconds = 3.0\nuntil_seconds = 4.0\nnode = \"controller\"\n\
             [[fault.node.hang]]\nfrom_seconds = 1.0\nnode = \"controller\"\n\
             [[fault.node.crash]]\nfrom_seconds = 2.0\nnode = \"drive\"\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let mut actions = ProcessFaults::new(&plan);
         assert_eq!(actions.due(Duration::ZERO), None);

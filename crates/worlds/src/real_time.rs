@@ -100,7 +100,7 @@ pub fn play(
     };
     let (end, mut reports) = with_reports(end, stopped);
     if let Some(controller) = reports.get_mut(CONTROLLER)
-        && plan.shared.faults.of("hang").next().is_some()
+        && plan.shared.run.faults.of("hang").next().is_some()
     {
         // Suspended on purpose, a loop wakes up late.
         controller.late.clear();
@@ -128,7 +128,7 @@ fn sent(
     reports: &mut BTreeMap<String, NodeReport>,
     by_bench: Vec<(u16, u64)>,
 ) -> Sent {
-    let is_killed = plan.shared.faults.of("crash").next().is_some();
+    let is_killed = plan.shared.run.faults.of("crash").next().is_some();
     let nodes = reports.iter_mut().map(|(name, report)| {
         let sent = std::mem::take(&mut report.sent);
         (name.as_str(), sent)

@@ -9,7 +9,7 @@ use recording::log::Stamped;
 use rig::plan::Plan;
 
 use crate::error::WorldError;
-use crate::names::{CONTROLLER, drive_name};
+use crate::names::CONTROLLER;
 
 /// A node without a frame for so long is gone.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
@@ -39,7 +39,7 @@ impl SilenceWatch {
         let period = plan.sync_period();
         let drives = plan.loops.iter().map(|one| {
             Ok(Drive {
-                name: drive_name(one).to_owned(),
+                name: one.nodes.drive.name.clone(),
                 position_id: one.position()?.raw_id(),
                 heard: Duration::ZERO,
             })

@@ -7,7 +7,7 @@ mod sensor;
 
 use std::time::Duration;
 
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::fault::{Fault, Faults, Group};
 
 use crate::sensor::Counts;
@@ -26,9 +26,9 @@ pub(crate) struct RigFaults {
 }
 
 impl RigFaults {
-    /// The faults of a scenario, which have not begun.
-    pub(crate) fn new(scenario: &Scenario) -> Self {
-        let faults = scenario.drive_faults();
+    /// The faults of a drive, which have not begun.
+    pub(crate) fn new(trial: &Trial, seed: u64) -> Self {
+        let faults = trial.drive_faults();
         let is_of_rig = |fault: &&Fault| !matches!(fault.kind.group, Group::Bus | Group::Node);
         let of_rig = faults.iter().filter(is_of_rig);
         let times = of_rig.flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
@@ -36,7 +36,7 @@ impl RigFaults {
         changes.sort_unstable();
         changes.dedup();
         Self {
-            sensor: SensorFaults::new(&faults, scenario.seed),
+            sensor: SensorFaults::new(&faults, seed),
             faults,
             changes,
             zero: None,
@@ -99,7 +99,7 @@ pub(crate) mod tests {
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
         );
-        let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table"));
-        scenario.unwrap().faults
+        let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table"));
+        scenario.unwrap().run.faults.clone()
     }
 }

@@ -1,5 +1,6 @@
 //! A small manager with a clock of its own: it plays the bus and the controller for the emulator.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use canopen::cia402::State;
@@ -7,7 +8,7 @@ use canopen::{AbortCode, CanFrame, Node, Progress};
 use plant_emulator::PlantEmulator;
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
-use scenario::Scenario;
+use scenario::{Run, Trial};
 
 pub(crate) const DRIVE: u16 = 0x10;
 pub(crate) const DISTURBANCE: u16 = 0x11;
@@ -20,22 +21,21 @@ pub(crate) fn milliseconds(number: u64) -> Duration {
 }
 
 /// A scenario with the default plant.
-pub(crate) fn scenario() -> Scenario {
-    Scenario {
-        schema: 1,
-        name: "nodes".to_owned(),
-        description: None,
-        requirements: Vec::new(),
-        seed: 42,
-        duration_seconds: 1.0,
-        bus: scenario::Bus::default(),
+pub(crate) fn scenario() -> Trial {
+    Trial {
+        run: Arc::new(Run {
+            name: "nodes".to_owned(),
+            seed: 42,
+            duration_seconds: 1.0,
+            ..Run::default()
+        }),
         controller: scenario::controller::Controller::default(),
         reference: scenario::reference::Reference::default(),
         disturbance: scenario::disturbance::Disturbance::default(),
-        faults: scenario::fault::Faults::default(),
-        plant: scenario::plant::Plant::default(),
         expect: scenario::expect::Expect::default(),
-        sweep: None,
+        plant: scenario::plant::PlantModel::default(),
+        sensor: scenario::plant::Sensor::default(),
+        amplifier: scenario::plant::Amplifier::default(),
         wiring: scenario::wiring::Wiring::default(),
     }
 }
@@ -63,9 +63,9 @@ impl Manager {
         Self::with(&scenario())
     }
 
-    pub(crate) fn with(scenario: &Scenario) -> Self {
+    pub(crate) fn with(scenario: &Trial) -> Self {
         Self {
-            emulator: PlantEmulator::new::<Actuator>(scenario, &scenario.plant)
+            emulator: PlantEmulator::new::<Actuator>(scenario, &scenario.plant.actuator().unwrap())
                 .expect("the default plant is valid"),
             now: Duration::ZERO,
             frames: Vec::new(),

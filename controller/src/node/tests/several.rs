@@ -17,9 +17,11 @@ fn bus() -> Bus {
 }
 
 fn bus_with(tables: [&str; 2]) -> Bus {
-    let views = tables.map(view);
-    let plans = views.iter().zip([DRIVE, SECOND]);
-    let plans = plans.map(|(view, node_id)| LoopPlan::emulated(view, node_id.get()).unwrap());
+    let mut views = tables.map(view);
+    for (view, node_id) in views.iter_mut().zip([DRIVE, SECOND]) {
+        view.wiring.nodes.drive.id = node_id.get();
+    }
+    let plans = views.iter().map(|view| LoopPlan::emulated(view).unwrap());
     let controller = ControllerNode::leading(plans.collect(), vec![DISTURBANCE]);
     Bus {
         controller: controller.unwrap(),

@@ -137,7 +137,7 @@ impl Play {
             .into_iter()
             .chain(set.map(|set| format!("--set {set}")));
         let kind = Vec::from_iter(kind).join(", ");
-        let name = &plan.shared.name;
+        let name = &plan.shared.run.name;
         Ok(Self {
             test: match kind.as_str() {
                 "" => name.clone(),
@@ -170,11 +170,11 @@ pub(super) fn latest(mut plays: Vec<Play>) -> Vec<Play> {
 /// Each requirement of a scenario with what tests it: rows, or the scenario as a whole.
 fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<String, Vec<Tested>> {
     let mut tested: BTreeMap<String, Vec<Tested>> = BTreeMap::new();
-    for id in &plan.shared.requirements {
+    for id in &plan.shared.run.requirements {
         tested.entry(id.clone()).or_default().push(test(None));
     }
     let of_loops = plan.loops.iter().flat_map(|one| {
-        let rows = one.scenario.expect.requirements_of_rows().into_iter();
+        let rows = one.trial.expect.requirements_of_rows().into_iter();
         rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
     });
     let of_contours = plan.shared.contours.iter().flat_map(|contour| {
@@ -195,7 +195,7 @@ fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
     let rows = plan
         .loops
         .iter()
-        .flat_map(|one| one.scenario.expect.timing.rows());
+        .flat_map(|one| one.trial.expect.timing.rows());
     rows.filter(|_| is_untimed).collect()
 }
 

@@ -76,7 +76,7 @@ impl SharedCampaign<'_> {
     /// Where the campaign's folder is or will be.
     pub(super) fn path(&self) -> PathBuf {
         let id = format!("{}-{}", self.cases.kind(), self.cases.id());
-        RunFolder::path_of(&self.output, &self.plan.shared.name, &id)
+        RunFolder::path_of(&self.output, &self.plan.shared.run.name, &id)
     }
 
     /// Makes the folder with all that the tasks need. The program is copied before anything was submitted.
@@ -167,7 +167,7 @@ impl SharedCampaign<'_> {
             Shard::WHOLE => id,
             _ => format!("{id}-{number}-of-{of}"),
         };
-        RunFolder::path_of(&self.path().join(PARTS), &self.plan.shared.name, &id)
+        RunFolder::path_of(&self.path().join(PARTS), &self.plan.shared.run.name, &id)
     }
 
     /// The parts that do not have all their rows. One that cannot be read is an error for all.

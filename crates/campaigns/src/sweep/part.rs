@@ -339,7 +339,7 @@ pub(crate) fn open_folder(
         Shard { number, of } => format!("-{number}-of-{of}"),
     };
     let id = format!("{}-{}{part}", cases.kind(), cases.id());
-    RunFolder::shared(parent, &plan.shared.name, &id, |folder| {
+    RunFolder::shared(parent, &plan.shared.run.name, &id, |folder| {
         for (name, text) in cases.files() {
             folder.ensure(name, text.as_bytes())?;
         }

@@ -72,7 +72,7 @@ impl SweepCases {
         let drawn = sweep.distributions().into_iter();
         Ok(Self {
             base: plan.clone(),
-            name: shared.name.clone(),
+            name: shared.run.name.clone(),
             document,
             id: id(
                 &format!("{}{}", env!("CARGO_PKG_VERSION"), shared.text),
@@ -311,7 +311,7 @@ fn way_of_draws(distribution: Distribution) -> String {
 
 #[cfg(test)]
 mod tests {
-    use scenario::Scenario;
+    use scenario::Trial;
 
     use super::*;
 
@@ -320,7 +320,7 @@ mod tests {
             "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
-        let scenario = Scenario::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
         SweepCases::new(&plan).unwrap()
     }
@@ -356,12 +356,15 @@ mod tests {
     fn a_case_is_the_scenario_with_its_values() {
         let cases = cases(GRID);
         let case = cases.case(11);
-        let scenario = &case.plan().unwrap().leading().scenario.clone();
-        assert_eq!(scenario.name, "s, case 11");
+        let scenario = &case.plan().unwrap().leading().trial.clone();
+        assert_eq!(scenario.run.name, "s, case 11");
         assert_eq!(scenario.reference.hold[0].position_millimetres, 15.0);
-        assert_eq!(scenario.plant.sensor.resolution_bits, 10);
-        assert_eq!(scenario.plant.mechanics.load_kilograms, cases.values(11)[2]);
-        assert!(scenario.sweep.is_none());
+        assert_eq!(scenario.sensor.resolution_bits, 10);
+        assert_eq!(
+            scenario.plant.load_kilograms().unwrap(),
+            cases.values(11)[2]
+        );
+        assert!(case.plan().unwrap().shared.sweep.is_none());
         let ids: BTreeSet<String> = (1..=12).map(|number| cases.case(number).id).collect();
         assert_eq!(ids.len(), 12);
     }

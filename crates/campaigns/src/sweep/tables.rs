@@ -145,7 +145,7 @@ mod tests {
     use proptest::prelude::*;
     use rig::plan::Plan;
     use runner::identity::identity;
-    use scenario::Scenario;
+    use scenario::Trial;
     use worlds::catalogue::catalogue;
 
     const TEXT: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
@@ -161,7 +161,7 @@ mod tests {
             value in -1e9..1e9_f64,
         ) {
             let text = format!("{first}{rest}");
-            let plan = Plan::new(Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap(), catalogue())
+            let plan = Plan::new(Trial::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap(), catalogue())
                 .from_file("s.toml", TEXT.to_owned());
             let cases = SweepCases::new(&plan).unwrap();
             let metrics = [text.clone()];
@@ -187,15 +187,15 @@ mod tests {
 
     /// What the scenario of a case has where the keys point.
     fn keys(cases: &SweepCases, case: usize) -> [f64; 2] {
-        let scenario = cases.case(case).plan().unwrap().leading().scenario.clone();
+        let scenario = cases.case(case).plan().unwrap().leading().trial.clone();
         let hold = &scenario.reference.hold[0];
-        let load = scenario.plant.mechanics.load_kilograms;
+        let load = scenario.plant.load_kilograms().unwrap();
         [hold.position_millimetres, load]
     }
 
     #[test]
     fn a_row_of_either_table_has_the_keys_of_its_own_case() {
-        let scenario = Scenario::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
         let identity = identity(&plan).unwrap();
         let cases = SweepCases::new(&plan).unwrap();

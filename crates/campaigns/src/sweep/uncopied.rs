@@ -63,7 +63,7 @@ mod tests {
     use std::fs::{self, File};
 
     use super::*;
-    use scenario::Scenario;
+    use scenario::Trial;
     use worlds::catalogue::catalogue;
 
     #[test]
@@ -72,7 +72,7 @@ mod tests {
         let path = folder.path().join("a.fmu");
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Scenario::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
         let mut plan = Plan::new(scenario, catalogue())
             .from_file(folder.path().join("s.toml"), text.to_owned());
         fs::write(&path, "one").unwrap();

@@ -101,7 +101,7 @@ impl TortureCases {
     }
 
     fn duration_seconds(&self) -> f64 {
-        self.plan.shared.duration_seconds
+        self.plan.shared.run.duration_seconds
     }
 
     fn row(&self, number: usize, seed: Option<u64>, broken: Option<BrokenInvariant>) -> SweepRow {
@@ -131,7 +131,7 @@ impl Cases for TortureCases {
     }
 
     fn name(&self) -> &str {
-        &self.plan.shared.name
+        &self.plan.shared.run.name
     }
 
     fn id(&self) -> &str {
@@ -187,7 +187,7 @@ impl Cases for TortureCases {
         let case = self.case(number).map_err(NoResult::Fault)?;
         let plan = case.plan().map_err(NoResult::Fault)?;
         let broken = play_one(number, &plan, watch, violation)?;
-        Ok(self.row(number, Some(plan.shared.seed), broken))
+        Ok(self.row(number, Some(plan.shared.run.seed), broken))
     }
 
     fn faulty(&self, number: usize, reason: String) -> SweepRow {
@@ -211,7 +211,7 @@ impl Cases for TortureCases {
 
 #[cfg(test)]
 mod tests {
-    use scenario::Scenario;
+    use scenario::Trial;
     use worlds::catalogue::catalogue;
 
     use super::*;
@@ -219,7 +219,7 @@ mod tests {
     fn cases(seed: u64) -> TortureCases {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
         TortureCases::new(&plan, Draws { runs: 2, seed })
     }
@@ -228,8 +228,8 @@ mod tests {
     fn seed_and_number_decide_what_is_drawn() {
         let drawn = |seed, number| {
             let case = cases(seed).case(number).unwrap();
-            let case = &case.plan().unwrap().leading().scenario.clone();
-            (case.seed, format!("{:?}", case.faults))
+            let case = &case.plan().unwrap().leading().trial.clone();
+            (case.run.seed, format!("{:?}", case.run.faults))
         };
         let first = drawn(1, 1);
         assert_eq!(first, drawn(1, 1));
@@ -244,7 +244,7 @@ mod tests {
         for number in 1..=20 {
             let values = cases.values(number);
             let case = cases.case(number).unwrap();
-            let faults = case.plan().unwrap().shared.faults;
+            let faults = case.plan().unwrap().shared.run.faults.clone();
             let counted: f64 = values.iter().sum();
             // A fault of the boot has no window.
             let of_boot = faults.iter().len() as f64 - counted;

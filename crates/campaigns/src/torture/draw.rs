@@ -41,8 +41,8 @@ impl Nodes {
         let drives = plan.loops.iter().map(|one| Drive {
             name: one.nodes.drive.name.clone(),
             node_id: one.place.drive_node_id,
-            plant_faults: one.scenario.plant.faults(),
-            wiring: one.scenario.wiring.clone(),
+            plant_faults: one.trial.plant.faults(),
+            wiring: one.trial.wiring.clone(),
         });
         Self {
             controller: plan.controller_name().to_owned(),
@@ -243,7 +243,7 @@ fn tenth_milliseconds(seconds: f64) -> f64 {
 mod tests {
     use std::collections::{BTreeMap, BTreeSet};
 
-    use scenario::Scenario;
+    use scenario::Trial;
     use worlds::catalogue::catalogue;
 
     use super::*;
@@ -253,7 +253,7 @@ mod tests {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
     fn nodes_of(text: &str) -> Nodes {
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         Nodes::of(&Plan::new(scenario, catalogue()))
     }
 
@@ -264,8 +264,8 @@ mod tests {
             let faults = mix(&mut Stream::new(seed), &nodes_of(BASE), 2.0);
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
-            let scenario = &plan.leading().scenario;
-            let kinds = Vec::from_iter(scenario.faults.iter().map(|fault| fault.kind.name));
+            let scenario = &plan.leading().trial;
+            let kinds = Vec::from_iter(scenario.run.faults.iter().map(|fault| fault.kind.name));
             assert!((1..=5).contains(&kinds.len()));
             drawn.extend(kinds);
         }
@@ -280,8 +280,8 @@ mod tests {
             let faults = mix(&mut Stream::new(seed), &nodes_of(&base), 2.0);
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
-            let scenario = &plan.leading().scenario;
-            drawn.extend(scenario.faults.iter().map(|fault| fault.kind.name));
+            let scenario = &plan.leading().trial;
+            drawn.extend(scenario.run.faults.iter().map(|fault| fault.kind.name));
         }
         assert!(drawn.contains("dropped_load") && !drawn.contains("ageing"));
     }

@@ -4,8 +4,7 @@ use std::time::Duration;
 
 use canopen::{CanFrame, NmtCommand, NodeId};
 use dbc::scenario_clock::SYNC_COB_ID;
-use scenario::Scenario;
-use scenario::plant::SMA_ACTUATOR;
+use scenario::Trial;
 
 use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;
@@ -53,8 +52,8 @@ pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
             frames: played.frames,
         };
         let BrokenInvariant { invariant, text } = violation_of_loop(&of_loop)?;
-        let text = match &one.loop_name {
-            Some(names) => format!("{}: {text}", names.name),
+        let text = match one.loop_name() {
+            Some(name) => format!("{name}: {text}"),
             None => text,
         };
         violated(invariant, text)
@@ -112,7 +111,7 @@ fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
 
 /// Of another plant nobody knows how hot it may be.
 fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
-    if played.own.scenario.plant.name() != SMA_ACTUATOR {
+    if played.own.trial.plant.actuator().is_none() {
         return None;
     }
     let is_hot = |truth: &&PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
@@ -166,13 +165,13 @@ fn no_current_without(
         while let Some(next) = times.next_if(|next| *next <= time) {
             last = f64::max(last, next);
         }
-        let is_over = time > played.own.scenario.duration_seconds;
+        let is_over = time > played.own.trial.run.duration_seconds;
         let silent = time - last;
         let heats = truth.current_amperes != 0.0;
         if heats
             && !is_over
             && silent > seconds_max
-            && !is_excused(&played.own.scenario, time, seconds_max)
+            && !is_excused(&played.own.trial, time, seconds_max)
         {
             let (milliseconds, amperes) = (silent * 1e3, truth.current_amperes);
             return violated(
@@ -194,7 +193,7 @@ fn is_of_manager(frame: &CanFrame, drive: u8) -> bool {
 }
 
 /// A drive that cannot act: dead with its current held, hanging or just awake, or its amplifier stuck on.
-fn is_excused(scenario: &Scenario, time_seconds: f64, seconds_max: f64) -> bool {
+fn is_excused(scenario: &Trial, time_seconds: f64, seconds_max: f64) -> bool {
     scenario.drive_faults().iter().any(|fault| {
         // The message needs its time on the bus.
         let over = match fault.kind.name {
@@ -226,7 +225,7 @@ mod tests {
     /// The invariant that a run breaks whose recording was changed.
     fn broken(change: impl Fn(&mut Vec<Stamped>, &mut Timeline)) -> Option<String> {
         let text = format!("{BASE}{HARMLESS}");
-        let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let found = play_one(0, &of_one_loop(scenario), &Watch::default(), |played| {
             let (mut frames, mut timeline) =
                 (played.frames.clone().into_vec(), played.timeline().clone());
@@ -312,7 +311,7 @@ mod tests {
         let window = "from_seconds = 0.3\nuntil_seconds = 0.4\n";
         let is_excused_at = |fault: &str, seconds: [f64; 3]| {
             let text = format!("{BASE}[[fault.{fault}\n{window}");
-            let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+            let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
             seconds.map(|seconds| is_excused(&scenario, seconds, 0.05))
         };
         for (fault, over) in [

@@ -287,14 +287,15 @@ mod tests {
         assert_eq!(case.violation().unwrap().invariant, "temperature");
         let shrunk = case.shrunk("temperature");
         assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
-        let scenario = &shrunk.plan().unwrap().leading().scenario.clone();
+        let scenario = &shrunk.plan().unwrap().leading().trial.clone();
         let kinds: Vec<_> = scenario
+            .run
             .faults
             .iter()
             .map(|fault| fault.kind.name)
             .collect();
         assert_eq!(kinds, ["stuck_on", "ageing"], "{}", shrunk.text());
-        assert!(scenario.duration_seconds < 3.0, "{}", shrunk.text());
+        assert!(scenario.run.duration_seconds < 3.0, "{}", shrunk.text());
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
         // Nothing smaller fails: it is a fixed point.
         assert_eq!(shrunk.shrunk("temperature"), shrunk);
@@ -305,9 +306,9 @@ mod tests {
     fn a_case_has_a_name_of_its_own_and_tests_no_requirement() {
         let base = BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller");
         let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
-        let scenario = &case.plan().unwrap().leading().scenario.clone();
-        assert_eq!(scenario.name, "t, torture");
-        assert!(scenario.requirements.is_empty());
+        let scenario = &case.plan().unwrap().leading().trial.clone();
+        assert_eq!(scenario.run.name, "t, torture");
+        assert!(scenario.run.requirements.is_empty());
     }
 
     #[test]

@@ -116,7 +116,7 @@ fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
 /// All breaches of a loop that last to the end.
 fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = Lasting> {
     let attribution = evidence.attribution();
-    let until = broke_off.unwrap_or_else(|| evidence.scenario.judged_end_seconds());
+    let until = broke_off.unwrap_or_else(|| evidence.trial.judged_end_seconds());
     let commands = Commands::Missed.totals(evidence);
     // The command of the last cycle may have been due after the end.
     let of_cycles = lasting(evidence, attribution.cycles(), attribution.due, broke_off);

@@ -44,7 +44,7 @@ impl ScenarioFaults {
             .faults()
             .filter(|fault| !is_late(fault) || is_felt(fault));
         let faults = Vec::from_iter(faults);
-        let drive = one.scenario.wiring.nodes.drive.id;
+        let drive = one.trial.wiring.nodes.drive.id;
         let touched = faults.iter().flat_map(|fault| touched(fault, drive));
         let watch = one.real_drive.as_ref().map_or(0.0, |drive| {
             f64::from(drive.real.timeouts.controller_lost_milliseconds) / 1e3

@@ -434,7 +434,7 @@ impl Totals {
 
 /// The cycles that should have been played: all of them where the run was to go on, even if nobody sent a SYNC any more.
 fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -> u64 {
-    let scenario = &one.scenario;
+    let scenario = &one.trial;
     if timeline.zero_seconds.is_none() {
         return 0;
     }
@@ -463,13 +463,13 @@ fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -
 
 /// Whether frames came until the scenario's end.
 pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> bool {
-    let is_sound = one.scenario.faults.is_empty();
+    let is_sound = one.trial.run.faults.is_empty();
     let tolerance = match is_sound {
         true => END_PERIODS * timeline.period_seconds,
         false => FAULTY_END_SECONDS,
     };
     timeline.zero_seconds.is_some()
-        && timeline.last_frame_seconds + tolerance >= one.scenario.duration_seconds
+        && timeline.last_frame_seconds + tolerance >= one.trial.run.duration_seconds
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use recording::losses::LostHeartbeat;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
 use rig::plan::Plan;
-use scenario::Scenario;
+use scenario::Trial;
 
 use super::*;
 
@@ -57,7 +57,7 @@ fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
             "[[fault.node.crash]]\nnode = \"controller\"\nfrom_seconds = {from:.2}\nuntil_seconds = {until:.2}\n"
         );
     }
-    let scenario = Scenario::parse(&text, "m.toml", |_| unreachable!("no table")).unwrap();
+    let scenario = Trial::parse(&text, "m.toml", |_| unreachable!("no table")).unwrap();
     let external = external.iter().map(ToString::to_string);
     let plan = Plan::new(scenario, &Catalogue::shipped());
     plan.recorded_external(&Vec::from_iter(external))

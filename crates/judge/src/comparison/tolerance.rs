@@ -85,7 +85,7 @@ impl Scale {
     /// The scale of a loop.
     #[must_use]
     pub fn of(one: &ControlLoop) -> Self {
-        let wiring = &one.scenario.wiring;
+        let wiring = &one.trial.wiring;
         let [min, max] = wiring.range();
         Self {
             prefix: one.prefix(),

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use recording::timeline::decode;
 use rig::catalogue::Catalogue;
 use rig::plan::Plan;
-use scenario::Scenario;
+use scenario::Trial;
 
 use crate::drawn::{Drawn, drawn};
 use crate::plain::{Rows, rows};
@@ -25,7 +25,7 @@ const CHECKS: [&str; 4] = [
 ];
 
 fn verdict(drawn: &Drawn) -> Verdict {
-    let scenario = Scenario::parse(&drawn.text(), "drawn.toml", |_| unreachable!("no table"));
+    let scenario = Trial::parse(&drawn.text(), "drawn.toml", |_| unreachable!("no table"));
     let scenario =
         scenario.unwrap_or_else(|error| panic!("{:?}\n{}", error.problems(), drawn.text()));
     let plan = Plan::new(scenario, &Catalogue::shipped());

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use dbc::Database;
-use scenario::Scenario;
-use scenario::plant::Plant;
+use scenario::plant::Sma;
 use serde::Serialize;
 
 use super::data::IdentificationData;
@@ -15,7 +14,7 @@ use super::fit::Fit;
 use super::nominal_model::nominal_model;
 use super::parameter::{self, Parameter};
 use super::picture;
-use super::played::text_on_shipped_rig;
+use super::played::{PLANT, text_on_shipped_rig};
 use super::report;
 use super::search::{self, SearchError, Solution};
 use super::start;
@@ -198,7 +197,7 @@ fn read_database(path: &Path) -> Result<Database, IdentifyFailure> {
 
 /// What is taken as known, and remarks on it.
 struct KnownPlant {
-    plant: Plant,
+    plant: Sma,
     notes: Vec<String>,
 }
 
@@ -208,13 +207,13 @@ fn known(
 ) -> Result<KnownPlant, IdentifyFailure> {
     let scenario = measurements
         .first()
-        .map(|measurement| measurement.scenario.plant.clone())
+        .and_then(|measurement| measurement.own.trial.plant.actuator())
         .unwrap_or_default();
     Ok(match &args.known {
         KnownChoice::Nominal => {
             let mut notes = vec!["All other parameters of the plant are taken to be nominal.".to_owned()];
             notes.extend(differences(&scenario));
-            KnownPlant { plant: Plant::default(), notes }
+            KnownPlant { plant: Sma::default(), notes }
         }
         KnownChoice::Scenario => KnownPlant {
             plant: scenario,
@@ -229,8 +228,8 @@ fn known(
 
 /// A note that the scenario's plant is not nominal: it may be what is known of the rig, or what identification must not
 /// know.
-fn differences(plant: &Plant) -> Option<String> {
-    let nominal = Plant::default();
+fn differences(plant: &Sma) -> Option<String> {
+    let nominal = Sma::default();
     let mut names: Vec<&str> = parameter::ALL
         .iter()
         .filter(|parameter: &&Parameter| parameter.get(plant) != parameter.get(&nominal))
@@ -241,7 +240,7 @@ fn differences(plant: &Plant) -> Option<String> {
     }
     (!names.is_empty()).then(|| {
         format!(
-            "The scenario's [plant] is not nominal in {}. This was not used; `--known scenario` uses it.",
+            "The scenario's plant is not nominal in {}. This was not used; `--known scenario` uses it.",
             names.join(", ")
         )
     })
@@ -270,31 +269,24 @@ fn write(
     notes: &[String],
 ) -> Result<PathBuf, Box<dyn std::error::Error>> {
     let first = fit.measurements.first().ok_or("no recording")?;
-    let played = &first.scenario;
-    let plant = Plant {
-        sensor: played.plant.sensor.clone(),
-        amplifier: played.plant.amplifier.clone(),
-        ..fit.plant(&found.statistics.values())
-    };
+    let run = &first.own.trial.run;
+    let plant = fit.plant(&found.statistics.values());
     let arguments = format!(
         "{:?}",
         (&args.recordings, &args.parameters, &args.start, &args.known)
     );
     let folder = RunFolder::create(
         &args.output,
-        &format!("identify {}", played.name),
-        played.seed,
+        &format!("identify {}", run.name),
+        run.seed,
         &arguments,
     )?;
     folder.write(name::REPORT, b"incomplete: the identification has not ended; if no process works on it any more, it broke off\n")?;
-    folder.write(name::PLANT, plant.to_file_text()?.as_bytes())?;
+    folder.write(name::PLANT, plant.to_file_text(PLANT)?.as_bytes())?;
     let model = nominal_model(&plant).to_file_text()?;
     folder.write(name::NOMINAL_MODEL, model.as_bytes())?;
-    let scenario = Scenario {
-        plant,
-        ..played.clone()
-    };
-    folder.write(file::SCENARIO, text_on_shipped_rig(&scenario)?.as_bytes())?;
+    let scenario = text_on_shipped_rig(&first.text, &first.own, &plant)?;
+    folder.write(file::SCENARIO, scenario.as_bytes())?;
     for (table, text) in &first.tables {
         folder.write(table, text.as_bytes())?;
     }
@@ -353,7 +345,7 @@ mod tests {
 
     #[test]
     fn a_plant_that_is_not_nominal_is_named() {
-        let mut plant = Plant::default();
+        let mut plant = Sma::default();
         assert_eq!(differences(&plant), None);
         plant.mechanics.load_kilograms = 0.05;
         plant.mechanics.stress_strain = StressStrain::Full;

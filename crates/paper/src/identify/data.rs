@@ -9,7 +9,7 @@ use dbc::{Database, SignalMissing, names};
 use plant_emulator::plant::Inputs;
 use scenario::plant::Sensor;
 use scenario::rig::RealDrive;
-use scenario::{Scenario, ScenarioError};
+use scenario::{ScenarioError, Trial};
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::{self, Stamped};
@@ -180,8 +180,10 @@ pub struct Stretch {
 pub struct IdentificationData {
     /// Where it came from.
     pub path: PathBuf,
-    /// The scenario that was played.
-    pub scenario: Scenario,
+    /// The text of the scenario that was played; empty where there is none.
+    pub text: String,
+    /// Its loop.
+    pub own: ControlLoop,
     /// The tables that it names, by these names.
     pub tables: BTreeMap<String, String>,
     /// The sensor that measured.
@@ -242,7 +244,7 @@ impl IdentificationData {
         };
         for one in &mut plan.loops {
             if let Some(drive) = &one.real_drive {
-                one.scenario.plant.sensor = sensor_of(&drive.real);
+                one.trial.sensor = sensor_of(&drive.real);
             }
         }
         if let Some(database) = database {
@@ -259,7 +261,7 @@ impl IdentificationData {
     pub fn from_frames(
         path: &Path,
         frames: &[Stamped],
-        scenario: Scenario,
+        scenario: Trial,
     ) -> Result<Self, RecordingFault> {
         let plan = Plan::new(scenario, catalogue()).with_database(&shipped());
         Self::from_plan(path, frames, &plan)
@@ -269,22 +271,23 @@ impl IdentificationData {
         let [only] = &plan.loops[..] else {
             return Err(RecordingFault::SeveralLoops(plan.loops.len()));
         };
-        let plant = only.scenario.plant.name();
-        if plant != scenario::plant::SMA_ACTUATOR {
-            return Err(RecordingFault::OtherPlant(plant.to_owned()));
+        let plant = &only.trial.plant;
+        if plant.actuator().is_none() {
+            return Err(RecordingFault::OtherPlant(plant.name().to_owned()));
         }
         let timelines = timeline::decode(frames, plan)?;
         let timeline = &timelines[0];
         check_frames(frames, only, timeline)?;
-        check_values(timeline, &only.scenario)?;
-        Ok(Self::build(path, timeline, &only.scenario, &plan.shared))
+        check_values(timeline, &only.trial)?;
+        Ok(Self::build(path, timeline, only, &plan.shared))
     }
 
-    fn build(path: &Path, timeline: &Timeline, scenario: &Scenario, shared: &Shared) -> Self {
+    fn build(path: &Path, timeline: &Timeline, own: &ControlLoop, shared: &Shared) -> Self {
         let mut measurement = Self {
             path: path.to_owned(),
-            sensor: scenario.plant.sensor.clone(),
-            scenario: scenario.clone(),
+            sensor: own.trial.sensor.clone(),
+            text: shared.text.clone(),
+            own: own.clone(),
             tables: shared.tables.clone(),
             stretches: Vec::new(),
             times_seconds: Vec::new(),
@@ -394,13 +397,13 @@ fn sensor_of(real: &RealDrive) -> Sensor {
     let resolution_bits = bits as u32;
     Sensor {
         resolution_bits,
-        span_millimetres: step * f64::from(1_u32 << resolution_bits),
+        span: step * f64::from(1_u32 << resolution_bits),
         ..Sensor::default()
     }
 }
 
 fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
-    sensor.span_millimetres / f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24))
+    sensor.span / f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24))
 }
 
 fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {
@@ -473,7 +476,7 @@ fn check_frames(
     Ok(())
 }
 
-fn check_values(timeline: &Timeline, scenario: &Scenario) -> Result<(), RecordingFault> {
+fn check_values(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
     check_plausible(timeline, scenario)?;
     let seconds = timeline.end_seconds();
     if seconds < DURATION_SECONDS_MIN {
@@ -483,9 +486,9 @@ fn check_values(timeline: &Timeline, scenario: &Scenario) -> Result<(), Recordin
     check_motion(timeline, scenario)
 }
 
-fn check_plausible(timeline: &Timeline, scenario: &Scenario) -> Result<(), RecordingFault> {
-    let span = scenario.plant.sensor.span_millimetres;
-    let current_max = scenario.plant.amplifier.current_amperes_max;
+fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
+    let span = scenario.sensor.span;
+    let current_max = scenario.amplifier.max;
     let quantities = [
         (
             "position",
@@ -540,8 +543,8 @@ fn check_gaps(timeline: &Timeline) -> Result<(), RecordingFault> {
     Ok(())
 }
 
-fn check_motion(timeline: &Timeline, scenario: &Scenario) -> Result<(), RecordingFault> {
-    let sensor = &scenario.plant.sensor;
+fn check_motion(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
+    let sensor = &scenario.sensor;
     let step = sensor_step_millimetres(sensor);
     let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let positions = timeline.position();
@@ -551,7 +554,7 @@ fn check_motion(timeline: &Timeline, scenario: &Scenario) -> Result<(), Recordin
         .copied()
         .find(|position| !position.is_nan())
         .unwrap_or(0.0);
-    let noise = sensor.noise_millimetres_rms;
+    let noise = sensor.noise_rms;
     if first > START_STEPS_MAX * (step + noise) {
         return Err(RecordingFault::NotAtRest { millimetres: first });
     }

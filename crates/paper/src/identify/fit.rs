@@ -1,7 +1,7 @@
 //! The question put to the optimisers: how far is the simulated position from the measured one?
 
 use plant_emulator::plants::sma::{self, Actuator, STEP_SECONDS_MAX};
-use scenario::plant::Plant;
+use scenario::plant::Sma;
 
 use super::data::IdentificationData;
 use super::parameter::{Inequality, Parameter, ordering};
@@ -14,7 +14,7 @@ pub struct Fit<'a> {
     /// What is sought.
     pub parameters: Vec<&'static Parameter>,
     /// Everything else of the plant.
-    pub known: Plant,
+    pub known: Sma,
     accuracy: Accuracy,
 }
 
@@ -51,7 +51,7 @@ impl<'a> Fit<'a> {
     pub fn new(
         measurements: &'a [IdentificationData],
         parameters: Vec<&'static Parameter>,
-        known: Plant,
+        known: Sma,
     ) -> Self {
         let accuracy = Accuracy::Full;
         Self {
@@ -81,7 +81,7 @@ impl<'a> Fit<'a> {
 
     /// The known plant with these values of the parameters.
     #[must_use]
-    pub fn plant(&self, values: &[f64]) -> Plant {
+    pub fn plant(&self, values: &[f64]) -> Sma {
         let mut plant = self.known.clone();
         for (parameter, value) in self.parameters.iter().zip(values) {
             parameter.set(&mut plant, *value);
@@ -91,7 +91,7 @@ impl<'a> Fit<'a> {
 
     /// The values that the parameters have in a plant.
     #[must_use]
-    pub fn values_of(&self, plant: &Plant) -> Vec<f64> {
+    pub fn values_of(&self, plant: &Sma) -> Vec<f64> {
         self.parameters
             .iter()
             .map(|parameter| parameter.get(plant))
@@ -165,7 +165,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    fn simulate(&self, plant: &Plant, measurement: &IdentificationData) -> Vec<f64> {
+    fn simulate(&self, plant: &Sma, measurement: &IdentificationData) -> Vec<f64> {
         let mut actuator = Actuator::new(plant).continued_with_step(self.step_seconds());
         let mut positions = vec![0.0; measurement.positions_metres.len()];
         for stretch in &measurement.stretches {

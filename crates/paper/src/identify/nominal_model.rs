@@ -1,12 +1,12 @@
 //! A plant as the controller's model of it.
 
 use scenario::controller::NominalModel;
-use scenario::plant::Plant;
+use scenario::plant::Sma;
 
 /// The model with the plant's numbers. Its equations are those of the plant's simpler law of stress and strain.
 #[must_use]
-pub fn nominal_model(plant: &Plant) -> NominalModel {
-    let Plant {
+pub fn nominal_model(plant: &Sma) -> NominalModel {
+    let Sma {
         heat,
         phase,
         mechanics,
@@ -43,6 +43,6 @@ mod tests {
 
     #[test]
     fn the_nominal_plant_gives_the_nominal_model() {
-        assert_eq!(nominal_model(&Plant::default()), NominalModel::default());
+        assert_eq!(nominal_model(&Sma::default()), NominalModel::default());
     }
 }

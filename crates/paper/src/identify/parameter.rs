@@ -1,6 +1,6 @@
 //! The plant's parameters by name, with the ranges in which they are sought.
 
-use scenario::plant::Plant;
+use scenario::plant::Sma;
 
 /// Smallest distance between start and finish of a transformation.
 const TRANSFORMATION_KELVINS_MIN: f64 = 1.0;
@@ -17,19 +17,19 @@ pub struct Parameter {
     pub lower: f64,
     /// Largest value that is tried.
     pub upper: f64,
-    field: fn(&mut Plant) -> &mut f64,
+    field: fn(&mut Sma) -> &mut f64,
 }
 
 impl Parameter {
     /// Its value in a plant.
     #[must_use]
-    pub fn get(&self, plant: &Plant) -> f64 {
+    pub fn get(&self, plant: &Sma) -> f64 {
         // The accessor needs `&mut`; a plant is a hundred numbers, and this is not called in loops.
         *(self.field)(&mut plant.clone())
     }
 
     /// Gives it a value in a plant.
-    pub fn set(&self, plant: &mut Plant, value: f64) {
+    pub fn set(&self, plant: &mut Sma, value: f64) {
         *(self.field)(plant) = value;
     }
 
@@ -195,14 +195,14 @@ pub struct Inequality {
 /// The order of the transformation temperatures, `As < Af` and `Mf < Ms`; a temperature that is not among the
 /// parameters has its value in `plant`.
 #[must_use]
-pub fn ordering(parameters: &[&Parameter], plant: &Plant) -> Vec<Inequality> {
+pub fn ordering(parameters: &[&Parameter], plant: &Sma) -> Vec<Inequality> {
     ORDERED
         .iter()
         .filter_map(|(cold, hot)| order(parameters, plant, cold, hot))
         .collect()
 }
 
-fn order(parameters: &[&Parameter], plant: &Plant, cold: &str, hot: &str) -> Option<Inequality> {
+fn order(parameters: &[&Parameter], plant: &Sma, cold: &str, hot: &str) -> Option<Inequality> {
     let mut inequality = Inequality {
         coefficients: vec![0.0; parameters.len()],
         limit: -TRANSFORMATION_KELVINS_MIN,
@@ -251,9 +251,9 @@ mod tests {
 
     #[test]
     fn every_parameter_reads_and_writes_its_own_field() {
-        let nominal = toml::Table::try_from(Plant::default()).unwrap();
+        let nominal = toml::Table::try_from(Sma::default()).unwrap();
         for parameter in &ALL {
-            let value = parameter.get(&Plant::default());
+            let value = parameter.get(&Sma::default());
             assert!(
                 (parameter.lower..=parameter.upper).contains(&value),
                 "{}",
@@ -266,7 +266,7 @@ mod tests {
                 "{}",
                 parameter.path
             );
-            let mut changed = Plant::default();
+            let mut changed = Sma::default();
             parameter.set(&mut changed, 2.0 * value);
             assert_eq!(parameter.get(&changed), 2.0 * value);
         }
@@ -274,7 +274,7 @@ mod tests {
 
     #[test]
     fn the_order_binds_free_temperatures_to_fixed_ones() {
-        let plant = Plant::default();
+        let plant = Sma::default();
         let both = ordering(&parse_list("C,As,Af").unwrap(), &plant);
         assert_eq!(both.len(), 1);
         assert_eq!(both[0].coefficients, [0.0, 1.0, -1.0]);

@@ -1,39 +1,84 @@
 //! The text of a scenario that plays an identified plant.
 
-use scenario::Scenario;
-use scenario::plant::{Amplifier, Sensor};
-use toml::Table;
+use rig::plan::ControlLoop;
+use scenario::plant::{Amplifier, Sensor, Sma};
+use toml::{Table, Value};
 
-/// The rig that emulates the plant, whatever rig it was identified on.
+/// The rig that emulates the plant, whatever rig it was identified on, and its plant and its loop.
 const RIG: &str = "sma_actuator";
+pub(super) const PLANT: &str = "wire";
+const LOOP: &str = "position";
 
-/// The scenario of one loop with its plant, sensor and amplifier, on the rig that ships.
+/// The text of a scenario of one loop with this plant, on the rig that ships.
 ///
 /// # Errors
-/// A value has no form in TOML.
-pub fn text_on_shipped_rig(scenario: &Scenario) -> Result<String, toml::ser::Error> {
-    let plant = &scenario.plant;
+/// The text is no TOML, or a value has no form in it.
+pub fn text_on_shipped_rig(
+    text: &str,
+    own: &ControlLoop,
+    plant: &Sma,
+) -> Result<String, Box<dyn std::error::Error>> {
+    let mut table: Table = text.parse()?;
+    table.remove("plant");
+    table.remove("node");
+    table.insert("rig".to_owned(), RIG.into());
+    let bus = Value::try_from(&own.trial.run.bus)?;
+    table.insert("bus".to_owned(), bus);
+    let names = names(own);
+    for section in ["controller", "expect"] {
+        if let Some(Value::Table(by_loop)) = table.get_mut(section)
+            && let Some(of_loop) = by_loop.remove(&own.trial.wiring.of_loop)
+        {
+            by_loop.insert(LOOP.to_owned(), of_loop);
+        }
+    }
+    for section in ["reference", "disturbance", "fault"] {
+        if let Some(value) = table.get_mut(section) {
+            rename(value, &names);
+        }
+    }
     let Sensor {
         resolution_bits,
-        span_millimetres,
-        noise_millimetres_rms,
-    } = plant.sensor;
+        span,
+        noise_rms,
+    } = own.trial.sensor;
     let Amplifier {
-        current_amperes_min,
-        current_amperes_max,
+        min,
+        max,
         resolution_bits: amplifier_bits,
-    } = plant.amplifier;
-    let mut table = Table::try_from(scenario)?;
-    table.remove("plant");
-    table.insert("rig".to_owned(), RIG.into());
+    } = own.trial.amplifier;
     let table = toml::to_string(&table)?;
-    let heat = toml::to_string(&plant.heat)?;
-    let phase = toml::to_string(&plant.phase)?;
-    let mechanics = toml::to_string(&plant.mechanics)?;
+    let plant = plant.to_file_text(PLANT)?;
     Ok(format!(
-        "{table}\n[node.drive.sensor]\nmax = {span_millimetres:?}\nresolution_bits = {resolution_bits}\n\
-         noise_rms = {noise_millimetres_rms:?}\n\n[node.drive.amplifier]\nmin = {current_amperes_min:?}\n\
-         max = {current_amperes_max:?}\nresolution_bits = {amplifier_bits}\n\n[plant.wire.heat]\n{heat}\n\
-         [plant.wire.phase]\n{phase}\n[plant.wire.mechanics]\n{mechanics}"
+        "{table}\n[node.drive.sensor]\nmax = {span:?}\nresolution_bits = {resolution_bits}\nnoise_rms = {noise_rms:?}\n\n\
+         [node.drive.amplifier]\nmin = {min:?}\nmax = {max:?}\nresolution_bits = {amplifier_bits}\n\n{plant}"
     ))
+}
+
+/// The names of the loop and its nodes, each with that of the rig that ships.
+fn names(own: &ControlLoop) -> Vec<(&str, &'static str)> {
+    let nodes = &own.nodes;
+    let io = nodes.io.iter().map(|io| (io.name.as_str(), "disturbance"));
+    let others = [
+        (own.trial.wiring.of_loop.as_str(), LOOP),
+        (nodes.controller.name.as_str(), "controller"),
+        (nodes.drive.name.as_str(), "drive"),
+    ];
+    others.into_iter().chain(io).collect()
+}
+
+/// Gives texts that are names the names of the rig that ships.
+fn rename(value: &mut Value, names: &[(&str, &'static str)]) {
+    match value {
+        Value::String(text) => {
+            if let Some((_, shipped)) = names.iter().find(|(name, _)| name == text) {
+                *text = (*shipped).to_owned();
+            }
+        }
+        Value::Array(values) => values.iter_mut().for_each(|value| rename(value, names)),
+        Value::Table(table) => {
+            table.iter_mut().for_each(|(_, value)| rename(value, names));
+        }
+        _ => {}
+    }
 }

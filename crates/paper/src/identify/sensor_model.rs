@@ -16,10 +16,10 @@ impl SensorModel {
     #[must_use]
     pub fn new(sensor: &Sensor) -> Self {
         let counts = f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24));
-        let span = sensor.span_millimetres * 1e-3;
+        let span = sensor.span * 1e-3;
         Self {
             upper_metres: span * (counts - 1.0) / counts,
-            noise_metres_rms: sensor.noise_millimetres_rms * 1e-3,
+            noise_metres_rms: sensor.noise_rms * 1e-3,
         }
     }
 
@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn the_mean_is_the_emulated_sensors() {
         let sensor = Sensor {
-            noise_millimetres_rms: 60.0 / 1024.0,
+            noise_rms: 60.0 / 1024.0,
             ..Sensor::default()
         };
         let model = SensorModel::new(&sensor);

@@ -3,8 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use scenario::plant::Plant;
-use toml::Table;
+use scenario::plant::Sma;
 
 use super::fit::{Fit, mean_square};
 
@@ -33,7 +32,7 @@ pub enum Start {
     Section3,
     /// The nominal plant's, which are the paper's identified values.
     Nominal,
-    /// The `[plant]` table of a file.
+    /// The plant of a file.
     File(PathBuf),
 }
 
@@ -45,30 +44,21 @@ pub struct PlantFileError {
     reason: String,
 }
 
-/// Reads the plant of a file, `[plant]` where identification wrote it and `[plant.wire]` in a scenario; other tables are not looked at.
+/// Reads the plant of a file, as `[plant.NAME]` of a scenario has it; other tables are not looked at.
 ///
 /// # Errors
 /// The file cannot be read or has no such table.
-pub fn read_plant(path: &Path) -> Result<Plant, PlantFileError> {
+pub fn read_plant(path: &Path) -> Result<Sma, PlantFileError> {
     let fault = |reason: String| PlantFileError {
         path: path.to_owned(),
         reason,
     };
     let text =
         scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| fault(error.to_string()))?;
-    let of_scenario = of_scenario(&text);
-    Plant::from_file_text(of_scenario.as_deref().unwrap_or(&text))
+    Sma::from_file_text(&text)
         .map_err(|error| fault(error.message().to_owned()))?
-        .ok_or_else(|| fault("it has no table [plant]".to_owned()))
-}
-
-/// The plant of a scenario on the rig that ships, as identification writes it.
-fn of_scenario(text: &str) -> Option<String> {
-    let mut file: Table = text.parse().ok()?;
-    let wire = file.get("plant")?.get("wire")?.clone();
-    file.clear();
-    file.insert("plant".to_owned(), wire);
-    toml::to_string(&file).ok()
+        .map(|(_, plant)| plant)
+        .ok_or_else(|| fault("it has no table [plant.NAME]".to_owned()))
 }
 
 impl FromStr for Start {
@@ -88,8 +78,8 @@ impl Start {
     ///
     /// # Errors
     /// The file cannot be used.
-    pub fn plant(&self) -> Result<Plant, PlantFileError> {
-        let mut plant = Plant::default();
+    pub fn plant(&self) -> Result<Sma, PlantFileError> {
+        let mut plant = Sma::default();
         match self {
             Self::Nominal => {}
             Self::File(path) => return read_plant(path),
@@ -163,10 +153,10 @@ mod tests {
     #[test]
     fn a_scenario_has_its_plant_under_a_name() {
         let text = |table| format!("name = \"t\"\n[{table}.mechanics]\nload_kilograms = 0.05\n");
-        let plant = of_scenario(&text("plant.wire")).unwrap();
-        let plant = Plant::from_file_text(&plant).unwrap().unwrap();
-        assert_eq!(plant.mechanics.load_kilograms, 0.05);
-        assert_eq!(of_scenario(&text("plant")), None);
+        let read = |table| Sma::from_file_text(&text(table));
+        let (name, plant) = read("plant.wire").unwrap().unwrap();
+        assert_eq!((&*name, plant.mechanics.load_kilograms), ("wire", 0.05));
+        assert!(read("plant").is_err());
     }
 
     #[test]
@@ -174,6 +164,6 @@ mod tests {
         let plant = Start::Section3.plant().unwrap();
         assert_eq!(plant.heat.conduction_watts_per_metre_kelvin, 0.4);
         assert_eq!(plant.phase.martensite_finish_celsius, 42.0);
-        assert_eq!(plant.mechanics, Plant::default().mechanics);
+        assert_eq!(plant.mechanics, Sma::default().mechanics);
     }
 }

@@ -362,7 +362,7 @@ impl Replicas {
 fn is_noisy(fit: &Fit<'_>) -> bool {
     fit.measurements
         .iter()
-        .any(|measurement| measurement.sensor.noise_millimetres_rms > 0.0)
+        .any(|measurement| measurement.sensor.noise_rms > 0.0)
 }
 
 /// RMS of the residual that the sensor alone would leave for this motion.

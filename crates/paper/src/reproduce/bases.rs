@@ -1,7 +1,7 @@
 //! The scenario files that the experiments start from. They are part of the program, so it needs no checkout.
 
-use scenario::Scenario;
-use scenario::plant::Plant;
+use scenario::Trial;
+use scenario::plant::PlantModel;
 
 use campaigns::sweep::sweep_cases::SweepCases;
 use rig::plan::Plan;
@@ -11,7 +11,7 @@ macro_rules! bases {
     ($($name:ident),*) => {
         $(
             #[doc = concat!("`scenarios/", stringify!($name), ".toml`.")]
-            pub(super) fn $name() -> Scenario {
+            pub(super) fn $name() -> Trial {
                 let name = concat!(stringify!($name), ".toml");
                 let text = include_str!(concat!("../../../../scenarios/", stringify!($name), ".toml"));
                 parse(name, text)
@@ -21,7 +21,7 @@ macro_rules! bases {
         #[test]
         fn every_base_is_valid() {
             for base in [$($name),*] {
-                assert!(!base().name.is_empty());
+                assert!(!base().run.name.is_empty());
             }
         }
     };
@@ -52,13 +52,13 @@ pub(super) fn plants() -> SweepCases {
 }
 
 /// A plant that no law has as its model: the first of [`plants`].
-pub(super) fn twin() -> Plant {
+pub(super) fn twin() -> PlantModel {
     let plan = plants().case(1).plan();
     let plan = plan.expect("a test plays every plant");
-    plan.leading().scenario.plant.clone()
+    plan.leading().trial.plant.clone()
 }
 
-fn parse(name: &str, text: &str) -> Scenario {
+fn parse(name: &str, text: &str) -> Trial {
     let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
-    Scenario::parse(text, name, no_table).expect("a test parses every base")
+    Trial::parse(text, name, no_table).expect("a test parses every base")
 }

@@ -1,7 +1,8 @@
 //! How fast it goes down: a step, with the thermoelectric element and without it.
 
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::expect::Expect;
+use scenario::plant::{PlantModel, Sma};
 
 use super::bases;
 use super::experiment::{Evaluation, Experiment, Figure, Keep, Kept, PlannedRun, span};
@@ -26,9 +27,9 @@ pub(super) fn experiments() -> Vec<Experiment> {
 }
 
 /// As the step, the other way.
-fn down() -> Scenario {
+fn down() -> Trial {
     let mut scenario = bases::step();
-    scenario.name = "25 mm down from a warm hold".to_owned();
+    scenario.run_mut().name = "25 mm down from a warm hold".to_owned();
     let reference = &mut scenario.reference;
     reference.hold[0].position_millimetres = 35.0;
     reference.step[0].position_millimetres = 10.0;
@@ -50,16 +51,16 @@ fn step_down() -> Experiment {
 
 fn cooling() -> Experiment {
     let keep = Keep::Signals(span(9.5, 10.0 + COOLING_SECONDS));
-    let with = Scenario {
-        duration_seconds: 10.0 + COOLING_SECONDS,
-        ..down()
-    };
-    let mut without = Scenario {
-        name: "25 mm down without the thermoelectric element".to_owned(),
+    let mut with = down();
+    with.run_mut().duration_seconds = 10.0 + COOLING_SECONDS;
+    let mut air_alone = Sma::default();
+    air_alone.heat.conduction_watts_per_metre_kelvin = CONDUCTION_WITHOUT;
+    let mut without = Trial {
         expect: Expect::default(),
+        plant: PlantModel::of_sma(air_alone),
         ..with.clone()
     };
-    without.plant.heat.conduction_watts_per_metre_kelvin = CONDUCTION_WITHOUT;
+    without.run_mut().name = "25 mm down without the thermoelectric element".to_owned();
     if let Some(law) = &mut without.controller.sliding_mode {
         law.nominal_model.conduction_watts_per_metre_kelvin = CONDUCTION_WITHOUT;
     }

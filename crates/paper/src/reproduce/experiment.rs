@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::controller::{Controller, NominalModel, Pid, SlidingMode, SlidingModePaper};
 use scenario::events::Window;
 use scenario::expect::Expect;
-use scenario::plant::{Plant, StressStrain};
+use scenario::plant::{Sma, StressStrain};
 
 use super::bases;
 use super::quantity::{Model, Paper, Quantity};
@@ -45,7 +45,7 @@ pub struct PlannedRun {
     /// What distinguishes it from the others of the experiment.
     pub label: String,
     /// What is played.
-    pub scenario: Scenario,
+    pub scenario: Trial,
     /// What is kept of it besides its verdict.
     pub keep: Keep,
 }
@@ -66,7 +66,7 @@ pub struct Kept {
     /// As in [`PlannedRun`].
     pub label: String,
     /// What was played.
-    pub scenario: Scenario,
+    pub scenario: Trial,
     /// What it came to.
     pub verdict: Verdict,
     /// The signals that were kept.
@@ -193,14 +193,14 @@ impl ComparedLaw {
 
     /// The same scenario under this law. The limits are meant for `sliding_mode`; others are only reported.
     #[must_use]
-    pub fn plays(self, base: &Scenario) -> Scenario {
-        let mut scenario = Scenario {
+    pub fn plays(self, base: &Trial) -> Trial {
+        let mut scenario = Trial {
             controller: self.controller(),
             ..base.clone()
         };
         if self != Self::SlidingMode {
             scenario.expect = Expect::default();
-            scenario.name += &format!(", {}", self.name());
+            scenario.run_mut().name += &format!(", {}", self.name());
         }
         scenario
     }
@@ -219,7 +219,7 @@ impl ComparedLaw {
 impl PlannedRun {
     /// A scenario as it stands.
     #[must_use]
-    pub fn new(label: impl Into<String>, scenario: Scenario, keep: Keep) -> Self {
+    pub fn new(label: impl Into<String>, scenario: Trial, keep: Keep) -> Self {
         Self {
             label: label.into(),
             scenario,
@@ -229,22 +229,22 @@ impl PlannedRun {
 
     /// One run for each law.
     #[must_use]
-    pub fn for_laws(base: &Scenario, laws: &[ComparedLaw], keep: Keep) -> Vec<Self> {
+    pub fn for_laws(base: &Trial, laws: &[ComparedLaw], keep: Keep) -> Vec<Self> {
         let run = |law: &ComparedLaw| Self::new(law.name(), law.plays(base), keep);
         laws.iter().map(run).collect()
     }
 
     /// As [`PlannedRun::for_laws`] for all laws, and ours on another plant, which no limit is meant for.
     #[must_use]
-    pub fn with_twin(base: &Scenario, keep: Keep) -> Vec<Self> {
+    pub fn with_twin(base: &Trial, keep: Keep) -> Vec<Self> {
         let mut runs = Self::for_laws(base, &ComparedLaw::ALL, keep);
         let law = ComparedLaw::SlidingMode;
-        let twin = Scenario {
+        let mut twin = Trial {
             plant: bases::twin(),
             expect: Expect::default(),
-            name: format!("{}, another plant", base.name),
             ..law.plays(base)
         };
+        twin.run_mut().name = format!("{}, another plant", base.run.name);
         runs.push(Self::new(law.on_twin(), twin, keep));
         runs
     }
@@ -255,7 +255,7 @@ impl PlannedRun {
         let window = match self.keep {
             Keep::Verdict => None,
             Keep::Signals(window) => Some(window),
-            Keep::IdentificationData => Some(span(0.0, self.scenario.duration_seconds)),
+            Keep::IdentificationData => Some(span(0.0, self.scenario.run.duration_seconds)),
         };
         let measurement = || {
             let (place, scenario) = (Path::new(&self.label), self.scenario.clone());
@@ -312,7 +312,8 @@ impl Kept {
             .as_ref()
             .map(|law| &law.nominal_model);
         let model = of_ours.or(of_papers)?;
-        Some(if is_equal(model, &self.scenario.plant) {
+        let plant = self.scenario.plant.actuator()?;
+        Some(if is_equal(model, &plant) {
             Model::EqualsThePlant
         } else {
             Model::Differs
@@ -419,7 +420,7 @@ impl Figure {
 }
 
 /// Whether a model has the numbers of a plant, each of them, and its equations.
-fn is_equal(model: &NominalModel, plant: &Plant) -> bool {
+fn is_equal(model: &NominalModel, plant: &Sma) -> bool {
     plant.mechanics.stress_strain == StressStrain::AusteniteOnly && *model == nominal_model(plant)
 }
 
@@ -439,9 +440,9 @@ mod tests {
     #[test]
     fn a_model_equals_its_plant_in_every_number() {
         let model = NominalModel::default();
-        assert!(is_equal(&model, &Plant::default()));
-        assert!(!is_equal(&model, &bases::twin()));
-        let mut plant = Plant::default();
+        assert!(is_equal(&model, &Sma::default()));
+        assert!(!is_equal(&model, &bases::twin().actuator().unwrap()));
+        let mut plant = Sma::default();
         plant.mechanics.stress_strain = StressStrain::Full;
         assert!(!is_equal(&model, &plant));
     }

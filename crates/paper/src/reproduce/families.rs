@@ -1,6 +1,6 @@
 //! Many scenarios of one: other frequencies, cycle times, sensors.
 
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::controller::CurrentRamp;
 use scenario::plant::Sensor;
 
@@ -9,32 +9,32 @@ const PERIODS_MIN: f64 = 10.0;
 
 /// The last sine of the scenario at another frequency, for ten periods.
 #[must_use]
-pub fn at_frequency(base: &Scenario, hertz: f64) -> Scenario {
+pub fn at_frequency(base: &Trial, hertz: f64) -> Trial {
     let mut scenario = base.clone();
-    scenario.name = format!("sine of {hertz} Hz");
+    scenario.run_mut().name = format!("sine of {hertz} Hz");
     if let Some(sine) = scenario.reference.sine.last_mut() {
         sine.period_seconds = 1.0 / hertz;
-        scenario.duration_seconds = sine.from_seconds + PERIODS_MIN / hertz;
+        scenario.run_mut().duration_seconds = sine.from_seconds + PERIODS_MIN / hertz;
     }
     scenario
 }
 
 /// The scenario with another time between two SYNCs.
 #[must_use]
-pub fn with_cycle(base: &Scenario, milliseconds: f64) -> Scenario {
+pub fn with_cycle(base: &Trial, milliseconds: f64) -> Trial {
     let mut scenario = base.clone();
-    scenario.name += &format!(", cycle of {milliseconds} ms");
-    scenario.bus.sync_period_milliseconds = milliseconds;
+    scenario.run_mut().name += &format!(", cycle of {milliseconds} ms");
+    scenario.run_mut().bus.sync_period_milliseconds = milliseconds;
     scenario
 }
 
 /// The scenario with another converter at the position sensor. Its resolution is in the sensor's data sheet, so the
 /// observer knows it too.
 #[must_use]
-pub fn with_resolution(base: &Scenario, bits: u32) -> Scenario {
+pub fn with_resolution(base: &Trial, bits: u32) -> Trial {
     let mut scenario = base.clone();
-    scenario.name += &format!(", {bits} bit");
-    let sensor = &mut scenario.plant.sensor;
+    scenario.run_mut().name += &format!(", {bits} bit");
+    let sensor = &mut scenario.sensor;
     sensor.resolution_bits = bits;
     let step = sensor_step_millimetres(sensor);
     if let Some(law) = &mut scenario.controller.sliding_mode {
@@ -45,19 +45,19 @@ pub fn with_resolution(base: &Scenario, bits: u32) -> Scenario {
 
 /// The scenario with normal noise at the position sensor, in steps of its converter.
 #[must_use]
-pub fn with_noise(base: &Scenario, steps: f64) -> Scenario {
+pub fn with_noise(base: &Trial, steps: f64) -> Trial {
     let mut scenario = base.clone();
-    scenario.name += &format!(", noise of {steps} steps");
-    let sensor = &mut scenario.plant.sensor;
-    sensor.noise_millimetres_rms = steps * sensor_step_millimetres(sensor);
+    scenario.run_mut().name += &format!(", noise of {steps} steps");
+    let sensor = &mut scenario.sensor;
+    sensor.noise_rms = steps * sensor_step_millimetres(sensor);
     scenario
 }
 
 /// The scenario with another jerk at the start of a move of `sliding_mode`.
 #[must_use]
-pub fn with_launch_jerk(base: &Scenario, jerk_metres_per_second_cubed: f64) -> Scenario {
+pub fn with_launch_jerk(base: &Trial, jerk_metres_per_second_cubed: f64) -> Trial {
     let mut scenario = base.clone();
-    scenario.name += &format!(", launch with {jerk_metres_per_second_cubed} m/s³");
+    scenario.run_mut().name += &format!(", launch with {jerk_metres_per_second_cubed} m/s³");
     if let Some(law) = &mut scenario.controller.sliding_mode {
         law.reference_launch_jerk_metres_per_second_cubed = jerk_metres_per_second_cubed;
     }
@@ -66,12 +66,12 @@ pub fn with_launch_jerk(base: &Scenario, jerk_metres_per_second_cubed: f64) -> S
 
 /// One step of a sensor's converter.
 fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
-    sensor.span_millimetres / f64::from(1_u32 << sensor.resolution_bits)
+    sensor.span / f64::from(1_u32 << sensor.resolution_bits)
 }
 
 /// The last two ramps of the current, played so many times more.
 #[must_use]
-pub fn with_loops_repeated(base: &Scenario, times: usize) -> Scenario {
+pub fn with_loops_repeated(base: &Trial, times: usize) -> Trial {
     let mut scenario = base.clone();
     let Some(open_loop) = &mut scenario.controller.open_loop else {
         return scenario;
@@ -90,8 +90,10 @@ pub fn with_loops_repeated(base: &Scenario, times: usize) -> Scenario {
             until_seconds: ramp.until_seconds + later,
             ..ramp
         }));
-        scenario.duration_seconds += period;
     }
+    #[expect(clippy::cast_precision_loss, reason = "a few dozen")]
+    let added_seconds = times as f64 * period;
+    scenario.run_mut().duration_seconds += added_seconds;
     scenario
 }
 
@@ -103,7 +105,7 @@ mod tests {
     #[test]
     fn the_frequency_changes_period_and_length() {
         let scenario = at_frequency(&bases::bandwidth(), 0.1);
-        assert_eq!(scenario.duration_seconds, 105.0);
+        assert_eq!(scenario.run.duration_seconds, 105.0);
         let window = scenario.judged_sines()[0].window;
         assert!(
             (window.from_seconds - 75.0).abs() < 1e-9
@@ -122,7 +124,7 @@ mod tests {
                 .windows(2)
                 .all(|pair| pair[0].until_seconds == pair[1].from_seconds)
         );
-        assert_eq!(ramps[9].until_seconds, scenario.duration_seconds);
+        assert_eq!(ramps[9].until_seconds, scenario.run.duration_seconds);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The wire itself: transformation, stress and strain, and which parameters explain what it does.
 
 use plant_emulator::plants::sma::stress_pascals;
-use scenario::plant::{Mechanics, Plant, StressStrain};
+use scenario::plant::{Mechanics, Sma, StressStrain};
 
 use super::bases;
 use super::experiment::{
@@ -40,7 +40,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
 
 fn hysteresis() -> Experiment {
     let scenario = with_loops_repeated(&bases::hysteresis(), LOOPS_MORE);
-    let whole = Keep::Signals(span(0.0, scenario.duration_seconds));
+    let whole = Keep::Signals(span(0.0, scenario.run.duration_seconds));
     Experiment {
         id: "hysteresis",
         title: "Fig. 5: phase transformation",
@@ -120,7 +120,7 @@ fn minor_loop(run: &Kept) -> (f64, f64) {
     let first = ramps.and_then(|ramps| ramps.get(ramps.len().checked_sub(2 * (LOOPS_MORE + 1))?..));
     match first {
         Some([up, down, ..]) => (up.from_seconds, down.until_seconds - up.from_seconds),
-        _ => (0.0, run.scenario.duration_seconds),
+        _ => (0.0, run.scenario.run.duration_seconds),
     }
 }
 
@@ -256,7 +256,7 @@ fn fit(measurement: &IdentificationData) -> Fit<'_> {
     Fit::new(
         std::slice::from_ref(measurement),
         parameters(),
-        Plant::default(),
+        Sma::default(),
     )
 }
 
@@ -275,7 +275,7 @@ fn search(run: &Kept) -> Result<FitStatistics, String> {
 
 /// The values found, beside those that the recording was made with, and how good the fit is.
 fn found(of: &str, statistics: &FitStatistics) -> Vec<Quantity> {
-    let truth = Plant::default();
+    let truth = Sma::default();
     let values = statistics.values();
     let numbers = parameters().into_iter().zip(values).zip(IDENTIFIED).map(
         |((parameter, value), (_, paper))| {

@@ -1,6 +1,6 @@
 //! How the closed loop responds: steps, sines, fan, load, and set-points that nobody can follow.
 
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::events::Window;
 use scenario::expect::Expect;
 
@@ -167,7 +167,7 @@ fn bandwidth(effort: Effort) -> Experiment {
     let twin = bases::twin();
     let of_twin = of_law(ComparedLaw::SlidingMode).map(|run| PlannedRun {
         label: ComparedLaw::SlidingMode.on_twin(),
-        scenario: Scenario {
+        scenario: Trial {
             plant: twin.clone(),
             ..run.scenario
         },
@@ -322,7 +322,7 @@ const AROUND_SECONDS: (f64, f64) = (-1.0, 6.0);
 
 fn fan() -> Experiment {
     let (closed, open) = (bases::fan(), bases::fan_open_loop());
-    let window = |scenario: &Scenario| {
+    let window = |scenario: &Trial| {
         let start = start(scenario);
         Keep::Signals(span(start + AROUND_SECONDS.0, start + AROUND_SECONDS.1))
     };
@@ -380,7 +380,7 @@ fn load() -> Experiment {
 }
 
 /// When the first disturbance begins.
-fn start(scenario: &Scenario) -> f64 {
+fn start(scenario: &Trial) -> f64 {
     let windows = scenario.disturbance_windows();
     windows
         .first()

@@ -14,7 +14,7 @@ const RIPPLE_AMPERES: f64 = 0.02;
 pub(super) fn experiment() -> Experiment {
     let runs = HEIGHTS_MILLIMETRES.into_iter().flat_map(|height| {
         let mut scenario = bases::step();
-        scenario.name = format!("hold of {height} mm");
+        scenario.run_mut().name = format!("hold of {height} mm");
         scenario.reference.hold[0].position_millimetres = height;
         scenario.reference.step.clear();
         scenario.expect = Expect::default().with_max("current_ripple_amperes_rms", RIPPLE_AMPERES);

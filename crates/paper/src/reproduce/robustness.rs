@@ -1,6 +1,6 @@
 //! How the closed loop does on plants that the controller does not know.
 
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::expect::Expect;
 
 use super::bases;
@@ -35,8 +35,8 @@ fn plants(effort: Effort) -> Experiment {
     let expect = Expect::default()
         .with_max("settling_time_seconds", UNSTABLE_SECONDS)
         .with_max("hunting_millimetres", HUNTING_MILLIMETRES);
-    let plants: Vec<Scenario> = unknown_plants(count)
-        .map(|plant| Scenario {
+    let plants: Vec<Trial> = unknown_plants(count)
+        .map(|plant| Trial {
             expect: expect.clone(),
             ..plant
         })
@@ -58,12 +58,12 @@ fn plants(effort: Effort) -> Experiment {
 }
 
 /// The first cases of `scenarios/sweeps/plants.toml`: as many plants as are drawn there, without noise.
-fn unknown_plants(count: usize) -> impl Iterator<Item = Scenario> {
+fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
     let cases = bases::plants();
     (1..=count).map(move |number| {
         let plan = cases.case(number).plan();
         let plan = plan.expect("a test makes every plant");
-        plan.leading().scenario.clone()
+        plan.leading().trial.clone()
     })
 }
 
@@ -151,7 +151,7 @@ fn p95(sorted: &[f64]) -> Result<f64, String> {
 fn other_truth() -> Experiment {
     let keep = Keep::Signals(span(9.9, 12.0));
     let mut runs = PlannedRun::for_laws(&bases::step_other_truth(), &ComparedLaw::ALL, keep);
-    let nominal = Scenario {
+    let nominal = Trial {
         expect: Expect::default(),
         ..bases::step()
     };
@@ -192,16 +192,17 @@ fn other_truth() -> Experiment {
 
 #[cfg(test)]
 mod tests {
-    use scenario::plant::Plant;
+    use scenario::plant::Sma;
 
     use super::*;
 
     #[test]
     fn the_plants_differ_from_the_nominal_one_within_their_ranges_and_have_no_noise() {
-        let nominal = bases::step().plant;
-        let plants = || unknown_plants(PLANTS).map(|scenario| scenario.plant);
-        assert!(plants().all(|plant| plant.sensor == nominal.sensor));
-        let share = |low: f64, high: f64, of: &dyn Fn(&Plant) -> f64| {
+        let nominal = bases::step();
+        assert!(unknown_plants(PLANTS).all(|trial| trial.sensor == nominal.sensor));
+        let nominal = nominal.plant.actuator().unwrap();
+        let plants = || unknown_plants(PLANTS).map(|trial| trial.plant.actuator().unwrap());
+        let share = |low: f64, high: f64, of: &dyn Fn(&Sma) -> f64| {
             let values = || plants().map(|plant| of(&plant) / of(&nominal) - 1.0);
             let mean = values().sum::<f64>() / 200.0;
             assert!((mean.abs() < 0.1 * (high - low)), "{mean}");

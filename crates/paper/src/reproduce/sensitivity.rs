@@ -1,6 +1,6 @@
 //! What cycle time, resolution and noise do to the closed loop, and what a faster launch costs.
 
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::expect::Expect;
 
 use super::bases;
@@ -19,7 +19,7 @@ const LAUNCH_JERKS: [f64; 4] = [430.0, 250.0, 350.0, 500.0];
 type TableColumn = (&'static str, usize, &'static str);
 
 /// What is played for each setting of the rig, and what is read from it.
-const RIG_BASES: [fn() -> Scenario; 2] = [bases::step, bases::sine_5s];
+const RIG_BASES: [fn() -> Trial; 2] = [bases::step, bases::sine_5s];
 const RIG_LAWS: [ComparedLaw; 2] = [ComparedLaw::SlidingMode, ComparedLaw::Pid];
 const RIG_COLUMNS: [TableColumn; 5] = [
     ("settling (s)", 0, "settling_time_seconds"),
@@ -38,8 +38,7 @@ const RIG_COLUMNS: [TableColumn; 5] = [
 ];
 
 /// What is played for each launch, and what is read from it.
-const LAUNCH_BASES: [fn() -> Scenario; 3] =
-    [bases::step, bases::step_cold, bases::step_other_truth];
+const LAUNCH_BASES: [fn() -> Trial; 3] = [bases::step, bases::step_cold, bases::step_other_truth];
 const LAUNCH_COLUMNS: [TableColumn; 6] = [
     ("settling (s)", 0, "settling_time_seconds"),
     ("overshoot (%)", 0, "overshoot_percent"),
@@ -101,7 +100,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
 /// Step and sine under each law, for each setting of the rig.
 fn on_rigs<T: Copy>(
     settings: impl Iterator<Item = T>,
-    set: impl Fn(&Scenario, T) -> (String, Scenario),
+    set: impl Fn(&Trial, T) -> (String, Trial),
 ) -> Vec<PlannedRun> {
     let mut runs = Vec::new();
     for setting in settings {
@@ -123,9 +122,9 @@ fn launches(jerks: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
 }
 
 /// A run without limits: those of the files are for their own settings.
-fn reported(label: String, scenario: Scenario) -> PlannedRun {
+fn reported(label: String, scenario: Trial) -> PlannedRun {
     let expect = Expect::default();
-    PlannedRun::new(label, Scenario { expect, ..scenario }, Keep::Verdict)
+    PlannedRun::new(label, Trial { expect, ..scenario }, Keep::Verdict)
 }
 
 /// One row for each setting; its runs follow each other.

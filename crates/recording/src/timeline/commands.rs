@@ -152,7 +152,7 @@ impl CommandReader {
 mod tests {
     use rig::catalogue::Catalogue;
     use rig::plan::Plan;
-    use scenario::Scenario;
+    use scenario::Trial;
 
     use super::*;
 
@@ -160,7 +160,7 @@ mod tests {
 
     fn plan() -> Plan {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         Plan::new(scenario, &Catalogue::shipped())
     }
 

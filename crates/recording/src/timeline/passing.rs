@@ -41,7 +41,7 @@ pub(super) struct Passed {
 
 impl Passing {
     pub(super) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let scenario = &one.scenario;
+        let scenario = &one.trial;
         Ok(Self {
             clock: one.scenario_clock()?,
             is_order_lost: false,
@@ -50,7 +50,7 @@ impl Passing {
             last_frame: Duration::ZERO,
             highest: Duration::ZERO,
             latest: Duration::ZERO,
-            end: Duration::from_secs_f64(scenario.duration_seconds),
+            end: Duration::from_secs_f64(scenario.run.duration_seconds),
             judged_end: Duration::from_secs_f64(scenario.judged_end_seconds()),
         })
     }

@@ -8,7 +8,7 @@ use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, names};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
 use rig::plan::{ControlLoop, Plan, Shared};
-use scenario::Scenario;
+use scenario::Trial;
 
 use super::columns::Columns;
 use super::commands::CommandReader;
@@ -51,7 +51,7 @@ pub fn decode(
     }
     let timelines = readers.iter_mut().zip(&plan.loops);
     timelines
-        .map(|(reader, one)| reader.take_rest(&one.scenario))
+        .map(|(reader, one)| reader.take_rest(&one.trial))
         .collect()
 }
 
@@ -127,9 +127,9 @@ impl TimelineReader {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn new(shared: &Shared, one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let scenario = &one.scenario;
-        let period = Duration::from_secs_f64(scenario.bus.sync_period_milliseconds / 1e3);
-        let end = Duration::from_secs_f64(scenario.duration_seconds);
+        let scenario = &one.trial;
+        let period = Duration::from_secs_f64(scenario.run.bus.sync_period_milliseconds / 1e3);
+        let end = Duration::from_secs_f64(scenario.run.duration_seconds);
         let words = NodeWords::new(shared, one);
         let losses = LossReader::new(one, &words);
         let commands = CommandReader::new(one, &words, period)?;
@@ -277,7 +277,7 @@ impl TimelineReader {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn take_piece(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+    pub fn take_piece(&mut self, scenario: &Trial) -> Result<Timeline, SignalMissing> {
         let closed = self.cycle.len().saturating_sub(1);
         let mut piece = self.take_rows(closed, scenario)?;
         let zero = self.passing.clock.zero();
@@ -290,7 +290,7 @@ impl TimelineReader {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn take_rest(&mut self, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+    pub fn take_rest(&mut self, scenario: &Trial) -> Result<Timeline, SignalMissing> {
         let mut rest = self.take_rows(self.cycle.len(), scenario)?;
         let zero = self.passing.clock.zero();
         let events = self.events.take_until(f64::INFINITY, scenario, zero);
@@ -310,7 +310,7 @@ impl TimelineReader {
     }
 
     /// The first rows as a timeline of their own, without what happened besides.
-    fn take_rows(&mut self, rows: usize, scenario: &Scenario) -> Result<Timeline, SignalMissing> {
+    fn take_rows(&mut self, rows: usize, scenario: &Trial) -> Result<Timeline, SignalMissing> {
         let period_seconds = self.period.as_secs_f64();
         let cycle = self.cycle.take(rows);
         let starts = cycle.iter();
@@ -378,7 +378,7 @@ fn cycles(time: Duration, period: Duration) -> u64 {
     nanos(time).saturating_add(period / 2) / period
 }
 
-fn set_points(scenario: &Scenario, time_seconds: &Series<f64>) -> Series<f64> {
+fn set_points(scenario: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
     if scenario.reference.is_empty() {
         return iter::repeat_n(f64::NAN, time_seconds.len()).collect();
     }
@@ -432,7 +432,7 @@ mod tests {
     fn two_cycles() -> (Plan, Vec<Stamped>) {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
                     [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let database = plan.database();
         let position = |millimetres: f64| {
@@ -501,10 +501,10 @@ mod tests {
         #[test]
         fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
             let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
-            let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+            let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
             let plan = Plan::new(scenario, &Catalogue::shipped());
             let one = plan.leading();
-            let (scenario, database) = (&one.scenario, &*one.database);
+            let (scenario, database) = (&one.trial, &*one.database);
             let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];
             let mut expected = paths.map(|path| Simple {
                 handle: database.require(path).unwrap(),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::scenario_clock::SYNC_COB_ID;
-use scenario::Scenario;
+use scenario::Trial;
 
 /// Counts the bits of all frames and measures the time between SYNCs.
 #[derive(Clone)]
@@ -18,9 +18,9 @@ pub(super) struct Traffic {
 }
 
 impl Traffic {
-    pub(super) fn new(scenario: &Scenario) -> Self {
+    pub(super) fn new(scenario: &Trial) -> Self {
         Self {
-            bitrate_kilobits_per_second: f64::from(scenario.bus.bitrate_kilobits_per_second),
+            bitrate_kilobits_per_second: f64::from(scenario.run.bus.bitrate_kilobits_per_second),
             first_sync: None,
             latest_sync: None,
             latest: Duration::ZERO,

@@ -13,8 +13,8 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     let shared = &run.plan.shared;
     let timings = run.plan.loops.iter().map(|one| {
         let (end, bitrate) = (
-            shared.duration_seconds,
-            shared.bus.bitrate_kilobits_per_second,
+            shared.run.duration_seconds,
+            shared.run.bus.bitrate_kilobits_per_second,
         );
         BusTiming::new(run.frames, end, bitrate, one)
     });
@@ -31,11 +31,9 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     );
     let mut sets = vec![("SYNC to SYNC".to_owned(), &timing.cycles)];
     for (one, timing) in run.plan.loops.iter().zip(&timings) {
-        let [answer, command] = match &one.loop_name {
+        let [answer, command] = match one.loop_name() {
             None => ["the drive's answer", "the controller's command"].map(str::to_owned),
-            Some(names) => {
-                ["the answer of", "the command to"].map(|what| format!("{what} {}", names.name))
-            }
+            Some(name) => ["the answer of", "the command to"].map(|what| format!("{what} {name}")),
         };
         sets.push((format!("SYNC to {answer}"), &timing.answers));
         sets.push((format!("SYNC to {command}"), &timing.commands));
@@ -53,7 +51,7 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     };
     Ok(html! {
         h2 { "Bus and timing" }
-        p.soft { "Scenario time 0 to " (shared.duration_seconds) " s, by the stamps of the recorder." }
+        p.soft { "Scenario time 0 to " (shared.run.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::new(durations) { tr {

@@ -26,7 +26,7 @@ struct Drawn<'a> {
 /// A section with the plots; nothing where no check names a signal.
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let own = run.own;
-    let checks = &own.scenario.expect.signal;
+    let checks = &own.trial.expect.signal;
     let drawn: Vec<Drawn<'_>> = (run.timeline)
         .traces
         .iter()
@@ -48,7 +48,7 @@ fn is_about(own: &ControlLoop, check: &SignalCheck, trace: &SignalTrace) -> bool
 }
 
 fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop) -> Drawn<'a> {
-    let scenario = &own.scenario;
+    let scenario = &own.trial;
     let mut drawn = Drawn {
         trace,
         time_seconds: trace.samples.iter().map(|one| one.time_seconds).collect(),
@@ -59,7 +59,7 @@ fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop) -> Drawn<'a> {
     let checks = scenario.expect.signal.iter();
     for check in checks.filter(|check| is_about(own, check, trace)) {
         for demand in check.demands() {
-            let window = check.window(&demand, scenario.duration_seconds);
+            let window = check.window(&demand, scenario.run.duration_seconds);
             match demand {
                 Demand::Stays(limit) | Demand::Reaches(limit) => drawn.patches.push(Patch {
                     class: "band",
@@ -81,7 +81,7 @@ fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop) -> Drawn<'a> {
 fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
     let drive = &own.nodes.drive.name;
     let of_drive = trace.path.strip_prefix("drive_");
-    match (&own.loop_name, of_drive) {
+    match (own.loop_name(), of_drive) {
         (Some(_), Some(rest)) => format!("{drive}_{rest}"),
         _ => trace.path.clone(),
     }

@@ -1,7 +1,7 @@
 //! The section on loops that keep to a path together: the path in the plane, and how far from it they were.
 
 use maud::{Markup, html};
-use scenario::loops::Contour;
+use scenario::contour::Contour;
 
 use crate::contour::{Axis, axes, window};
 use crate::plot::{Colour, Extent, Plot, Shape};
@@ -13,7 +13,7 @@ use platform::series::SeriesWriter;
 pub(super) fn section(contour: &Contour, run: &Run<'_>) -> Markup {
     let axes = axes(contour, run);
     let timelines = Vec::from_iter(axes.iter().map(|(_, run)| run.timeline));
-    let end_seconds = run.plan.shared.duration_seconds;
+    let end_seconds = run.plan.shared.run.duration_seconds;
     let (mut time, mut errors) = (SeriesWriter::default(), SeriesWriter::default());
     for (seconds, error) in contour_errors(contour, &timelines, end_seconds) {
         time.push(seconds);

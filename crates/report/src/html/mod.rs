@@ -45,7 +45,7 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
         (again(run.is_long))
     };
     Ok(page::page(
-        &format!("{}: {}", shared.name, verdict.outcome.word()),
+        &format!("{}: {}", shared.run.name, verdict.outcome.word()),
         &body,
     ))
 }
@@ -53,7 +53,7 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
 /// What a loop did.
 fn of_loop(run: &RunLoop<'_>) -> Markup {
     html! {
-        @if let Some(names) = &run.own.loop_name { h2 { "Loop " (names.name) } }
+        @if let Some(name) = run.own.loop_name() { h2 { "Loop " (name) } }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
         @else { (signals::section(run)) }
         (response::section(run))
@@ -63,7 +63,7 @@ fn of_loop(run: &RunLoop<'_>) -> Markup {
 
 /// The heading of a part of that.
 fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
-    match run.own.loop_name {
+    match run.own.loop_name() {
         None => html! { h2 { (text) } },
         Some(_) => html! { h3 { (text) } },
     }
@@ -73,18 +73,18 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
     let is_external = |one: RunLoop<'_>| one.own.is_external(Part::Drive);
     html! {
-        h1 { (shared.name) }
+        h1 { (shared.run.name) }
         p { (page::badge(verdict.outcome)) }
         @if let Some(remark) = verdict.remark() { p { (remark) } }
         @if let Some(cause) = cause_besides(verdict) { p { (cause) } }
         @if let Some(end) = end_besides(verdict) { p { (end) } }
         @for remark in remarks { p.unsure { "Of the recording as it is now, " (remark) ". This page shows the other frames." } }
-        @if let Some(description) = &shared.description { p.soft { (description) } }
+        @if let Some(description) = &shared.run.description { p.soft { (description) } }
         dl.facts {
             div { dt { "control law" } dd { (laws(run)) } }
             div { dt { "recorded" } dd { (recorded(run)) } }
-            div { dt { "cycle" } dd { (shared.bus.sync_period_milliseconds) " ms" } }
-            div { dt { "bus" } dd { (shared.bus.bitrate_kilobits_per_second) " kbit/s" } }
+            div { dt { "cycle" } dd { (shared.run.bus.sync_period_milliseconds) " ms" } }
+            div { dt { "bus" } dd { (shared.run.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
             div { dt { "seed" } dd { (verdict.seed) } }
             div { dt { "canrig" } dd { (verdict.version) } }
@@ -101,8 +101,8 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
 fn laws(run: &Run<'_>) -> String {
     let laws = run.loops().filter_map(|one| Some((one, law_of(&one)?)));
     let laws = Vec::from_iter(laws);
-    let of_loop = |(one, law): &(RunLoop<'_>, &str)| match &one.own.loop_name {
-        Some(names) => format!("{law} ({})", names.name),
+    let of_loop = |(one, law): &(RunLoop<'_>, &str)| match one.own.loop_name() {
+        Some(name) => format!("{law} ({name})"),
         None => (*law).to_owned(),
     };
     match &laws[..] {
@@ -115,7 +115,7 @@ fn laws(run: &Run<'_>) -> String {
 
 /// The law of a loop; none where that of another loop leads its drive.
 fn law_of<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
-    let scenario = &run.own.scenario;
+    let scenario = &run.own.trial;
     let is_led = scenario.wiring.led_by.is_some();
     (!is_led).then(|| scenario.controller.law_name())
 }
@@ -124,7 +124,7 @@ fn law_of<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
 fn recorded(run: &Run<'_>) -> String {
     let ends = run.timelines.iter().map(Timeline::end_seconds);
     let reached = ends.fold(0.0, f64::max);
-    let planned = run.plan.shared.duration_seconds;
+    let planned = run.plan.shared.run.duration_seconds;
     format!("{reached:.3} s of {planned} s")
 }
 

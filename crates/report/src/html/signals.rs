@@ -3,7 +3,7 @@
 use dbc::names::WIRE_TEMPERATURE;
 use maud::{Markup, html};
 use rig::plan::ControlLoop;
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::events::{JudgedStep, Window};
 
 use crate::plot::{Colour, Extent, Patch, Plot, Shape};
@@ -58,13 +58,13 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     } else {
         in_time.extend(of_another_plant(timeline, own));
     }
-    if run.own.scenario.controller.own.is_some() {
+    if run.own.trial.controller.own.is_some() {
         in_time.extend(of_own_terms(timeline, own));
     } else {
         in_time.extend(of_the_sliding_mode(timeline));
     }
     for plot in &mut in_time {
-        plot.patches.extend(disturbances(&run.own.scenario));
+        plot.patches.extend(disturbances(&run.own.trial));
         plot.patches.extend(faults(run.own));
     }
     html! {
@@ -82,7 +82,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
 
 /// What the coloured patches behind the curves are; nothing where there are none.
 fn patches_in_words(own: &ControlLoop) -> Option<String> {
-    let scenario = &own.scenario;
+    let scenario = &own.trial;
     let has_steps = !scenario.judged_steps().is_empty();
     let has_disturbances = !scenario.disturbance_windows().is_empty();
     let words = [
@@ -199,7 +199,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     let mut plot = Plot::over_time("Position", shown_unit(timeline.unit.symbol()));
     plot.patches = run
         .own
-        .scenario
+        .trial
         .judged_steps()
         .iter()
         .map(settling_band)
@@ -244,7 +244,7 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
         let reached = stretches.into_iter().filter(|(_, from, _)| *from < end);
         reached.collect::<Vec<_>>()
     };
-    let [sudden, sines] = [sudden(&run.own.scenario), sines(&run.own.scenario)].map(reached);
+    let [sudden, sines] = [sudden(&run.own.trial), sines(&run.own.trial)].map(reached);
     let left_out = [&sudden, &sines].map(|stretches| stretches.len().saturating_sub(CLOSE_UPS_MAX));
     let shown = [sudden, sines]
         .into_iter()
@@ -259,7 +259,7 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
 }
 
 /// Steps and disturbances.
-fn sudden(scenario: &Scenario) -> Vec<Stretch> {
+fn sudden(scenario: &Trial) -> Vec<Stretch> {
     let symbol = shown_unit(scenario.wiring.unit.symbol());
     let steps = scenario.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
@@ -283,9 +283,10 @@ fn sudden(scenario: &Scenario) -> Vec<Stretch> {
 }
 
 /// Sines whose judged periods are too short a part of the run to be seen in it.
-fn sines(scenario: &Scenario) -> Vec<Stretch> {
-    let share =
-        |window: Window| (window.until_seconds - window.from_seconds) / scenario.duration_seconds;
+fn sines(scenario: &Trial) -> Vec<Stretch> {
+    let share = |window: Window| {
+        (window.until_seconds - window.from_seconds) / scenario.run.duration_seconds
+    };
     let short = scenario
         .judged_sines()
         .into_iter()
@@ -306,7 +307,7 @@ fn settling_band(step: &JudgedStep) -> Patch {
     }
 }
 
-fn disturbances(scenario: &Scenario) -> Vec<Patch> {
+fn disturbances(scenario: &Trial) -> Vec<Patch> {
     let windows = scenario.disturbance_windows();
     // A load stays until the next one; it is marked where it changes.
     let patches = windows.iter().map(|disturbance| {
@@ -318,9 +319,9 @@ fn disturbances(scenario: &Scenario) -> Vec<Patch> {
 
 /// Faults from their beginning on; those of the boot are over when the scenario begins.
 fn faults(own: &ControlLoop) -> Vec<Patch> {
-    let scenario = &own.scenario;
+    let scenario = &own.trial;
     let patches = own.faults().filter_map(|fault| {
-        let until_seconds = fault.until_seconds.unwrap_or(scenario.duration_seconds);
+        let until_seconds = fault.until_seconds.unwrap_or(scenario.run.duration_seconds);
         Some(stretch(
             "fault",
             fault.from_seconds?,
@@ -332,13 +333,8 @@ fn faults(own: &ControlLoop) -> Vec<Patch> {
 }
 
 /// A stretch of time that can be seen, however short it is.
-fn stretch(
-    class: &'static str,
-    from_seconds: f64,
-    until_seconds: f64,
-    scenario: &Scenario,
-) -> Patch {
-    let seen_seconds = 0.003 * scenario.duration_seconds;
+fn stretch(class: &'static str, from_seconds: f64, until_seconds: f64, scenario: &Trial) -> Patch {
+    let seen_seconds = 0.003 * scenario.run.duration_seconds;
     Patch {
         class,
         x: (from_seconds, until_seconds.max(from_seconds + seen_seconds)),

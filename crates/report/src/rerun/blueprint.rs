@@ -90,8 +90,7 @@ impl<'a> Layout<'a> {
             tabs.push(self.drawing(&plane.title, &plane.group, plane.bounds, 1.0)?);
         }
         for page in pages {
-            let name = page.own.loop_name.as_ref();
-            self.folder = name.map_or("", |names| names.name.as_str());
+            self.folder = page.own.name();
             tabs.push(self.page(page)?);
         }
         self.folder = "";
@@ -110,7 +109,7 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let unit = shown_unit(page.own.scenario.wiring.unit.symbol());
+        let unit = shown_unit(page.own.trial.wiring.unit.symbol());
         let mut left = vec![self.plot(&format!("Position ({unit})"), "position", 2.2)?];
         if has("error") {
             left.push(self.plot(&format!("Error ({unit})"), "error", 1.2)?);
@@ -149,7 +148,7 @@ impl<'a> Layout<'a> {
         }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
-        let rig = match drawing::bounds(&page.own.scenario) {
+        let rig = match drawing::bounds(&page.own.trial) {
             Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
             None => None,
         };

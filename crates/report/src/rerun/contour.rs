@@ -5,7 +5,7 @@ use std::mem;
 
 use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 use re_sdk_types::components::Radius;
-use scenario::loops::Contour;
+use scenario::contour::Contour;
 
 use super::bus::stretch_seconds;
 use super::output::{Output, send_rows, send_static};
@@ -55,7 +55,7 @@ fn log_plane(
     let pause_rows = match (is_long, axes) {
         (false, _) => 0,
         (true, [(_, one), _]) => {
-            let cycles = x.cycles_in(stretch_seconds(&one.own.scenario));
+            let cycles = x.cycles_in(stretch_seconds(&one.own.trial));
             usize::try_from(cycles).unwrap_or(usize::MAX)
         }
     };

@@ -5,8 +5,7 @@ use std::f64::consts::TAU;
 use re_sdk::SerializedComponentColumn;
 use re_sdk_types::archetypes::{Boxes2D, LineStrips2D, Points2D};
 use re_sdk_types::components::{Color, Radius};
-use scenario::Scenario;
-use scenario::plant::SMA_ACTUATOR;
+use scenario::Trial;
 use scenario::port::Unit;
 
 use super::output::{Output, send_rows, send_static};
@@ -58,10 +57,10 @@ pub(super) struct Drawing {
 
 impl Drawing {
     /// The actuator's drawing; other plants have none.
-    fn new(scenario: &Scenario) -> Option<Self> {
-        let mechanics = &scenario.plant.mechanics;
-        let is_length = scenario.wiring.unit == Unit::Millimetres;
-        (is_length && scenario.plant.name() == SMA_ACTUATOR).then_some(Self {
+    fn new(trial: &Trial) -> Option<Self> {
+        let mechanics = trial.plant.actuator()?.mechanics;
+        let is_length = trial.wiring.unit == Unit::Millimetres;
+        is_length.then_some(Self {
             wire: 1e3 * mechanics.wire_length_metres,
             inner: 1e3 * mechanics.inner_pulley_radius_metres,
             outer: 1e3 * mechanics.outer_pulley_radius_metres,
@@ -73,10 +72,10 @@ impl Drawing {
     /// Draws what stands still.
     pub(super) fn draw(
         output: &mut dyn Output,
-        scenario: &Scenario,
+        trial: &Trial,
         pause_seconds: f64,
     ) -> Result<Option<Self>, RerunError> {
-        let Some(mut rig) = Self::new(scenario) else {
+        let Some(mut rig) = Self::new(trial) else {
             return Ok(None);
         };
         rig.pause_seconds = pause_seconds;
@@ -253,7 +252,7 @@ impl Drawing {
 }
 
 /// What the view must show: from the least to the largest coordinate, across and down.
-pub(super) fn bounds(scenario: &Scenario) -> Option<[[f64; 2]; 2]> {
+pub(super) fn bounds(scenario: &Trial) -> Option<[[f64; 2]; 2]> {
     let rig = Drawing::new(scenario)?;
     let [right, down] = rig.load(0.0);
     let top = rig.inner - rig.outer;

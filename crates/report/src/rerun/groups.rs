@@ -6,8 +6,7 @@ use std::collections::BTreeSet;
 
 use dbc::Database;
 use platform::series::passing;
-use scenario::Scenario;
-use scenario::plant::SMA_ACTUATOR;
+use scenario::Trial;
 
 use crate::{shown_unit, title};
 use rig::plan::ControlLoop;
@@ -126,9 +125,9 @@ pub(super) struct OwnView<'a> {
 
 /// The signals of a scenario's plant and law that need views of their own.
 pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
-    let Scenario {
+    let Trial {
         plant, controller, ..
-    } = &own.scenario;
+    } = &own.trial;
     let has_view = |name: &str| known(name).is_some_and(|style| style.group != POSITION);
     let signals = own
         .plant_signals()
@@ -182,7 +181,7 @@ pub(super) fn is_used(values: &[f64]) -> bool {
 
 /// The groups that a run will have, before anything was heard of it.
 pub(super) fn expected(own: &ControlLoop) -> BTreeSet<&str> {
-    let scenario = &own.scenario;
+    let scenario = &own.trial;
     let mut groups = BTreeSet::new();
     if !scenario.reference.is_empty() {
         groups.insert("error");
@@ -191,7 +190,7 @@ pub(super) fn expected(own: &ControlLoop) -> BTreeSet<&str> {
     let signals = own.plant_signals();
     groups.extend(signals.map(|signal| style(&signal.name, || true, &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
-    if scenario.plant.name() == SMA_ACTUATOR {
+    if scenario.plant.actuator().is_some() {
         groups.insert(HYSTERESIS);
     }
     if !scenario.disturbance.commands().is_empty() {
@@ -224,7 +223,7 @@ mod tests {
 
     #[test]
     fn what_no_shipped_plant_has_gets_a_view_of_its_own() {
-        let find_ports = |_: &Scenario| {
+        let find_ports = |_: &Trial| {
             let output = |name: &str| Port::output(name, [0.0, 1.0]);
             let outputs = vec![
                 output("position_metres"),
@@ -239,7 +238,7 @@ mod tests {
         };
         let catalogue = Catalogue::new(find_ports, |_| None);
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Scenario::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &catalogue);
         let views = own_views(plan.leading());
         let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));

@@ -8,7 +8,7 @@ use re_sdk::log::TimeColumn;
 use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{SeriesLines, TextDocument, TextLog};
 use re_sdk_types::components::{AggregationPolicy, Text, TextLogLevel};
-use scenario::Scenario;
+use scenario::Trial;
 use scenario::events::DisturbanceCommand;
 
 use super::RerunError;
@@ -46,7 +46,7 @@ pub(crate) enum Known {
 pub(crate) struct Recording<'o, 'a> {
     output: &'o mut dyn Output,
     own: &'a ControlLoop,
-    scenario: &'a Scenario,
+    scenario: &'a Trial,
     known: Known,
     hysteresis: Hysteresis,
     /// None where the plant is no SMA actuator.
@@ -71,7 +71,7 @@ impl<'o, 'a> Recording<'o, 'a> {
     ) -> Result<Self, RerunError> {
         bus::log_styles(output)?;
         hysteresis::log_style(output)?;
-        let scenario = &own.scenario;
+        let scenario = &own.trial;
         let pause_seconds = match known {
             Known::Whole | Known::SoFar => 0.0,
             Known::Thinned => stretch_seconds(scenario),
@@ -252,7 +252,7 @@ pub(crate) fn log_verdict(
         _ => Level::Warning,
     };
     let event = Event::new(level, &format!("verdict: {}", verdict.outcome.word()));
-    let period_seconds = plan.shared.bus.sync_period_milliseconds / 1e3;
+    let period_seconds = plan.shared.run.bus.sync_period_milliseconds / 1e3;
     let events = Events::from_iter([(end_seconds, event)]);
     log_events(output, period_seconds, &events)?;
     let text = |text: &str| Text(text.into());
@@ -309,7 +309,7 @@ fn page(verdict: &Verdict) -> String {
 
 /// What the scenario asks of the disturbance node, per row; NaN where it never asks.
 fn asked(
-    scenario: &Scenario,
+    scenario: &Trial,
     timeline: &Timeline,
     before: f64,
     output: fn(&DisturbanceCommand) -> f64,

@@ -25,7 +25,7 @@ use recording::log::Stamped;
 use recording::timeline;
 use rig::catalogue::Catalogue;
 use rig::plan::Plan;
-use scenario::Scenario;
+use scenario::Trial;
 
 /// The cycle in which the drive of the made-up run is silent.
 const SILENT: u64 = 70;
@@ -37,7 +37,7 @@ fn plan() -> Plan {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"made up\"\nduration_seconds = 0.3\n\n[controller.sliding_mode]\n\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
         [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 35.0\n";
-    let scenario = Scenario::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
+    let scenario = Trial::parse(text, "made-up.toml", |_| unreachable!("no table")).unwrap();
     Plan::new(scenario, &Catalogue::shipped())
 }
 
@@ -332,8 +332,8 @@ fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
 #[test]
 fn a_week_has_no_more_rows_than_ten_hours() {
     let stretch = |duration_seconds| {
-        let mut scenario = plan().leading().scenario.clone();
-        scenario.duration_seconds = duration_seconds;
+        let mut scenario = plan().leading().trial.clone();
+        scenario.run_mut().duration_seconds = duration_seconds;
         super::bus::stretch_seconds(&scenario)
     };
     assert_eq!([600.0, 36_000.0].map(stretch), [0.1; 2]);

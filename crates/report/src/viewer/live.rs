@@ -18,7 +18,7 @@ use recording::frame_queue::{FrameQueue, WhenFull};
 use recording::log::Stamped;
 use recording::timeline::TimelineReader;
 use rig::plan::{ControlLoop, Plan, Shared};
-use scenario::Scenario;
+use scenario::Trial;
 
 /// How often what was heard is sent.
 const PIECE_PERIOD: Duration = Duration::from_millis(100);
@@ -53,7 +53,7 @@ impl Show {
         let (url, plan) = (address.url(), plan.clone());
         std::thread::spawn(move || {
             scheduling::step_back();
-            let shown = connect(&url, &plan.shared.name).and_then(|stream| {
+            let shown = connect(&url, &plan.shared.run.name).and_then(|stream| {
                 let shown = follow(stream.clone(), &plan, frames, &judged);
                 // What it is dropped for would have to be sent first, to somebody who takes nothing.
                 if shown.is_err() {
@@ -91,7 +91,7 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
 
 /// A loop on its way to the viewer.
 struct Shown<'o, 'a> {
-    scenario: &'a Scenario,
+    scenario: &'a Trial,
     reader: TimelineReader,
     bus: BusReader,
     recording: Recording<'o, 'a>,
@@ -104,7 +104,7 @@ impl<'o, 'a> Shown<'o, 'a> {
         own: &'a ControlLoop,
     ) -> Result<Self, LiveError> {
         Ok(Self {
-            scenario: &own.scenario,
+            scenario: &own.trial,
             reader: TimelineReader::new(shared, own)?,
             bus: BusReader::new(own, false)?,
             recording: Recording::begin(output, own, Known::SoFar)?,

@@ -1,18 +1,16 @@
 //! Makes plans of files: scenarios of one loop and of several, rig files, recordings.
 
 use std::cell::OnceCell;
-use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
 use dbc::Database;
-use dbc::loops::LoopPlace;
-use scenario::loops::{Loops, OneLoop};
+use scenario::Scenario;
 use scenario::rig::nodes::Rig;
-use scenario::{Beside, Objection, Scenario, ScenarioError, Texts, text_of};
+use scenario::{Beside, Objection, ScenarioError, Texts, Trial, text_of};
 
-use super::{ControlLoop, LoopName, Plan};
+use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;
 use crate::catalogue::Catalogue;
 use crate::external::External;
@@ -40,10 +38,10 @@ impl Plan {
     ) -> Result<Self, ScenarioError> {
         let beside = Beside::new(path);
         let read = |name: &str| beside.read(name);
-        let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
-        let none = |_: &Scenario| Vec::new();
-        let (loops, texts) = Loops::parse(&beside, text_of(path)?, read, none, object)?;
-        Ok(Self::of_texts(loops, &beside, texts, catalogue))
+        let object = |scenario: &Scenario| objection(scenario, catalogue);
+        let none = |_: &Trial| Vec::new();
+        let (scenario, texts) = Scenario::parse(&beside, text_of(path)?, read, none, object)?;
+        Ok(Self::of_texts(scenario, &beside, texts, catalogue))
     }
 
     /// As [`Plan::load`], for a text that is at hand; the files that it names lie beside it.
@@ -68,10 +66,10 @@ impl Plan {
         read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        let objections = |scenario: &Scenario| catalogue.objections(scenario);
-        let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
-        let (loops, texts) = Loops::parse(beside, text, read_file, objections, object)?;
-        Ok(Self::of_texts(loops, beside, texts, catalogue))
+        let objections = |trial: &Trial| catalogue.objections(trial);
+        let object = |scenario: &Scenario| objection(scenario, catalogue);
+        let (scenario, texts) = Scenario::parse(beside, text, read_file, objections, object)?;
+        Ok(Self::of_texts(scenario, beside, texts, catalogue))
     }
 
     /// The plan of a rig file in which nothing is tried.
@@ -79,10 +77,15 @@ impl Plan {
     /// # Errors
     /// It is not valid.
     pub fn of_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
-        let object = |loops: &Loops<Scenario>| planned(loops.clone(), catalogue).err();
-        let loops = Loops::of_rig(text, &path.display().to_string(), object)?;
+        let object = |scenario: &Scenario| planned(scenario.clone(), catalogue).err();
+        let scenario = Scenario::of_rig(text, &path.display().to_string(), object)?;
         let beside = Beside::new(path);
-        Ok(Self::of_texts(loops, &beside, Texts::default(), catalogue))
+        Ok(Self::of_texts(
+            scenario,
+            &beside,
+            Texts::default(),
+            catalogue,
+        ))
     }
 
     /// Reads the scenario of a recording, whose frames mean what the database says. Plants and laws need not be known here.
@@ -95,17 +98,15 @@ impl Plan {
         database: &Arc<Database>,
         external: &[String],
     ) -> Result<Self, ScenarioError> {
-        let recorded = |loops: Loops<Scenario>| {
-            named(loops, |scenario| {
-                ControlLoop::of_recording(scenario, database)
-            })
+        let recorded = |scenario: Scenario| {
+            named(scenario, |trial| ControlLoop::of_recording(trial, database))
         };
-        let object = |loops: &Loops<Scenario>| recorded(loops.clone()).err();
-        let objections = |scenario: &Scenario| recorded_objections(scenario, database);
+        let object = |scenario: &Scenario| recorded(scenario.clone()).err();
+        let objections = |trial: &Trial| recorded_objections(trial, database);
         let beside = Beside::new(path);
         let text = text_of(path)?;
-        let (loops, texts) = Loops::parse_recorded(&beside, text, objections, object)?;
-        let plan = recorded(loops).expect("a rig without objections");
+        let (scenario, texts) = Scenario::parse_recorded(&beside, text, objections, object)?;
+        let plan = recorded(scenario).expect("a rig without objections");
         Ok(plan.recorded_external(external).with_texts(&beside, texts))
     }
 
@@ -119,31 +120,28 @@ impl Plan {
         read_file: impl FnMut(&str) -> io::Result<String>,
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
-        let object = |loops: &Loops<Scenario>| {
-            let mut scenarios = loops.loops.iter().map(|one| &one.scenario);
-            let found = scenarios.find_map(|one| catalogue.fmu_objection(one, &one.wiring.plant));
+        let object = |scenario: &Scenario| {
+            let found = scenario
+                .loops
+                .iter()
+                .find_map(|one| catalogue.fmu_objection(one, None));
             // That the file is not there any more is no value's fault.
             found.filter(|objection| objection.path.contains(".fmu.start."))
         };
         // Files that are no text lie beside the scenario that is varied.
         let beside = self.shared.beside.of_case();
-        let loops = Loops::parse_case(&beside, text.to_owned(), read_file, object)?;
-        let varied = self.loops.iter().zip(loops.loops);
-        let varied = varied.map(|(base, one)| base.varied(one.scenario));
-        let nodes = self.shared.nodes_of_loops.clone();
-        let mut plan = Self::of_loops(varied.collect(), loops.contours, nodes);
-        plan.shared.rig = Arc::new(loops.rig);
+        let scenario = Scenario::parse_case(&beside, text.to_owned(), read_file, object)?;
+        let varied = self.loops.iter().zip(scenario.loops);
+        let varied = varied.map(|(base, one)| base.varied(one));
+        let mut plan = Self::of_loops(scenario.run, varied.collect());
+        plan.shared.contours = scenario.contours;
+        plan.shared.rig = Arc::new(scenario.rig);
         Ok(plan)
     }
 
     /// The plan of loops that were found to be without objections.
-    fn of_texts(
-        loops: Loops<Scenario>,
-        beside: &Beside,
-        texts: Texts,
-        catalogue: &Catalogue,
-    ) -> Self {
-        let plan = planned(loops, catalogue);
+    fn of_texts(scenario: Scenario, beside: &Beside, texts: Texts, catalogue: &Catalogue) -> Self {
+        let plan = planned(scenario, catalogue);
         plan.expect("a rig without objections")
             .with_texts(beside, texts)
     }
@@ -158,19 +156,19 @@ pub fn check_rig(
     name: &str,
     catalogue: &Catalogue,
 ) -> Result<(Rig, BusBudget), ScenarioError> {
-    let object = |loops: &Loops<Scenario>| objection(loops, catalogue);
-    let loops = Loops::of_rig(text, name, object)?;
-    let plan = planned(loops.clone(), catalogue).expect("a rig without objections");
+    let object = |scenario: &Scenario| objection(scenario, catalogue);
+    let scenario = Scenario::of_rig(text, name, object)?;
+    let plan = planned(scenario.clone(), catalogue).expect("a rig without objections");
     let budget = BusBudget::new(&plan);
-    Ok((loops.rig, budget))
+    Ok((scenario.rig, budget))
 }
 
 /// What is wrong with a rig: a drive that cannot be led, nodes that send the same, a cycle that is too short.
-fn objection(loops: &Loops<Scenario>, catalogue: &Catalogue) -> Option<Objection> {
-    if let Some(objection) = ports::objection(loops, catalogue) {
+fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
+    if let Some(objection) = ports::objection(scenario, catalogue) {
         return Some(objection);
     }
-    match planned(loops.clone(), catalogue) {
+    match planned(scenario.clone(), catalogue) {
         Ok(plan) => does_not_fit(&BusBudget::new(&plan)),
         Err(objection) => Some(objection),
     }
@@ -205,12 +203,12 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
 }
 
 /// The plan of the loops of a rig, each with the frames of the whole bus.
-fn planned(loops: Loops<Scenario>, catalogue: &Catalogue) -> Result<Plan, Objection> {
-    let alone = |scenario: Scenario| {
-        let frames = catalogue.frames(&scenario);
-        ControlLoop::with_frames(scenario, frames)
+fn planned(scenario: Scenario, catalogue: &Catalogue) -> Result<Plan, Objection> {
+    let alone = |trial: Trial| {
+        let frames = catalogue.frames(&trial);
+        ControlLoop::with_frames(trial, frames)
     };
-    let plan = named(loops, alone)?.composed();
+    let plan = named(scenario, alone)?.composed();
     match plan.database().refuse_duplicates() {
         Err(error) => Err(Objection {
             path: "node".to_owned(),
@@ -225,8 +223,8 @@ fn planned(loops: Loops<Scenario>, catalogue: &Catalogue) -> Result<Plan, Object
 }
 
 /// The names of signals in a scenario that its recording does not have. Of an external drive the truth is missing.
-fn recorded_objections(scenario: &Scenario, database: &Arc<Database>) -> Vec<Objection> {
-    let wiring = &scenario.wiring;
+fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection> {
+    let wiring = &trial.wiring;
     let drive = &wiring.nodes.drive.name;
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
@@ -234,16 +232,15 @@ fn recorded_objections(scenario: &Scenario, database: &Arc<Database>) -> Vec<Obj
     let name = wiring.loop_among_several();
     let names = OnceCell::new();
     let make = || SignalNames::new(database, &wiring.nodes, name);
-    SignalNames::objections(scenario, || names.get_or_init(make))
+    SignalNames::objections(trial, || names.get_or_init(make))
 }
 
-/// The drive of a loop, if it is a real one.
-fn real_drive<T>(loops: &Loops<T>, name: &str) -> Result<Option<Arc<LoadedDrive>>, Objection> {
-    let drive = loops.rig.drive_of_loop(name);
-    let Some(real) = loops.rig.real_drive(drive) else {
+/// A drive, if it is a real one.
+fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive>>, Objection> {
+    let Some(real) = scenario.rig.real_drive(drive) else {
         return Ok(None);
     };
-    let loaded = LoadedDrive::new(real, loops.sheets.get(drive));
+    let loaded = LoadedDrive::new(real, scenario.sheets.get(drive));
     let loaded = loaded.map_err(|error| Objection {
         path: format!("node.{drive}"),
         message: format!("the drive `{drive}` cannot be led"),
@@ -253,54 +250,24 @@ fn real_drive<T>(loops: &Loops<T>, name: &str) -> Result<Option<Arc<LoadedDrive>
     Ok(Some(Arc::new(loaded)))
 }
 
-/// The plan of loops that `make` makes, each with its name, its place and its real drive.
-fn named(
-    loops: Loops<Scenario>,
-    make: impl Fn(Scenario) -> ControlLoop,
-) -> Result<Plan, Objection> {
-    let drives = loops.loops.iter();
-    let drives = drives.map(|one| real_drive(&loops, &one.name));
-    let drives = drives.collect::<Result<Vec<_>, _>>()?;
-    let Loops {
-        rig,
-        loops,
-        contours,
-        ..
-    } = loops;
-    let is_only = loops.len() == 1;
-    let several = loops.iter().filter(|_| !is_only);
-    let nodes_of_loops = several.map(|one| (one.name.clone(), one.scenario.wiring.nodes.clone()));
-    let nodes_of_loops = BTreeMap::from_iter(nodes_of_loops);
+/// The plan of loops that `make` makes, each with its real drive.
+fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let mut external = External::default();
-    let others = rig.node.values().filter(|node| node.external);
+    let others = scenario.rig.node.values().filter(|node| node.external);
     others.for_each(|node| external.insert(node.node_id));
-    let loops = (0..).zip(loops).zip(drives);
-    let loops = loops.map(|((number, one), real_drive)| {
-        let OneLoop {
-            name,
-            place,
-            scenario,
-        } = one;
-        let loop_name = (!is_only).then(|| LoopName {
-            plant: rig.plant_of_loop(&name).to_owned(),
-            name: name.clone(),
-        });
-        ControlLoop {
-            loop_name,
-            real_drive,
+    let trials = std::mem::take(&mut scenario.loops).into_iter();
+    let loops = trials.map(|trial| {
+        Ok(ControlLoop {
+            real_drive: real_drive(&scenario, &trial.wiring.nodes.drive.name)?,
             external: external.clone(),
-            place: LoopPlace {
-                number,
-                drive_node_id: place.drive,
-                disturbance_node_id: place.io,
-                truth_every_cycles: place.truth_every_cycles,
-            },
-            ..make(scenario)
-        }
+            ..make(trial)
+        })
     });
-    let loops = loops.collect();
-    let mut plan = Plan::of_loops(loops, contours, nodes_of_loops);
-    plan.shared.rig = Arc::new(rig);
+    let loops = loops.collect::<Result<_, _>>()?;
+    let mut plan = Plan::of_loops(scenario.run, loops);
+    plan.shared.contours = scenario.contours;
+    plan.shared.sweep = scenario.sweep;
+    plan.shared.rig = Arc::new(scenario.rig);
     Ok(plan)
 }
 

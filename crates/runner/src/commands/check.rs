@@ -64,7 +64,8 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
         return Ok(Valid { name, bus });
     }
     let plan = read(path, values)?;
-    let Shared { name, sweep, .. } = &plan.shared;
+    let Shared { run, sweep, .. } = &plan.shared;
+    let name = &run.name;
     let name = match sweep {
         Some(sweep) => format!("{name}, {} runs in a sweep", sweep.runs()),
         None => name.clone(),

@@ -251,9 +251,9 @@ impl Testbed for RunTestbed<'_> {
             let names = external.join(", ");
             self.note(format!("external: {names} (expected on the bus)"));
         }
-        admits(&plan.shared.faults, &self.bus, self.clock)?;
+        admits(&plan.shared.run.faults, &self.bus, self.clock)?;
         for one in &plan.loops {
-            let scenario = &one.scenario;
+            let scenario = &one.trial;
             one.admits_faults()?;
             if let Some(drive) = &one.real_drive {
                 drive.admits(scenario)?;

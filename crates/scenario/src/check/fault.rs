@@ -3,13 +3,13 @@
 use crate::document::Document;
 use crate::error::Problem;
 use crate::fault::{Fault, Faults, Group, Time};
-use crate::plant::Plant;
+use crate::plant::PlantModel;
 
 /// COB-ID of `drive_truth`, by which the run is judged.
 const TRUTH_COB_ID: u32 = 0x6B0;
 
 /// Faults that begin within the run and end after they begin.
-pub(crate) fn faults(
+pub(super) fn faults(
     document: &Document<'_>,
     faults: &Faults,
     duration_seconds: f64,
@@ -68,7 +68,7 @@ fn forged(document: &Document<'_>, fault: &Fault) -> Option<Problem> {
 pub(crate) fn faults_of_plants<'a>(
     document: &Document<'_>,
     faults: &Faults,
-    plant_of: impl Fn(&Fault) -> Option<&'a Plant>,
+    plant_of: impl Fn(&Fault) -> Option<&'a PlantModel>,
 ) -> Vec<Problem> {
     let strange = faults.in_group(Group::Plant).filter_map(|fault| {
         let plant = plant_of(fault)?;

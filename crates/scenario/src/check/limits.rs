@@ -4,20 +4,20 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Emergency, Limit};
 use crate::metrics::{METRICS, Metric};
-use crate::scenario::Scenario;
+use crate::trial::Trial;
 
 /// Limits that can be met, on metrics that the scenario has.
-pub(super) fn limits(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let mut problems = Vec::from_iter(end_problem(document, scenario));
-    for (metric, limit) in scenario.expect.limits() {
+pub(super) fn limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let mut problems = Vec::from_iter(end_problem(document, trial));
+    for (metric, limit) in trial.expect.limits() {
         let (name, path) = (metric.name, format!("expect.{}", metric.name));
         problems.extend(limit_problem(document, &path, name, limit).or_else(|| {
-            let missing = missing_for(metric, scenario)?;
+            let missing = missing_for(metric, trial)?;
             let message = format!("`{name}` cannot be judged");
             Some(document.problem(&path, message, format!("needs {missing}")))
         }));
     }
-    for (path, limit) in scenario.expect.timing.limits() {
+    for (path, limit) in trial.expect.timing.limits() {
         let name = format!("timing.{path}");
         problems.extend(limit_problem(
             document,
@@ -51,37 +51,35 @@ pub(super) fn limit_problem(
 }
 
 /// A judgement that ends after the run.
-fn end_problem(document: &Document<'_>, scenario: &Scenario) -> Option<Problem> {
-    let end_seconds = scenario.judged_end_seconds();
-    (end_seconds > scenario.duration_seconds).then(|| {
-        let label = format!("the run ends at {} s", scenario.duration_seconds);
+fn end_problem(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+    let end_seconds = trial.judged_end_seconds();
+    (end_seconds > trial.run.duration_seconds).then(|| {
+        let label = format!("the run ends at {} s", trial.run.duration_seconds);
         let path = "expect.judged_until_seconds";
         document.problem(path, "the judgement ends after the run", label)
     })
 }
 
 /// The part that the scenario lacks for a metric, up to the end of what is judged.
-fn missing_for(metric: &Metric, scenario: &Scenario) -> Option<String> {
-    let missing = metric.missing_in(scenario)?;
-    let end_seconds = scenario.expect.judged_until_seconds;
+fn missing_for(metric: &Metric, trial: &Trial) -> Option<String> {
+    let missing = metric.missing_in(trial)?;
+    let end_seconds = trial.expect.judged_until_seconds;
     let before = end_seconds.map(|end| format!(" before judged_until_seconds = {end}"));
     Some(format!("{missing}{}", before.unwrap_or_default()))
 }
 
 /// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
-pub(crate) fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let expect = &scenario.expect;
+pub(crate) fn reactions(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let expect = &trial.expect;
     let mut problems = Vec::new();
     let reactions = METRICS.iter().filter(|metric| metric.needs_fault());
     let demanded = reactions.filter(|metric| expect.of(metric.name).is_some());
-    // A fault with a mistake in it is one problem, not two.
-    let is_unread = scenario.faults.is_empty() && document.has("fault");
     for Metric { name, .. } in demanded {
-        if !scenario.has_own_faults() && !is_unread {
+        if !trial.has_own_faults() {
             let message = format!("`{name}` cannot be judged");
             let path = format!("expect.{name}");
             let problem = document.problem(&path, message, "needs a [[fault.…]] of this drive");
-            problems.push(match scenario.faults.is_empty() {
+            problems.push(match trial.run.faults.is_empty() {
                 false => problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]"),
                 true => problem,
             });
@@ -96,7 +94,7 @@ pub(crate) fn reactions(document: &Document<'_>, scenario: &Scenario) -> Vec<Pro
     }
     for metric in METRICS.iter().filter(|metric| metric.needs_fault()) {
         if expect.of(metric.name).is_some()
-            && let Some(missing) = metric.missing_in(scenario)
+            && let Some(missing) = metric.missing_in(trial)
         {
             let message = format!("`{}` cannot be judged", metric.name);
             let path = format!("expect.{}", metric.name);

@@ -4,7 +4,7 @@ use crate::controller::OpenLoop;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::reference::Reference;
-use crate::scenario::Scenario;
+use crate::trial::Trial;
 
 /// One entry of an array of timed tables.
 pub(super) struct Piece {
@@ -89,17 +89,17 @@ pub(super) fn current_pieces(open_loop: &OpenLoop) -> Vec<Piece> {
     pieces
 }
 
-pub(super) fn disturbance_pieces(scenario: &Scenario) -> Vec<Piece> {
+pub(super) fn disturbance_pieces(trial: &Trial) -> Vec<Piece> {
     let mut pieces = Vec::new();
-    let fans = scenario.disturbance.fan.iter().enumerate();
+    let fans = trial.disturbance.fan.iter().enumerate();
     pieces.extend(
         fans.map(|(index, fan)| {
             Piece::from("fan", index, fan.from_seconds, Some(fan.until_seconds))
         }),
     );
-    let loads = scenario.disturbance.load.iter().enumerate();
+    let loads = trial.disturbance.load.iter().enumerate();
     pieces.extend(loads.map(|(index, load)| Piece::at("load", index, load.at_seconds)));
-    let outputs = scenario.disturbance.output.iter().enumerate();
+    let outputs = trial.disturbance.output.iter().enumerate();
     pieces.extend(outputs.map(|(index, output)| Piece {
         until_seconds: output.until_seconds,
         ..Piece::at("output", index, output.at_seconds)

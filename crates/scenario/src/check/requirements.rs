@@ -5,18 +5,18 @@ use std::collections::BTreeSet;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::nearest;
-use crate::scenario::Scenario;
+use crate::trial::Trial;
 
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;
 
-/// Everything that is wrong with the requirements of a scenario.
-pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let expect = &scenario.expect;
-    let mut problems = names(document, "requirements", &scenario.requirements);
+/// Everything that is wrong with the requirements of a loop's limits.
+pub(super) fn of_limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let expect = &trial.expect;
+    let mut problems = Vec::new();
     for (key, requirements) in &expect.requirements {
         let path = format!("expect.requirements.{key}");
-        problems.extend(undemanded(document, &path, key, scenario));
+        problems.extend(undemanded(document, &path, key, trial));
         problems.extend(names(document, &path, requirements));
     }
     let checks = expect.signal.iter().map(|check| &check.requirements);
@@ -31,14 +31,9 @@ pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem
 }
 
 /// A key without a limit tests nothing.
-fn undemanded(
-    document: &Document<'_>,
-    path: &str,
-    key: &str,
-    scenario: &Scenario,
-) -> Option<Problem> {
-    let timing = scenario.expect.timing.rows();
-    let given: Vec<String> = scenario
+fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> Option<Problem> {
+    let timing = trial.expect.timing.rows();
+    let given: Vec<String> = trial
         .expect
         .keys()
         .map(str::to_owned)
@@ -60,7 +55,8 @@ fn undemanded(
     })
 }
 
-fn names(document: &Document<'_>, path: &str, requirements: &[String]) -> Vec<Problem> {
+/// Everything that is wrong with the names of requirements at a path.
+pub(super) fn names(document: &Document<'_>, path: &str, requirements: &[String]) -> Vec<Problem> {
     let mut seen = BTreeSet::new();
     let mut problems = Vec::new();
     for (index, name) in requirements.iter().enumerate() {

@@ -7,24 +7,24 @@ use super::tables::read_beside;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Emergency, Expected, Sequence, SignalCheck};
-use crate::scenario::Scenario;
 use crate::table::{self, ReadTable};
+use crate::trial::Trial;
 
 /// A window may end so much after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
 const END_SECONDS: f64 = 0.1;
 
 /// Everything that is wrong with the checks on signals and the sequences.
-pub(super) fn check(document: &Document<'_>, scenario: &Scenario) -> Vec<Problem> {
-    let duration_seconds = scenario.duration_seconds;
+pub(super) fn check(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+    let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::new();
     let mut rows = BTreeSet::new();
-    for (index, check) in scenario.expect.signal.iter().enumerate() {
+    for (index, check) in trial.expect.signal.iter().enumerate() {
         let path = format!("expect.signal.{index}");
         let window = (check.from_seconds, check.until_seconds);
         problems.extend(window_problem(document, &path, window, duration_seconds));
         problems.extend(demands(document, &path, check, &mut rows));
     }
-    for (index, sequence) in scenario.expect.sequence.iter().enumerate() {
+    for (index, sequence) in trial.expect.sequence.iter().enumerate() {
         let path = format!("expect.sequence.{index}");
         let window = (Some(sequence.from_seconds), sequence.until_seconds);
         problems.extend(window_problem(document, &path, window, duration_seconds));
@@ -172,12 +172,12 @@ fn event_problem(document: &Document<'_>, path: &str, event: &Expected) -> Optio
 /// Reads the courses that signals must follow.
 pub(crate) fn read_courses(
     document: &Document<'_>,
-    checks: &mut [SignalCheck],
-    duration_seconds: f64,
+    trial: &mut Trial,
     read_table: ReadTable<'_>,
 ) -> Vec<Problem> {
     let mut problems = Vec::new();
-    for (index, check) in checks.iter_mut().enumerate() {
+    let duration_seconds = trial.run.duration_seconds;
+    for (index, check) in trial.expect.signal.iter_mut().enumerate() {
         let path = format!("expect.signal.{index}");
         let Some(course) = &mut check.follows else {
             continue;

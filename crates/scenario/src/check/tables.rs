@@ -2,21 +2,24 @@
 
 use std::io;
 
-use crate::controller::{Controller, NominalModel};
+use crate::controller::NominalModel;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::reference::Reference;
 use crate::table::{self, ReadTable};
-use crate::wiring::Wiring;
+use crate::trial::Trial;
 
 /// Reads the tables of the set-point and of the current into their rows, and the nominal model into its place.
 pub(crate) fn read_tables(
     document: &Document<'_>,
-    reference: &mut Reference,
-    controller: &mut Controller,
-    wiring: &Wiring,
+    trial: &mut Trial,
     read_table: ReadTable<'_>,
 ) -> Vec<Problem> {
+    let Trial {
+        controller,
+        reference,
+        wiring,
+        ..
+    } = trial;
     let mut problems = Vec::new();
     for (index, entry) in reference.table.iter_mut().enumerate() {
         let path = format!("reference.table.{index}.file");

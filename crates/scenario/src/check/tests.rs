@@ -5,22 +5,29 @@ use std::path::Path;
 
 use proptest::prelude::*;
 
-use crate::loops::Loops;
-use crate::{Beside, Objection, Scenario, ScenarioError};
+use crate::scenario::Scenario;
+use crate::{Beside, Objection, ScenarioError, Trial};
 
 const GOLDEN: &str = "cycle,time_seconds,current_amperes\n0,0.5,1.0\n1,1.0,\n2,1.5,2.0\n";
 
 /// A scenario of 4 s with something more; `[[expect.signal]]` begins in line 8.
-pub(super) fn parse(more: &str) -> Result<Scenario, ScenarioError> {
+pub(super) fn parse(more: &str) -> Result<Trial, ScenarioError> {
+    resolved(more).map(|mut scenario| scenario.loops.remove(0))
+}
+
+/// As [`parse`], with all that is not of its loop.
+pub(super) fn resolved(more: &str) -> Result<Scenario, ScenarioError> {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.hold]]\n\
          at_seconds = 0.0\nposition_millimetres = 10.0\n{more}"
     );
-    Scenario::parse(&text, "t.toml", |name| match name {
+    let read = |name: &str| match name {
         "golden.csv" => Ok(GOLDEN.to_owned()),
         "locked.csv" => Err(io::Error::other("permission denied")),
         _ => Err(io::ErrorKind::NotFound.into()),
-    })
+    };
+    let beside = Beside::new(Path::new("t.toml"));
+    Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None).map(|(scenario, _)| scenario)
 }
 
 /// One problem, with its place and its words; those that stand at the place are in the `Debug` text.
@@ -46,7 +53,7 @@ fn sequence(events: &str) -> String {
 
 /// What stands as help under the only problem.
 #[track_caller]
-fn help(parsed: Result<Scenario, ScenarioError>) -> String {
+fn help(parsed: Result<Trial, ScenarioError>) -> String {
     let error = parsed.expect_err("it is broken");
     let [problem] = error.problems() else {
         panic!("{:?}", error.problems());
@@ -85,9 +92,7 @@ fn what_is_no_limit_says_how_a_limit_is_written() {
     }
     let bare = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 4.0\nexpect = 2\n[controller.pid]\n\
                 [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-    let help = help(Scenario::parse(bare, "t.toml", |_| {
-        unreachable!("no table")
-    }));
+    let help = help(Trial::parse(bare, "t.toml", |_| unreachable!("no table")));
     assert!(help.contains("`overshoot_percent = { max = 2 }`"), "{help}");
 }
 
@@ -328,7 +333,7 @@ fn a_misspelt_key_deep_in_a_sequence_is_underlined() {
 fn an_objection_is_underlined_beside_the_other_problems() {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 0\n[controller.open_loop]\n";
     let text = format!("{text}{}", signal("stays = { max = 1 }"));
-    let objections = |scenario: &Scenario| {
+    let objections = |scenario: &Trial| {
         let named = scenario.expect.named_signals();
         let objection = |(path, name): (String, &str)| Objection {
             path,
@@ -340,7 +345,7 @@ fn an_objection_is_underlined_beside_the_other_problems() {
     };
     let beside = Beside::new(Path::new("s.toml"));
     let none = |_: &str| unreachable!("no table");
-    let loaded = Loops::parse(&beside, text, none, objections, |_| None);
+    let loaded = Scenario::parse(&beside, text, none, objections, |_| None);
     let error = loaded.unwrap_err();
     let found: Vec<_> = error
         .problems()

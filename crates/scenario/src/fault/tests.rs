@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::Scenario;
+use crate::Trial;
 
-fn parse(tables: &str) -> Result<Scenario, Vec<String>> {
+fn parse(tables: &str) -> Result<Trial, Vec<String>> {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n[[reference.hold]]\n\
          at_seconds = 0.0\nposition_millimetres = 10.0\n{tables}"
     );
-    let parsed = Scenario::parse(&text, "t.toml", |_| unreachable!("no table"));
+    let parsed = Trial::parse(&text, "t.toml", |_| unreachable!("no table"));
     parsed.map_err(|error| error.problems().iter().map(ToString::to_string).collect())
 }
 
@@ -39,7 +39,7 @@ fn every_kind_is_read_with_its_name() {
     for kind in KINDS {
         let table = least(kind);
         let scenario = parse(&table).unwrap_or_else(|problems| panic!("{table}: {problems:?}"));
-        let faults = Vec::from_iter(scenario.faults.iter());
+        let faults = Vec::from_iter(scenario.run.faults.iter());
         assert_eq!(faults.len(), 1, "{table}");
         assert_eq!(faults[0].kind.name, kind.name);
         let is_behind_the_drive = ![Group::Bus, Group::Node].contains(&kind.group);

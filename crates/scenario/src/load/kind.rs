@@ -11,7 +11,7 @@ pub(super) fn is_rig(document: &Document<'_>) -> bool {
 }
 
 /// A scenario.
-pub(super) fn is_scenario(document: &Document<'_>) -> bool {
+pub(crate) fn is_scenario(document: &Document<'_>) -> bool {
     let keys = ["controller", "rig", "duration_seconds", "reference"];
     keys.iter().any(|key| document.has(key))
 }

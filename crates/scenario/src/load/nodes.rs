@@ -90,7 +90,7 @@ impl Rig {
     /// The rig of a tree in which each node has what it needs.
     pub(super) fn of_tree(document: &Document<'_>, reading: Reading) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
-            Reading::ToPlay | Reading::Case => Outside::Registered,
+            Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
             Reading::Recorded => Outside::from_recorded_rig(document.root()),
         };
         let schema = outside.rig_schema();
@@ -295,7 +295,7 @@ impl Check<'_> {
                 (None, Some(pair)) => &pair.phase,
                 (None, None) => return None,
             };
-            Some((format!("plant.{name}.{}.phase", plant.model()), phase))
+            Some((format!("plant.{name}.{}.phase", plant.name()), phase))
         });
         let problems = phases
             .flat_map(|(path, phase)| crate::check::temperatures(self.document, &path, phase));

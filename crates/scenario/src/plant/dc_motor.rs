@@ -89,12 +89,12 @@ impl DcMotor {
 
 #[cfg(test)]
 mod tests {
-    use crate::Scenario;
+    use crate::Trial;
 
-    fn parsed(more: &str) -> Result<Scenario, crate::ScenarioError> {
+    fn parsed(more: &str) -> Result<Trial, crate::ScenarioError> {
         let head = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
         let text = format!("{head}{more}");
-        Scenario::parse(&text, "t.toml", |_| unreachable!("no table"))
+        Trial::parse(&text, "t.toml", |_| unreachable!("no table"))
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! A plant from a modelling tool: `[plant.NAME.fmu]` of a rig file.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::{Deserialize, Serialize};
-use toml::Value;
+use serde::{Deserialize, Deserializer, Serialize};
+use toml::{Table, Value};
 
 /// An FMU of FMI 2.0 or 3.0 for co-simulation, which only a rig file can wire.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -24,13 +25,47 @@ pub struct Fmu {
     pub record: Vec<String>,
     /// Start values by the names of its variables, in the FMU's units: numbers, truths or texts. A name with dots may be written as
     /// it is: `motor.inertia = 0.1`.
-    // As they are written in a rig file; those of a scenario are whole names, which the loader makes of them.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(
+        deserialize_with = "whole_names",
+        skip_serializing_if = "BTreeMap::is_empty"
+    )]
     #[schemars(schema_with = "values")]
     pub start: BTreeMap<String, Value>,
     /// Its variables as ports, by names that end in the unit that they have on the bench.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub ports: BTreeMap<String, FmuPort>,
+}
+
+impl Fmu {
+    /// The same with the path of its file, which lies beside the rig file.
+    pub(crate) fn beside(self, rig: &Path) -> Self {
+        let file = rig.with_file_name(&self.file);
+        Self {
+            file: file.to_string_lossy().into_owned(),
+            ..self
+        }
+    }
+}
+
+/// Start values by the whole names of their variables.
+fn whole_names<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<BTreeMap<String, Value>, D::Error> {
+    fn flatten(table: Table, above: &str, into: &mut BTreeMap<String, Value>) {
+        for (key, value) in table {
+            let name = match above {
+                "" => key,
+                above => format!("{above}.{key}"),
+            };
+            match value {
+                Value::Table(below) => flatten(below, &name, into),
+                value => drop(into.insert(name, value)),
+            }
+        }
+    }
+    let mut whole = BTreeMap::new();
+    flatten(Table::deserialize(deserializer)?, "", &mut whole);
+    Ok(whole)
 }
 
 /// A variable of an FMU as a port.
@@ -58,4 +93,27 @@ pub struct FmuPort {
 /// Whatever a variable's kind takes.
 fn values(_: &mut SchemaGenerator) -> Schema {
     json_schema!({"type": "object", "additionalProperties": {}})
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The start values of an FMU by their names.
+    fn placed(start: &str) -> Vec<String> {
+        let text = format!("file = \"arm.fmu\"\n[start]\n{start}\n");
+        let fmu: Fmu = toml::from_str(&text).unwrap();
+        let fmu = fmu.beside(Path::new("rigs/rig.toml"));
+        assert_eq!(fmu.file, "rigs/arm.fmu");
+        fmu.start.into_keys().collect()
+    }
+
+    #[test]
+    fn a_name_with_dots_may_be_quoted_or_not() {
+        assert_eq!(placed("\"body.arm.m\" = 2.0"), ["body.arm.m"]);
+        assert_eq!(placed("body.arm.m = 2.0"), ["body.arm.m"]);
+        let several = "n = 1\nbody.mass = 1.0\nbody.arm = { m = 2.0, on = true }";
+        let names = ["body.arm.m", "body.arm.on", "body.mass", "n"];
+        assert_eq!(placed(several), names);
+    }
 }

@@ -1,4 +1,4 @@
-//! The `[plant]` table: the truth that the emulator plays. Defaults are the paper's, a data sheet's, or "assumed".
+//! The plants that a drive moves, and the sensor and amplifier of a drive. Defaults are the paper's, a data sheet's, or "assumed".
 
 mod dc_motor;
 mod fmu;
@@ -10,15 +10,14 @@ use std::any::Any;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::left_out::is_zero;
 use crate::own::{self, Own, Parameters, defaults};
 pub use dc_motor::DcMotor;
 pub use fmu::{Fmu, FmuPort};
-pub use sma::{Heat, Mechanics, Phase, SMA_FAULTS, StressStrain};
+pub use sma::{Heat, Mechanics, Phase, SMA_FAULTS, Sma, StressStrain};
 pub use sma_pair::SmaPair;
 
-/// Name of the plant of a scenario without a table of another one: the actuator of the paper.
-pub const SMA_ACTUATOR: &str = "sma_actuator";
+/// Name of the actuator of the paper, and of its table.
+pub const SMA: &str = "sma";
 /// Name of the DC motor, and of its table.
 pub(crate) const DC_MOTOR: &str = "dc_motor";
 /// Name of the joint with two wires, and of its table.
@@ -26,46 +25,58 @@ pub const SMA_PAIR: &str = "sma_pair";
 /// Name of a plant from a modelling tool, and of its table.
 pub const FMU: &str = "fmu";
 /// Plants with a table of their own in the format.
-pub(crate) const WITH_TABLE: [&str; 3] = [DC_MOTOR, SMA_PAIR, FMU];
+pub(crate) const MODELS: [&str; 4] = [SMA, DC_MOTOR, SMA_PAIR, FMU];
 
 /// Whether the format has the table of a plant; those of others are registered.
 #[must_use]
 pub fn is_of_format(plant: &str) -> bool {
-    plant == SMA_ACTUATOR || WITH_TABLE.contains(&plant)
+    MODELS.contains(&plant)
 }
 
-/// The rig: a plant with its sensor and its amplifier. Without a plant's own table, such as `[plant.dc_motor]`, it is the SMA
-/// actuator.
+/// A plant: exactly one model with its parameters.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Plant {
-    /// A DC motor in place of the shape-memory-alloy wire.
+#[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
+pub struct PlantModel {
+    /// The shape-memory-alloy actuator of the paper.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sma: Option<Sma>,
+    /// A DC motor with gearbox, which lifts a load against a spring.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dc_motor: Option<DcMotor>,
-    /// A joint with two shape-memory-alloy wires, which only a rig file can wire: it has two currents and an angle.
+    /// A joint that two shape-memory-alloy wires turn, one each way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sma_pair: Option<SmaPair>,
-    /// A plant from a modelling tool, which only a rig file can wire.
+    /// A plant from a modelling tool: an FMU of FMI 2.0 or 3.0 for co-simulation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fmu: Option<Fmu>,
-    /// Heat balance of the wire, Eq. (1).
-    pub heat: Heat,
-    /// Phase transformation, Eq. (2).
-    pub phase: Phase,
-    /// Wire mechanics and motion, Eq. (3)-(9).
-    pub mechanics: Mechanics,
-    /// Position sensor.
-    pub sensor: Sensor,
-    /// Current amplifier.
-    pub amplifier: Amplifier,
-    /// The table of a plant from outside, under its own name.
+    /// The table of a model from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
     #[schemars(skip)]
     pub own: Option<Own>,
 }
 
-impl Plant {
-    /// The name of the plant that the table describes.
+impl PlantModel {
+    /// The actuator with these parameters.
+    #[must_use]
+    pub fn of_sma(sma: Sma) -> Self {
+        let sma = Some(sma);
+        Self {
+            sma,
+            ..Self::default()
+        }
+    }
+
+    /// The parameters of the actuator; none of another model.
+    #[must_use]
+    pub fn actuator(&self) -> Option<Sma> {
+        match self.model() {
+            Model::Sma(sma) => Some(sma.cloned().unwrap_or_default()),
+            _ => None,
+        }
+    }
+
+    /// The name of its model; the actuator's where nothing is said.
     #[must_use]
     pub fn name(&self) -> &str {
         match self.model() {
@@ -73,7 +84,7 @@ impl Plant {
             Model::DcMotor(_) => DC_MOTOR,
             Model::SmaPair(_) => SMA_PAIR,
             Model::Fmu(_) => FMU,
-            Model::Actuator => SMA_ACTUATOR,
+            Model::Sma(_) => SMA,
         }
     }
 
@@ -85,7 +96,7 @@ impl Plant {
             Model::DcMotor(_) => DcMotor::FAULTS,
             Model::SmaPair(_) => SmaPair::FAULTS,
             Model::Fmu(_) => &[],
-            Model::Actuator => SMA_FAULTS,
+            Model::Sma(_) => SMA_FAULTS,
         }
     }
 
@@ -95,7 +106,7 @@ impl Plant {
         match self.model() {
             Model::Own(_) | Model::SmaPair(_) | Model::Fmu(_) => None,
             Model::DcMotor(motor) => Some(motor.load_kilograms),
-            Model::Actuator => Some(self.mechanics.load_kilograms),
+            Model::Sma(_) => Some(self.actuator()?.mechanics.load_kilograms),
         }
     }
 
@@ -107,14 +118,14 @@ impl Plant {
         &self,
         make: impl FnOnce(&P) -> T,
     ) -> Result<T, toml::de::Error> {
-        let table: &dyn Any = match self.model() {
+        let table: Option<&dyn Any> = match self.model() {
             Model::Own(own) => return Ok(make(&own.parameters()?)),
-            Model::DcMotor(motor) => motor,
-            Model::SmaPair(pair) => pair,
-            Model::Fmu(fmu) => fmu,
-            Model::Actuator => self,
+            Model::DcMotor(motor) => Some(motor),
+            Model::SmaPair(pair) => Some(pair),
+            Model::Fmu(fmu) => Some(fmu),
+            Model::Sma(sma) => sma.map(|sma| sma as &dyn Any),
         };
-        match table.downcast_ref() {
+        match table.and_then(|table| table.downcast_ref()) {
             Some(parameters) => Ok(make(parameters)),
             None => Ok(make(&defaults()?)),
         }
@@ -126,67 +137,59 @@ impl Plant {
             (None, Some(motor), _, _) => Model::DcMotor(motor),
             (None, None, Some(pair), _) => Model::SmaPair(pair),
             (None, None, None, Some(fmu)) => Model::Fmu(fmu),
-            (None, None, None, None) => Model::Actuator,
+            (None, None, None, None) => Model::Sma(self.sma.as_ref()),
         }
     }
 }
 
-/// The plant that a table describes.
+/// The model of a plant.
 enum Model<'a> {
     Own(&'a Own),
     DcMotor(&'a DcMotor),
     SmaPair(&'a SmaPair),
     Fmu(&'a Fmu),
-    Actuator,
+    Sma(Option<&'a Sma>),
 }
 
-/// Position sensor: a potentiometer read by an analogue-to-digital converter, or anything else that counts in equal steps.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
+/// Position sensor: a potentiometer read by an analogue-to-digital converter, or anything else that counts in equal steps. Lengths
+/// and angles are in the unit of its loop.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     /// Resolution (paper: 10).
-    #[schemars(range(min = 1, max = 24))]
     pub resolution_bits: u32,
     /// Span; the converter clips there (assumed: 60).
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
-    pub span_millimetres: f64,
+    pub span: f64,
     /// Standard deviation of normal noise before conversion (assumed: 0).
-    #[schemars(range(min = 0.0, max = 10.0))]
-    pub noise_millimetres_rms: f64,
+    pub noise_rms: f64,
 }
 
 impl Default for Sensor {
     fn default() -> Self {
         Self {
             resolution_bits: 10,
-            span_millimetres: 60.0,
-            noise_millimetres_rms: 0.0,
+            span: 60.0,
+            noise_rms: 0.0,
         }
     }
 }
 
 /// Current amplifier.
-#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Amplifier {
-    /// Smallest current: 0, or below it for an amplifier that drives both ways (paper: 0).
-    #[serde(skip_serializing_if = "is_zero")]
-    #[schemars(range(min = -1.0, max = 0.0), extend("default" = 0.0))]
-    pub current_amperes_min: f64,
-    /// Largest current (paper: 1).
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
-    pub current_amperes_max: f64,
+    /// Smallest current, in amperes: 0, or below it for an amplifier that drives both ways (paper: 0).
+    pub min: f64,
+    /// Largest current, in amperes (paper: 1).
+    pub max: f64,
     /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
     /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
-    #[schemars(range(min = 0, max = 24))]
     pub resolution_bits: u32,
 }
 
 impl Default for Amplifier {
     fn default() -> Self {
         Self {
-            current_amperes_min: 0.0,
-            current_amperes_max: 1.0,
+            min: 0.0,
+            max: 1.0,
             resolution_bits: 0,
         }
     }

@@ -1,10 +1,22 @@
-//! The SMA actuator's parameters: `[plant.heat]`, `[plant.phase]`, `[plant.mechanics]`.
+//! The SMA actuator's parameters: `[plant.NAME.sma]` of a rig file.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Faults of `[[fault.plant.…]]` that mean something to the actuator: all.
 pub const SMA_FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
+
+/// The shape-memory-alloy actuator.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sma {
+    /// Heat balance of the wire, Eq. (1).
+    pub heat: Heat,
+    /// Phase transformation, Eq. (2).
+    pub phase: Phase,
+    /// Wire mechanics and motion, Eq. (3)-(9).
+    pub mechanics: Mechanics,
+}
 
 /// Heat balance of the wire, Eq. (1); all per metre of wire.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]

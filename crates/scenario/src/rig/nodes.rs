@@ -1,6 +1,7 @@
 //! What is on the bench: the nodes on the bus by name, the plants that they move, and the loops that the controller closes.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,8 +11,7 @@ use super::{
 };
 use crate::bus::Bus;
 use crate::node::{LoopNodes, Node, Part};
-use crate::own::Own;
-use crate::plant::{DcMotor, Fmu, Heat, Mechanics, Phase, SmaPair};
+use crate::plant::{self, PlantModel};
 use crate::port::Unit;
 use crate::wiring::{LedBy, LoopOfRig, Plausible, Wiring};
 
@@ -60,6 +60,25 @@ impl Rig {
     pub fn plant_of(&self, drive: &str) -> Option<&str> {
         let amplifier = self.node.get(drive)?.amplifier.as_ref()?;
         plant_of_port(amplifier.port.as_deref()?)
+    }
+
+    /// The plant that a drive moves, whose files lie beside the rig file; the actuator of the paper where it moves none.
+    pub(crate) fn model_of(&self, drive: &str, rig: &Path) -> PlantModel {
+        let plant = self.plant_of(drive).and_then(|name| self.plant.get(name));
+        let mut model = plant.cloned().unwrap_or_default();
+        model.fmu = model.fmu.map(|fmu| fmu.beside(rig));
+        model
+    }
+
+    /// The sensor and the amplifier of a drive.
+    pub(crate) fn parts_of(&self, drive: &str) -> (plant::Sensor, plant::Amplifier) {
+        let node = self.node.get(drive);
+        let sensor = node.and_then(|node| node.sensor.as_ref());
+        let amplifier = node.and_then(|node| node.amplifier.as_ref());
+        (
+            sensor.map(Sensor::of_drive).unwrap_or_default(),
+            amplifier.map(Amplifier::of_drive).unwrap_or_default(),
+        )
     }
 
     /// The drive that a loop leads; empty for no loop of this rig.
@@ -157,6 +176,7 @@ impl Rig {
                 .others()
                 .filter_map(|(name, port)| Some((name.clone(), name_of(Some(port))?)))
                 .collect(),
+            truth_every_cycles: node.truth_every_cycles.unwrap_or(1),
             record: node.record.clone(),
             beside: beside
                 .filter_map(|(other, _)| amplifier_port(other))
@@ -344,55 +364,6 @@ pub struct DriveDefaults {
     pub plausible: Option<Plausible>,
 }
 
-/// A plant: exactly one model with its parameters.
-#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-#[schemars(extend("minProperties" = 1, "maxProperties" = 1))]
-pub struct PlantModel {
-    /// The shape-memory-alloy actuator of the paper.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sma: Option<Sma>,
-    /// A DC motor with gearbox, which lifts a load against a spring.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub dc_motor: Option<DcMotor>,
-    /// A joint that two shape-memory-alloy wires turn, one each way.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sma_pair: Option<SmaPair>,
-    /// A plant from a modelling tool: an FMU of FMI 2.0 or 3.0 for co-simulation.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub fmu: Option<Fmu>,
-    /// The table of a model from outside, under its own name.
-    #[serde(flatten, skip_deserializing)]
-    #[schemars(skip)]
-    pub own: Option<Own>,
-}
-
-impl PlantModel {
-    /// The name of its model.
-    #[must_use]
-    pub fn model(&self) -> &str {
-        match (&self.own, &self.dc_motor, &self.sma_pair, &self.fmu) {
-            (Some(own), _, _, _) => own.name(),
-            (None, Some(_), _, _) => "dc_motor",
-            (None, None, Some(_), _) => "sma_pair",
-            (None, None, None, Some(_)) => "fmu",
-            (None, None, None, None) => "sma",
-        }
-    }
-}
-
-/// The shape-memory-alloy actuator.
-#[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Sma {
-    /// Heat balance of the wire, Eq. (1).
-    pub heat: Heat,
-    /// Phase transformation, Eq. (2).
-    pub phase: Phase,
-    /// Wire mechanics and motion, Eq. (3)-(9).
-    pub mechanics: Mechanics,
-}
-
 /// What a node is.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -547,7 +518,29 @@ pub struct Sensor {
     pub noise_rms: Option<f64>,
 }
 
+impl Amplifier {
+    /// As the drive has it.
+    pub(crate) fn of_drive(&self) -> plant::Amplifier {
+        let default = plant::Amplifier::default();
+        plant::Amplifier {
+            min: self.min.unwrap_or(default.min),
+            max: self.max.unwrap_or(default.max),
+            resolution_bits: self.resolution_bits.unwrap_or(default.resolution_bits),
+        }
+    }
+}
+
 impl Sensor {
+    /// As the drive has it: its converter goes from the lowest position to the highest.
+    pub(crate) fn of_drive(&self) -> plant::Sensor {
+        let default = plant::Sensor::default();
+        plant::Sensor {
+            resolution_bits: self.resolution_bits.unwrap_or(default.resolution_bits),
+            span: (self.max).map_or(default.span, |max| max - self.min.unwrap_or_default()),
+            noise_rms: self.noise_rms.unwrap_or(default.noise_rms),
+        }
+    }
+
     /// The unit of its positions.
     #[must_use]
     pub fn unit(&self) -> Unit {

@@ -1,14 +1,14 @@
-//! The schema of scenarios, composed of that of one loop.
+//! The schema of scenarios, composed of those of their parts.
 
 use serde_json::{Map, Value, json};
 
-use super::{entries, schema_of};
+use super::{HEADER, RIG, SECTIONS, SWEPT, entries, schema_of};
+use crate::contour::Contours;
 use crate::fault;
-use crate::loops::Contours;
 use crate::own;
+use crate::plant::PlantModel;
 use crate::port::Unit;
-use crate::rig::nodes::{PlantModel, Rig};
-use crate::scenario::Scenario;
+use crate::rig::nodes::Rig;
 
 /// Tables whose entries say for which loop they are, and those that say for which node.
 const OF_LOOPS: &str = "Reference";
@@ -29,7 +29,7 @@ const PARTS: [(&str, &str); 5] = [
 
 /// The schema of scenarios on any rig.
 pub(super) fn of_scenario() -> Value {
-    let mut schema = with_names(schema_of::<Scenario>());
+    let mut schema = with_names(of_parts());
     fault::describe(&mut schema);
     let mut schema = with_units(schema);
     let laws = properties(&schema, "Controller");
@@ -60,6 +60,26 @@ pub(super) fn of_scenario() -> Value {
         "additionalProperties": part.take(),
     });
     prune(&mut schema);
+    schema
+}
+
+/// The keys of a scenario that are no tables, the tables of a loop, the bus and the sweep.
+fn of_parts() -> Value {
+    let mut schema = HEADER.clone();
+    schema["title"] = "Scenario".into();
+    schema["description"] = "One scenario file.".into();
+    schema["properties"]["bus"] = RIG["properties"]["bus"].clone();
+    schema["properties"]["sweep"] = SWEPT["properties"]["sweep"].clone();
+    let sections = SECTIONS["properties"].as_object();
+    for (name, section) in sections.into_iter().flatten() {
+        schema["properties"][name] = section.clone();
+    }
+    if let Some(required) = schema["required"].as_array_mut() {
+        required.push("controller".into());
+    }
+    for part in [&*SECTIONS, &*SWEPT, &*RIG] {
+        add_definitions(&mut schema, part);
+    }
     schema
 }
 
@@ -139,7 +159,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     }
     put_ranges(&mut schema, rig);
     let plants = rig.plant.iter().map(|(name, plant)| {
-        let definition = match plant.model() {
+        let definition = match plant.name() {
             "dc_motor" => reference("DcMotor"),
             "sma" => reference("Sma"),
             "sma_pair" => reference("SmaPair"),
@@ -180,23 +200,13 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
 
 /// An FMU with the start values that the rig file gives it, which may be other numbers.
 fn fmu(schema: &Value, plant: &PlantModel) -> Value {
-    let mut start = plant.fmu.iter().flat_map(|fmu| &fmu.start);
+    let start = plant.fmu.iter().flat_map(|fmu| &fmu.start);
+    let numbers = start.filter(|(_, value)| value.is_float() || value.is_integer());
+    let numbers = numbers.map(|(name, _)| (name.clone(), json!({"type": "number"})));
     let mut fmu = schema["definitions"]["Fmu"].clone();
-    fmu["properties"]["start"] = numbers(&mut start);
+    fmu["properties"]["start"] =
+        json!({"type": "object", "default": {}, "properties": Map::from_iter(numbers)});
     fmu
-}
-
-/// A table with the numbers of another one, also of those below it.
-fn numbers(values: &mut dyn Iterator<Item = (&String, &toml::Value)>) -> Value {
-    let numbers = values.filter_map(|(name, value)| {
-        let schema = match value {
-            toml::Value::Float(_) | toml::Value::Integer(_) => json!({"type": "number"}),
-            toml::Value::Table(below) => numbers(&mut below.iter()),
-            _ => return None,
-        };
-        Some((name.clone(), schema))
-    });
-    json!({"type": "object", "default": {}, "properties": Map::from_iter(numbers)})
 }
 
 /// Set-points lie within what the sensor of one of the loops gives.

@@ -86,7 +86,7 @@ struct Hitting {
 impl Hitting {
     /// The faults of a kind.
     fn all(plan: &Plan, kind: &str) -> Vec<Self> {
-        let faults = plan.shared.faults.of(kind).cloned();
+        let faults = plan.shared.run.faults.of(kind).cloned();
         let hitting = faults.map(|fault| {
             let node = fault.node.as_ref();
             let drive = node
@@ -94,8 +94,8 @@ impl Hitting {
                 .map(|node| node.id);
             let shares_a_plant = |drive: &u8| drives_beside(*drive, plan).len() > 1;
             let seed = match drive {
-                Some(drive) => seed_of_drive(plan.shared.seed, drive),
-                None => plan.shared.seed,
+                Some(drive) => seed_of_drive(plan.shared.run.seed, drive),
+                None => plan.shared.run.seed,
             };
             Self {
                 identifier: identifier(&fault),
@@ -201,7 +201,7 @@ impl BusFaults {
     /// # Errors
     /// The database has no statusword, from which scenario time follows.
     pub(crate) fn new(plan: &Plan, seats: Vec<Seat>) -> Result<Option<Self>, SignalMissing> {
-        let faults = &plan.shared.faults;
+        let faults = &plan.shared.run.faults;
         if faults.in_group(Group::Bus).next().is_none() {
             return Ok(None);
         }

@@ -29,7 +29,6 @@ use crate::bus_connection::BusConnection;
 use crate::bus_place::Vigil;
 use crate::catalogue::catalogue;
 use crate::error::WorldError;
-use crate::names::drive_name;
 use crate::played::End;
 use crate::real_time;
 use heating::Heating;
@@ -130,7 +129,7 @@ impl Preflight {
             return Ok(End::Completed);
         }
         report(&PreflightEvent::Begun);
-        let bit_rate = plan.shared.bus.bitrate_kilobits_per_second;
+        let bit_rate = plan.shared.run.bus.bitrate_kilobits_per_second;
         pass(interface::checks(bus, bit_rate), report)?;
         let is_led_elsewhere = |one: &&ControlLoop| one.is_external(Part::Controller);
         if unchecked.iter().any(is_led_elsewhere) {
@@ -165,8 +164,8 @@ impl Preflight {
         session: Session<'_>,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
-        if one.loop_name.is_some() {
-            report(&PreflightEvent::Drive(drive_name(one).to_owned()));
+        if one.loop_name().is_some() {
+            report(&PreflightEvent::Drive(one.nodes.drive.name.clone()));
         }
         let drive = self.drive(one)?;
         let mut interview = interview(&drive, one)?;
@@ -257,15 +256,13 @@ fn heat(
         watch,
     } = session;
     let ramp = ramp(&drive, plan, one)?;
-    let Shared {
-        name, seed, text, ..
-    } = &ramp.shared;
-    let folder = RunFolder::create(parent, name, *seed, text)?;
+    let Shared { run, text, .. } = &ramp.shared;
+    let folder = RunFolder::create(parent, &run.name, run.seed, text)?;
     write_plan(&folder, &ramp)?;
     let progress = ProgressReader::new(ramp.leading())?;
     let clock = ramp.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
-    let unit = &one.scenario.wiring.unit;
+    let unit = &one.trial.wiring.unit;
     let mut heating = Heating::new(&drive, ramp.scenario_clock()?, unit);
     let mut is_enough = |capture: &Capture<'_>| {
         heating.follow(capture);
@@ -297,7 +294,7 @@ fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldE
 
 /// What is known of a drive like the emulated one: its limits are what its positions can be.
 fn emulated(one: &ControlLoop) -> RealDrive {
-    let wiring = &one.scenario.wiring;
+    let wiring = &one.trial.wiring;
     let [lowest, highest] = wiring.range();
     let travel = highest - lowest;
     let plausible = &wiring.plausible;

@@ -17,7 +17,7 @@ use wire::{Load, Mechanics};
 
 use std::borrow::Borrow;
 
-use scenario::plant::SMA_ACTUATOR;
+use scenario::plant::SMA;
 
 use crate::integrator::runge_kutta_4_from;
 use crate::plant::{Faults, Inputs, InvalidPlant, Plant, Port, Ports, one_axis};
@@ -62,7 +62,7 @@ impl Actuator {
     /// The start state: at rest on the stop, without current, as warm as cooling element and air make it, all
     /// martensite.
     #[must_use]
-    pub fn new(plant: &scenario::plant::Plant) -> Self {
+    pub fn new(plant: &scenario::plant::Sma) -> Self {
         let heat = HeatBalance::new(&plant.heat);
         let phase = Transformation::new(&plant.phase);
         let temperature_celsius = heat.equilibrium_celsius(0.0, 1.0);
@@ -271,10 +271,10 @@ impl Actuator {
 }
 
 impl Plant for Actuator {
-    type Config = scenario::plant::Plant;
+    type Config = scenario::plant::Sma;
 
     fn name() -> &'static str {
-        SMA_ACTUATOR
+        SMA
     }
 
     fn faults() -> &'static [&'static str] {

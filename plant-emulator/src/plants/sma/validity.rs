@@ -1,6 +1,6 @@
 //! Which plants make physical sense and can be integrated at the shipped step size.
 
-use scenario::plant::Plant;
+use scenario::plant::Sma;
 
 use super::heat::HeatBalance;
 use super::wire::Mechanics;
@@ -16,7 +16,7 @@ pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
 ///
 /// # Errors
 /// The first parameter that makes no sense.
-pub fn check(plant: &Plant) -> Result<(), InvalidPlant> {
+pub fn check(plant: &Sma) -> Result<(), InvalidPlant> {
     check_heat(&plant.heat)?;
     check_phase(&plant.phase)?;
     check_mechanics(&plant.mechanics)?;
@@ -127,15 +127,15 @@ mod tests {
     use super::*;
 
     /// The message for the default plant with one change.
-    fn message(change: impl Fn(&mut Plant)) -> String {
-        let mut plant = Plant::default();
+    fn message(change: impl Fn(&mut Sma)) -> String {
+        let mut plant = Sma::default();
         change(&mut plant);
         check(&plant).unwrap_err().to_string()
     }
 
     #[test]
     fn the_default_plant_is_valid() {
-        assert!(check(&Plant::default()).is_ok());
+        assert!(check(&Sma::default()).is_ok());
     }
 
     #[test]

@@ -117,7 +117,7 @@ fn an_emulated_drive_may_be_somebody_else_s() {
 /// The plan of a scenario on the rig that ships, with these nodes external.
 fn with_external(names: &[&str], fault: &str) -> Result<Plan, String> {
     let head = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
-    let scenario = Scenario::parse(&format!("{head}{fault}"), "t.toml", |_| unreachable!());
+    let scenario = Trial::parse(&format!("{head}{fault}"), "t.toml", |_| unreachable!());
     let plan = Plan::new(scenario.unwrap(), &Catalogue::shipped());
     let names = names.iter().map(ToString::to_string);
     plan.with_external(&Vec::from_iter(names))

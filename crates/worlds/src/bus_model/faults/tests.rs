@@ -1,7 +1,7 @@
 //! The gateway and the receiver, without a bus.
 
 use rig::catalogue::Catalogue;
-use scenario::Scenario;
+use scenario::Trial;
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn faults(tables: &str) -> BusFaults {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
     );
-    let scenario = Scenario::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+    let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
     let plan = Plan::new(scenario, &Catalogue::shipped());
     let mut faults = BusFaults::new(&plan, vec![Seat::Drive(0x10)])
         .unwrap()

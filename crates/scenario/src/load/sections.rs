@@ -1,35 +1,23 @@
-//! A scenario is split by loop: what is tried in one loop is a scenario of one drive, as all that plays and judges a loop knows
-//! it.
+//! Which tables of a scenario are of which loop: by the loop's name, by that of its drive, or since there is one loop.
 //!
-//! The tree of the file is split, before any type is made of it, so that everything still knows where it stands.
-
-mod contours;
-mod emergencies;
-mod expect;
-mod fmus;
-mod overlay;
-mod read;
-mod sweep;
-mod units;
-
-use std::ops::Range;
-use std::path::PathBuf;
+//! The tree of the file is selected from, before any type is made of it, so that everything still knows where it stands.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::InUnit;
+use super::expect;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::own::leads_all;
 use crate::rig::nodes::Rig;
 use crate::schema;
-pub(crate) use units::InUnit;
 
 /// The law of all loops.
-const ALL: &str = "all";
+pub(super) const ALL: &str = "all";
 /// The limits of several loops together.
-const CONTOUR: &str = "contour";
+pub(super) const CONTOUR: &str = "contour";
 /// Keys of a scenario that hold for all loops.
 const SHARED: [&str; 6] = [
     "schema",
@@ -53,67 +41,56 @@ const SPLIT: [&str; 9] = [
 ];
 /// Keys of a rig file to which a scenario gives no other values.
 const OF_RIG: [&str; 2] = ["defaults", "loop"];
-const EXPECT: &str = "expect";
-/// What the nodes of a loop are called in a scenario of one drive.
-const DRIVE: &str = "drive";
-const CONTROLLER: &str = "controller";
+pub(super) const EXPECT: &str = "expect";
+pub(super) const CONTROLLER: &str = "controller";
 /// The key that names a node.
 const NODE: &str = "node";
 
-/// Keys of a drive's parts in a rig file, and in a scenario of one drive.
-const SENSOR: [(&str, &str); 2] = [
-    ("resolution_bits", "resolution_bits"),
-    ("noise_rms", "noise_millimetres_rms"),
-];
-const AMPLIFIER: [(&str, &str); 3] = [
-    ("min", "current_amperes_min"),
-    ("max", "current_amperes_max"),
-    ("resolution_bits", "resolution_bits"),
-];
-
-/// Splits a scenario's tree into those of the rig's loops, by their names.
-pub(super) struct Splitter<'a, 'text> {
+/// Selects the tables of the rig's loops from a scenario.
+pub(super) struct Selector<'a, 'text> {
     pub(super) scenario: &'a Document<'text>,
     pub(super) rig: &'a Rig,
-    /// The rig's tree with the scenario's values in it; what the rig file says stands at the scenario's key `rig`.
-    pub(super) rig_tree: &'a DeTable<'text>,
-    /// Where the rig file is.
-    pub(super) rig_path: PathBuf,
 }
 
-/// A scenario's tree for each loop, and what is wrong with how the scenario names them.
-pub(super) type Split<'text> = (Vec<(String, DeTable<'text>)>, Vec<Problem>);
+/// The tables of each loop by its name, and what is wrong with how the scenario names them.
+pub(super) type Selected<'text> = (Vec<(String, DeTable<'text>)>, Vec<Problem>);
 
-impl<'text> Splitter<'_, 'text> {
-    pub(super) fn split(&self) -> Split<'text> {
-        // A misspelt table is one problem, not another one for all that it does not say.
-        let strange = self.strange_keys();
-        if !strange.is_empty() {
-            return (Vec::new(), strange);
-        }
+impl<'text> Selector<'_, 'text> {
+    pub(super) fn select(&self) -> Selected<'text> {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
-        // Nor is a law of no loop another one for each loop that it does not close.
+        // A law of no loop is not another problem for each loop that it does not close.
         let mut problems = self.strange_tables(CONTROLLER, &loops);
         let is_law_said = !problems.is_empty();
         problems.extend(self.strangers(&loops));
-        let mut trees = Vec::new();
+        let mut tables = Vec::new();
         for name in self.rig.loops.keys() {
             if is_law_said && self.law(name).is_err() {
                 continue;
             }
-            match self.tree(name) {
-                Ok(tree) => trees.push((name.clone(), tree)),
+            match self.tables_of(name) {
+                Ok(of_loop) => tables.push((name.clone(), of_loop)),
                 Err(problem) => problems.push(problem),
             }
         }
-        (trees, problems)
+        (tables, problems)
     }
 
-    fn root(&self) -> &DeTable<'text> {
+    /// The keys that hold for all loops.
+    pub(super) fn header(&self) -> DeTable<'text> {
+        let shared = self.root().iter();
+        let shared = shared.filter(|(key, _)| SHARED.contains(&key.get_ref().as_ref()));
+        let shared = shared.map(|(key, value)| (key.clone(), value.clone()));
+        shared.collect()
+    }
+
+    pub(super) fn root(&self) -> &DeTable<'text> {
         self.scenario.root()
     }
 
-    fn table<'b>(&self, value: &'b Spanned<DeValue<'text>>) -> Option<&'b DeTable<'text>> {
+    pub(super) fn table<'b>(
+        &self,
+        value: &'b Spanned<DeValue<'text>>,
+    ) -> Option<&'b DeTable<'text>> {
         value.get_ref().as_table()
     }
 
@@ -124,46 +101,34 @@ impl<'text> Splitter<'_, 'text> {
     }
 
     /// Whether a loop stands for a drive that the law of another one leads.
-    fn is_led(&self, name: &str) -> bool {
+    pub(super) fn is_led(&self, name: &str) -> bool {
         let one = self.rig.loops.get(name);
         one.is_some_and(|one| one.led_by.is_some())
     }
 
     /// The drive that a loop leads.
-    fn drive(&self, name: &str) -> &str {
+    pub(super) fn drive(&self, name: &str) -> &str {
         let drives = &self.rig.loops[name].drives;
         drives.first().map_or("", String::as_str)
     }
 
-    fn tree(&self, name: &str) -> Result<DeTable<'text>, Problem> {
-        let mut tree = DeTable::new();
-        for (key, value) in self.root() {
-            if SHARED.contains(&key.get_ref().as_ref()) {
-                tree.insert(key.clone(), value.clone());
-            }
-        }
-        let span = self.scenario.span("rig");
-        let key = |name: &'static str| Spanned::new(span.clone(), name.into());
-        if let Some(bus) = self.rig_tree.get("bus") {
-            tree.insert(key("bus"), bus.clone());
-        }
-        let span_of = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
-        tree.insert(span_of(CONTROLLER), self.law(name)?);
-        tree.insert(key("plant"), self.plant(name, &span));
-        let is_led = self.is_led(name);
+    fn tables_of(&self, name: &str) -> Result<DeTable<'text>, Problem> {
+        let mut tables = DeTable::new();
+        let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
+        tables.insert(key(CONTROLLER), self.law(name)?);
         let sections = ["reference", "disturbance"].into_iter();
-        for section in sections.filter(|_| !is_led) {
+        for section in sections.filter(|_| !self.is_led(name)) {
             if let Some(value) = self.root().get(section) {
                 let mut kept = value.clone();
                 self.keep(kept.get_mut(), name, section);
-                tree.insert(span_of(section), kept);
+                tables.insert(key(section), kept);
             }
         }
         if let Some(mut expect) = self.expect(name) {
             if let DeValue::Table(limits) = expect.get_mut() {
                 self.name_emergencies(limits, name)?;
             }
-            tree.insert(key(EXPECT), expect);
+            tables.insert(key(EXPECT), expect);
         }
         let wiring = self.rig.wiring_of(self.drive(name));
         let units = InUnit {
@@ -171,8 +136,8 @@ impl<'text> Splitter<'_, 'text> {
             unit: &wiring.unit,
             of_loop: name,
         };
-        units.rename(&mut tree)?;
-        Ok(tree)
+        units.rename(&mut tables)?;
+        Ok(tables)
     }
 
     /// `[controller.LOOP.LAW]`, else `[controller.all.LAW]`; where there is one loop, `[controller.LAW]` too.
@@ -229,52 +194,10 @@ impl<'text> Splitter<'_, 'text> {
     }
 
     /// Whether the tables of a section have the names of loops: where there is one loop, they need not.
-    fn is_by_loop(&self, section: &str) -> bool {
+    pub(super) fn is_by_loop(&self, section: &str) -> bool {
         let keys = self.scenario.keys(section);
         let is_name = |key: &&str| *key == ALL || self.rig.loops.contains_key(*key);
         !self.is_only_loop() || keys.iter().any(is_name)
-    }
-
-    /// The plant that a loop's drive moves, and the drive's own parts.
-    fn plant(&self, name: &str, span: &Range<usize>) -> Spanned<DeValue<'text>> {
-        let drive = self.drive(name);
-        let plant = self.rig.plant_of(drive).unwrap_or_default();
-        let plants = self.rig_tree.get("plant");
-        let models = plants.and_then(|plants| self.table(self.table(plants)?.get(plant)?));
-        let mut models = models.cloned().unwrap_or_default();
-        fmus::place(&mut models, &self.rig_path);
-        // The model of the paper has no name in a scenario of one drive.
-        let mut table = match models.remove("sma").map(Spanned::into_inner) {
-            Some(DeValue::Table(sma)) => sma,
-            _ => models,
-        };
-        let key = |name: &'static str| Spanned::new(span.clone(), name.into());
-        for (part, names) in [("sensor", &SENSOR[..]), ("amplifier", &AMPLIFIER)] {
-            if let Some(values) = self.part(drive, part, names, span) {
-                table.insert(key(part), values);
-            }
-        }
-        Spanned::new(span.clone(), DeValue::Table(table))
-    }
-
-    /// A part of a drive as a scenario of one drive has it.
-    fn part(
-        &self,
-        drive: &str,
-        part: &str,
-        names: &[(&str, &'static str)],
-        span: &Range<usize>,
-    ) -> Option<Spanned<DeValue<'text>>> {
-        let node = self.table(self.table(self.rig_tree.get("node")?)?.get(drive)?)?;
-        let values = self.table(node.get(part)?)?;
-        let entries = names.iter().filter_map(|(name, of_one_drive)| {
-            let value = values.get(*name)?.clone();
-            Some((Spanned::new(value.span(), (*of_one_drive).into()), value))
-        });
-        Some(Spanned::new(
-            span.clone(),
-            DeValue::Table(entries.collect()),
-        ))
     }
 
     /// Keeps the entries of the arrays that are for this loop, such as `reference.step`.
@@ -339,7 +262,7 @@ impl<'text> Splitter<'_, 'text> {
     }
 
     /// Keys that no scenario has.
-    fn strange_keys(&self) -> Vec<Problem> {
+    pub(super) fn strange_keys(&self) -> Vec<Problem> {
         let known = Vec::from_iter(SHARED.into_iter().chain(SPLIT).chain([EXPECT]));
         let keys = self.root().keys();
         let strange = keys.filter(|key| !known.contains(&key.get_ref().as_ref()));
@@ -437,6 +360,3 @@ fn is_entry(path: &str) -> bool {
     let last = path.rsplit('.').next().unwrap_or_default();
     last.parse::<usize>().is_ok()
 }
-
-#[cfg(test)]
-mod tests;

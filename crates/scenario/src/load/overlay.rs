@@ -42,65 +42,39 @@ const WIRING: [&str; 12] = [
 /// The same of an FMU.
 const WIRING_OF_FMU: [&str; 3] = ["file", "ports", "record"];
 
-/// The rig with the values of a scenario in it: as it is then, and its tree, in which what the rig file says stands at the
-/// scenario's key `rig`.
-pub(super) struct Overlaid<'text> {
-    pub(super) rig: Rig,
-    pub(super) tree: DeTable<'text>,
-    pub(super) problems: Vec<Problem>,
-}
-
-impl<'text> Overlaid<'text> {
-    /// `as_written` is the rig without the scenario's values, where it was checked so: then more can be said of a scenario whose
-    /// values are wrong.
-    ///
-    /// # Errors
-    /// What is wrong with the values, where nothing more can be said.
-    pub(super) fn new(
-        scenario: &Document<'text>,
-        as_written: Option<Rig>,
-        rig_tree: &DeTable<'text>,
-        reading: Reading,
-    ) -> Result<Self, Vec<Problem>> {
-        let at = scenario.span("rig");
-        let mut own_tree = placed_table(rig_tree, &at);
-        own_tree.remove("defaults");
-        let is_overlaid = SECTIONS.iter().any(|section| scenario.has(section));
-        let as_written = match as_written {
-            Some(rig) if !is_overlaid => {
-                return Ok(Self {
-                    rig,
-                    tree: own_tree,
-                    problems: Vec::new(),
-                });
-            }
-            as_written => as_written,
-        };
-        let overlay = Overlay {
-            scenario,
-            tree: &own_tree,
-        };
-        let mut tree = own_tree.clone();
-        let mut problems = overlay.put_into(&mut tree, &at);
-        match (
-            Rig::of_tree(&scenario.with_root(tree.clone()), reading),
-            as_written,
-        ) {
-            (Ok(rig), _) => Ok(Self {
-                rig,
-                tree,
-                problems,
-            }),
-            (Err(found), as_written) => {
-                problems.extend(overlay.without_models(found));
-                match as_written {
-                    Some(rig) => Ok(Self {
-                        rig,
-                        tree: own_tree,
-                        problems,
-                    }),
-                    None => Err(problems),
-                }
+/// The rig with the values of a scenario in it, and what is wrong with them. `as_written` is the rig without these values, where it
+/// was checked so: then more can be said of a scenario whose values are wrong.
+///
+/// # Errors
+/// What is wrong with the values, where nothing more can be said.
+pub(super) fn overlaid<'text>(
+    scenario: &Document<'text>,
+    as_written: Option<Rig>,
+    rig_tree: &DeTable<'text>,
+    reading: Reading,
+) -> Result<(Rig, Vec<Problem>), Vec<Problem>> {
+    let is_overlaid = SECTIONS.iter().any(|section| scenario.has(section));
+    let as_written = match as_written {
+        Some(rig) if !is_overlaid => return Ok((rig, Vec::new())),
+        as_written => as_written,
+    };
+    // What the rig file says stands at the scenario's key `rig`.
+    let at = scenario.span("rig");
+    let mut own_tree = placed_table(rig_tree, &at);
+    own_tree.remove("defaults");
+    let overlay = Overlay {
+        scenario,
+        tree: &own_tree,
+    };
+    let mut tree = own_tree.clone();
+    let mut problems = overlay.put_into(&mut tree, &at);
+    match Rig::of_tree(&scenario.with_root(tree), reading) {
+        Ok(rig) => Ok((rig, problems)),
+        Err(found) => {
+            problems.extend(overlay.without_models(found));
+            match as_written {
+                Some(rig) => Ok((rig, problems)),
+                None => Err(problems),
             }
         }
     }

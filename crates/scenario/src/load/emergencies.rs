@@ -3,16 +3,17 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::{CONTROLLER, DRIVE, Splitter};
+use super::sections::{CONTROLLER, Selector};
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::rig::nodes::NodeKind;
 
 const EMERGENCY: &str = "emcy";
-/// The module that acts on a plant, in a scenario of one drive.
+/// What an expectation calls the nodes of its loop.
+const DRIVE: &str = "drive";
 const DISTURBANCE: &str = "disturbance";
 
-impl<'text> Splitter<'_, 'text> {
+impl<'text> Selector<'_, 'text> {
     /// Calls the nodes of `emcy`, in a loop's limits and in its sequences, as a scenario of one drive does.
     pub(super) fn name_emergencies(
         &self,

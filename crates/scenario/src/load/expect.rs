@@ -3,9 +3,10 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::{ALL, CONTOUR, EXPECT, Splitter};
+use super::nodes::fill;
+use super::sections::{ALL, CONTOUR, EXPECT, Selector};
 use crate::error::Problem;
-use crate::load::nodes::fill;
+
 use crate::metrics::{Metric, is_of_bus as is_metric_of_bus};
 
 const TIMING: &str = "timing";
@@ -21,7 +22,7 @@ fn is_of_bus(key: &str) -> bool {
     key == TIMING || is_metric_of_bus(key)
 }
 
-impl<'text> Splitter<'_, 'text> {
+impl<'text> Selector<'_, 'text> {
     /// `[expect.LOOP]` with what it lacks of `[expect.all]`. The first loop is judged by what `[expect]` says of the bus too.
     /// Where there is one loop, it may be `[expect]`.
     pub(super) fn expect(&self, name: &str) -> Option<Spanned<DeValue<'text>>> {

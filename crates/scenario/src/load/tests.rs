@@ -4,8 +4,8 @@ use super::*;
 use crate::beside::Beside;
 use crate::error::ScenarioError;
 use crate::expect::Expectation;
-use crate::loops::{Loops, OneLoop};
 use crate::scenario::Scenario;
+use crate::trial::Trial;
 
 const RIG: &str = r#"
 schema = 1
@@ -70,12 +70,12 @@ until_seconds = 1.61
 tracking_error_millimetres_rms = { max = 0.2 }
 "#;
 
-fn load_text(scenario: &str, rig: &str) -> Result<Loops<Scenario>, String> {
+fn load_text(scenario: &str, rig: &str) -> Result<Scenario, String> {
     let loaded = load_files(scenario, rig);
     loaded.map_err(|error| crate::without_colours(&error))
 }
 
-fn load_files(scenario: &str, rig: &str) -> Result<Loops<Scenario>, ScenarioError> {
+fn load_files(scenario: &str, rig: &str) -> Result<Scenario, ScenarioError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scenario.toml");
     fs::write(&path, scenario).unwrap();
@@ -83,13 +83,13 @@ fn load_files(scenario: &str, rig: &str) -> Result<Loops<Scenario>, ScenarioErro
     let beside = Beside::new(&path);
     let read = |name: &str| beside.read(name);
     let text = scenario.to_owned();
-    let loaded = Loops::parse(&beside, text, read, |_| Vec::new(), |_| None);
+    let loaded = Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None);
     loaded.map(|(loops, _)| loops)
 }
 
 /// How many faults of a kind a loop has.
-fn own(one: &OneLoop<Scenario>, kind: &str) -> usize {
-    let own = one.scenario.own_faults();
+fn own(one: &Trial, kind: &str) -> usize {
+    let own = one.own_faults();
     own.filter(|fault| fault.kind.name == kind).count()
 }
 
@@ -99,42 +99,30 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     let [x, y] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
-    assert_eq!(
-        (x.name.as_str(), x.place.drive, x.place.io),
-        ("x", 0x10, None)
-    );
-    assert_eq!(
-        (y.name.as_str(), y.place.drive, y.place.io),
-        ("y", 0x12, None)
-    );
+    let place = |one: &Trial| {
+        let nodes = &one.wiring.nodes;
+        (one.wiring.of_loop.clone(), nodes.drive.id, nodes.io.clone())
+    };
+    assert_eq!(place(x), ("x".to_owned(), 0x10, None));
+    assert_eq!(place(y), ("y".to_owned(), 0x12, None));
     for one in [x, y] {
-        assert_eq!(one.scenario.name, "two moves");
-        assert!((one.scenario.bus.sync_period_milliseconds - 2.0).abs() < 1e-12);
-        assert!((one.scenario.plant.amplifier.current_amperes_min + 1.0).abs() < 1e-12);
-        assert!(one.scenario.controller.pid.is_some());
-        assert_eq!(one.scenario.reference.hold.len(), 1);
+        assert_eq!(one.run.name, "two moves");
+        assert!((one.run.bus.sync_period_milliseconds - 2.0).abs() < 1e-12);
+        assert!((one.amplifier.min + 1.0).abs() < 1e-12);
+        assert!(one.controller.pid.is_some());
+        assert_eq!(one.reference.hold.len(), 1);
     }
-    let load = |one: &OneLoop<Scenario>| one.scenario.plant.load_kilograms();
+    let load = |one: &Trial| one.plant.load_kilograms();
     assert_eq!((load(x), load(y)), (Some(0.3), Some(0.5)));
-    assert_eq!(x.scenario.plant.sensor.resolution_bits, 16);
-    assert_eq!(y.scenario.plant.sensor.resolution_bits, 12);
+    assert_eq!(x.sensor.resolution_bits, 16);
+    assert_eq!(y.sensor.resolution_bits, 12);
     assert_eq!(own(x, "noise"), 0);
     assert_eq!(own(y, "noise"), 1);
     // What happens to the controller happens to all loops.
     assert_eq!(own(x, "hang"), 2);
     assert_eq!(own(y, "hang"), 1);
-    assert!(
-        x.scenario
-            .expect
-            .of("tracking_error_millimetres_rms")
-            .is_some()
-    );
-    assert!(
-        y.scenario
-            .expect
-            .of("tracking_error_millimetres_rms")
-            .is_none()
-    );
+    assert!(x.expect.of("tracking_error_millimetres_rms").is_some());
+    assert!(y.expect.of("tracking_error_millimetres_rms").is_none());
 }
 
 #[test]
@@ -145,10 +133,11 @@ fn the_controller_sees_of_all_loops_what_it_may_know() {
     fs::write(folder.path().join("rig.toml"), RIG).unwrap();
     let beside = Beside::new(&path);
     let read = |name: &str| beside.read(name);
-    let loops = Loops::parse_view(&beside, SCENARIO.to_owned(), read).unwrap();
+    let (views, _) = Scenario::parse_view(&beside, SCENARIO.to_owned(), read).unwrap();
     let scenarios = load_text(SCENARIO, RIG).unwrap();
-    for (view, one) in loops.loops.iter().zip(&scenarios.loops) {
-        assert_eq!(view.scenario, one.scenario.controller_view());
+    for (view, one) in views.loops.iter().zip(&scenarios.loops) {
+        assert_eq!(view.controller_view(), one.controller_view());
+        assert!(view.run.faults.is_empty() && view.expect.limits().next().is_none());
     }
 }
 
@@ -346,7 +335,7 @@ fn emergencies_may_be_of_the_nodes_as_the_rig_calls_them() {
         ("controller 0x7300", "controller 0x7300"),
     ] {
         let loops = load_text(&expecting(emcy), RIG).unwrap().loops;
-        let expect = &loops[1].scenario.expect;
+        let expect = &loops[1].expect;
         assert_eq!(expect.listed("emcy"), [of_one_drive]);
         let event = &expect.sequence[0].event[0];
         assert_eq!(event.emcy.as_deref(), Some(of_one_drive));
@@ -477,7 +466,7 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
     let [x, y] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
-    let (x, y) = (&x.scenario.expect, &y.scenario.expect);
+    let (x, y) = (&x.expect, &y.expect);
     assert!(x.of("bus_load_percent").is_some() && !x.timing.is_empty());
     assert!(y.of("bus_load_percent").is_none() && y.timing.is_empty());
     let rms = |expect: &crate::expect::Expect| {
@@ -538,7 +527,7 @@ const SWEEP: &str = "[sweep]\ndraws = 2\n\
 fn a_sweep_varies_what_has_the_names_of_the_rig() {
     let scenario = SCENARIO.replace("[expect.x]", SWEEP);
     let loops = load_text(&scenario, RIG).unwrap();
-    let sweep = loops.loops[0].scenario.sweep.as_ref().unwrap();
+    let sweep = loops.sweep.as_ref().unwrap();
     assert_eq!(sweep.runs(), 4);
     for (right, wrong, said) in [
         (
@@ -570,10 +559,10 @@ const ON_SHIPPED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nd
     [[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
     [expect]\nsafe_state = true\n";
 
-fn load_shipped(text: &str) -> Result<(Loops<Scenario>, crate::Texts), ScenarioError> {
+fn load_shipped(text: &str) -> Result<(Scenario, crate::Texts), ScenarioError> {
     let none = |_: &str| Err(std::io::ErrorKind::NotFound.into());
     let beside = Beside::new(std::path::Path::new("step.toml"));
-    Loops::parse(&beside, text.to_owned(), none, |_| Vec::new(), |_| None)
+    Scenario::parse(&beside, text.to_owned(), none, |_| Vec::new(), |_| None)
 }
 
 #[test]
@@ -582,7 +571,7 @@ fn a_rig_that_ships_is_a_rig_file_whose_text_is_kept() {
     let [one] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
-    assert_eq!(one.scenario.wiring.plausible.max, Some(59.5));
+    assert_eq!(one.wiring.plausible.max, Some(59.5));
     let rig = crate::rig::shipped::text("sma_actuator").unwrap();
     assert_eq!(texts.tables["rig/sma_actuator.toml"], rig);
     assert_eq!(texts.tables.len(), 1);
@@ -592,7 +581,7 @@ fn a_rig_that_ships_is_a_rig_file_whose_text_is_kept() {
         ("[expect]", "[expect.position]"),
     ] {
         let (named, _) = load_shipped(&ON_SHIPPED.replace(flat, by_loop)).unwrap();
-        assert_eq!(named.loops[0].scenario, one.scenario, "{by_loop}");
+        assert_eq!(&named.loops[0], one, "{by_loop}");
     }
 }
 
@@ -641,17 +630,17 @@ fn a_scenario_gives_other_values_to_its_rig() {
     let more = "[bus]\nsync_period_milliseconds = 2.0\n[plant.wire.heat]\nambient_celsius = 30.0\n\
         [node.drive.sensor]\nnoise_rms = 0.1\nmax = 50.0\n[node.drive.amplifier]\nmax = 0.5\n";
     let (loops, _) = load_shipped(&format!("{ON_SHIPPED}{more}")).unwrap();
-    let scenario = &loops.loops[0].scenario;
-    assert_eq!(scenario.bus.sync_period_milliseconds, 2.0);
+    let scenario = &loops.loops[0];
+    assert_eq!(scenario.run.bus.sync_period_milliseconds, 2.0);
     assert_eq!(loops.rig.bus.sync_period_milliseconds, 2.0);
-    assert_eq!(scenario.plant.heat.ambient_celsius, 30.0);
-    let (sensor, amplifier) = (&scenario.plant.sensor, &scenario.plant.amplifier);
-    assert_eq!(sensor.noise_millimetres_rms, 0.1);
     assert_eq!(
-        (sensor.resolution_bits, sensor.span_millimetres),
-        (10, 50.0)
+        scenario.plant.sma.as_ref().unwrap().heat.ambient_celsius,
+        30.0
     );
-    assert_eq!(amplifier.current_amperes_max, 0.5);
+    let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
+    assert_eq!(sensor.noise_rms, 0.1);
+    assert_eq!((sensor.resolution_bits, sensor.span), (10, 50.0));
+    assert_eq!(amplifier.max, 0.5);
     assert_eq!(scenario.wiring.range(), [0.0, 50.0]);
 }
 
@@ -754,11 +743,11 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
         panic!("{loops:?}")
     };
     assert_eq!(
-        [&*angle.name, &*extensor.name],
+        [&*angle.wiring.of_loop, &*extensor.wiring.of_loop],
         ["angle", "extensor"],
         "the second drive is played under its own name"
     );
-    let (leader, led) = (&angle.scenario.wiring, &extensor.scenario.wiring);
+    let (leader, led) = (&angle.wiring, &extensor.wiring);
     assert_eq!((leader.leads, leader.led_by), (2, None));
     let by = crate::wiring::LedBy {
         first: 0x10,
@@ -766,9 +755,9 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
     };
     assert_eq!((led.leads, led.led_by), (1, Some(by)));
     assert!(led.is_second && !leader.is_second);
-    assert!(angle.scenario.controller.pid_pair.is_some());
-    assert!(extensor.scenario.controller.open_loop.is_some());
-    assert!(extensor.scenario.reference.is_empty());
+    assert!(angle.controller.pid_pair.is_some());
+    assert!(extensor.controller.open_loop.is_some());
+    assert!(extensor.reference.is_empty());
     assert_eq!(own(angle, "offset"), 0);
     assert_eq!(own(extensor, "offset"), 1);
 }
@@ -776,14 +765,14 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
 #[test]
 fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     let loops = load_text(JOINT, JOINT_RIG).unwrap();
-    let angle = &loops.loops[0].scenario;
+    let angle = &loops.loops[0];
     assert_eq!(angle.wiring.unit.word(), "degrees");
     assert_eq!(angle.wiring.range(), [-60.0, 60.0]);
     let law = angle.controller.pid_pair.as_ref().unwrap();
     assert!((law.proportional_amperes_per_metre - 0.03).abs() < 1e-12);
     assert!((angle.reference.step[0].position_millimetres + 20.0).abs() < 1e-12);
     assert!(angle.expect.of("steady_state_error_millimetres").is_some());
-    assert!((angle.plant.sensor.span_millimetres - 120.0).abs() < 1e-12);
+    assert!((angle.sensor.span - 120.0).abs() < 1e-12);
     for (right, wrong, said) in [
         (
             "position_degrees",

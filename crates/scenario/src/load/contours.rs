@@ -3,11 +3,11 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::{CONTOUR, EXPECT};
+use super::sections::{CONTOUR, EXPECT};
+use crate::contour::{Contour, Contours};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{build, none_of};
-use crate::loops::{Contour, Contours};
 use crate::nearest::meant_or_known;
 use crate::outside::Outside;
 use crate::port::Unit;

@@ -5,9 +5,8 @@ use std::path::Path;
 
 use crate::beside::Beside;
 use crate::error::{Problem, ScenarioError};
-use crate::loops::Loops;
 use crate::scenario::Scenario;
-use crate::view::ControllerView;
+use crate::trial::Trial;
 
 /// A rig with an emulated drive and a real one; the wire of the latter is known to nobody.
 const RIG: &str = r#"
@@ -59,16 +58,17 @@ fn read_file(name: &str) -> io::Result<String> {
     }
 }
 
-fn load(rig: &str, tables: &str) -> Result<Loops<Scenario>, ScenarioError> {
+fn load(rig: &str, tables: &str) -> Result<Scenario, ScenarioError> {
     let beside = Beside::new(Path::new("s.toml"));
     let text = scenario(rig, tables);
-    let loaded = Loops::parse(&beside, text, read_file, |_| Vec::new(), |_| None);
+    let loaded = Scenario::parse(&beside, text, read_file, |_| Vec::new(), |_| None);
     loaded.map(|(loops, _)| loops)
 }
 
-fn view(rig: &str, tables: &str) -> Loops<ControllerView> {
+fn view(rig: &str, tables: &str) -> Scenario {
     let beside = Beside::new(Path::new("s.toml"));
-    Loops::parse_view(&beside, scenario(rig, tables), read_file).unwrap()
+    let view = Scenario::parse_view(&beside, scenario(rig, tables), read_file);
+    view.unwrap().0
 }
 
 /// The problems of a scenario, each of which is in its text, and as a user sees them.
@@ -104,23 +104,23 @@ fn values_take_the_places_of_those_of_the_rig() {
     let [axis, lift] = &loops.loops[..] else {
         panic!("{loops:?}")
     };
-    for bus in [&loops.rig.bus, &axis.scenario.bus, &lift.scenario.bus] {
+    for bus in [&loops.rig.bus, &axis.run.bus, &lift.run.bus] {
         assert_eq!(bus.bitrate_kilobits_per_second, 500);
         assert!((bus.sync_period_milliseconds - 4.0).abs() < 1e-12);
     }
-    let motor = axis.scenario.plant.dc_motor.as_ref().unwrap();
+    let motor = axis.plant.dc_motor.as_ref().unwrap();
     assert!((motor.gear_ratio - 20.0).abs() < 1e-12);
     assert!((motor.load_kilograms - 0.4).abs() < 1e-12);
-    let sensor = &axis.scenario.plant.sensor;
+    let sensor = &axis.sensor;
     assert_eq!(sensor.resolution_bits, 16);
-    assert!((sensor.noise_millimetres_rms - 0.1).abs() < 1e-12);
+    assert!((sensor.noise_rms - 0.1).abs() < 1e-12);
     assert_eq!(loops.rig.node["axis"].truth_every_cycles, Some(7));
     let timeouts = loops.rig.real_drive("lift").unwrap().timeouts;
     assert_eq!(timeouts.sdo_answer_milliseconds, 900);
     assert!((timeouts.bring_up_seconds - 20.0).abs() < 1e-12);
     let view = view("rig.toml", tables);
-    assert_eq!(view.rig, loops.rig);
-    assert_eq!(view.loops[0].scenario, axis.scenario.controller_view());
+    assert_eq!(view.rig.node, loops.rig.node);
+    assert_eq!(view.loops[0].controller_view(), axis.controller_view());
 }
 
 #[test]
@@ -373,7 +373,7 @@ fn a_mistake_in_the_rig_file_is_shown_in_the_rig_file() {
         let beside = Beside::new(Path::new("s.toml"));
         let text = scenario("rig.toml", "[bus]\nsync_period_milliseconds = 2.0\n");
         let read = |_: &str| Ok(rig.clone());
-        let loaded = Loops::parse(&beside, text, read, |_| Vec::new(), |_| None);
+        let loaded = Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None);
         let error = loaded.expect_err(wrong);
         let shown = crate::without_colours(&error);
         let [problem] = error.problems() else {
@@ -388,7 +388,7 @@ fn a_mistake_in_the_rig_file_is_shown_in_the_rig_file() {
 #[test]
 fn a_section_without_a_law_is_shown_where_it_is() {
     let text = scenario("sma_actuator", "").replace("[controller.all.open_loop]", "[controller]");
-    let error = Scenario::parse(&text, "s.toml", read_file).unwrap_err();
+    let error = Trial::parse(&text, "s.toml", read_file).unwrap_err();
     let [problem] = error.problems() else {
         panic!("{error:?}");
     };

@@ -1,0 +1,463 @@
+//! Resolves a scenario and the rig that it names into what a run is: one pass that checks and builds.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::contours::read_contours;
+use super::files::{Files, RigText};
+use super::overlay::overlaid;
+use super::sections::Selector;
+use super::sweep::read_sweep;
+use super::{
+    FindObjections, KIND, Objection, Reading, Texts, build, in_unit, nodes, none_of, read_law,
+    reading,
+};
+use crate::beside::Beside;
+use crate::check;
+use crate::document::Document;
+use crate::error::{Problem, ScenarioError, Source};
+use crate::fault::{self, Fault};
+use crate::fingerprint::HASH_SUFFIX;
+use crate::outside::Outside;
+use crate::rig::nodes::Rig;
+use crate::run::{Header, Run};
+use crate::scenario::Scenario;
+use crate::schema;
+use crate::table::{ReadTable, is_inside_folder};
+use crate::trial::{Sections, Trial};
+use crate::view::HIDDEN_FROM_CONTROLLER;
+use crate::wiring::Wiring;
+
+/// Where a path begins that is one of the scenario: a rig file has none of these.
+const OF_SWEEP: &str = "sweep.";
+
+/// A scenario that tries nothing.
+const IDLE: &str =
+    "schema = 1\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
+
+/// Finds what is wrong with a whole scenario, for an error at a place in the rig file, or in the scenario below `sweep`.
+type FindObjection<'a> = &'a dyn Fn(&Scenario) -> Option<Objection>;
+
+/// What a scenario is resolved for, and what else may be wrong with it.
+struct Asked<'a> {
+    reading: Reading,
+    objections: FindObjections<'a>,
+    object: FindObjection<'a>,
+}
+
+impl Scenario {
+    /// Reads a scenario, the rig that it names, and its tables, with the very texts that were read. `read_file` gives the text of a
+    /// file by the name that the scenario uses; `beside` says where these files are. `objections` says what else is wrong with a
+    /// loop, `object` what is wrong with the rig.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the texts, and every objection.
+    pub fn parse(
+        beside: &Beside,
+        text: String,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
+        objections: impl Fn(&Trial) -> Vec<Objection>,
+        object: impl Fn(&Self) -> Option<Objection>,
+    ) -> Result<(Self, Texts), ScenarioError> {
+        let asked = Asked {
+            reading: Reading::ToPlay,
+            objections: &objections,
+            object: &object,
+        };
+        parse_for(beside, text, &mut read_file, &asked)
+    }
+
+    /// As [`Scenario::parse`], for a scenario with other values than one that was read before, on the same rig.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`].
+    pub fn parse_case(
+        beside: &Beside,
+        text: String,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
+        object: impl Fn(&Self) -> Option<Objection>,
+    ) -> Result<Self, ScenarioError> {
+        let asked = Asked {
+            reading: Reading::Case,
+            objections: &|_| Vec::new(),
+            object: &object,
+        };
+        parse_for(beside, text, &mut read_file, &asked).map(|(scenario, _)| scenario)
+    }
+
+    /// As [`Scenario::parse`], for a scenario that was played already: tables of plants and laws from outside are kept as they are,
+    /// whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what a sweep would vary.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`], but for these tables.
+    pub fn parse_recorded(
+        beside: &Beside,
+        text: String,
+        objections: impl Fn(&Trial) -> Vec<Objection>,
+        object: impl Fn(&Self) -> Option<Objection>,
+    ) -> Result<(Self, Texts), ScenarioError> {
+        let asked = Asked {
+            reading: Reading::Recorded,
+            objections: &objections,
+            object: &object,
+        };
+        // Hashes are those that were written then.
+        let read = &mut |name: &str| beside.read_text(name);
+        parse_for(beside, text, read, &asked)
+    }
+
+    /// As [`Scenario::parse`], without what the controller may not know: disturbances, faults and limits are not looked at.
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`], for the tables that the controller sees.
+    pub fn parse_view(
+        beside: &Beside,
+        text: String,
+        mut read_file: impl FnMut(&str) -> io::Result<String>,
+    ) -> Result<(Self, Texts), ScenarioError> {
+        let asked = Asked {
+            reading: Reading::View,
+            objections: &|_| Vec::new(),
+            object: &|_| None,
+        };
+        parse_for(beside, text, &mut read_file, &asked)
+    }
+
+    /// As [`Scenario::parse`], for a rig on which nothing is tried; `name` says where its text was read from.
+    ///
+    /// # Errors
+    /// Everything that is wrong in the rig file, and the objection.
+    pub fn of_rig(
+        text: &str,
+        name: &str,
+        object: impl Fn(&Self) -> Option<Objection>,
+    ) -> Result<Self, ScenarioError> {
+        let fail = |problems| ScenarioError::new(KIND, name, problems);
+        let scenario = Document::parse(Source::new(name, IDLE), IDLE).map_err(fail)?;
+        let beside = Beside::new(Path::new(name));
+        let files = Files {
+            name: name.to_owned(),
+            scenario,
+            rig: RigText {
+                text: text.to_owned(),
+                name: name.to_owned(),
+                beside: String::new(),
+                is_shipped: false,
+            },
+            path: PathBuf::from(name),
+        };
+        let asked = Asked {
+            reading: Reading::ToPlay,
+            objections: &|_| Vec::new(),
+            object: &object,
+        };
+        resolve(&files, &mut |file| beside.read(file), &asked)
+    }
+}
+
+// Not generic: it would be compiled again, with all of TOML and every type of a scenario, in each crate that calls it.
+fn parse_for(
+    beside: &Beside,
+    text: String,
+    read_file: ReadTable<'_>,
+    asked: &Asked<'_>,
+) -> Result<(Scenario, Texts), ScenarioError> {
+    let name = beside.scenario().display().to_string();
+    let (scenario, mut texts) = reading(text, read_file, |text, read_file| {
+        let mut files = Files::parse(text, &name, beside, asked.reading, read_file)?;
+        if matches!(asked.reading, Reading::View) {
+            for key in HIDDEN_FROM_CONTROLLER {
+                files.scenario.remove(key);
+            }
+        }
+        resolve(&files, read_file, asked)
+    })?;
+    if let Some((name, text)) = &scenario.shipped_rig {
+        texts.tables.insert(name.clone(), text.clone());
+    }
+    Ok((scenario, texts))
+}
+
+fn resolve(
+    files: &Files<'_>,
+    read_file: ReadTable<'_>,
+    asked: &Asked<'_>,
+) -> Result<Scenario, ScenarioError> {
+    let (reading, document) = (asked.reading, &files.scenario);
+    let rig_name = &files.rig.name;
+    let rig_document = Rig::document(&files.rig.text, rig_name)?;
+    let as_written = match reading {
+        Reading::Case => None,
+        Reading::ToPlay | Reading::Recorded | Reading::View => {
+            let rig = Rig::of_tree(&rig_document, reading);
+            Some(rig.map_err(|problems| nodes::fail(rig_name, problems))?)
+        }
+    };
+    let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
+    let overlaid = overlaid(document, as_written, rig_document.root(), reading);
+    let (rig, mut problems) = overlaid.map_err(fail)?;
+    let sheets = read_sheets(&rig, &rig_document, &files.rig.beside, read_file);
+    let sheets = sheets.map_err(|problems| nodes::fail(rig_name, problems))?;
+    find_fmus(&rig, files, &rig_document, reading, read_file)?;
+    let selector = Selector {
+        scenario: document,
+        rig: &rig,
+    };
+    // A misspelt table is one problem, not another one for all that it does not say.
+    let strange = selector.strange_keys();
+    if !strange.is_empty() {
+        problems.extend(strange);
+        return Err(fail(problems));
+    }
+    let (faults, wrong_faults) = fault::read(document, &rig);
+    let has_all_faults = wrong_faults.is_empty();
+    problems.extend(wrong_faults);
+    let run = read_header(&selector, &mut problems).map(|header| {
+        let run = header.run(rig.bus.clone(), faults);
+        problems.extend(check::run(document, &run));
+        Arc::new(run)
+    });
+    let (tables, wrong_tables) = selector.select();
+    problems.extend(wrong_tables);
+    let mut loops = Vec::new();
+    for (name, tree) in tables {
+        let wiring = rig.wiring_of(rig.drive_of_loop(&name));
+        let unit = wiring.unit.clone();
+        let mut reader = TrialReader {
+            document: document.with_root(tree),
+            rig: &rig,
+            rig_path: &files.path,
+            run: run.as_ref(),
+            has_all_faults,
+            read_file: &mut *read_file,
+            asked,
+        };
+        match reader.read(wiring) {
+            Ok(one) => loops.extend(one),
+            Err(found) => problems.extend(in_unit(found, &unit)),
+        }
+    }
+    let contours = read_contours(document, &rig).unwrap_or_else(|found| {
+        problems.extend(found);
+        Vec::new()
+    });
+    // What is to be said of all loops together is said when each of them is right.
+    let run = match run {
+        Some(run) if loops.len() == rig.loops.len() => run,
+        _ => return Err(fail(problems)),
+    };
+    problems.extend(wrong_plant_faults(document, &run, &loops, reading));
+    if !problems.is_empty() {
+        return Err(fail(problems));
+    }
+    let sweep = match reading {
+        Reading::ToPlay => read_sweep(document, &rig).map_err(fail)?,
+        Reading::Case | Reading::Recorded | Reading::View => None,
+    };
+    let RigText {
+        text,
+        beside,
+        is_shipped,
+        ..
+    } = &files.rig;
+    let scenario = Scenario {
+        run,
+        rig,
+        loops,
+        contours,
+        sweep,
+        sheets,
+        shipped_rig: is_shipped.then(|| (beside.clone(), text.clone())),
+    };
+    let Some(mut objection) = (asked.object)(&scenario) else {
+        return Ok(scenario);
+    };
+    let in_scenario = path_in_scenario(&objection.path, &scenario.rig);
+    let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
+    let is_overlaid = document.has(&in_scenario) || document.has(table);
+    if is_overlaid || objection.path.starts_with(OF_SWEEP) {
+        objection.path = in_scenario;
+        return Err(fail(vec![objection.problem(document)]));
+    }
+    Err(nodes::fail(
+        rig_name,
+        vec![objection.problem(&rig_document)],
+    ))
+}
+
+/// The keys of a scenario that are no tables; none where one of them cannot be read.
+fn read_header(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> Option<Header> {
+    let document = selector.scenario.with_root(selector.header());
+    let built = build::<Header>(
+        &document,
+        &Outside::Registered,
+        "the scenario",
+        &schema::HEADER,
+    );
+    let (header, found) = match built {
+        Ok((header, found)) => (Some(header), found),
+        Err(found) => (None, found),
+    };
+    problems.extend(found);
+    header
+}
+
+/// Reads what is tried in one loop.
+struct TrialReader<'a, 'text> {
+    /// The tables that are of the loop; problems have the names of positions in millimetres.
+    document: Document<'text>,
+    rig: &'a Rig,
+    rig_path: &'a Path,
+    run: Option<&'a Arc<Run>>,
+    /// False where some of the faults could not be read.
+    has_all_faults: bool,
+    read_file: ReadTable<'a>,
+    asked: &'a Asked<'a>,
+}
+
+impl TrialReader<'_, '_> {
+    /// What is tried; nothing where the facts of the run are not known.
+    fn read(&mut self, wiring: Wiring) -> Result<Option<Trial>, Vec<Problem>> {
+        let document = &self.document;
+        let outside = match self.asked.reading {
+            Reading::Recorded => Outside::from_recording(document.root()),
+            Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
+        };
+        let schema = schema::of_travel(outside.schema(), &wiring);
+        let built = build::<Sections>(document, &outside, "the scenario", &schema);
+        let (sections, mut problems) = built?;
+        let Some(run) = self.run else {
+            return none_of(problems, None);
+        };
+        let Sections {
+            controller,
+            reference,
+            disturbance,
+            expect,
+        } = sections;
+        let drive = &wiring.nodes.drive.name;
+        let (sensor, amplifier) = self.rig.parts_of(drive);
+        let mut trial = Trial {
+            run: Arc::clone(run),
+            controller,
+            reference,
+            disturbance,
+            expect,
+            plant: self.rig.model_of(drive, self.rig_path),
+            sensor,
+            amplifier,
+            wiring,
+        };
+        read_law(document, &outside, &mut trial.controller.own, &mut problems);
+        problems.extend(check::trial(document, &trial));
+        if self.has_all_faults {
+            problems.extend(check::reactions(document, &trial));
+        }
+        problems.extend(check::read_tables(document, &mut trial, self.read_file));
+        problems.extend(check::read_courses(document, &mut trial, self.read_file));
+        let objections = (self.asked.objections)(&trial).into_iter();
+        problems.extend(objections.map(|objection| objection.problem(document)));
+        none_of(problems, Some(trial))
+    }
+}
+
+/// The path by which a scenario gives another value to its rig: without the name of the plant's model.
+fn path_in_scenario(path: &str, rig: &Rig) -> String {
+    let mut plants = rig.plant.iter();
+    let short = plants.find_map(|(name, plant)| {
+        let rest = path.strip_prefix(&format!("plant.{name}.{}.", plant.name()))?;
+        Some(format!("plant.{name}.{rest}"))
+    });
+    short.unwrap_or_else(|| path.to_owned())
+}
+
+/// Faults that mean nothing to their plants.
+fn wrong_plant_faults(
+    document: &Document<'_>,
+    run: &Run,
+    loops: &[Trial],
+    reading: Reading,
+) -> Vec<Problem> {
+    // Which faults mean something to a plant from outside, only the bench knows that played it.
+    let is_known = |one: &&Trial| one.plant.own.is_none() || !matches!(reading, Reading::Recorded);
+    let plant_of = |fault: &Fault| {
+        let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
+        let at = loops.iter().find(is_at).filter(is_known);
+        at.map(|one| &one.plant)
+    };
+    check::faults_of_plants(document, &run.faults, plant_of)
+}
+
+/// Finds the FMUs of plants, whose hashes then are among what was read. Of a recording neither file nor hash need be there.
+fn find_fmus(
+    rig: &Rig,
+    files: &Files<'_>,
+    rig_document: &Document<'_>,
+    reading: Reading,
+    read_file: ReadTable<'_>,
+) -> Result<(), ScenarioError> {
+    for (plant, model) in &rig.plant {
+        let Some(fmu) = &model.fmu else { continue };
+        let named = &fmu.file;
+        let file = Path::new(&files.rig.beside).with_file_name(named);
+        let file = file.to_string_lossy();
+        let wrong = match wrong_name(named) {
+            Some(label) => Some(label.to_owned()),
+            None => match (read_file(&format!("{file}{HASH_SUFFIX}")), reading) {
+                (Err(error), Reading::ToPlay | Reading::Case | Reading::View) => {
+                    Some(match error.kind() {
+                        io::ErrorKind::NotFound => {
+                            "there is no such file beside the rig file".to_owned()
+                        }
+                        _ => error.to_string(),
+                    })
+                }
+                _ => None,
+            },
+        };
+        if let Some(label) = wrong {
+            let message = format!("`{named}` cannot be the FMU of `{plant}`");
+            let path = format!("plant.{plant}.fmu.file");
+            let problem = rig_document.problem(&path, message, label);
+            return Err(nodes::fail(&files.rig.name, vec![problem]));
+        }
+    }
+    Ok(())
+}
+
+/// Why a file cannot be one of a plant, whether it is there or not.
+fn wrong_name(file: &str) -> Option<&'static str> {
+    match file {
+        file if !is_inside_folder(file) => {
+            Some("no absolute path, no `..`: it lies beside the rig file")
+        }
+        file if !file.ends_with(".fmu") => Some("its name must end in .fmu"),
+        _ => None,
+    }
+}
+
+/// Reads the EDS of each drive that is somebody else's, where the rig file, `beside` the scenario, names one.
+fn read_sheets(
+    rig: &Rig,
+    document: &Document<'_>,
+    beside: &str,
+    read_file: ReadTable<'_>,
+) -> Result<BTreeMap<String, String>, Vec<Problem>> {
+    let mut sheets = BTreeMap::new();
+    let mut problems = Vec::new();
+    for (name, node) in &rig.node {
+        let Some(eds) = &node.eds else { continue };
+        let place = Path::new(beside).with_file_name(eds);
+        match read_file(&place.to_string_lossy()) {
+            Ok(text) => drop(sheets.insert(name.clone(), text)),
+            Err(error) => {
+                let message = format!("the EDS of `{name}` cannot be read");
+                let path = format!("node.{name}.eds");
+                problems.push(document.problem(&path, message, error.to_string()));
+            }
+        }
+    }
+    none_of(problems, sheets)
+}
