@@ -83,37 +83,25 @@ fn plant(folder: &Path, text: &str) -> Table {
     let path = folder.join("plant.toml");
     fs::write(&path, text).unwrap();
     let scenario = scenario::Trial::load(&path).unwrap();
-    let mut plant = Table::try_from(&scenario.plant).unwrap();
     let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
-    let sensor = renamed(plant.remove("sensor").unwrap());
-    let mut drive = part("sensor", sensor);
-    drive.extend(part(
-        "amplifier",
-        renamed(plant.remove("amplifier").unwrap()),
-    ));
-    let plants = match plant.remove("dc_motor") {
-        Some(motor) => part("motor", motor),
-        None => part("wire", plant.into()),
+    let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
+    let numbers = |numbers: [(&str, f64); 2], resolution_bits: u32| {
+        let numbers = numbers.map(|(name, number)| (name.to_owned(), Value::from(number)));
+        let bits = ("resolution_bits".to_owned(), Value::from(resolution_bits));
+        Value::from(Table::from_iter(numbers.into_iter().chain([bits])))
+    };
+    let of_sensor = [("max", sensor.span), ("noise_rms", sensor.noise_rms)];
+    let mut drive = part("sensor", numbers(of_sensor, sensor.resolution_bits));
+    let of_amplifier = [("min", amplifier.min), ("max", amplifier.max)];
+    let of_amplifier = numbers(of_amplifier, amplifier.resolution_bits);
+    drive.extend(part("amplifier", of_amplifier));
+    let plants = match &scenario.plant.dc_motor {
+        Some(motor) => part("motor", Value::try_from(motor).unwrap()),
+        None => part("wire", Value::try_from(scenario.plant.actuator()).unwrap()),
     };
     let mut tables = part("plant", plants.into());
     tables.extend(part("node", part("drive", drive.into()).into()));
     tables
-}
-
-/// A table with the keys that a rig file has for it.
-fn renamed(table: Value) -> Value {
-    let key_of = |key: &str| {
-        let key = match key {
-            "span_millimetres" | "current_amperes_max" => "max",
-            "current_amperes_min" => "min",
-            "noise_millimetres_rms" => "noise_rms",
-            other => other,
-        };
-        key.to_owned()
-    };
-    let pairs = table.as_table().unwrap().iter();
-    let pairs = pairs.map(|(key, value)| (key_of(key), value.clone()));
-    Table::from_iter(pairs).into()
 }
 
 fn with_plant(document: &Table, plant: &Table) -> String {
