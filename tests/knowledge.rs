@@ -86,9 +86,13 @@ fn plant(folder: &Path, text: &str) -> Table {
     let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
     let numbers = |numbers: [(&str, f64); 2], resolution_bits: u32| {
-        let numbers = numbers.map(|(name, number)| (name.to_owned(), Value::from(number)));
+        // A current that cannot be negative has no other lowest value.
+        let given = numbers
+            .into_iter()
+            .filter(|(name, number)| *name != "min" || *number < 0.0);
+        let numbers = given.map(|(name, number)| (name.to_owned(), Value::from(number)));
         let bits = ("resolution_bits".to_owned(), Value::from(resolution_bits));
-        Value::from(Table::from_iter(numbers.into_iter().chain([bits])))
+        Value::from(Table::from_iter(numbers.chain([bits])))
     };
     let of_sensor = [("max", sensor.span), ("noise_rms", sensor.noise_rms)];
     let mut drive = part("sensor", numbers(of_sensor, sensor.resolution_bits));
