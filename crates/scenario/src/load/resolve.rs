@@ -188,13 +188,11 @@ fn resolve(
     let (reading, document) = (asked.reading, &files.scenario);
     let rig_name = &files.rig.name;
     let rig_document = Rig::document(&files.rig.text, rig_name)?;
-    let as_written = match reading {
-        Reading::Case => None,
-        Reading::ToPlay | Reading::Recorded | Reading::View => {
-            let rig = Rig::of_tree(&rig_document, reading);
-            Some(rig.map_err(|problems| nodes::fail(rig_name, problems))?)
-        }
-    };
+    // The rig of a case was checked before.
+    let as_written =
+        (!matches!(reading, Reading::Case)).then(|| Rig::of_tree(&rig_document, reading));
+    let as_written = as_written.transpose();
+    let as_written = as_written.map_err(|problems| nodes::fail(rig_name, problems))?;
     let fail = |problems| ScenarioError::new(KIND, &files.name, problems);
     let overlaid = overlaid(document, as_written, rig_document.root(), reading);
     let (rig, mut problems) = overlaid.map_err(fail)?;
@@ -211,14 +209,7 @@ fn resolve(
         problems.extend(strange);
         return Err(fail(problems));
     }
-    let (faults, wrong_faults) = fault::read(document, &rig);
-    let has_all_faults = wrong_faults.is_empty();
-    problems.extend(wrong_faults);
-    let run = read_header(&selector, &mut problems).map(|header| {
-        let run = header.run(rig.bus.clone(), faults);
-        problems.extend(check::run(document, &run));
-        Arc::new(run)
-    });
+    let (run, has_all_faults) = read_run(&selector, &mut problems);
     let (tables, wrong_tables) = selector.select();
     problems.extend(wrong_tables);
     let mut loops = Vec::new();
@@ -271,20 +262,42 @@ fn resolve(
         sheets,
         shipped_rig: is_shipped.then(|| (beside.clone(), text.clone())),
     };
-    let Some(mut objection) = (asked.object)(&scenario) else {
-        return Ok(scenario);
-    };
-    let in_scenario = path_in_scenario(&objection.path, &scenario.rig);
+    match (asked.object)(&scenario) {
+        None => Ok(scenario),
+        Some(objection) => Err(objected(files, &rig_document, &scenario.rig, objection)),
+    }
+}
+
+/// An objection at its place: in the scenario where that has a value for it, else in the rig file.
+fn objected(
+    files: &Files<'_>,
+    rig_document: &Document<'_>,
+    rig: &Rig,
+    mut objection: Objection,
+) -> ScenarioError {
+    let document = &files.scenario;
+    let in_scenario = path_in_scenario(&objection.path, rig);
     let table = in_scenario.rsplit_once('.').map_or("", |(table, _)| table);
     let is_overlaid = document.has(&in_scenario) || document.has(table);
     if is_overlaid || objection.path.starts_with(OF_SWEEP) {
         objection.path = in_scenario;
-        return Err(fail(vec![objection.problem(document)]));
+        return ScenarioError::new(KIND, &files.name, vec![objection.problem(document)]);
     }
-    Err(nodes::fail(
-        rig_name,
-        vec![objection.problem(&rig_document)],
-    ))
+    nodes::fail(&files.rig.name, vec![objection.problem(rig_document)])
+}
+
+/// The facts of the run; none where the keys of the scenario cannot be read. False where some of the faults could not be.
+fn read_run(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> (Option<Arc<Run>>, bool) {
+    let Selector { scenario, rig } = selector;
+    let (faults, wrong_faults) = fault::read(scenario, rig);
+    let has_all_faults = wrong_faults.is_empty();
+    problems.extend(wrong_faults);
+    let run = read_header(selector, problems).map(|header| {
+        let run = header.run(rig.bus.clone(), faults);
+        problems.extend(check::run(scenario, &run));
+        Arc::new(run)
+    });
+    (run, has_all_faults)
 }
 
 /// The keys of a scenario that are no tables; none where one of them cannot be read.
