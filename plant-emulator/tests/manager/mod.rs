@@ -64,8 +64,12 @@ impl Manager {
     }
 
     pub(crate) fn with(scenario: &Trial) -> Self {
+        let plant = scenario
+            .plant
+            .actuator()
+            .expect("its plant is the actuator");
         Self {
-            emulator: PlantEmulator::new::<Actuator>(scenario, &scenario.plant.actuator().unwrap())
+            emulator: PlantEmulator::new::<Actuator>(scenario, &plant)
                 .expect("the default plant is valid"),
             now: Duration::ZERO,
             frames: Vec::new(),

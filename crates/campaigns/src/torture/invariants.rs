@@ -111,9 +111,7 @@ fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
 
 /// Of another plant nobody knows how hot it may be.
 fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
-    if played.own.trial.plant.actuator().is_none() {
-        return None;
-    }
+    played.own.trial.plant.actuator()?;
     let is_hot = |truth: &&PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
     let hot = played.timeline.truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
