@@ -1,7 +1,6 @@
 //! The plan of a run: its loops, and all that they share.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -105,14 +104,6 @@ impl Plan {
             rig: Arc::default(),
         };
         Self { shared, loops }
-    }
-
-    /// The same, read from a file with this text.
-    #[must_use]
-    pub fn from_file(self, path: impl AsRef<Path>, text: String) -> Self {
-        let tables = BTreeMap::new();
-        let scenario = text;
-        self.with_texts(&Beside::new(path.as_ref()), Texts { scenario, tables })
     }
 
     fn with_texts(mut self, beside: &Beside, texts: Texts) -> Self {

@@ -281,7 +281,7 @@ mod tests {
     use crate::torture::cases::Draws;
     use runner::console::print;
     use runner::machine::{Stopwatch, memory_bytes_max};
-    use scenario::Trial;
+    use scenario::Beside;
     use worlds::catalogue::catalogue;
 
     const TEXT: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
@@ -312,8 +312,12 @@ mod tests {
 
     #[test]
     fn parts_that_contradict_each_other_are_refused() {
-        let scenario = Trial::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let plan = Plan::parse_beside(
+            &Beside::new(Path::new("s.toml")),
+            TEXT.to_owned(),
+            catalogue(),
+        )
+        .unwrap();
         let cases = SweepCases::new(&plan).unwrap();
         let half = |number| Shard { number, of: 2 };
         let folders = [
@@ -451,8 +455,8 @@ mod tests {
     #[ignore = "takes minutes; prints time and memory"]
     fn a_million_mixes_are_merged_and_reported_in_bounded_memory() {
         let text = TEXT.split("[sweep]").next().unwrap().to_owned();
-        let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
+        let plan =
+            Plan::parse_beside(&Beside::new(Path::new("s.toml")), text, catalogue()).unwrap();
         let draws = Draws {
             runs: RUNS,
             seed: 1,
@@ -474,8 +478,8 @@ mod tests {
             "[sweep]\n",
             "[expect]\nposition_millimetres_max = { max = 30.0 }\n[sweep]\ndraws = 250000\n",
         ) + "[[sweep.uniform]]\nkey = \"plant.wire.mechanics.load_kilograms\"\nfrom = 0.03\nto = 0.05\n";
-        let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
+        let plan =
+            Plan::parse_beside(&Beside::new(Path::new("s.toml")), text, catalogue()).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
         let campaign = CampaignCases::Sweep(Box::new(cases));
         let CampaignCases::Sweep(cases) = &campaign else {

@@ -311,7 +311,9 @@ fn way_of_draws(distribution: Distribution) -> String {
 
 #[cfg(test)]
 mod tests {
-    use scenario::Trial;
+    use std::path::Path;
+
+    use scenario::Beside;
 
     use super::*;
 
@@ -320,8 +322,8 @@ mod tests {
             "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n[[reference.hold]]\n\
              at_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n{sweep}"
         );
-        let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", text);
+        let plan =
+            Plan::parse_beside(&Beside::new(Path::new("s.toml")), text, catalogue()).unwrap();
         SweepCases::new(&plan).unwrap()
     }
 

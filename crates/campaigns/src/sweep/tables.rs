@@ -145,7 +145,7 @@ mod tests {
     use proptest::prelude::*;
     use rig::plan::Plan;
     use runner::identity::identity;
-    use scenario::Trial;
+    use scenario::Beside;
     use worlds::catalogue::catalogue;
 
     const TEXT: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
@@ -161,8 +161,7 @@ mod tests {
             value in -1e9..1e9_f64,
         ) {
             let text = format!("{first}{rest}");
-            let plan = Plan::new(Trial::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap(), catalogue())
-                .from_file("s.toml", TEXT.to_owned());
+            let plan = Plan::parse_beside(&Beside::new(Path::new("s.toml")), TEXT.to_owned(), catalogue()).unwrap();
             let cases = SweepCases::new(&plan).unwrap();
             let metrics = [text.clone()];
             let tables = Tables { cases: &cases, metrics: &metrics, folder: Path::new("") };
@@ -195,8 +194,12 @@ mod tests {
 
     #[test]
     fn a_row_of_either_table_has_the_keys_of_its_own_case() {
-        let scenario = Trial::parse(TEXT, "s.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, catalogue()).from_file("s.toml", TEXT.to_owned());
+        let plan = Plan::parse_beside(
+            &Beside::new(Path::new("s.toml")),
+            TEXT.to_owned(),
+            catalogue(),
+        )
+        .unwrap();
         let identity = identity(&plan).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
         let folder = tempfile::tempdir().unwrap();

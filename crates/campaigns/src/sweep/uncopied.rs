@@ -63,7 +63,7 @@ mod tests {
     use std::fs::{self, File};
 
     use super::*;
-    use scenario::Trial;
+    use scenario::Beside;
     use worlds::catalogue::catalogue;
 
     #[test]
@@ -72,9 +72,8 @@ mod tests {
         let path = folder.path().join("a.fmu");
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Trial::parse(text, "s.toml", |_| unreachable!("no table")).unwrap();
-        let mut plan = Plan::new(scenario, catalogue())
-            .from_file(folder.path().join("s.toml"), text.to_owned());
+        let beside = Beside::new(&folder.path().join("s.toml"));
+        let mut plan = Plan::parse_beside(&beside, text.to_owned(), catalogue()).unwrap();
         fs::write(&path, "one").unwrap();
         let hash = hash_of(File::open(&path).unwrap()).unwrap();
         let line = format!("{hash}  a.fmu\n");

@@ -211,7 +211,7 @@ impl Cases for TortureCases {
 
 #[cfg(test)]
 mod tests {
-    use scenario::Trial;
+    use scenario::Beside;
     use worlds::catalogue::catalogue;
 
     use super::*;
@@ -219,8 +219,12 @@ mod tests {
     fn cases(seed: u64) -> TortureCases {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, catalogue()).from_file("t.toml", text.to_owned());
+        let plan = Plan::parse_beside(
+            &Beside::new(Path::new("t.toml")),
+            text.to_owned(),
+            catalogue(),
+        )
+        .unwrap();
         TortureCases::new(&plan, Draws { runs: 2, seed })
     }
 

@@ -1,7 +1,9 @@
 //! The scenario files that the experiments start from. They are part of the program, so it needs no checkout.
 
-use scenario::Trial;
+use std::path::Path;
+
 use scenario::plant::PlantModel;
+use scenario::{Beside, Trial};
 
 use campaigns::sweep::sweep_cases::SweepCases;
 use rig::plan::Plan;
@@ -46,8 +48,9 @@ bases!(
 /// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
 pub(super) fn plants() -> SweepCases {
     let text = include_str!("../../../../scenarios/sweeps/plants.toml");
-    let plan = Plan::new(parse("plants.toml", text), catalogue())
-        .from_file("plants.toml", text.to_owned());
+    let beside = Beside::new(Path::new("plants.toml"));
+    let plan = Plan::parse_beside(&beside, text.to_owned(), catalogue());
+    let plan = plan.expect("a test plays every plant");
     SweepCases::new(&plan).expect("a test plays every plant")
 }
 
