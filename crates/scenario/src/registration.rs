@@ -73,7 +73,7 @@ pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
         return Err(InvalidOwn::Name(name.to_owned()));
     }
     let is_taken = match section {
-        Section::Plant => is_of_format(name),
+        Section::Plant => is_of_format(name) || OF_PLANTS.contains(&name),
         Section::Controller => schema_of::<Controller>()["properties"].get(name).is_some(),
     };
     if RESERVED.contains(&name) || is_taken {
@@ -82,6 +82,9 @@ pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
     }
     Ok(())
 }
+
+/// Tables of the plants that ship and of their drives: `[plant.wire.heat]` of a scenario names no model.
+const OF_PLANTS: [&str; 5] = ["amplifier", "heat", "mechanics", "phase", "sensor"];
 
 /// Names that mean something else without being keys.
 const RESERVED: [&str; 3] = ["sma_actuator", "sma", "none"];

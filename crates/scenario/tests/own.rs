@@ -224,7 +224,7 @@ fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
     let scenario = recorded(RELAY, "[plant.pendulum]\nmass_kilograms = 1.0\n").unwrap();
     assert_eq!(scenario.plant.name(), "pendulum");
     let scenario = recorded("[controller.pid]\n", "").unwrap();
-    assert_eq!(scenario.plant.name(), scenario::plant::SMA);
+    assert_eq!(scenario.plant.name(), scenario::plant::SMA_ACTUATOR);
 }
 
 #[test]

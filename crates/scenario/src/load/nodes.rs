@@ -295,7 +295,7 @@ impl Check<'_> {
                 (None, Some(pair)) => &pair.phase,
                 (None, None) => return None,
             };
-            Some((format!("plant.{name}.{}.phase", plant.name()), phase))
+            Some((format!("plant.{name}.{}.phase", plant.key()), phase))
         });
         let problems = phases
             .flat_map(|(path, phase)| crate::check::temperatures(self.document, &path, phase));

@@ -380,7 +380,7 @@ impl TrialReader<'_, '_> {
 fn path_in_scenario(path: &str, rig: &Rig) -> String {
     let mut plants = rig.plant.iter();
     let short = plants.find_map(|(name, plant)| {
-        let rest = path.strip_prefix(&format!("plant.{name}.{}.", plant.name()))?;
+        let rest = path.strip_prefix(&format!("plant.{name}.{}.", plant.key()))?;
         Some(format!("plant.{name}.{rest}"))
     });
     short.unwrap_or_else(|| path.to_owned())

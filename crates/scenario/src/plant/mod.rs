@@ -16,21 +16,23 @@ pub use fmu::{Fmu, FmuPort};
 pub use sma::{Heat, Mechanics, Phase, SMA_FAULTS, Sma, StressStrain};
 pub use sma_pair::SmaPair;
 
-/// Name of the actuator of the paper, and of its table.
-pub const SMA: &str = "sma";
+/// Name of the actuator of the paper.
+pub const SMA_ACTUATOR: &str = "sma_actuator";
+/// Name of its table.
+const SMA: &str = "sma";
 /// Name of the DC motor, and of its table.
 pub(crate) const DC_MOTOR: &str = "dc_motor";
 /// Name of the joint with two wires, and of its table.
 pub const SMA_PAIR: &str = "sma_pair";
 /// Name of a plant from a modelling tool, and of its table.
 pub const FMU: &str = "fmu";
-/// Plants with a table of their own in the format.
+/// The tables of plants that the format has.
 pub(crate) const MODELS: [&str; 4] = [SMA, DC_MOTOR, SMA_PAIR, FMU];
 
 /// Whether the format has the table of a plant; those of others are registered.
 #[must_use]
 pub fn is_of_format(plant: &str) -> bool {
-    MODELS.contains(&plant)
+    plant == SMA_ACTUATOR || MODELS.contains(&plant)
 }
 
 /// A plant: exactly one model with its parameters.
@@ -76,7 +78,15 @@ impl PlantModel {
         }
     }
 
-    /// The name of its model; the actuator's where nothing is said.
+    /// The key of its table in a rig file.
+    pub(crate) fn key(&self) -> &str {
+        match self.model() {
+            Model::Sma(_) => SMA,
+            _ => self.name(),
+        }
+    }
+
+    /// The name of the plant; the actuator's where nothing is said.
     #[must_use]
     pub fn name(&self) -> &str {
         match self.model() {
@@ -84,7 +94,7 @@ impl PlantModel {
             Model::DcMotor(_) => DC_MOTOR,
             Model::SmaPair(_) => SMA_PAIR,
             Model::Fmu(_) => FMU,
-            Model::Sma(_) => SMA,
+            Model::Sma(_) => SMA_ACTUATOR,
         }
     }
 

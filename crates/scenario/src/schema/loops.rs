@@ -159,7 +159,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     }
     put_ranges(&mut schema, rig);
     let plants = rig.plant.iter().map(|(name, plant)| {
-        let definition = match plant.name() {
+        let definition = match plant.key() {
             "dc_motor" => reference("DcMotor"),
             "sma" => reference("Sma"),
             "sma_pair" => reference("SmaPair"),

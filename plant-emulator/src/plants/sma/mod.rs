@@ -17,7 +17,7 @@ use wire::{Load, Mechanics};
 
 use std::borrow::Borrow;
 
-use scenario::plant::SMA;
+use scenario::plant::SMA_ACTUATOR;
 
 use crate::integrator::runge_kutta_4_from;
 use crate::plant::{Faults, Inputs, InvalidPlant, Plant, Port, Ports, one_axis};
@@ -274,7 +274,7 @@ impl Plant for Actuator {
     type Config = scenario::plant::Sma;
 
     fn name() -> &'static str {
-        SMA
+        SMA_ACTUATOR
     }
 
     fn faults() -> &'static [&'static str] {
