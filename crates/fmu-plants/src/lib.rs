@@ -22,9 +22,6 @@ use plant_emulator::plants::sma::pair::SmaPair;
 pub use fmu;
 use parameters::Parameters;
 
-/// Tables of `[plant]` that are the bench's, or another plant's.
-const NOT_THE_ACTUATOR_S: [&str; 5] = ["amplifier", "dc_motor", "fmu", "sensor", "sma_pair"];
-
 /// The plants that ship: `sma`, `dc_motor` and `sma_pair`.
 #[must_use]
 pub fn shipped() -> Vec<Box<dyn Exported>> {
@@ -32,7 +29,6 @@ pub fn shipped() -> Vec<Box<dyn Exported>> {
         Box::new(Of::<Actuator> {
             name: "sma",
             description: "A shape-memory-alloy wire that lifts a load by a pulley, by a paper's model.",
-            without: &NOT_THE_ACTUATOR_S,
             ..Of::new()
         }),
         Box::new(Of::<DcMotor> {
@@ -69,8 +65,6 @@ macro_rules! export {
 struct Of<P> {
     name: &'static str,
     description: &'static str,
-    /// Tables of its parameters that are left out.
-    without: &'static [&'static str],
     plant: PhantomData<fn() -> P>,
 }
 
@@ -79,24 +73,23 @@ impl<P: Plant> Of<P> {
         Self {
             name: P::name(),
             description: "",
-            without: &[],
             plant: PhantomData,
         }
     }
 
-    fn parameters(&self) -> Parameters {
-        Parameters::of::<P::Config>(self.without)
+    fn parameters() -> Parameters {
+        Parameters::of::<P::Config>()
     }
 
-    fn made(&self, parameters: &[StartValue]) -> Result<P, String> {
-        let config = self.parameters().read::<P::Config>(parameters)?;
+    fn made(parameters: &[StartValue]) -> Result<P, String> {
+        let config = Self::parameters().read::<P::Config>(parameters)?;
         P::new(&config).map_err(|error| error.to_string())
     }
 
     /// The ports by the defaults of all parameters.
-    fn ports(&self) -> Result<Ports, String> {
-        let defaults = Vec::from_iter(self.parameters().defaults());
-        Ok(self.made(&defaults)?.ports())
+    fn ports() -> Result<Ports, String> {
+        let defaults = Vec::from_iter(Self::parameters().defaults());
+        Ok(Self::made(&defaults)?.ports())
     }
 }
 
@@ -106,8 +99,8 @@ impl<P: Plant> Exported for Of<P> {
     }
 
     fn model(&self) -> Result<Model, String> {
-        let Ports { inputs, outputs } = self.ports()?;
-        let parameters = self.parameters();
+        let Ports { inputs, outputs } = Self::ports()?;
+        let parameters = Self::parameters();
         let seen = outputs.iter().map(|port| of_port(port, Role::Output));
         let acting = inputs.iter();
         let acting = acting.map(|port| of_port(port, Role::Input(port.at_rest)));
@@ -120,8 +113,8 @@ impl<P: Plant> Exported for Of<P> {
     }
 
     fn start(&self, parameters: &[StartValue]) -> Result<Box<dyn Running>, String> {
-        let plant = self.made(parameters)?;
-        if !have_the_same_names(&plant.ports(), &self.ports()?) {
+        let plant = Self::made(parameters)?;
+        if !have_the_same_names(&plant.ports(), &Self::ports()?) {
             return Err(
                 "with these parameters it has other ports than it was exported with".to_owned(),
             );

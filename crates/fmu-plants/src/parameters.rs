@@ -17,10 +17,10 @@ struct Parameter {
 }
 
 impl Parameters {
-    /// Those of a type, without these tables.
-    pub(crate) fn of<C: own::Parameters>(without: &[&str]) -> Self {
+    /// Those of a type.
+    pub(crate) fn of<C: own::Parameters>() -> Self {
         let mut parameters = Vec::new();
-        collect(&own::schema::<C>(), &[], without, &mut parameters);
+        collect(&own::schema::<C>(), &[], &mut parameters);
         // Whatever order a map has: description and library must agree.
         parameters.sort_by(|one, other| one.keys.cmp(&other.keys));
         Self(parameters)
@@ -71,14 +71,11 @@ impl Parameters {
 }
 
 /// Numbers and words of a schema and of the tables in it, those that have a default.
-fn collect(schema: &Value, keys: &[String], without: &[&str], into: &mut Vec<Parameter>) {
+fn collect(schema: &Value, keys: &[String], into: &mut Vec<Parameter>) {
     let Some(properties) = schema["properties"].as_object() else {
         return;
     };
     for (key, property) in properties {
-        if without.contains(&key.as_str()) {
-            continue;
-        }
         let keys = [keys, std::slice::from_ref(key)].concat();
         // The default of a table holds those of what is in it.
         let role = role(property);
@@ -92,7 +89,7 @@ fn collect(schema: &Value, keys: &[String], without: &[&str], into: &mut Vec<Par
                 is_whole: property["type"] == "integer",
                 role,
             }),
-            None => collect(property, &keys, without, into),
+            None => collect(property, &keys, into),
         }
     }
 }

@@ -1,9 +1,8 @@
 //! The JSON Schema of `[fault]`, made of the table of faults, and its text.
 
-use serde::ser::{Error as _, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
-use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time};
+use super::{Form, Group, KINDS, Key, Kind, Need, Time};
 use crate::TIME_SECONDS_MAX;
 
 /// Entries of an array at most.
@@ -187,54 +186,4 @@ fn of_key(key: &Key) -> Value {
         Need::Required | Need::Optional => {}
     }
     schema
-}
-
-impl Serialize for Faults {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut groups = toml::Table::new();
-        for fault in self.iter() {
-            let group = groups.entry(fault.kind.group.name());
-            let group = group.or_insert_with(|| toml::Table::new().into());
-            let table = toml::Value::try_from(table(fault)).map_err(S::Error::custom)?;
-            let array = group.as_table_mut().map(|kinds| {
-                let array = kinds.entry(fault.kind.name);
-                array.or_insert_with(|| Vec::<toml::Value>::new().into())
-            });
-            if let Some(toml::Value::Array(entries)) = array {
-                entries.push(table);
-            }
-        }
-        groups.serialize(serializer)
-    }
-}
-
-/// A fault as it stands in a scenario.
-fn table(fault: &Fault) -> toml::Table {
-    let mut table = toml::Table::new();
-    let mut set = |key: &str, value: toml::Value| drop(table.insert(key.to_owned(), value));
-    for (key, value) in &fault.values {
-        let form = fault.kind.keys.iter().find(|row| row.name == *key);
-        let is_whole = form.is_some_and(|row| matches!(row.form, Form::Whole(..)));
-        match (value, fault.whole(key)) {
-            (super::Value::Word(word), _) => set(key, word.clone().into()),
-            (_, Some(whole)) if is_whole => set(key, i64::from(whole).into()),
-            (super::Value::Number(number), _) => set(key, (*number).into()),
-        }
-    }
-    if let (Some(key), Some(node)) = (fault.kind.node_key(), &fault.node) {
-        set(key.name, node.name.clone().into());
-    }
-    let times = match fault.kind.time {
-        Time::Lasts | Time::Ends => [
-            ("from_seconds", fault.from_seconds),
-            ("until_seconds", fault.until_seconds),
-        ],
-        Time::Instant | Time::Boot => [("at_seconds", fault.from_seconds), ("", None)],
-    };
-    for (key, seconds) in times {
-        if let Some(seconds) = seconds {
-            set(key, seconds.into());
-        }
-    }
-    table
 }
