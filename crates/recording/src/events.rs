@@ -212,14 +212,14 @@ impl EventReader {
     pub(crate) fn take_until(
         &mut self,
         until_seconds: f64,
-        scenario: &Trial,
+        trial: &Trial,
         zero: Option<Duration>,
     ) -> Events {
         if zero.is_none() && until_seconds.is_finite() {
             return Events::default();
         }
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
-        let planned = scenario
+        let planned = trial
             .events(self.words.of_loop())
             .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
@@ -354,9 +354,9 @@ mod tests {
             [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\n[[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 6.0\n\
             [[fault.node.hang]]\nnode = \"controller\"\nfrom_seconds = 7.0\n[[fault.bus.load]]\nidentifier = 1000\nperiod_milliseconds = 5.0\nfrom_seconds = 8.0\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut reader = EventReader::new(Database::shipped(), words);
-        let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
+        let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
         let texts = Vec::from_iter(events.iter().map(|event| event.what.text.as_str()));
         assert_eq!(
             texts,
@@ -377,9 +377,9 @@ mod tests {
             [[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 5.0\n\
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let mut reader = EventReader::new(Database::shipped(), NodeWords::default());
-        let events = reader.take_until(f64::INFINITY, &scenario, Some(Duration::ZERO));
+        let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
         let levels = events.iter().map(|event| (event.time_seconds, event.level));
         let expected = [
             (1.0, Level::Info),

@@ -87,18 +87,18 @@ impl Catalogue {
 
     /// The frames of a scenario's loop alone on its bus.
     #[must_use]
-    pub fn frames(&self, scenario: &Trial) -> Arc<Frames> {
+    pub fn frames(&self, trial: &Trial) -> Arc<Frames> {
         let published = Published {
             signals: match self.find_ports {
-                Some(_) => self.signals(scenario).unwrap_or_default(),
+                Some(_) => self.signals(trial).unwrap_or_default(),
                 None => signals_of_the_wire(),
             },
-            terms: self.find_terms.map(|find| find(scenario)),
-            outputs: self.outputs(scenario),
-            unit: scenario.wiring.unit.clone(),
+            terms: self.find_terms.map(|find| find(trial)),
+            outputs: self.outputs(trial),
+            unit: trial.wiring.unit.clone(),
         };
-        let nodes = &scenario.wiring.nodes;
-        let of_loop = scenario.wiring.loop_among_several();
+        let nodes = &trial.wiring.nodes;
+        let of_loop = trial.wiring.loop_among_several();
         // A half-done entry is still right.
         let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
         let is_it = |frames: &&Arc<Frames>| {
@@ -107,38 +107,38 @@ impl Catalogue {
         if let Some(frames) = known.iter().find(is_it) {
             return Arc::clone(frames);
         }
-        let frames = Arc::new(Frames::new(published, scenario));
+        let frames = Arc::new(Frames::new(published, trial));
         known.push(Arc::clone(&frames));
         frames
     }
 
     /// The signals that the drive of a scenario publishes of its plant.
-    fn signals(&self, scenario: &Trial) -> Option<Vec<PlantSignal>> {
-        let ports = self.ports(scenario)?;
-        let recorded = scenario.wiring.recorded(&ports).ok()?;
+    fn signals(&self, trial: &Trial) -> Option<Vec<PlantSignal>> {
+        let ports = self.ports(trial)?;
+        let recorded = trial.wiring.recorded(&ports).ok()?;
         let signals = recorded.into_iter().map(|(_, port)| signal_of(port));
         Some(signals.collect())
     }
 
     /// The ports of a scenario's plant; `None` where they are not known here.
     #[must_use]
-    pub fn ports(&self, scenario: &Trial) -> Option<Ports> {
-        (self.find_ports?)(scenario)
+    pub fn ports(&self, trial: &Trial) -> Option<Ports> {
+        (self.find_ports?)(trial)
     }
 
     /// The outputs of the io node of a scenario's plant, besides fan and load.
-    fn outputs(&self, scenario: &Trial) -> Vec<IoOutput> {
-        if scenario.wiring.outputs.is_empty() {
+    fn outputs(&self, trial: &Trial) -> Vec<IoOutput> {
+        if trial.wiring.outputs.is_empty() {
             return Vec::new();
         }
-        let ports = self.ports(scenario).unwrap_or_default();
-        scenario.wiring.io_outputs(&ports)
+        let ports = self.ports(trial).unwrap_or_default();
+        trial.wiring.io_outputs(&ports)
     }
 
     /// What is wrong with a disturbance by another output: a value that it cannot have.
-    fn output_objection(&self, scenario: &Trial) -> Option<Objection> {
-        let outputs = self.outputs(scenario);
-        let mut changes = scenario.disturbance.output.iter().enumerate();
+    fn output_objection(&self, trial: &Trial) -> Option<Objection> {
+        let outputs = self.outputs(trial);
+        let mut changes = trial.disturbance.output.iter().enumerate();
         changes.find_map(|(index, change)| {
             let output = outputs.iter().find(|one| one.name == change.name)?;
             let [min, max] = output.range;
@@ -155,18 +155,18 @@ impl Catalogue {
     /// What only a bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense. The
     /// names are collected only where the scenario has some.
     #[must_use]
-    pub fn objections(&self, scenario: &Trial) -> Vec<Objection> {
-        let frames = self.frames(scenario);
-        let plant = (self.plant_objection)(scenario);
+    pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
+        let frames = self.frames(trial);
+        let plant = (self.plant_objection)(trial);
         // What is wrong with an FMU stands in the rig file, and hides its signals.
-        if is_wired_fmu(scenario) && plant.is_some() {
+        if is_wired_fmu(trial) && plant.is_some() {
             return Vec::new();
         }
-        let mut objections = SignalNames::objections(scenario, || frames.names());
+        let mut objections = SignalNames::objections(trial, || frames.names());
         objections.extend(plant);
-        objections.extend((self.law_objection)(scenario));
-        objections.extend(self.output_objection(scenario));
-        objections.extend(two_columns(&frames, scenario));
+        objections.extend((self.law_objection)(trial));
+        objections.extend(self.output_objection(trial));
+        objections.extend(two_columns(&frames, trial));
         objections
     }
 
@@ -192,16 +192,16 @@ fn is_wired_fmu(trial: &Trial) -> bool {
 }
 
 /// Two signals that would be one column: a term of the law called like another signal of its loop, or an output of the plant.
-fn two_columns(frames: &Frames, scenario: &Trial) -> Option<Objection> {
+fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     let name = name_of_two_columns(&frames.database, &frames.nodes, &frames.of_loop)?;
     let mut terms = frames.published.terms.iter().flatten();
     let (path, owner) = match terms.any(|term| term.name == name) {
         true => (
-            format!("controller.{}", scenario.controller.law_name()),
+            format!("controller.{}", trial.controller.law_name()),
             "a term of this law",
         ),
         false => (
-            format!("plant.{}", scenario.plant.name()),
+            format!("plant.{}", trial.plant.name()),
             "an output of this plant",
         ),
     };
@@ -255,9 +255,9 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn new(published: Published, scenario: &Trial) -> Self {
-        let nodes = &scenario.wiring.nodes;
-        let of_loop = scenario.wiring.loop_among_several();
+    fn new(published: Published, trial: &Trial) -> Self {
+        let nodes = &trial.wiring.nodes;
+        let of_loop = trial.wiring.loop_among_several();
         let composer = Composer::new(&nodes.controller.name, nodes.controller.id);
         let composer = published.compose(composer, nodes, (of_loop, 0), Player::Emulator);
         let frames = Self::of_recording(Arc::new(composer.finish()), nodes, of_loop);
@@ -411,8 +411,8 @@ mod tests {
     fn plants_and_laws_have_frames_of_their_own() {
         let catalogue = Catalogue::new(|_| Some(plant_with("spring_force_newtons")), |_| None);
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let frames = catalogue.frames(&scenario);
+        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let frames = catalogue.frames(&trial);
         assert!(frames.names().find("spring_force_newtons").is_ok());
         assert!(frames.names().find("sum").is_err());
         assert!(
@@ -422,7 +422,7 @@ mod tests {
                 .is_ok()
         );
         let catalogue = catalogue.with_laws(|_| vec![sum()], |_| None);
-        let frames = catalogue.frames(&scenario);
+        let frames = catalogue.frames(&trial);
         assert!(frames.names().find("sum").is_ok());
         assert!(
             frames
@@ -477,9 +477,9 @@ outputs = ["drive.current"]
     fn two_signals_of_one_name_are_refused_with_their_owner() {
         let plants = Catalogue::new(|_| Some(plant_with("position_millimetres")), |_| None);
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let said = |catalogue: &Catalogue| {
-            let objections = catalogue.objections(&scenario).into_iter();
+            let objections = catalogue.objections(&trial).into_iter();
             Vec::from_iter(objections.map(|one| format!("{}: {}", one.path, one.message)))
         };
         let plants = plants.with_laws(|_| Vec::new(), |_| None);

@@ -67,16 +67,16 @@ impl LoadedDrive {
     ///
     /// # Errors
     /// Where the set-point leaves the limits.
-    pub fn admits(&self, scenario: &Trial) -> Result<(), String> {
-        if scenario.reference.is_empty() {
+    pub fn admits(&self, trial: &Trial) -> Result<(), String> {
+        if trial.reference.is_empty() {
             return Ok(());
         }
         let Limits { min, max, .. } = self.real.limits;
-        let trajectory = scenario.reference.trajectory();
-        for seconds in telling_cycles_seconds(scenario, &trajectory) {
+        let trajectory = trial.reference.trajectory();
+        for seconds in telling_cycles_seconds(trial, &trajectory) {
             let wanted = 1e3 * trajectory.at(seconds).position_metres;
             if !(min - ROUNDING..=max + ROUNDING).contains(&wanted) {
-                let symbol = scenario.wiring.unit.symbol();
+                let symbol = trial.wiring.unit.symbol();
                 return Err(format!(
                     "the set-point is {wanted} {symbol} at {seconds} s, beyond the rig's limits ({min} to {max} {symbol})"
                 ));
@@ -87,11 +87,11 @@ impl LoadedDrive {
 }
 
 /// The times of the cycles in which the set-point may have a value that it did not have before: a day has too many to ask for all.
-fn telling_cycles_seconds(scenario: &Trial, trajectory: &Trajectory) -> impl Iterator<Item = f64> {
+fn telling_cycles_seconds(trial: &Trial, trajectory: &Trajectory) -> impl Iterator<Item = f64> {
     let nanoseconds = |seconds: f64| Duration::from_secs_f64(seconds).as_nanos();
-    let period = scenario.run.bus.sync_period().as_nanos();
-    let end = nanoseconds(scenario.run.duration_seconds);
-    let stretches = trajectory.stretches(scenario.run.duration_seconds);
+    let period = trial.run.bus.sync_period().as_nanos();
+    let end = nanoseconds(trial.run.duration_seconds);
+    let stretches = trajectory.stretches(trial.run.duration_seconds);
     let cycles = stretches.flat_map(move |(from_seconds, until_seconds)| {
         let last = nanoseconds(until_seconds).div_ceil(period);
         nanoseconds(from_seconds) / period..=last
@@ -155,13 +155,13 @@ outputs = ["drive.current"]
     const SCENARIO: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 36.0\n";
 
-    fn plan_of(rig: &str, scenario: &str) -> Result<Plan, String> {
+    fn plan_of(rig: &str, trial: &str) -> Result<Plan, String> {
         let beside = Beside::new(Path::new("s.toml"));
         let read = |name: &str| match name {
             "rig.toml" => Ok(rig.to_owned()),
             _ => Err(std::io::ErrorKind::NotFound.into()),
         };
-        let plan = Plan::parse(&beside, scenario.to_owned(), read, &Catalogue::shipped());
+        let plan = Plan::parse(&beside, trial.to_owned(), read, &Catalogue::shipped());
         plan.map_err(|error| scenario::without_colours(&error))
     }
 

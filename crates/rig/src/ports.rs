@@ -1,9 +1,8 @@
 //! Whether the drives and io nodes of a rig file are wired to ports that its plants have.
 
-use scenario::Scenario;
 use scenario::port::{Direction, Port, Ports, Unit, conversion, unit_in};
 use scenario::wiring::RECORDED_MAX;
-use scenario::{Objection, Trial, nearest};
+use scenario::{Objection, Scenario, Trial, nearest};
 
 use crate::catalogue::Catalogue;
 

@@ -155,8 +155,8 @@ impl SignalNames {
 
     /// What is wrong with the names of signals in a scenario. `names` are those of its bus, asked for only where it has some.
     #[must_use]
-    pub fn objections<'a>(scenario: &Trial, names: impl Fn() -> &'a SignalNames) -> Vec<Objection> {
-        let named = scenario.expect.named_signals();
+    pub fn objections<'a>(trial: &Trial, names: impl Fn() -> &'a SignalNames) -> Vec<Objection> {
+        let named = trial.expect.named_signals();
         let wrong = named.filter_map(|(path, name)| {
             let error = names().find(name).err()?;
             Some(objection(path, &error))

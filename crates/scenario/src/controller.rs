@@ -401,7 +401,7 @@ impl Default for Observer {
     }
 }
 
-/// What a law takes the plant to be; the emulator's `[plant]` table is another thing and hidden from the controller.
+/// What a law takes the plant to be; the emulator's plant is another thing and hidden from the controller.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NominalModel {

@@ -72,7 +72,7 @@ pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
     names.collect()
 }
 
-/// Whether a table of a scenario of one drive has such a key.
+/// Whether a table of a loop has such a key.
 pub(crate) fn is_key(table: &str, key: &str) -> bool {
     let property = &SECTIONS["properties"][table];
     let schema = resolve(&SECTIONS, property);

@@ -16,24 +16,24 @@ use crate::fmu_plant::{self, FmuPlant};
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
         plants::register_fmu(PlantRow::of::<FmuPlant>());
-        let find_terms = |scenario: &Trial| laws::terms(&scenario.controller, &scenario.wiring);
+        let find_terms = |trial: &Trial| laws::terms(&trial.controller, &trial.wiring);
         let catalogue = Catalogue::new(plants::ports, plant_objection);
         catalogue.with_laws(find_terms, law_objection)
     });
     &CATALOGUE
 }
 
-fn law_objection(scenario: &Trial) -> Option<Objection> {
-    laws::objection(&scenario.controller, &scenario.wiring)
+fn law_objection(trial: &Trial) -> Option<Objection> {
+    laws::objection(&trial.controller, &trial.wiring)
 }
 
-fn plant_objection(scenario: &Trial) -> Option<Objection> {
-    let plant = scenario.plant.name();
-    if let Some(fmu) = &scenario.plant.fmu {
+fn plant_objection(trial: &Trial) -> Option<Objection> {
+    let plant = trial.plant.name();
+    if let Some(fmu) = &trial.plant.fmu {
         return fmu_plant::objection(fmu);
     }
     // What is wrong with its wiring is found at the rig.
-    let Err(InvalidEmulator::Plant(invalid)) = plants::check(scenario) else {
+    let Err(InvalidEmulator::Plant(invalid)) = plants::check(trial) else {
         return None;
     };
     let path = match invalid.parameter() {
@@ -60,8 +60,8 @@ mod tests {
                  austenite_modulus_pascals = {modulus}\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
-            let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-            law_objection(&scenario).map(|objection| objection.path)
+            let trial = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            law_objection(&trial).map(|objection| objection.path)
         };
         for law in ["sliding_mode", "sliding_mode_paper"] {
             assert_eq!(objection(law, "28e9"), None);
@@ -79,8 +79,8 @@ mod tests {
                 "schema = 1\nrig = \"{rig}\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}]\n\
                  [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 20.0\n"
             );
-            let scenario = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
-            assert_eq!(catalogue().objections(&scenario), []);
+            let trial = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
+            assert_eq!(catalogue().objections(&trial), []);
         }
     }
 }

@@ -191,8 +191,8 @@ fn is_of_manager(frame: &CanFrame, drive: u8) -> bool {
 }
 
 /// A drive that cannot act: dead with its current held, hanging or just awake, or its amplifier stuck on.
-fn is_excused(scenario: &Trial, time_seconds: f64, seconds_max: f64) -> bool {
-    scenario.drive_faults().iter().any(|fault| {
+fn is_excused(trial: &Trial, time_seconds: f64, seconds_max: f64) -> bool {
+    trial.drive_faults().iter().any(|fault| {
         // The message needs its time on the bus.
         let over = match fault.kind.name {
             "crash" if fault.says("output", "hold") => MESSAGE_SECONDS_MAX,
@@ -223,8 +223,8 @@ mod tests {
     /// The invariant that a run breaks whose recording was changed.
     fn broken(change: impl Fn(&mut Vec<Stamped>, &mut Timeline)) -> Option<String> {
         let text = format!("{BASE}{HARMLESS}");
-        let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let found = play_one(0, &of_one_loop(scenario), &Watch::default(), |played| {
+        let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let found = play_one(0, &of_one_loop(trial), &Watch::default(), |played| {
             let (mut frames, mut timeline) =
                 (played.frames.clone().into_vec(), played.timeline().clone());
             assert!(timeline.truth.len() > 50);
@@ -309,8 +309,8 @@ mod tests {
         let window = "from_seconds = 0.3\nuntil_seconds = 0.4\n";
         let is_excused_at = |fault: &str, seconds: [f64; 3]| {
             let text = format!("{BASE}[[fault.{fault}\n{window}");
-            let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-            seconds.map(|seconds| is_excused(&scenario, seconds, 0.05))
+            let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
+            seconds.map(|seconds| is_excused(&trial, seconds, 0.05))
         };
         for (fault, over) in [
             ("node.crash]]\nnode = \"drive\"\noutput = \"hold\"", 0.402),

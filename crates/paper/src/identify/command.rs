@@ -29,7 +29,7 @@ const RECORDINGS_MAX: usize = 100;
 
 /// Names of the files that only identification writes.
 mod name {
-    /// The `[plant]` table that was found.
+    /// The plant that was found, as a scenario has it: `[plant.wire]`.
     pub(super) const PLANT: &str = "plant.toml";
     /// The same as the model of a control law.
     pub(super) const NOMINAL_MODEL: &str = "nominal_model.toml";
@@ -60,13 +60,13 @@ pub struct IdentifyArgs {
     /// Run folders, or logs of `candump -L` (then with --scenario); all of one plant
     #[arg(required = true, value_name = "RUN")]
     pub recordings: Vec<PathBuf>,
-    /// The parameters to identify: the paper's letters or the keys of the scenario's [plant], separated by commas
+    /// The parameters to identify: the paper's letters or the keys of the plant in a scenario, separated by commas
     #[arg(long, value_name = "LIST", default_value = "C,h,As,Af,Ms,Mf")]
     pub parameters: String,
-    /// The start values: `section3` (the paper's a-priori values), `nominal`, or a file with a [plant] table
+    /// The start values: `section3` (the paper's a-priori values), `nominal`, or a file with a table [plant.NAME]
     #[arg(long, value_name = "START", default_value = "section3")]
     pub start: Start,
-    /// The values of the other parameters: `nominal`, `scenario` (the recording's [plant]), or a file with a [plant] table
+    /// The values of the other parameters: `nominal`, `scenario` (the recording's plant), or a file with a table [plant.NAME]
     #[arg(long, value_name = "PLANT", default_value = "nominal")]
     pub known: KnownChoice,
     /// The scenario that was played, for logs; it gives cycle time and sensor

@@ -9,7 +9,7 @@ const TRANSFORMATION_KELVINS_MIN: f64 = 1.0;
 pub struct Parameter {
     /// The paper's letter.
     pub symbol: &'static str,
-    /// Its table and key below `[plant]`.
+    /// Its table and key below `[plant.NAME]`.
     pub path: &'static str,
     /// Its unit.
     pub unit: &'static str,
@@ -148,10 +148,10 @@ pub enum ParameterError {
 
 fn names() -> String {
     let symbols: Vec<&str> = ALL.iter().map(|parameter| parameter.symbol).collect();
-    format!("{} (or the keys of [plant])", symbols.join(", "))
+    format!("{} (or the keys of the plant)", symbols.join(", "))
 }
 
-/// Finds parameters by the paper's letters or the keys of the scenario's `[plant]`, separated by commas.
+/// Finds parameters by the paper's letters or the keys of the plant in a scenario, separated by commas.
 ///
 /// # Errors
 /// A name that is unknown or comes twice, or no name.

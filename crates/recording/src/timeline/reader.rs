@@ -127,9 +127,9 @@ impl TimelineReader {
     /// # Errors
     /// The database lacks a signal that the bench needs.
     pub fn new(shared: &Shared, one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let scenario = &one.trial;
-        let period = Duration::from_secs_f64(scenario.run.bus.sync_period_milliseconds / 1e3);
-        let end = Duration::from_secs_f64(scenario.run.duration_seconds);
+        let trial = &one.trial;
+        let period = Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3);
+        let end = Duration::from_secs_f64(trial.run.duration_seconds);
         let words = NodeWords::new(shared, one);
         let losses = LossReader::new(one, &words);
         let commands = CommandReader::new(one, &words, period)?;
@@ -277,11 +277,11 @@ impl TimelineReader {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn take_piece(&mut self, scenario: &Trial) -> Result<Timeline, SignalMissing> {
+    pub fn take_piece(&mut self, trial: &Trial) -> Result<Timeline, SignalMissing> {
         let closed = self.cycle.len().saturating_sub(1);
-        let mut piece = self.take_rows(closed, scenario)?;
+        let mut piece = self.take_rows(closed, trial)?;
         let zero = self.passing.clock.zero();
-        piece.events = self.events.take_until(piece.end_seconds(), scenario, zero);
+        piece.events = self.events.take_until(piece.end_seconds(), trial, zero);
         piece.emergencies = self.events.take_emergencies(zero);
         Ok(piece)
     }
@@ -290,10 +290,10 @@ impl TimelineReader {
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
-    pub fn take_rest(&mut self, scenario: &Trial) -> Result<Timeline, SignalMissing> {
-        let mut rest = self.take_rows(self.cycle.len(), scenario)?;
+    pub fn take_rest(&mut self, trial: &Trial) -> Result<Timeline, SignalMissing> {
+        let mut rest = self.take_rows(self.cycle.len(), trial)?;
         let zero = self.passing.clock.zero();
-        let events = self.events.take_until(f64::INFINITY, scenario, zero);
+        let events = self.events.take_until(f64::INFINITY, trial, zero);
         let latest = self.passing.latest;
         let (uncommanded, silences) = self.commands.take_all(latest);
         rest.uncommanded = uncommanded;
@@ -310,7 +310,7 @@ impl TimelineReader {
     }
 
     /// The first rows as a timeline of their own, without what happened besides.
-    fn take_rows(&mut self, rows: usize, scenario: &Trial) -> Result<Timeline, SignalMissing> {
+    fn take_rows(&mut self, rows: usize, trial: &Trial) -> Result<Timeline, SignalMissing> {
         let period_seconds = self.period.as_secs_f64();
         let cycle = self.cycle.take(rows);
         let starts = cycle.iter();
@@ -330,8 +330,8 @@ impl TimelineReader {
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds,
-            set_point_millimetres: set_points(scenario, &time_seconds),
-            unit: scenario.wiring.unit.clone(),
+            set_point_millimetres: set_points(trial, &time_seconds),
+            unit: trial.wiring.unit.clone(),
             cycle,
             time_seconds,
             cycles_due: self.cycles_due,
@@ -340,7 +340,7 @@ impl TimelineReader {
             syncs_seconds: Series::default(),
             lost_heartbeats: Vec::new(),
             temperature_silence: None,
-            position: place(&columns, &scenario.wiring.unit.rename(names::POSITION))?,
+            position: place(&columns, &trial.wiring.unit.rename(names::POSITION))?,
             current: place(&columns, names::CURRENT)?,
             columns,
             events: Events::default(),
@@ -378,11 +378,11 @@ fn cycles(time: Duration, period: Duration) -> u64 {
     nanos(time).saturating_add(period / 2) / period
 }
 
-fn set_points(scenario: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
-    if scenario.reference.is_empty() {
+fn set_points(trial: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
+    if trial.reference.is_empty() {
         return iter::repeat_n(f64::NAN, time_seconds.len()).collect();
     }
-    let trajectory = scenario.reference.trajectory();
+    let trajectory = trial.reference.trajectory();
     let times = time_seconds.iter();
     times
         .map(|time| trajectory.at(*time).position_metres * 1e3)
@@ -432,8 +432,8 @@ mod tests {
     fn two_cycles() -> (Plan, Vec<Stamped>) {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
                     [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
-        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let plan = Plan::new(trial, &Catalogue::shipped());
         let database = plan.database();
         let position = |millimetres: f64| {
             let mut message = database.builder("drive_tpdo1").unwrap();
@@ -501,10 +501,10 @@ mod tests {
         #[test]
         fn rows_hold_what_was_sent_in_their_cycles(steps in prop::collection::vec((0..8u8, any::<u8>(), 0..=8usize), 0..200)) {
             let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
-            let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-            let plan = Plan::new(scenario, &Catalogue::shipped());
+            let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+            let plan = Plan::new(trial, &Catalogue::shipped());
             let one = plan.leading();
-            let (scenario, database) = (&one.trial, &*one.database);
+            let (trial, database) = (&one.trial, &*one.database);
             let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];
             let mut expected = paths.map(|path| Simple {
                 handle: database.require(path).unwrap(),
@@ -526,7 +526,7 @@ mod tests {
                     2..5 => sent(ids[0]),
                     5 | 6 => sent(ids[1]),
                     7 => {
-                        pieces.push(reader.take_piece(scenario).unwrap());
+                        pieces.push(reader.take_piece(trial).unwrap());
                         continue;
                     }
                     _ => enabled.frame(),
@@ -538,7 +538,7 @@ mod tests {
                 expected.iter_mut().for_each(|signal| signal.on_frame(&frame));
                 reader.on_frame(&Stamped::new(Duration::from_micros(micros), frame));
             }
-            pieces.push(reader.take_rest(scenario).unwrap());
+            pieces.push(reader.take_rest(trial).unwrap());
             for (path, signal) in paths.iter().zip(&expected) {
                 let (_, name) = path.split_once('.').unwrap();
                 let rows = pieces.iter().flat_map(|piece| &piece.column(name).unwrap().values);

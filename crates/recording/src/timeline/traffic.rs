@@ -18,9 +18,9 @@ pub(super) struct Traffic {
 }
 
 impl Traffic {
-    pub(super) fn new(scenario: &Trial) -> Self {
+    pub(super) fn new(trial: &Trial) -> Self {
         Self {
-            bitrate_kilobits_per_second: f64::from(scenario.run.bus.bitrate_kilobits_per_second),
+            bitrate_kilobits_per_second: f64::from(trial.run.bus.bitrate_kilobits_per_second),
             first_sync: None,
             latest_sync: None,
             latest: Duration::ZERO,

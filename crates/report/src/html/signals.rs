@@ -82,9 +82,9 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
 
 /// What the coloured patches behind the curves are; nothing where there are none.
 fn patches_in_words(own: &ControlLoop) -> Option<String> {
-    let scenario = &own.trial;
-    let has_steps = !scenario.judged_steps().is_empty();
-    let has_disturbances = !scenario.disturbance_windows().is_empty();
+    let trial = &own.trial;
+    let has_steps = !trial.judged_steps().is_empty();
+    let has_disturbances = !trial.disturbance_windows().is_empty();
     let words = [
         (has_steps, "Green: settling band of a step."),
         (has_disturbances, "Yellow: a disturbance acts."),
@@ -259,9 +259,9 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
 }
 
 /// Steps and disturbances.
-fn sudden(scenario: &Trial) -> Vec<Stretch> {
-    let symbol = shown_unit(scenario.wiring.unit.symbol());
-    let steps = scenario.judged_steps().into_iter().map(|step| {
+fn sudden(trial: &Trial) -> Vec<Stretch> {
+    let symbol = shown_unit(trial.wiring.unit.symbol());
+    let steps = trial.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);
         (
@@ -270,24 +270,20 @@ fn sudden(scenario: &Trial) -> Vec<Stretch> {
             until,
         )
     });
-    let disturbances = scenario
-        .disturbance_windows()
-        .into_iter()
-        .map(|disturbance| {
-            let title = format!("Disturbance: {}", disturbance.text);
-            let until = disturbance.window.until_seconds + AFTER_DISTURBANCE_SECONDS;
-            (title, disturbance.window.from_seconds, until)
-        });
+    let disturbances = trial.disturbance_windows().into_iter().map(|disturbance| {
+        let title = format!("Disturbance: {}", disturbance.text);
+        let until = disturbance.window.until_seconds + AFTER_DISTURBANCE_SECONDS;
+        (title, disturbance.window.from_seconds, until)
+    });
     let before = |(title, from, until): Stretch| (title, (from - BEFORE_SECONDS).max(0.0), until);
     steps.chain(disturbances).map(before).collect()
 }
 
 /// Sines whose judged periods are too short a part of the run to be seen in it.
-fn sines(scenario: &Trial) -> Vec<Stretch> {
-    let share = |window: Window| {
-        (window.until_seconds - window.from_seconds) / scenario.run.duration_seconds
-    };
-    let short = scenario
+fn sines(trial: &Trial) -> Vec<Stretch> {
+    let share =
+        |window: Window| (window.until_seconds - window.from_seconds) / trial.run.duration_seconds;
+    let short = trial
         .judged_sines()
         .into_iter()
         .filter(|sine| share(sine.window) < SINE_SHARE_MAX);
@@ -307,34 +303,29 @@ fn settling_band(step: &JudgedStep) -> Patch {
     }
 }
 
-fn disturbances(scenario: &Trial) -> Vec<Patch> {
-    let windows = scenario.disturbance_windows();
+fn disturbances(trial: &Trial) -> Vec<Patch> {
+    let windows = trial.disturbance_windows();
     // A load stays until the next one; it is marked where it changes.
     let patches = windows.iter().map(|disturbance| {
         let window = disturbance.window;
-        stretch("span", window.from_seconds, window.until_seconds, scenario)
+        stretch("span", window.from_seconds, window.until_seconds, trial)
     });
     patches.collect()
 }
 
 /// Faults from their beginning on; those of the boot are over when the scenario begins.
 fn faults(own: &ControlLoop) -> Vec<Patch> {
-    let scenario = &own.trial;
+    let trial = &own.trial;
     let patches = own.faults().filter_map(|fault| {
-        let until_seconds = fault.until_seconds.unwrap_or(scenario.run.duration_seconds);
-        Some(stretch(
-            "fault",
-            fault.from_seconds?,
-            until_seconds,
-            scenario,
-        ))
+        let until_seconds = fault.until_seconds.unwrap_or(trial.run.duration_seconds);
+        Some(stretch("fault", fault.from_seconds?, until_seconds, trial))
     });
     patches.collect()
 }
 
 /// A stretch of time that can be seen, however short it is.
-fn stretch(class: &'static str, from_seconds: f64, until_seconds: f64, scenario: &Trial) -> Patch {
-    let seen_seconds = 0.003 * scenario.run.duration_seconds;
+fn stretch(class: &'static str, from_seconds: f64, until_seconds: f64, trial: &Trial) -> Patch {
+    let seen_seconds = 0.003 * trial.run.duration_seconds;
     Patch {
         class,
         x: (from_seconds, until_seconds.max(from_seconds + seen_seconds)),

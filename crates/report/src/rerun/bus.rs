@@ -20,8 +20,8 @@ const STRETCH_SECONDS: f64 = 0.1;
 const STRETCHES_MAX: f64 = 360_000.0;
 
 /// How much time of a long run has its extremes logged.
-pub(super) fn stretch_seconds(scenario: &Trial) -> f64 {
-    (scenario.run.duration_seconds / STRETCHES_MAX).max(STRETCH_SECONDS)
+pub(super) fn stretch_seconds(trial: &Trial) -> f64 {
+    (trial.run.duration_seconds / STRETCHES_MAX).max(STRETCH_SECONDS)
 }
 
 /// The signals in the group [`groups::TIMING`], with their names in the legend and their colours.
@@ -73,16 +73,16 @@ impl BusReader {
     /// # Errors
     /// The database lacks a signal.
     pub(crate) fn new(own: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
-        let scenario = &own.trial;
+        let trial = &own.trial;
         let stretch_seconds = match is_thinned {
             false => STRETCH_SECONDS,
-            true => stretch_seconds(scenario),
+            true => stretch_seconds(trial),
         };
         Ok(Self {
             cycle: CycleReader::new(own)?,
-            period: Duration::from_secs_f64(scenario.run.bus.sync_period_milliseconds / 1e3),
-            end: Duration::from_secs_f64(scenario.run.duration_seconds),
-            bits_per_second: 1e3 * f64::from(scenario.run.bus.bitrate_kilobits_per_second),
+            period: Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3),
+            end: Duration::from_secs_f64(trial.run.duration_seconds),
+            bits_per_second: 1e3 * f64::from(trial.run.bus.bitrate_kilobits_per_second),
             now: times::moment_at(0.0, 1.0),
             cycles: Vec::new(),
             stretch_seconds,

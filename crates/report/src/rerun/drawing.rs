@@ -252,8 +252,8 @@ impl Drawing {
 }
 
 /// What the view must show: from the least to the largest coordinate, across and down.
-pub(super) fn bounds(scenario: &Trial) -> Option<[[f64; 2]; 2]> {
-    let rig = Drawing::new(scenario)?;
+pub(super) fn bounds(trial: &Trial) -> Option<[[f64; 2]; 2]> {
+    let rig = Drawing::new(trial)?;
     let [right, down] = rig.load(0.0);
     let top = rig.inner - rig.outer;
     Some([

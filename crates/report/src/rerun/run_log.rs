@@ -46,7 +46,7 @@ pub(crate) enum Known {
 pub(crate) struct Recording<'o, 'a> {
     output: &'o mut dyn Output,
     own: &'a ControlLoop,
-    scenario: &'a Trial,
+    trial: &'a Trial,
     known: Known,
     hysteresis: Hysteresis,
     /// None where the plant is no SMA actuator.
@@ -71,16 +71,16 @@ impl<'o, 'a> Recording<'o, 'a> {
     ) -> Result<Self, RerunError> {
         bus::log_styles(output)?;
         hysteresis::log_style(output)?;
-        let scenario = &own.trial;
+        let trial = &own.trial;
         let pause_seconds = match known {
             Known::Whole | Known::SoFar => 0.0,
-            Known::Thinned => stretch_seconds(scenario),
+            Known::Thinned => stretch_seconds(trial),
         };
-        let drawing = Drawing::draw(output, scenario, pause_seconds)?;
+        let drawing = Drawing::draw(output, trial, pause_seconds)?;
         Ok(Self {
             output,
             own,
-            scenario,
+            trial,
             known,
             drawing,
             hysteresis: Hysteresis::new(pause_seconds),
@@ -136,9 +136,9 @@ impl<'o, 'a> Recording<'o, 'a> {
         let error: Series<f64> = samples
             .map(|(set_point, position)| set_point - position)
             .collect();
-        let scenario = self.scenario;
-        let factors = asked(scenario, timeline, 1.0, |command| command.convection_factor);
-        let grams = asked(scenario, timeline, 0.0, |command| command.added_grams);
+        let trial = self.trial;
+        let factors = asked(trial, timeline, 1.0, |command| command.convection_factor);
+        let grams = asked(trial, timeline, 0.0, |command| command.added_grams);
         let [set_point, error_name] =
             ["set_point_millimetres", "error_millimetres"].map(|name| timeline.unit.rename(name));
         let own = [
@@ -151,7 +151,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             .columns
             .iter()
             .map(|column| (column.name.as_str(), &*column.values));
-        let stretch = timeline.cycles_in(stretch_seconds(scenario));
+        let stretch = timeline.cycles_in(stretch_seconds(trial));
         let stretch = usize::try_from(stretch).unwrap_or(usize::MAX);
         // Most signals have the same rows, so the times are made once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
@@ -210,7 +210,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let Some(begin) = timeline.time_seconds.first() else {
             return Ok(());
         };
-        for (number, step) in self.scenario.judged_steps().iter().enumerate() {
+        for (number, step) in self.trial.judged_steps().iter().enumerate() {
             let from = step.window.from_seconds.max(*begin);
             let until = step.window.until_seconds.min(timeline.end_seconds());
             if from >= until {
@@ -309,12 +309,12 @@ fn page(verdict: &Verdict) -> String {
 
 /// What the scenario asks of the disturbance node, per row; NaN where it never asks.
 fn asked(
-    scenario: &Trial,
+    trial: &Trial,
     timeline: &Timeline,
     before: f64,
     output: fn(&DisturbanceCommand) -> f64,
 ) -> Series<f64> {
-    let commands = scenario.disturbance.commands();
+    let commands = trial.disturbance.commands();
     if commands.iter().all(|command| output(command) == before) {
         return repeat_n(f64::NAN, timeline.cycle.len()).collect();
     }

@@ -91,7 +91,7 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
 
 /// A loop on its way to the viewer.
 struct Shown<'o, 'a> {
-    scenario: &'a Trial,
+    trial: &'a Trial,
     reader: TimelineReader,
     bus: BusReader,
     recording: Recording<'o, 'a>,
@@ -104,7 +104,7 @@ impl<'o, 'a> Shown<'o, 'a> {
         own: &'a ControlLoop,
     ) -> Result<Self, LiveError> {
         Ok(Self {
-            scenario: &own.trial,
+            trial: &own.trial,
             reader: TimelineReader::new(shared, own)?,
             bus: BusReader::new(own, false)?,
             recording: Recording::begin(output, own, Known::SoFar)?,
@@ -119,8 +119,8 @@ impl<'o, 'a> Shown<'o, 'a> {
     /// Logs what came since the last time.
     fn log(&mut self, is_last: bool) -> Result<(), LiveError> {
         let piece = match is_last {
-            true => self.reader.take_rest(self.scenario)?,
-            false => self.reader.take_piece(self.scenario)?,
+            true => self.reader.take_rest(self.trial)?,
+            false => self.reader.take_piece(self.trial)?,
         };
         Ok(self.recording.log(&piece, &mut self.bus)?)
     }

@@ -6,9 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use dbc::Database;
-use scenario::Scenario;
 use scenario::rig::nodes::Rig;
-use scenario::{Beside, Objection, ScenarioError, Texts, Trial, text_of};
+use scenario::{Beside, Objection, Scenario, ScenarioError, Texts, Trial, text_of};
 
 use super::{ControlLoop, Plan};
 use crate::bus_budget::BusBudget;

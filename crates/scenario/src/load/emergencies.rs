@@ -14,7 +14,7 @@ const DRIVE: &str = "drive";
 const DISTURBANCE: &str = "disturbance";
 
 impl<'text> Selector<'_, 'text> {
-    /// Calls the nodes of `emcy`, in a loop's limits and in its sequences, as a scenario of one drive does.
+    /// Calls the nodes of `emcy`, in a loop's limits and in its sequences, as expectations do.
     pub(super) fn name_emergencies(
         &self,
         expect: &mut DeTable<'text>,

@@ -6,7 +6,6 @@ use toml::de::{DeTable, DeValue};
 use super::nodes::fill;
 use super::sections::{ALL, CONTOUR, EXPECT, Selector};
 use crate::error::Problem;
-
 use crate::metrics::{Metric, is_of_bus as is_metric_of_bus};
 
 const TIMING: &str = "timing";

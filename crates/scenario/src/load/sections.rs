@@ -27,8 +27,8 @@ const SHARED: [&str; 6] = [
     "seed",
     "duration_seconds",
 ];
-/// Keys that are split between the loops.
-const SPLIT: [&str; 9] = [
+/// Tables that are of one loop or one node, and the rig with its values.
+const TABLES: [&str; 9] = [
     "rig",
     "bus",
     "plant",
@@ -218,7 +218,7 @@ impl<'text> Selector<'_, 'text> {
         }
     }
 
-    /// An entry as it is in a scenario of one drive, if it is for this loop.
+    /// An entry without the name of its loop or its node, if it is for this loop.
     fn of_loop(
         &self,
         mut entry: Spanned<DeValue<'text>>,
@@ -263,7 +263,7 @@ impl<'text> Selector<'_, 'text> {
 
     /// Keys that no scenario has.
     pub(super) fn strange_keys(&self) -> Vec<Problem> {
-        let known = Vec::from_iter(SHARED.into_iter().chain(SPLIT).chain([EXPECT]));
+        let known = Vec::from_iter(SHARED.into_iter().chain(TABLES).chain([EXPECT]));
         let keys = self.root().keys();
         let strange = keys.filter(|key| !known.contains(&key.get_ref().as_ref()));
         let problems = strange.map(|key| {

@@ -1,4 +1,4 @@
-//! The names of a loop's positions end in the loop's own unit, and a scenario of one drive has them in millimetres.
+//! The names of a loop's positions end in the loop's own unit, and the types of a loop have them in millimetres.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -23,7 +23,7 @@ pub(crate) struct InUnit<'a> {
 }
 
 impl InUnit<'_> {
-    /// Gives all names of positions the unit that a scenario of one drive has.
+    /// Gives all names of positions the unit that the types of a loop have.
     ///
     /// # Errors
     /// The first name that ends in another unit than the loop's.
