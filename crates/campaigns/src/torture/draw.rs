@@ -87,9 +87,10 @@ impl Nodes {
 
     /// A fault with the names that its drive has for positions, and as high for its travel.
     fn in_unit(&self, fault: Table) -> Table {
+        // Where there is one drive, a fault need not name it.
         let name = fault.get("node").and_then(Value::as_str);
         let mut drives = self.drives.iter();
-        let drive = drives.find(|drive| name == Some(drive.name.as_str()));
+        let drive = drives.find(|drive| name.is_none_or(|name| name == drive.name));
         let Some(wiring) = drive.map(|drive| &drive.wiring) else {
             return fault;
         };
@@ -243,7 +244,7 @@ fn tenth_milliseconds(seconds: f64) -> f64 {
 mod tests {
     use std::collections::{BTreeMap, BTreeSet};
 
-    use scenario::Trial;
+    use scenario::{Beside, Trial};
     use worlds::catalogue::catalogue;
 
     use super::*;
@@ -284,6 +285,31 @@ mod tests {
             drawn.extend(scenario.run.faults.iter().map(|fault| fault.kind.name));
         }
         assert!(drawn.contains("dropped_load") && !drawn.contains("ageing"));
+    }
+
+    #[test]
+    fn a_drive_in_another_unit_meets_faults_in_that_unit() {
+        let rig = include_str!("../../../../scenarios/rigs/dc_motor.toml");
+        let sensor = |line: &&str| line.starts_with("sensor = ");
+        let in_metres = "sensor = { port = \"motor.position_metres\", unit = \"metres\", min = 0.0, max = 0.06, resolution_bits = 16 }";
+        let rig = rig.replace(rig.lines().find(sensor).unwrap(), in_metres);
+        let base = BASE
+            .replace("sma_actuator", "rig.toml")
+            .replace("position_millimetres = 10.0", "position_metres = 0.01");
+        let plan = Plan::parse(
+            &Beside::default(),
+            base.clone(),
+            |_| Ok(rig.clone()),
+            catalogue(),
+        );
+        let nodes = Nodes::of(&plan.unwrap_or_else(|error| panic!("{error:?}")));
+        let tables = BTreeMap::from([("rig.toml".to_owned(), rig)]);
+        for seed in 0..100 {
+            let faults = mix(&mut Stream::new(seed), &nodes, 2.0);
+            let case = TortureCase::new(&base, &tables, faults, seed).unwrap();
+            let problems = case.plan().err();
+            assert!(problems.is_none(), "{}", problems.unwrap());
+        }
     }
 
     #[test]
