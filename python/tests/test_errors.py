@@ -60,7 +60,7 @@ def test_an_interface_that_is_not_there_is_named(hold, output):
 
 
 def test_a_rig_is_a_file_or_one_that_ships(hold, output):
-    with pytest.raises(canrig.CannotStart, match="rigs/another cannot be read"):
+    with pytest.raises(canrig.CannotStart, match="the rig file rigs/another does not exist"):
         canrig.run(hold, output=output, rig="rigs/another")
     # It is found; its drive is a real one, which keeps its own time.
     with pytest.raises(canrig.UsageError, match="keeps its own time"):
