@@ -63,7 +63,7 @@ def test_a_rig_is_a_file_or_one_that_ships(hold, output):
     with pytest.raises(canrig.CannotStart, match="the rig file rigs/another does not exist"):
         canrig.run(hold, output=output, rig="rigs/another")
     # It is found; its drive is a real one, which keeps its own time.
-    with pytest.raises(canrig.UsageError, match="keeps its own time"):
+    with pytest.raises(canrig.CannotStart, match="keeps its own time"):
         canrig.run(hold, output=output, rig="rigs/rig", clock="lockstep")
 
 
