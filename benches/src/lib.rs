@@ -61,10 +61,10 @@ pub fn law_in_a_hold(controller: &Controller) -> HeldLaw {
     let law = catalogue::law(controller).expect("the table holds one law");
     let outputs = &law.ports().outputs;
     let on_stop = (outputs.iter()).position(|port| port.name == "saturation_on_stop");
-    let hold = |position_metres| LoopReads {
-        position_metres: 0.025,
+    let hold = |position| LoopReads {
+        position: 0.025,
         set_point: SetPoint {
-            position_metres,
+            position,
             ..SetPoint::default()
         },
     };

@@ -86,7 +86,7 @@ pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoopReads {
     /// Position as sampled by the drive, in metres or the loop's own unit; not finite when this cycle brought none.
-    pub position_metres: f64,
+    pub position: f64,
     /// Set-point, in the same unit.
     pub set_point: SetPoint,
 }
@@ -99,12 +99,12 @@ impl LoopReads {
         let [position, wanted, velocity, acceleration, jerk, exact] =
             reads.try_into().unwrap_or_default();
         Self {
-            position_metres: position,
+            position,
             set_point: SetPoint {
-                position_metres: wanted,
-                velocity_metres_per_second: velocity,
-                acceleration_metres_per_second_squared: acceleration,
-                jerk_metres_per_second_cubed: jerk,
+                position: wanted,
+                velocity,
+                acceleration,
+                jerk,
                 has_exact_derivatives: exact > 0.0,
             },
         }
@@ -116,11 +116,11 @@ impl LoopReads {
     pub fn values(&self) -> [f64; LOOP_INPUTS.len()] {
         let set_point = &self.set_point;
         [
-            self.position_metres,
-            set_point.position_metres,
-            set_point.velocity_metres_per_second,
-            set_point.acceleration_metres_per_second_squared,
-            set_point.jerk_metres_per_second_cubed,
+            self.position,
+            set_point.position,
+            set_point.velocity,
+            set_point.acceleration,
+            set_point.jerk,
             f64::from(u8::from(set_point.has_exact_derivatives)),
         ]
     }
@@ -305,9 +305,9 @@ mod tests {
                 let mut law = law(&controller).unwrap();
                 let mut writes = vec![0.0; law.ports().outputs.len()];
                 let drives = law.drives().unwrap();
-                for (cycle, &position_metres) in positions.iter().enumerate() {
-                    let set_point = SetPoint { position_metres: target, ..SetPoint::default() };
-                    let reads = LoopReads { position_metres, set_point };
+                for (cycle, &position) in positions.iter().enumerate() {
+                    let set_point = SetPoint { position: target, ..SetPoint::default() };
+                    let reads = LoopReads { position, set_point };
                     let cycle = Cycle {
                         scenario_time_seconds: f64::from(u16::try_from(cycle).unwrap()) * 1e-3,
                         period_seconds: 1e-3,

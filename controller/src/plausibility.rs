@@ -9,20 +9,16 @@
 //!
 //! What a position can be is data of the drive's node; see [`Plausible`].
 
-use scenario::wiring::{Plausible, Stall, Wiring};
+use scenario::wiring::{Plausible, Wiring};
 
 use crate::cause::Cause;
 use crate::law::CURRENT_AMPERES_MAX;
 
-/// A position inside the bench is in thousands of its unit, which are metres where that is the millimetre.
-const THOUSAND: f64 = 1e3;
-
 /// What was measured and commanded lately.
 #[derive(Clone, Debug)]
 pub(crate) struct Plausibility {
-    /// In thousands of the unit.
     plausible: Plausible,
-    /// The ends of the travel, in the same.
+    /// The ends of the travel.
     ends: [f64; 2],
     /// Of the words for people.
     symbol: String,
@@ -42,18 +38,18 @@ pub(crate) struct Plausibility {
 struct Watch {
     seconds: f64,
     square_ampere_seconds: f64,
-    lowest_metres: f64,
-    highest_metres: f64,
+    lowest: f64,
+    highest: f64,
     /// The least distance from the set-point.
-    distance_metres: f64,
+    distance: f64,
 }
 
 impl Plausibility {
     /// Of a drive that is wired so.
     pub(crate) fn new(wiring: &Wiring) -> Self {
         Self {
-            plausible: in_thousands(&wiring.plausible),
-            ends: wiring.range().map(|end| end / THOUSAND),
+            plausible: wiring.plausible.clone(),
+            ends: wiring.range(),
             symbol: wiring.unit.symbol().to_owned(),
             last: None,
             seconds_since: 0.0,
@@ -76,11 +72,7 @@ impl Plausibility {
     ///
     /// # Errors
     /// Why it cannot.
-    pub(crate) fn check(
-        &mut self,
-        position_metres: f64,
-        set_point_metres: f64,
-    ) -> Result<(), Cause> {
+    pub(crate) fn check(&mut self, position: f64, set_point: f64) -> Result<(), Cause> {
         let Plausible {
             min,
             max,
@@ -90,15 +82,13 @@ impl Plausibility {
             ..
         } = self.plausible;
         let reach = rate_max.map(|rate| jump.unwrap_or_default() + rate * self.seconds_since);
-        let is_near = |last: f64| reach.is_none_or(|reach| (position_metres - last).abs() <= reach);
+        let is_near = |last: f64| reach.is_none_or(|reach| (position - last).abs() <= reach);
         let jumps = !self.last.is_none_or(is_near);
-        let is_above = max.is_some_and(|max| position_metres > max);
+        let is_above = max.is_some_and(|max| position > max);
         let is_thrown = self.last.is_some()
             && !jumps
             && thrown_seconds.is_some_and(|seconds| self.seconds_above <= seconds);
-        if !position_metres.is_finite()
-            || min.is_some_and(|min| position_metres < min)
-            || is_above && !is_thrown
+        if !position.is_finite() || min.is_some_and(|min| position < min) || is_above && !is_thrown
         {
             return Err(Cause::PositionOutsideTravel);
         }
@@ -108,34 +98,34 @@ impl Plausibility {
         if !is_above {
             self.seconds_above = 0.0;
         }
-        (self.last, self.seconds_since) = (Some(position_metres), 0.0);
-        self.watch(position_metres, (set_point_metres - position_metres).abs())
+        (self.last, self.seconds_since) = (Some(position), 0.0);
+        self.watch(position, (set_point - position).abs())
     }
 
-    fn watch(&mut self, position_metres: f64, distance_metres: f64) -> Result<(), Cause> {
+    fn watch(&mut self, position: f64, distance: f64) -> Result<(), Cause> {
         let Some(stall) = self.plausible.stall else {
             return Ok(());
         };
-        let is_outward = self.pushes_outward(position_metres, stall.motion);
+        let is_outward = self.pushes_outward(position, stall.motion);
         let watch = &mut self.watch;
         if watch.seconds < stall.seconds {
-            watch.lowest_metres = watch.lowest_metres.min(position_metres);
-            watch.highest_metres = watch.highest_metres.max(position_metres);
-            watch.distance_metres = watch.distance_metres.min(distance_metres);
+            watch.lowest = watch.lowest.min(position);
+            watch.highest = watch.highest.max(position);
+            watch.distance = watch.distance.min(distance);
             return Ok(());
         }
         let large = stall.current_rms * stall.current_rms;
         let is_current_large = watch.square_ampere_seconds > large * watch.seconds;
-        let is_still = watch.highest_metres - watch.lowest_metres < stall.motion;
+        let is_still = watch.highest - watch.lowest < stall.motion;
         let is_at_limit = self.current_amperes.abs() >= CURRENT_AMPERES_MAX;
-        let is_away = |away| is_at_limit && watch.distance_metres >= away;
+        let is_away = |away| is_at_limit && watch.distance >= away;
         let must_move = !is_outward
-            && stall.below.is_none_or(|below| position_metres < below)
+            && stall.below.is_none_or(|below| position < below)
             && stall.away.is_none_or(is_away);
         *watch = Watch {
-            lowest_metres: position_metres,
-            highest_metres: position_metres,
-            distance_metres,
+            lowest: position,
+            highest: position,
+            distance,
             ..Watch::default()
         };
         if is_current_large && is_still && must_move {
@@ -145,18 +135,17 @@ impl Plausibility {
     }
 
     /// Whether the plant is at an end of its travel, and the current pushes it on.
-    fn pushes_outward(&self, position_metres: f64, motion_metres: f64) -> bool {
+    fn pushes_outward(&self, position: f64, motion: f64) -> bool {
         let [lowest, highest] = self.ends;
-        (position_metres >= highest - motion_metres && self.current_amperes > 0.0)
-            || (position_metres <= lowest + motion_metres && self.current_amperes < 0.0)
+        (position >= highest - motion && self.current_amperes > 0.0)
+            || (position <= lowest + motion && self.current_amperes < 0.0)
     }
 
     /// What is wrong with a position that stands still, for people.
-    pub(crate) fn frozen_words(&self, position_metres: f64) -> String {
+    pub(crate) fn frozen_words(&self, position: f64) -> String {
         let still = format!(
             "the position stands still at {:.1} {}",
-            position_metres * THOUSAND,
-            self.symbol
+            position, self.symbol
         );
         let away = self.plausible.stall.and_then(|stall| stall.away);
         match away {
@@ -166,24 +155,6 @@ impl Plausibility {
                  overloaded, or its sensor is stuck"
             ),
         }
-    }
-}
-
-/// The same in thousands of the unit; to the last bit what the number of metres is.
-fn in_thousands(plausible: &Plausible) -> Plausible {
-    let thousandth = |value: Option<f64>| value.map(|value| value / THOUSAND);
-    Plausible {
-        min: thousandth(plausible.min),
-        max: thousandth(plausible.max),
-        rate_max: thousandth(plausible.rate_max),
-        jump: thousandth(plausible.jump),
-        thrown_seconds: plausible.thrown_seconds,
-        stall: plausible.stall.map(|stall| Stall {
-            motion: stall.motion / THOUSAND,
-            below: thousandth(stall.below),
-            away: thousandth(stall.away),
-            ..stall
-        }),
     }
 }
 
@@ -212,7 +183,7 @@ mod tests {
         let mut plausibility = Plausibility::new(&rig.wiring_of("drive"));
         let check = |millimetres: f64| {
             plausibility.advance(PERIOD, current);
-            plausibility.check(millimetres * 1e-3, set_point_millimetres * 1e-3)
+            plausibility.check(millimetres, set_point_millimetres)
         };
         samples.map(check).collect()
     }
@@ -320,7 +291,7 @@ mod tests {
             let mut plausibility = Plausibility::new(&wiring);
             let check = |degrees: &f64| {
                 plausibility.advance(PERIOD, 1.0);
-                plausibility.check(degrees * 1e-3, f64::NAN)
+                plausibility.check(*degrees, f64::NAN)
             };
             Vec::from_iter(samples.iter().map(check))
         };

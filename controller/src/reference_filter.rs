@@ -202,7 +202,7 @@ impl ReferenceFilter {
             state.point = brought_forward(set_point, seconds);
             return Reference {
                 point: state.point,
-                jerk_metres_per_second_cubed: set_point.jerk_metres_per_second_cubed,
+                jerk_metres_per_second_cubed: set_point.jerk,
             };
         }
         let target = self.target(state, set_point);
@@ -223,10 +223,8 @@ impl ReferenceFilter {
     /// The position that the filter aims at: the set-point within the limits, or none but the present one.
     #[must_use]
     pub fn target(&self, state: &State, set_point: &SetPoint) -> f64 {
-        if set_point.position_metres.is_finite() {
-            set_point
-                .position_metres
-                .clamp(0.0, self.position_metres_max)
+        if set_point.position.is_finite() {
+            set_point.position.clamp(0.0, self.position_metres_max)
         } else {
             state.point.position_metres
         }
@@ -270,19 +268,19 @@ fn faded(value: f64, seconds: f64) -> f64 {
 
 fn is_exact(set_point: &SetPoint) -> bool {
     set_point.has_exact_derivatives
-        && set_point.position_metres.is_finite()
-        && set_point.velocity_metres_per_second.is_finite()
-        && set_point.acceleration_metres_per_second_squared.is_finite()
-        && set_point.jerk_metres_per_second_cubed.is_finite()
+        && set_point.position.is_finite()
+        && set_point.velocity.is_finite()
+        && set_point.acceleration.is_finite()
+        && set_point.jerk.is_finite()
 }
 
 fn brought_forward(set_point: &SetPoint, seconds: f64) -> Point {
     let now = Point {
-        position_metres: set_point.position_metres,
-        velocity_metres_per_second: set_point.velocity_metres_per_second,
-        acceleration_metres_per_second_squared: set_point.acceleration_metres_per_second_squared,
+        position_metres: set_point.position,
+        velocity_metres_per_second: set_point.velocity,
+        acceleration_metres_per_second_squared: set_point.acceleration,
     };
-    now.moved(set_point.jerk_metres_per_second_cubed, seconds)
+    now.moved(set_point.jerk, seconds)
 }
 
 #[cfg(test)]
@@ -291,9 +289,9 @@ mod tests {
 
     const PERIOD: f64 = 1e-3;
 
-    fn hold(position_metres: f64) -> SetPoint {
+    fn hold(position: f64) -> SetPoint {
         SetPoint {
-            position_metres,
+            position,
             ..SetPoint::default()
         }
     }
@@ -410,18 +408,18 @@ mod tests {
     fn a_sine_bypasses_and_comes_one_period_early() {
         let omega = 10.0;
         let sine = |time: f64| SetPoint {
-            position_metres: 0.025 + 0.01 * libm::sin(omega * time),
-            velocity_metres_per_second: 0.01 * omega * libm::cos(omega * time),
-            acceleration_metres_per_second_squared: -0.01 * omega * omega * libm::sin(omega * time),
-            jerk_metres_per_second_cubed: -0.01 * omega * omega * omega * libm::cos(omega * time),
+            position: 0.025 + 0.01 * libm::sin(omega * time),
+            velocity: 0.01 * omega * libm::cos(omega * time),
+            acceleration: -0.01 * omega * omega * libm::sin(omega * time),
+            jerk: -0.01 * omega * omega * omega * libm::cos(omega * time),
             has_exact_derivatives: true,
         };
         let mut state = State::default();
         let reference = moving_filter().step(&mut state, &sine(0.3), &JerkRange::UNLIMITED, PERIOD);
         let next = sine(0.3 + PERIOD);
-        assert!((reference.point.position_metres - next.position_metres).abs() < 1e-11);
+        assert!((reference.point.position_metres - next.position).abs() < 1e-11);
         let velocity = reference.point.velocity_metres_per_second;
-        assert!((velocity - next.velocity_metres_per_second).abs() < 1e-8);
+        assert!((velocity - next.velocity).abs() < 1e-8);
     }
 
     #[test]

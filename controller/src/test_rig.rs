@@ -25,9 +25,9 @@ pub(crate) fn sampled(position_metres: f64) -> f64 {
 }
 
 /// A set-point without derivatives.
-pub(crate) fn hold(position_metres: f64) -> SetPoint {
+pub(crate) fn hold(position: f64) -> SetPoint {
     SetPoint {
-        position_metres,
+        position,
         ..SetPoint::default()
     }
 }
@@ -69,7 +69,7 @@ pub(crate) fn run(
     let mut time_seconds = 0.0;
     while time_seconds < seconds {
         let reads = LoopReads {
-            position_metres: sampled(state.position_metres),
+            position: sampled(state.position_metres),
             set_point: set_point(time_seconds),
         };
         let cycle = Cycle {
@@ -80,7 +80,7 @@ pub(crate) fn run(
         let outputs = law.ports().outputs.iter();
         rows.push(Row {
             time_seconds,
-            position_metres: reads.position_metres,
+            position_metres: reads.position,
             temperature_celsius: state.temperature_celsius,
             writes: outputs
                 .zip(&writes)

@@ -103,13 +103,14 @@ impl Drive {
         let seed = seed_of_drive(trial.run.seed, wiring.nodes.drive.id);
         Ok(Self {
             machine: StateMachine::new(),
-            sensor: PositionSensor::new(&trial.sensor, seed).from(wiring.position_min),
+            sensor: PositionSensor::new(&trial.sensor, wires.sensor_unit, seed)
+                .from(wiring.position_min),
             amplifier: Amplifier::new(&trial.amplifier, objects.rated_amperes(dictionary)),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
             plant,
+            faults: RigFaults::new(trial, wires.sensor_unit, seed),
             wires,
             followed: Duration::ZERO,
-            faults: RigFaults::new(trial, seed),
             commanded_amperes: 0.0,
             deviates_since: None,
             clock_error: (Duration::ZERO, Duration::ZERO),
@@ -238,11 +239,11 @@ impl Drive {
     fn sample(&mut self, services: &mut Services) {
         let now = self.now(services);
         self.advance_to(now);
-        let true_position = self.plant.output(self.wires.output) * self.wires.metres_per_unit;
+        let true_position = self.plant.output(self.wires.output);
         let sensor = &mut self.sensor;
         let convert = |position| sensor.sample(position);
         let counts = self.faults.sense(now, true_position, convert);
-        let position = self.sensor.position_metres(counts);
+        let position = self.sensor.position(counts);
         let permille = self.amplifier.permille(self.current_amperes());
         let dictionary = services.dictionary_mut();
         self.objects.set_position(dictionary, position);

@@ -28,47 +28,50 @@ impl Counts {
 #[derive(Clone, Debug)]
 pub struct PositionSensor {
     /// What no count stands for.
-    zero_metres: f64,
+    zero: f64,
     /// One count.
-    count_metres: f64,
+    count: f64,
     /// Largest count.
     counts_max: u32,
     /// Standard deviation before the conversion; 0 draws no numbers.
-    noise_metres_rms: f64,
+    noise_rms: f64,
+    /// One unit of the file, in that of the samples.
+    unit: f64,
     stream: Stream,
 }
 
 impl PositionSensor {
     /// A sensor whose noise follows from `seed` alone. A resolution above [`RESOLUTION_BITS_MAX`] or below 1 is brought
-    /// to that limit.
+    /// to that limit. Samples are in the unit of the plant's output; `unit` is one unit of `config` in that.
     #[must_use]
-    pub fn new(config: &plant::Sensor, seed: u64) -> Self {
+    pub fn new(config: &plant::Sensor, unit: f64, seed: u64) -> Self {
         let counts = 1_u32 << config.resolution_bits.clamp(1, RESOLUTION_BITS_MAX);
         Self {
-            zero_metres: 0.0,
-            count_metres: config.span * 1e-3 / f64::from(counts),
+            zero: 0.0,
+            count: config.span * unit / f64::from(counts),
             counts_max: counts - 1,
-            noise_metres_rms: config.noise_rms * 1e-3,
+            noise_rms: config.noise_rms * unit,
+            unit,
             stream: Stream::new(seed),
         }
     }
 
     /// The same with its span from another position on than 0.
     #[must_use]
-    pub fn from(self, position_min_millimetres: f64) -> Self {
+    pub fn from(self, position_min: f64) -> Self {
         Self {
-            zero_metres: position_min_millimetres * 1e-3,
+            zero: position_min * self.unit,
             ..self
         }
     }
 
     /// Samples once: noise, then the nearest count (transitions lie half-way between two), clipped to the span.
-    pub fn sample(&mut self, position_metres: f64) -> Counts {
-        let mut position = position_metres;
-        if self.noise_metres_rms > 0.0 {
-            position += self.noise_metres_rms * self.stream.normal();
+    pub fn sample(&mut self, true_position: f64) -> Counts {
+        let mut position = true_position;
+        if self.noise_rms > 0.0 {
+            position += self.noise_rms * self.stream.normal();
         }
-        let counts = ((position - self.zero_metres) / self.count_metres).round();
+        let counts = ((position - self.zero) / self.count).round();
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -80,8 +83,8 @@ impl PositionSensor {
 
     /// The position that a number of counts stands for.
     #[must_use]
-    pub fn position_metres(&self, counts: Counts) -> f64 {
-        f64::from(counts.0) * self.count_metres + self.zero_metres
+    pub fn position(&self, counts: Counts) -> f64 {
+        f64::from(counts.0) * self.count + self.zero
     }
 }
 
@@ -94,7 +97,7 @@ mod tests {
             noise_rms,
             ..plant::Sensor::default()
         };
-        PositionSensor::new(&config, seed)
+        PositionSensor::new(&config, 1e-3, seed)
     }
 
     #[test]
@@ -103,10 +106,10 @@ mod tests {
         for tenth_millimetre in 0..599 {
             let position = f64::from(tenth_millimetre) * 1e-4;
             let counts = sensor.sample(position);
-            let error = sensor.position_metres(counts) - position;
+            let error = sensor.position(counts) - position;
             assert!(error.abs() <= 0.5 * 0.06 / 1024.0 + 1e-12, "{error}");
         }
-        assert!((sensor.position_metres(Counts(1)) - 58.593_75e-6).abs() < 1e-12);
+        assert!((sensor.position(Counts(1)) - 58.593_75e-6).abs() < 1e-12);
     }
 
     #[test]
@@ -125,10 +128,10 @@ mod tests {
             ..plant::Sensor::default()
         };
         let draw = |seed| -> Vec<f64> {
-            let mut sensor = PositionSensor::new(&config, seed);
+            let mut sensor = PositionSensor::new(&config, 1e-3, seed);
             let sample = |_| {
                 let counts = sensor.sample(0.03);
-                (sensor.position_metres(counts) - 0.03) / 1e-4
+                (sensor.position(counts) - 0.03) / 1e-4
             };
             (0..20_000).map(sample).collect()
         };

@@ -5,6 +5,9 @@ use scenario::wiring::{IoOutput, RECORDED_MAX, Wiring};
 
 use crate::InvalidEmulator;
 
+/// Steps of a true position for one unit of the sensor.
+const TRUE_STEPS: f64 = 1e6;
+
 /// An output that a drive publishes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Published {
@@ -22,10 +25,12 @@ pub(crate) struct Wires {
     pub(crate) input: usize,
     /// The output that the sensor reads.
     pub(crate) output: usize,
-    /// What makes the output a position inside the bench.
-    pub(crate) metres_per_unit: f64,
-    /// Counts of 0x6064 for one of those.
-    pub(crate) counts_per_metre: f64,
+    /// One unit of the sensor, in the unit of the output.
+    pub(crate) sensor_unit: f64,
+    /// Counts of 0x6064 for one unit of the output.
+    pub(crate) counts_per_output: f64,
+    /// Steps of the true position (0x2103), millionths of the sensor's unit, for one unit of the output.
+    pub(crate) true_steps_per_output: f64,
     /// What TPDO2 and TPDO3 hold.
     pub(crate) published: Vec<Published>,
     /// The input on which the fan of its io node acts.
@@ -44,7 +49,13 @@ impl Wires {
         let output = wiring
             .measured(ports)
             .ok_or_else(|| unknown(&wiring.output))?;
-        let factor = wiring.unit.factor_from(&ports.outputs[output].unit);
+        let port = &ports.outputs[output];
+        let factors = conversion(&port.unit, wiring.unit.word())
+            .zip(conversion(wiring.unit.word(), &port.unit));
+        let (units_per_output, sensor_unit) = factors.ok_or_else(|| InvalidEmulator::Unit {
+            port: port.name.clone(),
+            unit: wiring.unit.to_string(),
+        })?;
         let recorded = wiring
             .recorded(ports)
             .map_err(InvalidEmulator::UnknownPort)?;
@@ -62,11 +73,9 @@ impl Wires {
         Ok(Self {
             input: input.ok_or_else(|| unknown(&wiring.input))?,
             output,
-            metres_per_unit: factor.ok_or_else(|| InvalidEmulator::Unit {
-                port: ports.outputs[output].name.clone(),
-                unit: wiring.unit.to_string(),
-            })?,
-            counts_per_metre: wiring.unit.counts() * 1e3,
+            sensor_unit,
+            counts_per_output: wiring.unit.counts() * units_per_output,
+            true_steps_per_output: TRUE_STEPS * units_per_output,
             published: (recorded.into_iter())
                 .map(|(output, port)| published(output, port))
                 .collect(),
@@ -101,7 +110,7 @@ mod tests {
             ..Wiring::default()
         };
         let wires = Wires::new(&ports, &wiring).unwrap();
-        assert!((wires.metres_per_unit - 1e-3).abs() < 1e-18);
+        assert_eq!((wires.sensor_unit, wires.counts_per_output), (1.0, 1e3));
         assert_eq!((wires.fan, wires.load), (None, None));
         let fails = |wiring: &Wiring| Wires::new(&ports, wiring).unwrap_err().to_string();
         let wrong = Wiring {

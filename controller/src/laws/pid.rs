@@ -24,7 +24,7 @@ pub struct State {
 impl Pid {
     /// `Kp (b r − y)`.
     fn proportional(&self, state: &State, set_point: &SetPoint) -> f64 {
-        let weighted = self.config.set_point_weight * set_point.position_metres;
+        let weighted = self.config.set_point_weight * set_point.position;
         self.config.proportional_amperes_per_metre * (weighted - state.position.latest())
     }
 
@@ -61,20 +61,20 @@ impl Law for Pid {
 
     fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
         let LoopReads {
-            position_metres,
+            position,
             set_point,
         } = LoopReads::of(reads);
-        state.position.measure(position_metres);
+        state.position.measure(position);
         let pole = self.config.derivative_filter_radians_per_second;
         let velocity = state.position.velocity(pole, cycle.period_seconds);
-        let error = set_point.position_metres - state.position.latest();
+        let error = set_point.position - state.position.latest();
         let current = self.proportional(state, &set_point) + state.integral_amperes
             - self.config.derivative_ampere_seconds_per_metre * velocity;
         self.integrate(state, error, current, cycle.period_seconds);
         writes.copy_from_slice(&[
             limited_current_from(self.config.current_amperes_min, current),
-            set_point.position_metres,
-            set_point.velocity_metres_per_second,
+            set_point.position,
+            set_point.velocity,
             velocity,
             flag(current > CURRENT_AMPERES_MAX),
             flag(current < self.config.current_amperes_min),
@@ -113,9 +113,9 @@ mod tests {
         })
     }
 
-    fn step(law: &Pid, state: &mut State, position_metres: f64, target: f64) -> f64 {
+    fn step(law: &Pid, state: &mut State, position: f64, target: f64) -> f64 {
         let reads = LoopReads {
-            position_metres,
+            position,
             set_point: hold(target),
         };
         let mut writes = [0.0; 7];

@@ -51,13 +51,13 @@ impl Law for PidPair {
 
     fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
         let LoopReads {
-            position_metres,
+            position,
             set_point,
         } = LoopReads::of(reads);
-        state.position.measure(position_metres);
+        state.position.measure(position);
         let pole = self.config.derivative_filter_radians_per_second;
         let velocity = state.position.velocity(pole, cycle.period_seconds);
-        let error = set_point.position_metres - state.position.latest();
+        let error = set_point.position - state.position.latest();
         let output = self.config.proportional_amperes_per_metre * error + state.integral_amperes
             - self.config.derivative_ampere_seconds_per_metre * velocity;
         let max = self.output_max();
@@ -70,8 +70,8 @@ impl Law for PidPair {
         writes.copy_from_slice(&[
             limited_current(both + output),
             limited_current(both - output),
-            set_point.position_metres,
-            set_point.velocity_metres_per_second,
+            set_point.position,
+            set_point.velocity,
             velocity,
             flag(output > max),
             flag(output < -max),
@@ -84,10 +84,10 @@ mod tests {
     use super::*;
     use crate::test_rig::{CYCLE, hold};
 
-    fn currents(position_metres: f64, wanted: f64) -> [f64; 2] {
+    fn currents(position: f64, wanted: f64) -> [f64; 2] {
         let law = PidPair::new(&Config::default());
         let reads = LoopReads {
-            position_metres,
+            position,
             set_point: hold(wanted),
         };
         let mut writes = [0.0; 7];

@@ -192,7 +192,7 @@ impl Law for SlidingMode {
 
     fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
         let LoopReads {
-            position_metres,
+            position: position_metres,
             set_point,
         } = LoopReads::of(reads);
         let period_seconds = cycle.period_seconds;
@@ -234,7 +234,7 @@ impl Law for SlidingMode {
         };
         let wanted = surface.wanted_jerk(&position, &reference);
         // A load that shall stay on the stop needs no current.
-        let idle = on_stop && set_point.position_metres <= 0.0;
+        let idle = on_stop && set_point.position <= 0.0;
         let squared_current = if idle {
             0.0
         } else {
@@ -407,15 +407,15 @@ mod tests {
     fn sine_is_followed_within_a_sensor_step() {
         let omega = core::f64::consts::TAU / 5.0;
         let sine = |time: f64| SetPoint {
-            position_metres: 0.025 + 0.01 * libm::sin(omega * time),
-            velocity_metres_per_second: 0.01 * omega * libm::cos(omega * time),
-            acceleration_metres_per_second_squared: -0.01 * omega * omega * libm::sin(omega * time),
-            jerk_metres_per_second_cubed: -0.01 * omega * omega * omega * libm::cos(omega * time),
+            position: 0.025 + 0.01 * libm::sin(omega * time),
+            velocity: 0.01 * omega * libm::cos(omega * time),
+            acceleration: -0.01 * omega * omega * libm::sin(omega * time),
+            jerk: -0.01 * omega * omega * omega * libm::cos(omega * time),
             has_exact_derivatives: true,
         };
         let rows = run(&controller(), &ModelConfig::default(), 10.0, sine);
         let late = &rows[5000..];
-        let error = |row: &Row| row.position_metres - sine(row.time_seconds).position_metres;
+        let error = |row: &Row| row.position_metres - sine(row.time_seconds).position;
         let square = late.iter().map(|row| error(row) * error(row)).sum::<f64>();
         let rms = libm::sqrt(square / 5000.0);
         assert!(rms < 5e-5, "{rms}");

@@ -89,7 +89,7 @@ impl Law for SlidingModePaper {
 
     fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
         let LoopReads {
-            position_metres,
+            position: position_metres,
             set_point,
         } = LoopReads::of(reads);
         let period_seconds = cycle.period_seconds;

@@ -92,31 +92,27 @@ impl ControlLoop {
         if let Some(violation) = limits.and_then(|limits| limits.check(services.now(), feedback)) {
             return Err((Cause::RigLimit, violation.to_string()));
         }
-        let set_point = self.look(number, feedback.position_metres);
-        self.has_position = self.is_plausible(feedback.position_metres, &set_point)?;
+        let set_point = self.look(number, feedback.position);
+        self.has_position = self.is_plausible(feedback.position, &set_point)?;
         if self.has_position {
             self.missing = 0;
         }
         Ok(self.has_position)
     }
 
-    fn is_plausible(
-        &mut self,
-        position_metres: f64,
-        set_point: &SetPoint,
-    ) -> Result<bool, Failure> {
-        let set_point_metres = match self.has_set_point {
-            true => set_point.position_metres,
+    fn is_plausible(&mut self, position: f64, set_point: &SetPoint) -> Result<bool, Failure> {
+        let wanted = match self.has_set_point {
+            true => set_point.position,
             false => f64::NAN,
         };
         let drive = &mut self.drive;
-        match drive.plausibility.check(position_metres, set_point_metres) {
+        match drive.plausibility.check(position, wanted) {
             Ok(()) => {
                 drive.implausible = None;
                 Ok(true)
             }
             Err(cause @ Cause::PositionFrozen) => {
-                Err((cause, drive.plausibility.frozen_words(position_metres)))
+                Err((cause, drive.plausibility.frozen_words(position)))
             }
             Err(cause) => {
                 drive.implausible = Some(cause);
@@ -126,13 +122,13 @@ impl ControlLoop {
     }
 
     /// What a law reads of a cycle in which this position came. Returns the set-point.
-    pub(super) fn look(&mut self, number: u64, position_metres: f64) -> SetPoint {
+    pub(super) fn look(&mut self, number: u64, position: f64) -> SetPoint {
         let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
         let time = Duration::from_nanos(period_nanoseconds.saturating_mul(number));
         self.scenario_time_seconds = time.as_secs_f64();
         let set_point = self.trajectory.at(self.scenario_time_seconds);
         let reads = LoopReads {
-            position_metres,
+            position,
             set_point,
         };
         self.seen = reads.values();

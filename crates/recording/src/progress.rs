@@ -58,7 +58,7 @@ impl ProgressReader {
         let set_point = self
             .set_point
             .as_ref()
-            .map(|curve| 1e3 * curve.at(time.as_secs_f64()).position_metres);
+            .map(|curve| curve.at(time.as_secs_f64()).position);
         let syncs = frames
             .iter()
             .filter(|stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID));

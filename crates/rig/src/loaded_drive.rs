@@ -9,7 +9,7 @@ use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{Limits, RealDrive};
 
-/// 36 mm is 36.00000000000001 mm once it was metres.
+/// Rounding of a ramp or a sine at its end.
 const ROUNDING: f64 = 1e-6;
 
 /// A drive that canrig does not emulate.
@@ -74,7 +74,7 @@ impl LoadedDrive {
         let Limits { min, max, .. } = self.real.limits;
         let trajectory = trial.reference.trajectory();
         for seconds in telling_cycles_seconds(trial, &trajectory) {
-            let wanted = 1e3 * trajectory.at(seconds).position_metres;
+            let wanted = trajectory.at(seconds).position;
             if !(min - ROUNDING..=max + ROUNDING).contains(&wanted) {
                 let symbol = trial.wiring.unit.symbol();
                 return Err(format!(

@@ -122,9 +122,9 @@ impl Trial {
                 let next = starts.partition_point(|&start| start <= step.at_seconds);
                 // Just before the step the piece before it is still in force.
                 let last_moment = step.at_seconds.next_down();
-                let from_metres = match before {
+                let from_millimetres = match before {
                     0 => 0.0,
-                    _ => trajectory.at(last_moment).position_metres,
+                    _ => trajectory.at(last_moment).position,
                 };
                 let next = starts.get(next).copied().unwrap_or(end_seconds);
                 JudgedStep {
@@ -132,7 +132,7 @@ impl Trial {
                         from_seconds: step.at_seconds,
                         until_seconds: next.min(end_seconds),
                     },
-                    from_millimetres: from_metres * 1e3,
+                    from_millimetres,
                     to_millimetres: step.position_millimetres,
                 }
             });

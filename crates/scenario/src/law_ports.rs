@@ -7,8 +7,7 @@ use crate::own::is_name;
 use crate::port::{Port, Ports, Unit, conversion};
 use crate::wiring::LoopOfRig;
 
-/// Thousandths of a loop's unit: inside the bench positions are in thousands of it.
-const UNITS_INSIDE: f64 = 1e3;
+const METRES_PER_MILLIMETRE: f64 = 1e-3;
 const AMPERES: &str = "amperes";
 /// Beginnings of the names of what a law reads and writes.
 const POSITION: &str = "position_";
@@ -68,7 +67,7 @@ pub struct Reading {
     pub of_loop: usize,
     /// What of it.
     pub quantity: Quantity,
-    /// What one inside the bench is at the port.
+    /// What one of the loop's unit is at the port.
     pub factor: f64,
 }
 
@@ -140,8 +139,8 @@ impl LawWires {
     pub fn of_one(ports: &Ports, unit: &Unit) -> Result<Self, WrongPort> {
         // The law sees metres or the loop's unit.
         let inside = match unit {
-            Unit::Millimetres => 1.0,
-            _ => UNITS_INSIDE,
+            Unit::Millimetres => METRES_PER_MILLIMETRE,
+            _ => 1.0,
         };
         let reading = |port: &Port| reading_of_loop(port, inside);
         let writing = |port: &Port| Ok(writing_of_loop(port, inside));
@@ -213,7 +212,7 @@ fn writing_of_loop(port: &Port, inside: f64) -> Writing {
         None => Writing::Term {
             of_loop: 0,
             factor: match port.is_of_position {
-                true => UNITS_INSIDE / inside,
+                true => 1.0 / inside,
                 false => 1.0,
             },
         },
@@ -329,9 +328,9 @@ fn set_point(of_loop: &Unit, end: &str) -> Option<(Quantity, f64)> {
         .or_else(|| derivative(Quantity::SetPointVelocity, VELOCITY))
 }
 
-/// What one inside the bench is in a unit.
+/// What one of the loop's unit is in another one.
 fn factor(of_loop: &Unit, unit: &str) -> Option<f64> {
-    conversion(of_loop.word(), unit).map(|factor| factor * UNITS_INSIDE)
+    conversion(of_loop.word(), unit)
 }
 
 /// How many amperes one is at a port with this name; none where it is no current.

@@ -353,9 +353,6 @@ const KEYS_OF_POSITIONS: [&str; 8] = [
 ];
 
 /// The unit in which a loop counts its position: of its set-points, its limits, and what is recorded of it.
-///
-/// Inside the bench a position is in thousands of the unit, which are metres where the unit is the millimetre. So one code serves
-/// every unit, and only the file at one end and the names at the other end have it.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub enum Unit {
     /// Millimetres.
@@ -414,16 +411,6 @@ impl Unit {
             fitting.push(Self::Own(port_unit.to_owned()));
         }
         fitting
-    }
-
-    /// What a value of a port is inside the bench: thousands of this unit. None where the port's unit is of another kind.
-    #[must_use]
-    pub fn factor_from(&self, port_unit: &str) -> Option<f64> {
-        match (self, port_unit) {
-            // To the last bit.
-            (Self::Millimetres, "metres") => Some(1.0),
-            _ => conversion(port_unit, self.word()).map(|factor| factor * 1e-3),
-        }
     }
 
     /// Counts of the drive's position object (0x6064) for one unit: micrometres, thousandths of a degree, millionths of a
@@ -543,9 +530,6 @@ mod tests {
         assert_eq!(conversion("degrees", "revolutions"), Some(1.0 / 360.0));
         assert_eq!(conversion("degrees", "millimetres"), None);
         assert_eq!(conversion("bogus", "bogus"), Some(1.0));
-        assert_eq!(Unit::Millimetres.factor_from("metres"), Some(1.0));
-        assert_eq!(Unit::Degrees.factor_from("degrees"), Some(1e-3));
-        assert_eq!(Unit::Degrees.factor_from("metres"), None);
         assert_eq!(Unit::of_port("radians"), [Unit::Degrees, Unit::Revolutions]);
         let celsius = Unit::Own("celsius".to_owned());
         assert_eq!(Unit::of_port("celsius"), [celsius]);

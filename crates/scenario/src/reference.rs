@@ -7,8 +7,6 @@ use crate::chirp::FrequencySweep;
 use crate::curve::{Curve, Piece};
 use crate::sweep::Spacing;
 
-const METRES_PER_MILLIMETRE: f64 = 1e-3;
-
 /// The position set-point, in pieces ordered by time.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -145,17 +143,17 @@ pub struct Table {
     pub rows: Vec<(f64, f64)>,
 }
 
-/// The set-point and its derivatives at one time.
+/// The set-point and its derivatives at one time, in the unit of the loop and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SetPoint {
     /// Position.
-    pub position_metres: f64,
+    pub position: f64,
     /// First derivative.
-    pub velocity_metres_per_second: f64,
+    pub velocity: f64,
     /// Second derivative.
-    pub acceleration_metres_per_second_squared: f64,
+    pub acceleration: f64,
     /// Third derivative.
-    pub jerk_metres_per_second_cubed: f64,
+    pub jerk: f64,
     /// True where the derivatives are exact (sine, chirp): such a set-point bypasses the reference filter (PAPER E5).
     pub has_exact_derivatives: bool,
 }
@@ -173,18 +171,18 @@ impl Trajectory {
     /// use scenario::reference::{Reference, Step};
     /// let step = vec![Step { at_seconds: 10.0, position_millimetres: 35.0 }];
     /// let trajectory = Reference { step, ..Reference::default() }.trajectory();
-    /// assert_eq!(trajectory.at(9.999).position_metres, 0.0);
-    /// assert_eq!(trajectory.at(10.0).position_metres, 0.035);
+    /// assert_eq!(trajectory.at(9.999).position, 0.0);
+    /// assert_eq!(trajectory.at(10.0).position, 35.0);
     /// ```
     #[must_use]
     pub fn at(&self, time_seconds: f64) -> SetPoint {
         let sample = self.0.at(time_seconds);
         let [velocity, acceleration, jerk] = sample.derivatives;
         SetPoint {
-            position_metres: sample.value,
-            velocity_metres_per_second: velocity,
-            acceleration_metres_per_second_squared: acceleration,
-            jerk_metres_per_second_cubed: jerk,
+            position: sample.value,
+            velocity,
+            acceleration,
+            jerk,
             has_exact_derivatives: sample.has_exact_derivatives,
         }
     }
@@ -205,39 +203,31 @@ impl Reference {
     /// Makes the set-point ready to be asked once per cycle.
     #[must_use]
     pub fn trajectory(&self) -> Trajectory {
-        let metres = |millimetres: f64| millimetres * METRES_PER_MILLIMETRE;
-        let constant = |at_seconds: f64, millimetres: f64| {
-            let value = metres(millimetres);
-            (at_seconds, Piece::Constant { value })
-        };
+        let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
         let holds =
             (self.hold.iter()).map(|hold| constant(hold.at_seconds, hold.position_millimetres));
         let steps =
             (self.step.iter()).map(|step| constant(step.at_seconds, step.position_millimetres));
         let ramps = self.ramp.iter().map(|ramp| {
-            let (until_seconds, end) = (ramp.until_seconds, metres(ramp.position_millimetres));
+            let (until_seconds, end) = (ramp.until_seconds, ramp.position_millimetres);
             (ramp.from_seconds, Piece::Line { until_seconds, end })
         });
         let sines = self.sine.iter().map(|sine| {
             let piece = Piece::Sine {
-                centre: metres(sine.centre_millimetres),
-                amplitude: metres(sine.amplitude_millimetres),
+                centre: sine.centre_millimetres,
+                amplitude: sine.amplitude_millimetres,
                 radians_per_second: std::f64::consts::TAU / sine.period_seconds,
             };
             (sine.from_seconds, piece)
         });
         let tables = self.table.iter().map(|table| {
-            let rows = table
-                .rows
-                .iter()
-                .map(|&(time, position)| (time, metres(position)))
-                .collect();
+            let rows = table.rows.clone();
             (table.from_seconds, Piece::Table { rows })
         });
         let chirps = self.chirp.iter().map(|chirp| {
             let piece = Piece::Chirp {
-                centre: metres(chirp.centre_millimetres),
-                amplitude: metres(chirp.amplitude_millimetres),
+                centre: chirp.centre_millimetres,
+                amplitude: chirp.amplitude_millimetres,
                 until_seconds: chirp.until_seconds,
                 sweep: chirp.sweep(),
             };
@@ -325,9 +315,9 @@ mod tests {
             (99.0, 30.0),
         ];
         for (time, millimetres) in expected {
-            let position = trajectory.at(time).position_metres;
+            let position = trajectory.at(time).position;
             assert!(
-                (position - millimetres * 1e-3).abs() < 1e-12,
+                (position - millimetres).abs() < 1e-9,
                 "{position} at {time}"
             );
             assert_eq!(reference.at(time), trajectory.at(time));
@@ -336,6 +326,6 @@ mod tests {
         assert!(trajectory.at(11.9).has_exact_derivatives);
         assert!(!trajectory.at(12.0).has_exact_derivatives);
         assert!(!trajectory.at(3.0).has_exact_derivatives);
-        assert!((trajectory.at(3.0).velocity_metres_per_second + 0.005).abs() < 1e-12);
+        assert!((trajectory.at(3.0).velocity + 5.0).abs() < 1e-9);
     }
 }

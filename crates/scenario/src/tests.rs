@@ -700,7 +700,7 @@ fn files_and_tables_are_read_within_bounds() {
     )
     .unwrap();
     let scenario = Trial::load(&path).unwrap();
-    assert_eq!(scenario.reference.at(1.0).position_metres, 0.002);
+    assert_eq!(scenario.reference.at(1.0).position, 2.0);
 
     fs::write(
         folder.join("secret.csv"),

@@ -52,8 +52,8 @@ pub(super) struct Objects {
     torque: Handle,
     current: Handle,
     signals: Vec<(Handle, Published)>,
-    /// Counts of 0x6064 for what is a metre of a linear axis, and of 0x2103.
-    counts_per_metre: f64,
+    counts_per_output: f64,
+    true_steps_per_output: f64,
     true_position: Handle,
     continuous_current: Handle,
     overload_limit: Handle,
@@ -84,7 +84,8 @@ impl Objects {
             torque: at(TORQUE_ACTUAL_VALUE, DataType::Integer16)?,
             current: at(CURRENT_ACTUAL_VALUE, DataType::Integer16)?,
             signals: signals.collect::<Result<_, _>>()?,
-            counts_per_metre: wires.counts_per_metre,
+            counts_per_output: wires.counts_per_output,
+            true_steps_per_output: wires.true_steps_per_output,
             true_position: at(TRUE_POSITION, DataType::Integer32)?,
             continuous_current: protection(1, DataType::Unsigned32)?,
             overload_limit: protection(2, DataType::Unsigned32)?,
@@ -158,8 +159,8 @@ impl Objects {
     }
 
     /// 0x6064 in micrometres, or what another unit has in their place.
-    pub(super) fn set_position(&self, dictionary: &mut ObjectDictionary, position_metres: f64) {
-        let counts = objects::rounded_i32(position_metres * self.counts_per_metre);
+    pub(super) fn set_position(&self, dictionary: &mut ObjectDictionary, position: f64) {
+        let counts = objects::rounded_i32(position * self.counts_per_output);
         objects::store(dictionary, self.position, &counts.to_le_bytes());
     }
 
@@ -181,12 +182,12 @@ impl Objects {
         &self,
         dictionary: &mut ObjectDictionary,
         plant: &ClockedPlant,
-        position_metres: f64,
+        true_position: f64,
     ) {
         for (handle, signal) in &self.signals {
             objects::store(dictionary, *handle, &raw(signal, plant));
         }
-        let position = objects::rounded_i32(position_metres * 1e9);
+        let position = objects::rounded_i32(true_position * self.true_steps_per_output);
         objects::store(dictionary, self.true_position, &position.to_le_bytes());
     }
 }

@@ -27,7 +27,7 @@ pub(crate) struct RigFaults {
 
 impl RigFaults {
     /// The faults of a drive, which have not begun.
-    pub(crate) fn new(trial: &Trial, seed: u64) -> Self {
+    pub(crate) fn new(trial: &Trial, sensor_unit: f64, seed: u64) -> Self {
         let faults = trial.drive_faults();
         let is_of_rig = |fault: &&Fault| !matches!(fault.kind.group, Group::Bus | Group::Node);
         let of_rig = faults.iter().filter(is_of_rig);
@@ -36,7 +36,7 @@ impl RigFaults {
         changes.sort_unstable();
         changes.dedup();
         Self {
-            sensor: SensorFaults::new(&faults, seed),
+            sensor: SensorFaults::new(&faults, sensor_unit, seed),
             faults,
             changes,
             zero: None,
@@ -59,13 +59,13 @@ impl RigFaults {
     pub(crate) fn sense(
         &mut self,
         now: Duration,
-        position_metres: f64,
+        position: f64,
         convert: impl FnOnce(f64) -> Counts,
     ) -> Counts {
         let Some(time_seconds) = self.time_seconds(now) else {
-            return convert(position_metres);
+            return convert(position);
         };
-        self.sensor.sense(time_seconds, position_metres, convert)
+        self.sensor.sense(time_seconds, position, convert)
     }
 
     /// The current that flows in place of what is commanded, where the plant conducts.

@@ -5,23 +5,24 @@ use scenario::fault::{Fault, Faults, Group};
 
 use crate::sensor::Counts;
 
-const METRES_PER_MILLIMETRE: f64 = 1e-3;
-
 /// What goes wrong with the sensor, with the random numbers of each fault.
 #[derive(Clone, Debug)]
 pub(crate) struct SensorFaults {
     faults: Vec<(Fault, Stream)>,
     /// What a stuck converter puts out.
     stuck_at: Option<Counts>,
+    /// One unit of the file, in the unit of the samples.
+    unit: f64,
 }
 
 impl SensorFaults {
-    pub(super) fn new(faults: &Faults, seed: u64) -> Self {
+    pub(super) fn new(faults: &Faults, unit: f64, seed: u64) -> Self {
         let faults = faults.in_group(Group::Sensor);
         let with_stream = |fault: &Fault| (fault.clone(), Stream::for_fault(seed, fault));
         Self {
             faults: faults.map(with_stream).collect(),
             stuck_at: None,
+            unit,
         }
     }
 
@@ -29,19 +30,19 @@ impl SensorFaults {
     pub(super) fn sense(
         &mut self,
         time_seconds: f64,
-        position_metres: f64,
+        position: f64,
         convert: impl FnOnce(f64) -> Counts,
     ) -> Counts {
-        let (mut error_millimetres, mut lost_bits, mut is_stuck) = (0.0, 0, false);
+        let (mut added, mut lost_bits, mut is_stuck) = (0.0, 0, false);
         let acting = self.faults.iter_mut();
         for (fault, stream) in acting.filter(|(fault, _)| fault.acts_at(time_seconds)) {
             match fault.kind.name {
                 "lost_bits" => lost_bits |= fault.whole("mask").unwrap_or_default(),
                 "stuck" => is_stuck = true,
-                _ => error_millimetres += error(fault, stream, time_seconds),
+                _ => added += error(fault, stream, time_seconds),
             }
         }
-        let sound = convert(position_metres + error_millimetres * METRES_PER_MILLIMETRE);
+        let sound = convert(position + added * self.unit);
         let counts = sound.without(lost_bits);
         if !is_stuck {
             self.stuck_at = None;
@@ -51,7 +52,7 @@ impl SensorFaults {
     }
 }
 
-/// The error in millimetres that a fault adds to the position before its conversion.
+/// What a fault adds to the position before its conversion.
 fn error(fault: &Fault, stream: &mut Stream, time_seconds: f64) -> f64 {
     match fault.kind.name {
         "offset" => fault.number("offset_millimetres"),
@@ -77,13 +78,13 @@ mod tests {
     use crate::sensor::PositionSensor;
 
     fn sense(tables: &str, samples: &[(f64, f64)]) -> Vec<f64> {
-        let mut sensor = PositionSensor::new(&plant::Sensor::default(), 0);
-        let mut faults = SensorFaults::new(&faults(tables), 1);
+        let mut sensor = PositionSensor::new(&plant::Sensor::default(), 1e-3, 0);
+        let mut faults = SensorFaults::new(&faults(tables), 1e-3, 1);
         let sense = |(time, millimetres): &(f64, f64)| {
             let counts = faults.sense(*time, millimetres * 1e-3, |position| {
                 sensor.sample(position)
             });
-            sensor.position_metres(counts) * 1e3
+            sensor.position(counts) * 1e3
         };
         samples.iter().map(sense).collect()
     }

@@ -37,7 +37,7 @@ pub struct MyLaw {
 /// What the law remembers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
-    position_metres: f64,
+    position: f64,
     integral_amperes: f64,
 }
 
@@ -67,14 +67,14 @@ impl Law for MyLaw {
 
     fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
         let LoopReads {
-            position_metres,
+            position,
             set_point,
         } = LoopReads::of(reads);
         // A cycle may bring no position; then the last one holds.
-        if position_metres.is_finite() {
-            state.position_metres = position_metres;
+        if position.is_finite() {
+            state.position = position;
         }
-        let error = set_point.position_metres - state.position_metres;
+        let error = set_point.position - state.position;
         let proportional = self.config.proportional_amperes_per_metre * error;
         let step = self.config.integral_amperes_per_metre_second * error * cycle.period_seconds;
         // The integral goes no further than a current can, so it does not wind up.
@@ -99,12 +99,12 @@ mod tests {
     };
 
     /// One cycle at a position, on the way to 20 mm: the current.
-    fn step(law: &MyLaw, state: &mut State, position_metres: f64) -> f64 {
+    fn step(law: &MyLaw, state: &mut State, position: f64) -> f64 {
         let mut reads = LoopReads {
-            position_metres,
+            position,
             ..LoopReads::default()
         };
-        reads.set_point.position_metres = 0.02;
+        reads.set_point.position = 0.02;
         let mut writes = [0.0; 3];
         law.step(state, &CYCLE, &reads.values(), &mut writes);
         writes[0]

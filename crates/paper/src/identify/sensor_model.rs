@@ -57,10 +57,10 @@ mod tests {
         };
         let model = SensorModel::new(&sensor);
         for position in [0.0, 0.00005, 0.02, 0.0599, 0.06] {
-            let mut emulated = PositionSensor::new(&sensor, 1);
+            let mut emulated = PositionSensor::new(&sensor, 1e-3, 1);
             let mut shown = || {
                 let counts = emulated.sample(position);
-                emulated.position_metres(counts)
+                emulated.position(counts)
             };
             let mean = (0..20_000).map(|_| shown()).sum::<f64>() / 20_000.0;
             let expected = model.expected_metres(position);

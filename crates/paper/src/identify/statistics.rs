@@ -392,7 +392,7 @@ fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
 
 fn trace_errors(sensor: &Sensor, true_metres: &[f64], step: f64, replica: u32) -> Vec<f64> {
     // Scenarios have small seeds: none may have the noise of a replica.
-    let mut emulated = PositionSensor::new(sensor, u64::MAX - u64::from(replica));
+    let mut emulated = PositionSensor::new(sensor, 1e-3, u64::MAX - u64::from(replica));
     let model = SensorModel::new(sensor);
     // Offsets of −1/2 to 1/2 step, evenly; on the stop there is no doubt where the load is.
     let offset = if replica == 0 {
@@ -407,7 +407,7 @@ fn trace_errors(sensor: &Sensor, true_metres: &[f64], step: f64, replica: u32) -
             *position
         };
         let counts = emulated.sample(position);
-        emulated.position_metres(counts) - model.expected_metres(position)
+        emulated.position(counts) - model.expected_metres(position)
     };
     true_metres.iter().map(error).collect()
 }

@@ -384,9 +384,7 @@ fn set_points(trial: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
     }
     let trajectory = trial.reference.trajectory();
     let times = time_seconds.iter();
-    times
-        .map(|time| trajectory.at(*time).position_metres * 1e3)
-        .collect()
+    times.map(|time| trajectory.at(*time).position).collect()
 }
 
 #[cfg(test)]

@@ -6,7 +6,6 @@ use canopen::{CanFrame, ObjectDictionary, add_half, cia402};
 
 use super::{ObjectAddress, RigDrive};
 
-const METRES_PER_MILLIMETRE: f64 = 1e-3;
 /// Rated current of the emulated drive (0x6075).
 const RATED_CURRENT_AMPERES: f64 = 1.0;
 /// The drive samples and applies on every SYNC.
@@ -71,7 +70,7 @@ pub struct Feedback {
     /// 0x6041.
     pub statusword: u16,
     /// Height of the load above its stop.
-    pub position_metres: f64,
+    pub position: f64,
     /// Current through the wire; none where the drive does not measure it.
     pub current_amperes: Option<f64>,
 }
@@ -448,10 +447,9 @@ impl DriveLayout {
             return None;
         }
         let data = u64::from_le_bytes(frame.buffer());
-        let metres_per_unit = METRES_PER_MILLIMETRE / self.position.units;
         Some(Feedback {
             statusword: u16::try_from(self.statusword.read(data)).ok()?,
-            position_metres: self.position.steps_from_zero(data) * metres_per_unit,
+            position: self.position.steps_from_zero(data) / self.position.units,
             current_amperes: self.current.map(|current| current.read(data)),
         })
     }
@@ -507,7 +505,7 @@ mod tests {
         let frame = CanFrame::new(0x190, &[0x37, 0x02, 0x10, 0x27, 0, 0, 0, 2]);
         let feedback = drive.decode(&frame).unwrap();
         assert_eq!(feedback.statusword, 0x0237);
-        assert!((feedback.position_metres - 0.01).abs() < 1e-15);
+        assert!((feedback.position - 10.0).abs() < 1e-12);
         assert_eq!(
             drive.encode(0x0F, 0.5),
             CanFrame::new(0x210, &[0x0F, 0, 0xF4, 0x01])
@@ -586,7 +584,7 @@ mod tests {
         let drive = DriveLayout::new(objects(DRIVE_EDS, 0x20), &rig, 0.9).unwrap();
         let frame = CanFrame::new(0x1A0, &[0x37, 2, 0x4C, 0x13, 0, 0, 0, 0]);
         let feedback = drive.decode(&frame).unwrap();
-        assert!((feedback.position_metres - 0.006).abs() < 1e-12);
+        assert!((feedback.position - 6.0).abs() < 1e-9);
         assert_eq!(feedback.current_amperes, None);
         for (amperes, units) in [(0.5, 1000_i16), (0.95, 1800), (7.0, 1800)] {
             let frame = drive.encode(0x0F, amperes);

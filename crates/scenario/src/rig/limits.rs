@@ -11,8 +11,6 @@ use crate::port::Unit;
 const SPEED_WINDOW: Duration = Duration::from_millis(20);
 /// A measured current may be so much beyond the limit, which a command never is. Assumed: the rig file does not have the drive's accuracy.
 const MEASURED_CURRENT_TOLERANCE: f64 = 0.05;
-/// Inside the bench a position is in thousands of its unit.
-const UNITS_PER_THOUSAND: f64 = 1e3;
 /// Commands are whole units of an object; this absorbs their rounding.
 const COMMAND_TOLERANCE_AMPERES: f64 = 1e-9;
 
@@ -122,7 +120,7 @@ impl LimitWatch {
             let amperes = current;
             return Some(Violation::Current { amperes, limit });
         }
-        let position = feedback.position_metres * UNITS_PER_THOUSAND;
+        let position = feedback.position;
         let Limits { min, max, .. } = self.limits;
         if !(min..=max).contains(&position) {
             let limits = [min, max];
@@ -177,7 +175,7 @@ mod tests {
     fn sample(millimetres: f64, amperes: f64) -> Feedback {
         Feedback {
             statusword: 0x0237,
-            position_metres: millimetres * 1e-3,
+            position: millimetres,
             current_amperes: Some(amperes),
         }
     }

@@ -24,8 +24,6 @@ pub(super) const REST: Duration = Duration::from_secs(1);
 const MOTION_STEPS: f64 = 5.0;
 /// No current is less than this part of the limit: what a drive's measurement may be off.
 const NO_CURRENT: f64 = 0.05;
-/// Inside the bench a position is in thousands of its unit.
-const UNITS_PER_THOUSAND: f64 = 1e3;
 
 /// What the bus has shown so far.
 pub(super) struct Heating<'a> {
@@ -115,7 +113,7 @@ impl<'a> Heating<'a> {
     }
 
     fn on_feedback(&mut self, now: Duration, feedback: &Feedback) {
-        let position = feedback.position_metres * UNITS_PER_THOUSAND;
+        let position = feedback.position;
         let is_at_rest = self.clock.scenario_time(now).unwrap_or_default() < REST;
         let (no_current, threshold) = (self.no_current_amperes(), self.motion());
         match &mut self.phase {
