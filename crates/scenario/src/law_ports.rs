@@ -435,13 +435,13 @@ mod tests {
             "angle.set_point_degrees_per_second_squared",
         ]);
         let expected = vec![
-            (0, Quantity::Position, 1e3),
-            (0, Quantity::Position, 1e3 / 360.0),
-            (1, Quantity::Position, 1e3),
-            (2, Quantity::Position, 1.0),
-            (2, Quantity::SetPoint, 1e3),
-            (2, Quantity::SetPointVelocity, 1.0),
-            (0, Quantity::SetPointAcceleration, 1e3),
+            (0, Quantity::Position, 1.0),
+            (0, Quantity::Position, 1.0 / 360.0),
+            (1, Quantity::Position, 1.0),
+            (2, Quantity::Position, 1e-3),
+            (2, Quantity::SetPoint, 1.0),
+            (2, Quantity::SetPointVelocity, 1e-3),
+            (0, Quantity::SetPointAcceleration, 1.0),
         ];
         assert_eq!(read, Ok(expected));
     }
@@ -540,10 +540,10 @@ mod tests {
         };
         let term = |factor| Writing::Term { of_loop: 0, factor };
         let (read, written) = factors(Unit::Millimetres);
-        assert_eq!(read, [1.0; 6]);
+        assert_eq!(read, [1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1.0]);
         assert_eq!(written, [current(0), current(1), term(1e3), term(1.0)]);
         let (read, written) = factors(Unit::Degrees);
-        assert_eq!(read, [1e3, 1e3, 1e3, 1e3, 1e3, 1.0]);
+        assert_eq!(read, [1.0; 6]);
         assert_eq!(written, [current(0), current(1), term(1.0), term(1.0)]);
         let names = terms_of_one(&ports).map(|(name, _)| name);
         assert_eq!(Vec::from_iter(names), ["reference_millimetres", "gain"]);

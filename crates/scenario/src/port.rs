@@ -324,6 +324,27 @@ pub fn unit_in(name: &str) -> &str {
     longest.map_or("", |known| &name[name.len() - known.word.len()..])
 }
 
+/// One of a unit, in words.
+#[must_use]
+pub fn singular(word: &str) -> String {
+    let (of, per) = word.split_at(word.find("_per_").unwrap_or(word.len()));
+    let one = match of {
+        "celsius" | "hertz" => of,
+        _ => of.strip_suffix('s').unwrap_or(of),
+    };
+    format!("{one}{per}")
+}
+
+/// The unit that a text begins with, in the singular, and the text behind it.
+#[must_use]
+pub fn unit_at_start(text: &str) -> Option<(&'static str, &str)> {
+    let found = KNOWN.iter().filter_map(|known| {
+        let rest = text.strip_prefix(&singular(known.word))?;
+        (rest.is_empty() || rest.starts_with('_')).then_some((known.word, rest))
+    });
+    found.min_by_key(|(_, rest)| rest.len())
+}
+
 /// A unit as the DBC writes it; the word itself where it has no other form.
 #[must_use]
 pub fn symbol_of(word: &str) -> &str {
@@ -461,11 +482,8 @@ impl Unit {
 
     /// One of it, in words.
     #[must_use]
-    pub fn singular(&self) -> &str {
-        match self.word() {
-            "celsius" => "celsius",
-            word => word.strip_suffix('s').unwrap_or(word),
-        }
+    pub fn singular(&self) -> String {
+        singular(self.word())
     }
 
     /// The other way round: as the bench calls it. What is no name of a position stays as it is, whatever its unit.
@@ -530,6 +548,18 @@ mod tests {
         assert_eq!(conversion("degrees", "revolutions"), Some(1.0 / 360.0));
         assert_eq!(conversion("degrees", "millimetres"), None);
         assert_eq!(conversion("bogus", "bogus"), Some(1.0));
+        for (text, found) in [
+            ("metre", Some(("metres", ""))),
+            ("metre_second", Some(("metres", "_second"))),
+            (
+                "revolution_per_minute_second",
+                Some(("revolutions_per_minute", "_second")),
+            ),
+            ("celsius", Some(("celsius", ""))),
+            ("metrestick", None),
+        ] {
+            assert_eq!(unit_at_start(text), found, "{text}");
+        }
         assert_eq!(Unit::of_port("radians"), [Unit::Degrees, Unit::Revolutions]);
         let celsius = Unit::Own("celsius".to_owned());
         assert_eq!(Unit::of_port("celsius"), [celsius]);

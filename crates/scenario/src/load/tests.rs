@@ -795,6 +795,16 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
             "`reference.step.position_degrees` = -70 is out of range",
         ),
         (
+            "amperes_per_degree = 0.03",
+            "amperes_per_revolution = 36.0",
+            "write `proportional_amperes_per_degree = 0.1`",
+        ),
+        (
+            "amperes_per_degree = 0.03",
+            "amperes_per_metre = 36.0",
+            "write `proportional_amperes_per_degree`",
+        ),
+        (
             "proportional_amperes_per_degree",
             "proportinal_amperes_per_degree",
             "did you mean `proportional_amperes_per_degree`?",

@@ -1,17 +1,21 @@
 //! The names of a loop's positions end in the loop's own unit, and the types of a loop have them in millimetres.
 
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeString, DeTable, DeValue};
 
 use crate::error::{Problem, Source};
-use crate::port::Unit;
+use crate::own::leads_all;
+use crate::port::{Unit, conversion, singular, unit_at_start};
+use crate::structure::number;
 
 /// Where names have the unit of a position.
 const SECTIONS: [&str; 3] = ["reference", "fault", "expect"];
 /// Where names have it as the one by which something is divided: gains of laws.
 const LAW: &str = "controller";
-/// A unit by which something is divided.
-const PER_METRE: &str = "per_metre";
+/// Beginnings of the names of gains.
+const GAINS: [&str; 2] = ["amperes_per_", "ampere_seconds_per_"];
+/// The unit by which the types of laws have gains.
+const METRE: &str = "metre";
 /// Units that a name might have by mistake.
 const UNITS: [&str; 3] = ["millimetres", "degrees", "revolutions"];
 
@@ -32,8 +36,14 @@ impl InUnit<'_> {
             let section: &str = key.get_ref();
             if SECTIONS.contains(&section) {
                 self.positions(value.get_mut())?;
-            } else if section == LAW && *self.unit != Unit::Millimetres {
-                self.gains(value.get_mut());
+            } else if section == LAW
+                && let DeValue::Table(laws) = value.get_mut()
+            {
+                // A law of all loops states the units in the names of its ports.
+                let of_loop = laws.iter_mut().filter(|(law, _)| !leads_all(law.get_ref()));
+                of_loop
+                    .map(|(_, law)| self.gains(law.get_mut()))
+                    .collect::<Result<(), _>>()?;
             }
         }
         Ok(())
@@ -61,7 +71,7 @@ impl InUnit<'_> {
     }
 
     /// A name whose unit is that of another kind of loop.
-    fn check(&self, key: &Spanned<toml::de::DeString<'_>>) -> Result<(), Problem> {
+    fn check(&self, key: &Spanned<DeString<'_>>) -> Result<(), Problem> {
         let (name, unit): (&str, _) = (key.get_ref(), self.unit);
         let others = UNITS.into_iter().filter(|other| *other != unit.word());
         let wrong = others.map(Unit::of_word).find_map(|other| {
@@ -79,19 +89,60 @@ impl InUnit<'_> {
     }
 
     /// Gains by the unit are to a law gains by the metre: it sees positions in the loop's unit, or in metres.
-    fn gains(&self, value: &mut DeValue<'_>) {
+    fn gains(&self, value: &mut DeValue<'_>) -> Result<(), Problem> {
         let DeValue::Table(table) = value else {
-            return;
+            return Ok(());
         };
-        let per_unit = format!("per_{}", self.unit.singular());
         for (mut key, mut below) in std::mem::take(table) {
             let name: &str = key.get_ref();
-            if name.contains(&per_unit) {
-                let renamed = name.replacen(&per_unit, PER_METRE, 1);
-                *key.get_mut() = renamed.into();
+            if let Some((gain, unit, rest)) = self.gain(name) {
+                if unit != self.unit_of_gains() {
+                    return Err(self.wrong_gain(&key, below.get_ref()));
+                }
+                *key.get_mut() = format!("{gain}{METRE}{rest}").into();
             }
-            self.gains(below.get_mut());
+            self.gains(below.get_mut())?;
             table.insert(key, below);
         }
+        Ok(())
+    }
+
+    /// Unit by which the loop's gains are.
+    fn unit_of_gains(&self) -> &str {
+        match self.unit {
+            Unit::Millimetres => "metres",
+            unit => unit.word(),
+        }
+    }
+
+    /// A gain by another unit: with the right name, and the value where the units are of one quantity.
+    fn wrong_gain(&self, key: &Spanned<DeString<'_>>, value: &DeValue<'_>) -> Problem {
+        let own = self.unit_of_gains();
+        let (gain, unit, rest) = self.gain(key.get_ref()).unwrap_or_default();
+        let right = format!("{gain}{}{rest}", singular(own));
+        let message = format!(
+            "the gains of the loop `{}` are by the {}",
+            self.of_loop,
+            singular(own)
+        );
+        let label = match number(value).zip(conversion(own, unit)) {
+            Some((value, factor)) => format!("write `{right} = {}`", value * factor),
+            None => format!("write `{right}`"),
+        };
+        self.source.problem(key.span(), message, label)
+    }
+    /// Parts of a gain's name: what is before the unit, the unit, and what is behind it.
+    fn gain<'n>(&self, name: &'n str) -> Option<(&'n str, &str, &'n str)> {
+        let by = GAINS
+            .iter()
+            .find_map(|gain| Some(name.find(gain)? + gain.len()));
+        let (gain, rest) = name.split_at(by?);
+        let own = self.unit_of_gains();
+        let is_own = rest.strip_prefix(&singular(own)).map(|rest| (own, rest));
+        let is_end = |rest: &str| rest.is_empty() || rest.starts_with('_');
+        let (unit, rest) = is_own
+            .filter(|(_, rest)| is_end(rest) && !rest.starts_with("_per_"))
+            .or_else(|| unit_at_start(rest))?;
+        Some((gain, unit, rest))
     }
 }

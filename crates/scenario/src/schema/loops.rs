@@ -15,6 +15,10 @@ const OF_LOOPS: &str = "Reference";
 const OF_NODES: &str = "Disturbance";
 /// Definitions with names of positions besides those of set-points and of faults of the sensor: limits, and laws with gains.
 const WITH_UNITS: [&str; 3] = ["Expect", "Pid", "PidPair"];
+/// What gains of laws are by.
+const PER_METRE: &str = "per_metre";
+/// A unit of a loop, whichever it is.
+const ANY_UNIT: &str = "[a-z][a-z0-9_]*";
 /// What a loop's name is for.
 const ALL: &str = "all";
 
@@ -46,6 +50,7 @@ pub(super) fn of_scenario() -> Value {
         "description": "Limits: `[expect.LOOP]` for a loop, `[expect.all]` for each of them; those of the bus, and of the only loop, in `[expect]` itself.",
         "type": "object",
         "properties": limits,
+        "patternProperties": schema["definitions"]["Expect"]["patternProperties"],
         "additionalProperties": {"$ref": "#/definitions/Expect"},
     });
     schema["properties"]["plant"] = json!({
@@ -251,13 +256,14 @@ fn with_units(mut schema: Value) -> Value {
             continue;
         };
         let names = Vec::from_iter(properties.keys().cloned());
+        let mut any_unit = Map::new();
         for key in names {
             let of_units = [
                 (Unit::Degrees, "per_degree"),
                 (Unit::Revolutions, "per_revolution"),
             ];
-            let of_units = of_units.map(|(unit, per_unit)| match key.contains("per_metre") {
-                true => key.replacen("per_metre", per_unit, 1),
+            let of_units = of_units.map(|(unit, per_unit)| match key.contains(PER_METRE) {
+                true => key.replacen(PER_METRE, per_unit, 1),
                 false => unit.rename(&key),
             });
             let mut property = properties[&key].clone();
@@ -265,9 +271,17 @@ fn with_units(mut schema: Value) -> Value {
                 without_range(&mut property);
                 properties.insert(key.clone(), property.clone());
             }
+            if of_units[0] != key {
+                let by_any = key.replacen(PER_METRE, &format!("per_{ANY_UNIT}"), 1);
+                let by_any = by_any.replacen("millimetres", ANY_UNIT, 1);
+                any_unit.insert(format!("^{by_any}$"), property.clone());
+            }
             for other in of_units {
                 properties.entry(other).or_insert_with(|| property.clone());
             }
+        }
+        if !any_unit.is_empty() {
+            definition["patternProperties"] = any_unit.into();
         }
         if let Some(required) = definition.get_mut("required").and_then(Value::as_array_mut) {
             let has_unit =
