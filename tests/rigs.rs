@@ -397,3 +397,89 @@ fn a_contour_is_judged_by_the_rules_of_all_metrics() {
     let (_, row) = contour_again(&run);
     assert_eq!(row["remark"], "the window begins behind what is judged");
 }
+
+const SPINDLE: &str = r#"
+schema = 1
+name = "spindle"
+[bus]
+sync_period_milliseconds = 2.0
+[plant.motor.dc_motor]
+[node.controller]
+kind = "controller"
+node_id = 0x01
+[node.spindle]
+kind = "drive"
+node_id = 0x10
+amplifier = { port = "motor.current_amperes", min = -1.0, max = 1.0 }
+[node.spindle.sensor]
+port = "motor.motor_speed_revolutions_per_minute"
+signal = "speed"
+unit = "revolutions_per_minute"
+min = -6000.0
+max = 6000.0
+resolution_bits = 16
+[loop.speed]
+feedback = "spindle.speed"
+outputs = ["spindle.current"]
+"#;
+
+const TURNS: &str = r#"
+schema = 1
+name = "turns"
+rig = "spindle.toml"
+duration_seconds = 2.3
+[controller.pid]
+proportional_amperes_per_revolution_per_minute = 0.001
+integral_amperes_per_revolution_per_minute_second = 0.05
+derivative_ampere_seconds_per_revolution_per_minute = 0.0
+current_amperes_min = -1.0
+[[reference.hold]]
+at_seconds = 0.0
+speed_revolutions_per_minute = 0.0
+[[reference.sine]]
+from_seconds = 0.3
+centre_revolutions_per_minute = 0.0
+amplitude_revolutions_per_minute = 200.0
+period_seconds = 0.5
+[expect]
+tracking_error_revolutions_per_minute_rms = { max = 50.0 }
+speed_revolutions_per_minute_max = { min = 150.0, max = 260.0 }
+[[expect.signal]]
+name = "true_speed_revolutions_per_minute"
+stays = { min = -300.0, max = 300.0 }
+"#;
+
+/// What is no position has its own name, from the set-point to the page, and is the same in every world.
+#[test]
+fn a_loop_of_a_speed_is_played_and_judged_under_its_own_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("turns.toml");
+    fs::write(folder.path().join("spindle.toml"), SPINDLE).unwrap();
+    fs::write(&path, TURNS).unwrap();
+    let [alone, together] = ["processes", "simulate"].map(|world| folder.path().join(world));
+    let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
+    let processes = output(canrig(&alone, "run").arg(&path).args(lockstep));
+    let simulated = output(canrig(&together, "simulate").arg(&path));
+    for (code, stdout, stderr) in [processes, simulated] {
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+    }
+    let [alone, together] = [alone, together].map(|runs| only_run(&runs));
+    let read = |run: &Path, file: &str| fs::read_to_string(run.join(file)).unwrap();
+    for file in ["bus.log", "signals.csv", "frames.dbc", "report.html"] {
+        assert!(read(&alone, file) == read(&together, file), "{file}");
+    }
+    let columns = read(&together, "signals.csv");
+    let columns = columns.lines().next().unwrap();
+    for name in ["set_point", "speed", "true_speed", "reference_speed"] {
+        let column = format!(",{name}_revolutions_per_minute,");
+        assert!(columns.contains(&column), "{column}: {columns}");
+    }
+    assert!(!columns.contains("position_revolutions"), "{columns}");
+    assert!(read(&together, "report.html").contains(">Speed<"));
+    let judged = read(&together, "verdict.json");
+    let (code, stdout, stderr) = output(program(&["replay", "--json"]).arg(&together));
+    assert_eq!(code, Some(0), "{stderr}");
+    let again: Value = serde_json::from_str(&stdout).unwrap();
+    let before: Value = serde_json::from_str(&judged).unwrap();
+    assert_eq!(again["metrics"], before["metrics"]);
+}

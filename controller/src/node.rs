@@ -108,9 +108,9 @@ impl ControllerNode {
         let laws = laws.collect::<Result<_, ControllerError>>()?;
         let loops = plans.into_iter().map(|plan| {
             let view = plan.view;
-            let limits = plan
-                .limits
-                .map(|limits| LimitWatch::new(limits, sync_period).in_unit(&view.wiring.unit));
+            let limits = plan.limits.map(|limits| {
+                LimitWatch::new(limits, sync_period).in_unit(&view.wiring.measurand.unit)
+            });
             let plausibility = Plausibility::new(&view.wiring);
             ControlLoop {
                 drive: LedDrive::new(
@@ -194,7 +194,7 @@ impl<'a> LoopPlan<'a> {
             node_id,
             ..RigDrive::default()
         };
-        rig.position.increments_per_unit = view.wiring.unit.counts();
+        rig.position.increments_per_unit = view.wiring.measurand.unit.counts();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
         Ok(Self {
             view,

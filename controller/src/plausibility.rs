@@ -48,9 +48,9 @@ impl Plausibility {
     /// Of a drive that is wired so.
     pub(crate) fn new(wiring: &Wiring) -> Self {
         Self {
-            plausible: wiring.plausible.clone(),
+            plausible: wiring.plausible,
             ends: wiring.range(),
-            symbol: wiring.unit.symbol().to_owned(),
+            symbol: wiring.measurand.unit.symbol().to_owned(),
             last: None,
             seconds_since: 0.0,
             seconds_above: 0.0,
@@ -161,7 +161,7 @@ impl Plausibility {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::port::Unit;
+    use scenario::port::{Measurand, Unit};
     use scenario::rig::nodes::Rig;
     use scenario::rig::shipped;
 
@@ -282,7 +282,7 @@ mod tests {
     fn what_a_node_says_is_watched_in_its_unit_and_nothing_else() {
         let watched = |plausible, samples: &[f64]| {
             let wiring = Wiring {
-                unit: Unit::Degrees,
+                measurand: Measurand::position(Unit::Degrees),
                 position_min: -60.0,
                 position_max: Some(60.0),
                 plausible,

@@ -113,7 +113,7 @@ impl WiredLaw {
 /// What the ports of a law stand for, at the drive that is wired like this.
 pub(crate) fn wires(law: &AnyLaw, wiring: &Wiring) -> Result<LawWires, WrongPort> {
     match law.drives() {
-        Some(_) => LawWires::of_one(law.ports(), &wiring.unit),
+        Some(_) => LawWires::of_one(law.ports(), &wiring.measurand.unit),
         None => LawWires::of_all(law.ports(), &wiring.loops),
     }
 }

@@ -423,7 +423,7 @@ mod tests {
         let shipped = Database::shipped();
         let messages = shipped.plant_messages("drive");
         let signals = messages.flat_map(|message| &message.signals);
-        let signals = signals.filter(|signal| !signal.name.starts_with(names::TRUE_POSITION_IN));
+        let signals = signals.filter(|signal| signal.name != names::TRUE_POSITION);
         let signals = signals.map(|signal| PlantSignal {
             name: signal.name.clone(),
             unit: signal.unit.clone(),

@@ -48,10 +48,6 @@ pub const SYNC: &str = "sync";
 
 /// State bits of a drive's statusword.
 pub const STATUSWORD: &str = "statusword_state";
-/// Beginning of the name of a position, before its unit.
-pub const POSITION_IN: &str = "position_";
-/// Beginning of the name of a true position, before its unit.
-pub const TRUE_POSITION_IN: &str = "true_position_";
 /// Position that a drive measures, in millimetres.
 pub const POSITION: &str = "position_millimetres";
 /// Position before the sensor, in millimetres.
@@ -92,20 +88,6 @@ impl Database {
     /// It is not there.
     pub fn signal_of(&self, message: &str, signal: &str) -> Result<SignalHandle, SignalMissing> {
         self.require(&format!("{message}.{signal}"))
-    }
-
-    /// The position in the feedback of a drive, in whatever unit.
-    ///
-    /// # Errors
-    /// It is not there.
-    pub fn position_of(&self, drive: &str) -> Result<SignalHandle, SignalMissing> {
-        let name = message(drive, TPDO1);
-        let position = self.message(&name).and_then(|message| {
-            let mut signals = message.signals.iter();
-            let position = signals.find(|signal| signal.name.starts_with(POSITION_IN));
-            position.map(|position| message.handle(position))
-        });
-        position.ok_or_else(|| SignalMissing::new(&format!("{name}.{POSITION}")))
     }
 
     /// The messages in which a drive publishes its plant's own signals.

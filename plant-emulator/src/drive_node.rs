@@ -185,7 +185,7 @@ impl Parts {
             set_product_code(&mut objects, code);
         }
         drive::declare(&mut objects, plant, ports, &wires);
-        drive::declare_unit(&mut objects, &trial.wiring.unit);
+        drive::declare_unit(&mut objects, &trial.wiring.measurand.unit);
         drive::set_truth_pace(&mut objects, place);
         Ok(Self {
             node_id,

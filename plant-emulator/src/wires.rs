@@ -50,11 +50,11 @@ impl Wires {
             .measured(ports)
             .ok_or_else(|| unknown(&wiring.output))?;
         let port = &ports.outputs[output];
-        let factors = conversion(&port.unit, wiring.unit.word())
-            .zip(conversion(wiring.unit.word(), &port.unit));
+        let factors = conversion(&port.unit, wiring.measurand.unit.word())
+            .zip(conversion(wiring.measurand.unit.word(), &port.unit));
         let (units_per_output, sensor_unit) = factors.ok_or_else(|| InvalidEmulator::Unit {
             port: port.name.clone(),
-            unit: wiring.unit.to_string(),
+            unit: wiring.measurand.unit.to_string(),
         })?;
         let recorded = wiring
             .recorded(ports)
@@ -74,7 +74,7 @@ impl Wires {
             input: input.ok_or_else(|| unknown(&wiring.input))?,
             output,
             sensor_unit,
-            counts_per_output: wiring.unit.counts() * units_per_output,
+            counts_per_output: wiring.measurand.unit.counts() * units_per_output,
             true_steps_per_output: TRUE_STEPS * units_per_output,
             published: (recorded.into_iter())
                 .map(|(output, port)| published(output, port))
@@ -97,7 +97,7 @@ fn published(output: usize, port: &Port) -> Published {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::port::Unit;
+    use scenario::port::{Measurand, Unit};
 
     #[test]
     fn a_port_that_is_not_there_and_a_unit_that_does_not_fit_are_refused() {
@@ -106,7 +106,7 @@ mod tests {
             outputs: vec![Port::output("angle_degrees", [-60.0, 60.0])],
         };
         let wiring = Wiring {
-            unit: Unit::Degrees,
+            measurand: Measurand::position(Unit::Degrees),
             ..Wiring::default()
         };
         let wires = Wires::new(&ports, &wiring).unwrap();

@@ -9,7 +9,7 @@ use dbc::scenario_clock::ScenarioClock;
 use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
 use scenario::Trial;
-use scenario::port::Unit;
+use scenario::port::{Measurand, Unit};
 use scenario::wiring::Wiring;
 
 /// Two currents add up to an angle by the second; after a time it is something else.
@@ -76,7 +76,7 @@ fn scenario(input: &str) -> Trial {
     scenario.wiring = Wiring {
         input: format!("{input}_current_amperes"),
         output: "angle_degrees".to_owned(),
-        unit: Unit::Degrees,
+        measurand: Measurand::position(Unit::Degrees),
         position_min: -90.0,
         position_max: Some(90.0),
         ..Wiring::default()

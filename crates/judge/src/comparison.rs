@@ -95,10 +95,14 @@ fn signals_of_loop(
 ) -> Vec<SignalDifference> {
     let prefix = &a.prefix();
     let (a_set_point, b_set_point) = (&a.set_point_millimetres, &b.set_point_millimetres);
-    let set_point_name = a.unit.rename(SET_POINT);
+    let set_point_name = a.measurand.rename(SET_POINT);
     let set_point = signal(
         tolerances,
-        (prefix.as_str(), set_point_name.as_str(), a.unit.symbol()),
+        (
+            prefix.as_str(),
+            set_point_name.as_str(),
+            a.measurand.unit.symbol(),
+        ),
         shared,
         a_set_point,
         b_set_point,

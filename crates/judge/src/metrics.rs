@@ -67,11 +67,11 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     rows.extend(signals::metrics(evidence));
     rows.extend(sequences::metrics(evidence));
     let requirements = expect.requirements_of_rows();
-    let unit = &evidence.trial.wiring.unit;
+    let measurand = &evidence.trial.wiring.measurand;
     for row in &mut rows {
         let own = requirements.get(&row.name);
         row.requirements = own.cloned().unwrap_or_default();
-        row.name = unit.rename(&row.name);
+        row.name = measurand.rename(&row.name);
     }
     rows.extend(contour::metrics(evidence));
     rows
@@ -82,7 +82,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
         let limit = metric.limit(&trial.expect)?;
-        Some((trial.wiring.unit.rename(metric.name), limit))
+        Some((trial.wiring.measurand.rename(metric.name), limit))
     });
     limited
         .chain(signals::limits(trial))

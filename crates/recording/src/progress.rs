@@ -5,7 +5,7 @@ use std::time::Duration;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{SignalHandle, SignalMissing};
 use rig::plan::ControlLoop;
-use scenario::port::Unit;
+use scenario::port::Measurand;
 use scenario::reference::Trajectory;
 
 use crate::log::Stamped;
@@ -15,8 +15,8 @@ use crate::log::Stamped;
 pub struct RunProgress {
     /// Scenario time; zero before it begins.
     pub time: Duration,
-    /// The unit of the loop, in which its position is.
-    pub unit: Unit,
+    /// What the loop measures.
+    pub measurand: Measurand,
     pub position: Option<f64>,
     /// Set-point minus position, where the scenario has a set-point.
     pub error: Option<f64>,
@@ -28,7 +28,7 @@ pub struct RunProgress {
 #[derive(Debug)]
 pub struct ProgressReader {
     position: SignalHandle,
-    unit: Unit,
+    measurand: Measurand,
     set_point: Option<Trajectory>,
     period: Duration,
 }
@@ -41,7 +41,7 @@ impl ProgressReader {
         let has_set_point = !scenario.reference.is_empty();
         Ok(Self {
             position: one.position()?,
-            unit: scenario.wiring.unit.clone(),
+            measurand: scenario.wiring.measurand.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
             period: Duration::from_secs_f64(scenario.run.bus.sync_period_milliseconds / 1e3),
         })
@@ -66,7 +66,7 @@ impl ProgressReader {
             syncs.filter_map(|sync| Some(self.lateness(clock.scenario_time(sync.time)?)));
         Some(RunProgress {
             time,
-            unit: self.unit.clone(),
+            measurand: self.measurand.clone(),
             position,
             error: set_point
                 .zip(position)

@@ -225,7 +225,7 @@ fn positions(courses: &[Course<'_>]) -> Markup {
         "" => title.to_owned(),
         name => format!("{title}: {name}"),
     };
-    let mut plot = Plot::over_time(&title, shown_unit(first.timeline.unit.symbol()));
+    let mut plot = Plot::over_time(&title, shown_unit(first.timeline.measurand.unit.symbol()));
     for (number, course) in courses.iter().enumerate() {
         let run = course.run;
         let name = match is_alone(run, runs()) {

@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use dbc::names::{self, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION_IN, message};
+use dbc::names::{self, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
 use dbc::{Composer, Database, LawTerm, Message, PlantSignal, PositionUnit, Range};
 use scenario::node::{LoopNodes, Node};
-use scenario::port::{Port, Ports, Unit};
+use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
 use scenario::wiring::IoOutput;
 use scenario::{Objection, Trial};
@@ -47,8 +47,8 @@ pub(crate) struct Published {
     pub(crate) terms: Option<Vec<LawTerm>>,
     /// The outputs of its io node besides fan and load.
     pub(crate) outputs: Vec<IoOutput>,
-    /// The unit of its positions.
-    pub(crate) unit: Unit,
+    /// What it measures.
+    pub(crate) measurand: Measurand,
 }
 
 impl Catalogue {
@@ -95,7 +95,7 @@ impl Catalogue {
             },
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
-            unit: trial.wiring.unit.clone(),
+            measurand: trial.wiring.measurand.clone(),
         };
         let nodes = &trial.wiring.nodes;
         let of_loop = trial.wiring.loop_among_several();
@@ -305,14 +305,15 @@ impl Published {
         of_loop: (&str, u8),
         player: Player<'_>,
     ) -> Composer {
-        let rename = |name: &str| self.unit.rename(name);
+        let rename = |name: &str| self.measurand.rename(name);
         let is_emulated = matches!(player, Player::Emulator);
         let unit = PositionUnit {
-            symbol: self.unit.symbol(),
-            resolution: (!matches!(player, Player::Real(_))).then(|| 1.0 / self.unit.counts()),
+            symbol: self.measurand.unit.symbol(),
+            resolution: (!matches!(player, Player::Real(_)))
+                .then(|| 1.0 / self.measurand.unit.counts()),
             rename: &rename,
         };
-        let unit = (self.unit != Unit::Millimetres).then_some(&unit);
+        let unit = (self.measurand != Measurand::default()).then_some(&unit);
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match player {
@@ -346,7 +347,7 @@ impl Published {
 fn signals_of_the_wire() -> Vec<PlantSignal> {
     let messages = Database::shipped().plant_messages("drive");
     let signals = messages.flat_map(|message| &message.signals);
-    let own = signals.filter(|signal| !signal.name.starts_with(TRUE_POSITION_IN));
+    let own = signals.filter(|signal| signal.name != TRUE_POSITION);
     let wire = own.map(|signal| PlantSignal {
         name: signal.name.clone(),
         unit: signal.unit.clone(),

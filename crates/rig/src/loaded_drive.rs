@@ -76,7 +76,7 @@ impl LoadedDrive {
         for seconds in telling_cycles_seconds(trial, &trajectory) {
             let wanted = trajectory.at(seconds).position;
             if !(min - ROUNDING..=max + ROUNDING).contains(&wanted) {
-                let symbol = trial.wiring.unit.symbol();
+                let symbol = trial.wiring.measurand.unit.symbol();
                 return Err(format!(
                     "the set-point is {wanted} {symbol} at {seconds} s, beyond the rig's limits ({min} to {max} {symbol})"
                 ));

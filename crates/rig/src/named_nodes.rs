@@ -69,7 +69,7 @@ fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
             text: rig.eds.clone(),
         },
         None => {
-            let unit = &one.trial.wiring.unit;
+            let unit = &one.trial.wiring.measurand.unit;
             let si_position =
                 (*unit != Unit::Millimetres).then(|| (unit.si_position(), unit.word().to_owned()));
             let of_drive = OfDrive {

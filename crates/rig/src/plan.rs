@@ -417,7 +417,9 @@ impl ControlLoop {
     /// # Errors
     /// The database has none.
     pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
-        self.database.position_of(&self.nodes.drive.name)
+        let measured = self.trial.wiring.measurand.rename(names::POSITION);
+        let message = names::message(&self.nodes.drive.name, names::TPDO1);
+        self.database.signal_of(&message, &measured)
     }
 
     /// The current that its controller commands.
@@ -438,7 +440,8 @@ impl ControlLoop {
     pub fn plant_signals(&self) -> impl Iterator<Item = &Signal> {
         let messages = self.database.plant_messages(&self.nodes.drive.name);
         let signals = messages.flat_map(|message| &message.signals);
-        signals.filter(|signal| !signal.name.starts_with(names::TRUE_POSITION_IN))
+        let measured = self.trial.wiring.measurand.rename(names::TRUE_POSITION);
+        signals.filter(move |signal| signal.name != measured)
     }
 
     /// Whether a message is that of its drive, its io node or its law.

@@ -127,11 +127,14 @@ impl Wired<'_> {
             Ok(port) => port,
             Err(objection) => return Some(objection),
         };
-        if let Some(factor) = conversion(&port.unit, wiring.unit.word()) {
+        if let Some(factor) = conversion(&port.unit, wiring.measurand.unit.word()) {
             return self.range(port, factor);
         }
         let fitting = Unit::of_port(&port.unit);
-        let message = format!("`{}` cannot be measured in {}", port.name, wiring.unit);
+        let message = format!(
+            "`{}` cannot be measured in {}",
+            port.name, wiring.measurand.unit
+        );
         let units = fitting.iter().map(|unit| format!("unit = \"{unit}\""));
         let label = match Vec::from_iter(units).join(" or ") {
             none if none.is_empty() => "it has no unit".to_owned(),
@@ -146,7 +149,7 @@ impl Wired<'_> {
         let wiring = &self.trial.wiring;
         let [min, max] = wiring.range();
         let [lowest, highest] = port.range.map(|end| end * factor);
-        let (name, unit) = (&port.name, &wiring.unit);
+        let (name, unit) = (&port.name, &wiring.measurand.unit);
         let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
         let objection = |message: String, label: String| {
             let path = format!("node.{}.sensor", self.drive);
@@ -276,6 +279,8 @@ fn objection_at(path: String, message: String, label: String) -> Objection {
 
 #[cfg(test)]
 mod tests {
+    use scenario::port::Measurand;
+
     use super::*;
     use scenario::wiring::Wiring;
 
@@ -298,7 +303,7 @@ mod tests {
         scenario.wiring = Wiring {
             input: "current_amperes".to_owned(),
             output: "angle_degrees".to_owned(),
-            unit: Unit::Degrees,
+            measurand: Measurand::position(Unit::Degrees),
             position_min: -60.0,
             position_max: Some(60.0),
             fan: None,
@@ -326,7 +331,7 @@ mod tests {
     fn wires_to_ports_that_fit_are_passed() {
         assert_eq!(found(&ports(), |_| {}), None);
         assert_eq!(
-            found(&ports(), |wiring| wiring.unit = Unit::Revolutions),
+            found(&ports(), |wiring| wiring.measurand.unit = Unit::Revolutions),
             None
         );
     }
@@ -353,7 +358,7 @@ mod tests {
             "node.motor.sensor.port: the port `joint.current_amperes` is an input, and an output is needed here: outputs of `joint`: angle_degrees, winding_celsius"
         );
         assert_eq!(
-            found(&ports(), |wiring| wiring.unit = Unit::Millimetres).unwrap(),
+            found(&ports(), |wiring| wiring.measurand.unit = Unit::Millimetres).unwrap(),
             "node.motor.sensor.unit: `angle_degrees` cannot be measured in millimetres: write unit = \"degrees\" or unit = \"revolutions\""
         );
         assert_eq!(
@@ -373,7 +378,7 @@ mod tests {
         };
         let in_millimetres = |wiring: &mut Wiring, min: f64, max: Option<f64>| {
             wiring.output = "slide_metres".to_owned();
-            wiring.unit = Unit::Millimetres;
+            wiring.measurand.unit = Unit::Millimetres;
             (wiring.position_min, wiring.position_max) = (min, max);
         };
         let of = |range, min, max| found(&slide(range), |wiring| in_millimetres(wiring, min, max));

@@ -256,7 +256,7 @@ fn state(reading: &RunProgress) -> String {
     if reading.time.is_zero() {
         return "starting".to_owned();
     }
-    let symbol = reading.unit.symbol();
+    let symbol = reading.measurand.unit.symbol();
     // With room for all of it: memory of a text that grew at the end of the heap is not used again, and a run has ten each second.
     let mut text = String::with_capacity(STATE_BYTES);
     text += &format!("{:.1} s", reading.time.as_secs_f64());
@@ -483,7 +483,7 @@ mod tests {
     fn the_state_of_a_run_fits_beside_the_bar() {
         let reading = RunProgress {
             time: Duration::from_millis(9_140),
-            unit: scenario::port::Unit::default(),
+            measurand: scenario::port::Measurand::default(),
             position: Some(34.986),
             error: Some(0.014),
             lateness: Some(Duration::from_micros(143)),

@@ -47,7 +47,7 @@ impl Listener for EventLines {
 
 /// How far a run is, with the position in the unit of its first loop.
 fn reached(reading: &RunProgress) -> Value {
-    let position = reading.unit.rename("position_millimetres");
+    let position = reading.measurand.rename("position_millimetres");
     json!({
         "event": "reached",
         "time_seconds": reading.time.as_secs_f64(),
@@ -69,12 +69,12 @@ fn in_words(step: &PreflightEvent) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::port::Unit;
+    use scenario::port::{Measurand, Unit};
 
     #[test]
     fn a_position_is_in_the_unit_of_its_loop() {
         let reading = RunProgress {
-            unit: Unit::Degrees,
+            measurand: Measurand::position(Unit::Degrees),
             position: Some(12.5),
             ..RunProgress::default()
         };

@@ -135,7 +135,7 @@ fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
 
 /// Sines and chirps within the travel; single positions are in the schema's range already.
 fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Vec<Problem> {
-    let ([min, max], symbol) = (wiring.range(), wiring.unit.symbol());
+    let ([min, max], symbol) = (wiring.range(), wiring.measurand.unit.symbol());
     let sines = reference.sine.iter().enumerate();
     let sines = sines.map(|(index, sine)| {
         let (centre, amplitude) = (sine.centre_millimetres, sine.amplitude_millimetres);

@@ -4,13 +4,12 @@
 
 use crate::nearest::meant_or_known;
 use crate::own::is_name;
-use crate::port::{Port, Ports, Unit, conversion};
+use crate::port::{Measurand, Port, Ports, Unit, conversion};
 use crate::wiring::LoopOfRig;
 
 const METRES_PER_MILLIMETRE: f64 = 1e-3;
 const AMPERES: &str = "amperes";
 /// Beginnings of the names of what a law reads and writes.
-const POSITION: &str = "position_";
 const SET_POINT: &str = "set_point_";
 const CURRENT: &str = "current_";
 /// Ends of the names of a set-point's derivatives.
@@ -274,8 +273,8 @@ fn owner<'a>(port: &'a Port, loops: &[LoopOfRig]) -> Result<(usize, &'a str), Wr
         false => {
             let message = format!("the law's port `{}` names nothing", port.name);
             let label = format!(
-                "loop and quantity with a dot between them, as in \"{owner}.{POSITION}{}\"",
-                loops[place].unit
+                "loop and quantity with a dot between them, as in \"{owner}.{}_{}\"",
+                loops[place].measurand.signal, loops[place].measurand.unit
             );
             Err(wrong(message, label))
         }
@@ -285,13 +284,15 @@ fn owner<'a>(port: &'a Port, loops: &[LoopOfRig]) -> Result<(usize, &'a str), Wr
 fn reading(port: &Port, loops: &[LoopOfRig]) -> Result<Reading, WrongPort> {
     let (of_loop, name) = owner(port, loops)?;
     let one = &loops[of_loop];
-    let found = if let Some(unit) = name.strip_prefix(POSITION) {
-        factor(&one.unit, unit).map(|factor| (Quantity::Position, factor))
+    let Measurand { signal, unit: own } = &one.measurand;
+    let of_signal = name.strip_prefix(signal.as_str());
+    let found = if let Some(unit) = of_signal.and_then(|rest| rest.strip_prefix('_')) {
+        factor(own, unit).map(|factor| (Quantity::Position, factor))
     } else if one.is_led {
         None
     } else {
         name.strip_prefix(SET_POINT)
-            .and_then(|unit| set_point(&one.unit, unit))
+            .and_then(|unit| set_point(own, unit))
     };
     let Some((quantity, factor)) = found else {
         let message = format!("a law cannot read `{}`", port.name);
@@ -306,8 +307,9 @@ fn reading(port: &Port, loops: &[LoopOfRig]) -> Result<Reading, WrongPort> {
 
 /// What a law can read of a loop, for people.
 fn readable(one: &LoopOfRig) -> String {
-    let (name, unit) = (&one.name, &one.unit);
-    let position = format!("`{name}.{POSITION}{unit}`");
+    let Measurand { signal, unit } = &one.measurand;
+    let name = &one.name;
+    let position = format!("`{name}.{signal}_{unit}`");
     match one.is_led {
         true => format!("of this drive it is {position}"),
         false => format!(
@@ -385,7 +387,7 @@ mod tests {
         let one = |name: &str, drive: &str, unit, is_led| LoopOfRig {
             name: name.to_owned(),
             drive: drive.to_owned(),
-            unit,
+            measurand: Measurand::position(unit),
             is_led,
         };
         vec![

@@ -35,7 +35,7 @@ use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
 use crate::outside::Outside;
 use crate::own::{Own, Section};
-use crate::port::Unit;
+use crate::port::Measurand;
 use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
 use crate::structure;
@@ -157,10 +157,10 @@ pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
     read_text(path, SCENARIO_BYTES_MAX).map_err(|error| ScenarioError::unreadable(path, &error))
 }
 
-/// Problems of a loop in its own unit.
-pub(crate) fn in_unit(problems: Vec<Problem>, unit: &Unit) -> Vec<Problem> {
+/// Problems of a loop in its own names.
+pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Problem> {
     let problems = problems.into_iter();
-    let problems = problems.map(|problem| problem.renamed(|text| unit.rename_keys(text)));
+    let problems = problems.map(|problem| problem.renamed(|text| measurand.rename_keys(text)));
     problems.collect()
 }
 

@@ -39,6 +39,8 @@ pub enum Width {
 
 /// Largest real number of 32 bits.
 const REAL_MAX: f64 = 3.402_823_5e38;
+/// Name of the signal of a sensor that has none.
+const POSITION: &str = "position";
 /// A position on the bus is in thousandths of its unit, in 32 bits.
 const POSITION_STEPS: f64 = 1e3;
 const POSITION_RANGE: [f64; 2] = [-2_147_483.648, 2_147_483.647];
@@ -373,6 +375,13 @@ const KEYS_OF_POSITIONS: [&str; 8] = [
     "height_millimetres",
 ];
 
+/// What is recorded of a position.
+const NAMES_ON_THE_BUS: [&str; 3] = [
+    "position_millimetres",
+    "true_position_millimetres",
+    "reference_position_millimetres",
+];
+
 /// The unit in which a loop counts its position: of its set-points, its limits, and what is recorded of it.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub enum Unit {
@@ -457,36 +466,89 @@ impl Unit {
         prefix << 24 | unit << 16
     }
 
-    /// A name of the bench, which has the unit of a position, as it is for this unit: `position_millimetres` is `position_degrees`.
+    /// A name of the bench, which has the unit of a position, as it is for this unit.
     #[must_use]
     pub fn rename(&self, name: &str) -> String {
-        match self {
-            Self::Millimetres => name.to_owned(),
-            unit => exchanged(name, Self::Millimetres.word(), unit.word()),
+        exchanged(name, Self::Millimetres.word(), self.word())
+    }
+}
+
+/// What a loop measures and controls: a signal in a unit.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct Measurand {
+    /// Name of the signal.
+    pub signal: String,
+    /// Its unit.
+    pub unit: Unit,
+}
+
+impl Default for Measurand {
+    fn default() -> Self {
+        Self::position(Unit::default())
+    }
+}
+
+impl Measurand {
+    /// A position.
+    #[must_use]
+    pub fn position(unit: Unit) -> Self {
+        Self {
+            signal: POSITION.to_owned(),
+            unit,
         }
     }
 
-    /// As [`Unit::rename`], for words with keys in them, among them gains of laws, which are by one of the unit.
+    /// Names of the bench, which have the unit of a position, as they are for this signal: `position_millimetres` is
+    /// `speed_revolutions_per_minute`.
+    #[must_use]
+    pub fn rename(&self, text: &str) -> String {
+        let words = text.split_inclusive(|c: char| !c.is_alphanumeric() && c != '_');
+        words.map(|word| self.rename_word(word)).collect()
+    }
+
+    /// In words, as the title of a plot.
+    #[must_use]
+    pub fn title(&self) -> String {
+        let words = self.signal.replace('_', " ");
+        let mut letters = words.chars();
+        let first = letters.next().into_iter().flat_map(char::to_uppercase);
+        first.chain(letters).collect()
+    }
+
+    /// What a name of the signal is for a position; other names stay.
+    #[must_use]
+    pub fn as_position<'n>(&self, name: &'n str) -> &'n str {
+        let mut known = NAMES_ON_THE_BUS.into_iter();
+        known
+            .find(|known| self.rename(known) == name)
+            .unwrap_or(name)
+    }
+
+    fn rename_word(&self, word: &str) -> String {
+        let millimetres = Unit::Millimetres;
+        let marked = exchanged(word, millimetres.word(), "{unit}");
+        if marked == word {
+            return marked;
+        }
+        let named = exchanged(&marked, POSITION, &self.signal);
+        named.replace("{unit}", self.unit.word())
+    }
+
+    /// As [`Measurand::rename`], for words with keys in them, among them gains of laws, which are by one of the unit.
     #[must_use]
     pub fn rename_keys(&self, text: &str) -> String {
         let text = self.rename(text);
-        if *self == Self::Millimetres {
+        if self.unit == Unit::Millimetres {
             return text;
         }
         let gains = ["amperes_per_", "ampere_seconds_per_"];
         gains.into_iter().fold(text, |text, gain| {
-            let own = format!("{gain}{}", self.singular());
+            let own = format!("{gain}{}", singular(self.unit.word()));
             text.replace(&format!("{gain}metre"), &own)
         })
     }
 
-    /// One of it, in words.
-    #[must_use]
-    pub fn singular(&self) -> String {
-        singular(self.word())
-    }
-
-    /// The other way round: as the bench calls it. What is no name of a position stays as it is, whatever its unit.
+    /// The other way round: as the bench calls it. What is no name of the signal stays as it is, whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
         let metrics = METRICS
@@ -568,7 +630,8 @@ mod tests {
 
     #[test]
     fn names_take_the_unit_of_their_loop() {
-        let degrees = Unit::Degrees;
+        let degrees = Measurand::position(Unit::Degrees);
+        let millimetres = Measurand::default();
         for (name, of_degrees) in [
             ("position_millimetres", "position_degrees"),
             (
@@ -581,7 +644,7 @@ mod tests {
         ] {
             assert_eq!(degrees.rename(name), of_degrees);
             assert_eq!(degrees.canonical(of_degrees), name);
-            assert_eq!(Unit::Millimetres.rename(name), name);
+            assert_eq!(millimetres.rename(name), name);
         }
         assert_eq!(degrees.rename("kilomillimetres"), "kilomillimetres");
         let path = degrees.rename("drive_tpdo1.position_millimetres");
@@ -590,16 +653,25 @@ mod tests {
             degrees.rename_keys("`proportional_amperes_per_metre` of position_millimetres"),
             "`proportional_amperes_per_degree` of position_degrees"
         );
-        // A limit on a temperature is none on the position, even where that is a temperature.
-        let celsius = Unit::Own("celsius".to_owned());
-        assert_eq!(
-            celsius.canonical("temperature_celsius"),
-            "temperature_celsius"
-        );
-        assert_eq!(
-            celsius.canonical("position_celsius"),
-            "position_millimetres"
-        );
+        let temperature = Measurand {
+            signal: "temperature".to_owned(),
+            unit: Unit::Own("celsius".to_owned()),
+        };
+        for (name, of_temperature) in [
+            ("position_millimetres", "temperature_celsius"),
+            ("position_millimetres_max", "temperature_celsius_max"),
+            ("centre_millimetres", "centre_celsius"),
+            (
+                "drive_tpdo2.true_position_millimetres",
+                "drive_tpdo2.true_temperature_celsius",
+            ),
+            (
+                "a position of the position_filter_hertz",
+                "a position of the position_filter_hertz",
+            ),
+        ] {
+            assert_eq!(temperature.rename(name), of_temperature);
+        }
     }
 
     #[test]

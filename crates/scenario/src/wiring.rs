@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::node::LoopNodes;
-use crate::port::{Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in};
+use crate::port::{Measurand, Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in};
 
 /// Outputs that a drive can publish: what fits TPDO2, beside the true position, and TPDO3.
 pub const RECORDED_MAX: usize = 6;
@@ -24,8 +24,8 @@ pub struct LoopOfRig {
     pub name: String,
     /// Its first drive.
     pub drive: String,
-    /// Its unit.
-    pub unit: Unit,
+    /// What it measures.
+    pub measurand: Measurand,
     /// Whether it stands for a drive that the law of another loop leads.
     pub is_led: bool,
 }
@@ -41,8 +41,8 @@ pub struct Wiring {
     pub input: String,
     /// The output of the plant that its sensor reads; the plant's first one if empty.
     pub output: String,
-    /// The unit of its positions.
-    pub unit: Unit,
+    /// What it measures.
+    pub measurand: Measurand,
     /// The lowest position that its sensor gives, in that unit.
     pub position_min: f64,
     /// The highest one; 60 mm if none.
@@ -89,7 +89,7 @@ impl Default for Wiring {
             plant: String::new(),
             input: String::new(),
             output: String::new(),
-            unit: Unit::Millimetres,
+            measurand: Measurand::default(),
             position_min: 0.0,
             position_max: None,
             fan: Some("convection_factor".to_owned()),
@@ -134,7 +134,7 @@ impl Wiring {
     /// Whether set-points have another range or another unit than 0 to 60 mm.
     #[must_use]
     pub fn is_other_travel(&self) -> bool {
-        self.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
+        self.measurand.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
     }
 
     /// The place of the output that the sensor reads.
@@ -355,7 +355,7 @@ mod tests {
         Wiring {
             input: input.to_owned(),
             output: "angle_degrees".to_owned(),
-            unit: Unit::Degrees,
+            measurand: Measurand::position(Unit::Degrees),
             beside: beside.iter().map(|name| (*name).to_owned()).collect(),
             is_second,
             ..Wiring::default()

@@ -102,7 +102,7 @@ impl Nodes {
         let travels = travel / shipped;
         let of_drive = |(key, value): (String, Value)| match value {
             Value::Float(height) if key.contains("millimetres") => {
-                (wiring.unit.rename(&key), (height * travels).into())
+                (wiring.measurand.rename(&key), (height * travels).into())
             }
             value => (key, value),
         };

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use crate::verdict::Verdict;
 use recording::timeline::Timeline;
 use rig::plan::ControlLoop;
-use scenario::port::{Unit, symbol_of};
+use scenario::port::{Measurand, symbol_of};
 
 /// The name under which the set-point is compared, in its loop's unit; it shows whether both runs wanted the same.
 pub(super) const SET_POINT: &str = "set_point_millimetres";
@@ -77,7 +77,7 @@ pub struct UnknownName(pub String);
 pub struct Scale {
     /// What stands before the names of the loop; empty for the only one.
     prefix: String,
-    unit: Unit,
+    measurand: Measurand,
     range: f64,
 }
 
@@ -89,7 +89,7 @@ impl Scale {
         let [min, max] = wiring.range();
         Self {
             prefix: one.prefix(),
-            unit: wiring.unit.clone(),
+            measurand: wiring.measurand.clone(),
             range: max - min,
         }
     }
@@ -119,7 +119,7 @@ impl Tolerances<'_> {
             let own = name.strip_prefix(&timeline.prefix()).unwrap_or(name);
             let unit = symbol_of(name);
             let mut columns = timeline.columns.iter();
-            own == timeline.unit.rename(SET_POINT)
+            own == timeline.measurand.rename(SET_POINT)
                 || columns.any(|column| column.name == own || column.unit == unit)
         };
         let is_known = |name: &str| {
@@ -156,9 +156,9 @@ impl Tolerances<'_> {
     fn default_of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
         let scale = self.scales.iter().find(|scale| scale.prefix == prefix);
         match scale {
-            Some(scale) if name == scale.unit.rename(SET_POINT) => SET_POINT_TOLERANCE,
+            Some(scale) if name == scale.measurand.rename(SET_POINT) => SET_POINT_TOLERANCE,
             _ if name.starts_with(SATURATION) => f64::INFINITY,
-            Some(scale) if unit == scale.unit.symbol() => SHARE_OF_RANGE * scale.range,
+            Some(scale) if unit == scale.measurand.unit.symbol() => SHARE_OF_RANGE * scale.range,
             _ => {
                 let known = UNIT_TOLERANCES.iter().find(|(known, _)| *known == unit);
                 known.map_or(f64::INFINITY, |(_, tolerance)| *tolerance)
@@ -173,8 +173,8 @@ impl Tolerances<'_> {
             let own = name.strip_prefix(&scale.prefix);
             let own = own.map(|own| own.strip_prefix(TRUE).unwrap_or(own));
             let is_contour = name.contains(CONTOUR);
-            is_contour && name.contains(scale.unit.word())
-                || own.is_some_and(|own| scale.unit.canonical(own).contains(MILLIMETRES))
+            is_contour && name.contains(scale.measurand.unit.word())
+                || own.is_some_and(|own| scale.measurand.canonical(own).contains(MILLIMETRES))
         });
         let range = ranges.map(|scale| scale.range).reduce(f64::max);
         range.map(|range| METRIC_SHARE_OF_RANGE * range)
@@ -200,12 +200,14 @@ impl Tolerances<'_> {
 
 #[cfg(test)]
 mod tests {
+    use scenario::port::Unit;
+
     use super::*;
 
     fn scale(prefix: &str, unit: Unit, range: f64) -> Scale {
         Scale {
             prefix: prefix.to_owned(),
-            unit,
+            measurand: Measurand::position(unit),
             range,
         }
     }

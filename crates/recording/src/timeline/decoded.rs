@@ -6,7 +6,7 @@ use std::time::Duration;
 use platform::series::Series;
 use rig::plan::prefix_of;
 use scenario::expect::Emergency;
-use scenario::port::Unit;
+use scenario::port::Measurand;
 
 use crate::drive_reports::DriveReports;
 use crate::events::{Event, Events};
@@ -77,8 +77,8 @@ pub struct Timeline {
     pub temperature_silence: Option<(f64, f64)>,
     /// The raw set-point of the scenario per row; NaN where the scenario has none.
     pub set_point_millimetres: Series<f64>,
-    /// The unit of its positions and of their names; `millimetres` in this code stands for it.
-    pub unit: Unit,
+    /// What the loop measures; `position_millimetres` in this code stands for it.
+    pub measurand: Measurand,
     pub columns: Vec<Column>,
     /// The frames that canrig's nodes may send, counted.
     pub sources: Sources,
@@ -120,7 +120,7 @@ impl Timeline {
     #[must_use]
     pub fn column(&self, name: &str) -> Option<&Column> {
         let by = |name: &str| self.columns.iter().find(|column| column.name == name);
-        by(name).or_else(|| by(&self.unit.rename(name)))
+        by(name).or_else(|| by(&self.measurand.rename(name)))
     }
 
     /// The measured position in millimetres.
@@ -177,7 +177,7 @@ impl Timeline {
             time_seconds: part(&self.time_seconds),
             set_point_millimetres: part(&self.set_point_millimetres),
             columns: columns.collect(),
-            unit: self.unit.clone(),
+            measurand: self.measurand.clone(),
             uncommanded: Series::default(),
             late_commands: Series::default(),
             syncs_seconds: Series::default(),
@@ -241,8 +241,8 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
     for timeline in timelines {
         let prefix = timeline.prefix();
         let set_point = (
-            timeline.unit.rename("set_point_millimetres"),
-            timeline.unit.symbol(),
+            timeline.measurand.rename("set_point_millimetres"),
+            timeline.measurand.unit.symbol(),
             &timeline.set_point_millimetres,
         );
         let columns = timeline.columns.iter();

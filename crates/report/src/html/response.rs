@@ -22,7 +22,7 @@ const CURVES: [Curve; 3] = [
 ];
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let symbol = shown_unit(run.timeline.unit.symbol());
+    let symbol = shown_unit(run.timeline.measurand.unit.symbol());
     let responses = frequency_responses(run.timeline, run.own);
     let points = || responses.iter().flatten();
     html! {

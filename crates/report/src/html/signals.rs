@@ -33,7 +33,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let mut in_time = vec![position(run)];
     let (close_ups, left_out) = close_ups(run);
     in_time.extend(close_ups);
-    let mut error_plot = Plot::over_time("Error", shown_unit(timeline.unit.symbol()));
+    let mut error_plot = Plot::over_time("Error", shown_unit(timeline.measurand.unit.symbol()));
     error_plot.draw(
         "set-point − measured",
         Colour::Measured,
@@ -68,7 +68,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
         plot.patches.extend(faults(run.own));
     }
     html! {
-        (super::heading(run, "Position"))
+        (super::heading(run, &timeline.measurand.title()))
         div.plots { (in_time[0].render()) }
         (super::heading(run, "Signals"))
         div.plots.even {
@@ -196,7 +196,10 @@ fn of_another_plant<'a>(
 fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     let timeline = run.timeline;
     let time = &timeline.time_seconds;
-    let mut plot = Plot::over_time("Position", shown_unit(timeline.unit.symbol()));
+    let mut plot = Plot::over_time(
+        timeline.measurand.title(),
+        shown_unit(timeline.measurand.unit.symbol()),
+    );
     plot.patches = run
         .own
         .trial
@@ -260,7 +263,7 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
 
 /// Steps and disturbances.
 fn sudden(trial: &Trial) -> Vec<Stretch> {
-    let symbol = shown_unit(trial.wiring.unit.symbol());
+    let symbol = shown_unit(trial.wiring.measurand.unit.symbol());
     let steps = trial.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);

@@ -109,8 +109,12 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let unit = shown_unit(page.own.trial.wiring.unit.symbol());
-        let mut left = vec![self.plot(&format!("Position ({unit})"), "position", 2.2)?];
+        let unit = shown_unit(page.own.trial.wiring.measurand.unit.symbol());
+        let mut left = vec![self.plot(
+            &format!("{} ({unit})", page.own.trial.wiring.measurand.title()),
+            "position",
+            2.2,
+        )?];
         if has("error") {
             left.push(self.plot(&format!("Error ({unit})"), "error", 1.2)?);
         }

@@ -139,8 +139,8 @@ impl<'o, 'a> Recording<'o, 'a> {
         let trial = self.trial;
         let factors = asked(trial, timeline, 1.0, |command| command.convection_factor);
         let grams = asked(trial, timeline, 0.0, |command| command.added_grams);
-        let [set_point, error_name] =
-            ["set_point_millimetres", "error_millimetres"].map(|name| timeline.unit.rename(name));
+        let [set_point, error_name] = ["set_point_millimetres", "error_millimetres"]
+            .map(|name| timeline.measurand.rename(name));
         let own = [
             (set_point.as_str(), &*timeline.set_point_millimetres),
             (error_name.as_str(), &*error),
@@ -156,7 +156,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         // Most signals have the same rows, so the times are made once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in own.into_iter().chain(columns) {
-            let style = self.style(name, values);
+            let style = self.style(timeline.measurand.as_position(name), values);
             let rows = match self.known {
                 Known::Thinned => Rows::extremes(values, stretch),
                 known => Rows::new(values, style.group, known),
@@ -222,7 +222,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             let times = times::columns(moments.into_iter());
             for (side, edge) in [("upper", band), ("lower", -band)] {
                 let number = number + 1;
-                let unit = &timeline.unit;
+                let unit = &timeline.measurand.unit;
                 let path = format!("position/settling_band/step_{number}/{side}_{unit}");
                 if !self.styled.contains(&path) {
                     let look = line("settling band", groups::GREY).with_widths([1.0]);

@@ -11,7 +11,6 @@ use crate::error::Problem;
 use crate::load::{InUnit, in_unit};
 use crate::nearest::meant_or_known;
 use crate::node::{Node, Part};
-use crate::port::Unit;
 use crate::rig::nodes::{NodeKind, Rig};
 use crate::schema;
 use crate::structure::{self, number};
@@ -226,18 +225,17 @@ impl<'text> Reader<'_, 'text> {
         let mut tree: DeTable<'text> = section.into_iter().collect();
         let drive = node.filter(|node| node.part == Part::Drive);
         let wiring = drive.map(|node| self.rig.wiring_of(&node.name));
-        let unit = wiring
-            .as_ref()
-            .map_or(Unit::Millimetres, |one| one.unit.clone());
+        let measurand = wiring.as_ref().map(|one| one.measurand.clone());
+        let measurand = measurand.unwrap_or_default();
         if let Some(wiring) = &wiring {
             let units = InUnit {
                 source: &self.document.source,
-                unit: &unit,
+                measurand: &measurand,
                 of_loop: &wiring.of_loop,
             };
             units.rename(&mut tree).map_err(one)?;
         }
-        let problems = in_unit(self.check(tree.clone()), &unit);
+        let problems = in_unit(self.check(tree.clone()), &measurand);
         if !problems.is_empty() {
             return Err(problems);
         }

@@ -40,8 +40,6 @@ fn an_input(output: &str) -> &'static str {
     }
 }
 
-/// The signal of a drive that a loop can follow.
-const POSITION: &str = "position";
 /// The signal of a drive that a loop commands.
 const CURRENT: &str = "current";
 
@@ -608,6 +606,19 @@ impl Check<'_> {
         })
     }
 
+    /// The signal of a drive that a loop can follow.
+    fn signal_of(&self, drive: &str) -> String {
+        let sensor = self
+            .rig
+            .node
+            .get(drive)
+            .and_then(|node| node.sensor.as_ref());
+        sensor
+            .map(|sensor| sensor.measurand())
+            .unwrap_or_default()
+            .signal
+    }
+
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
         let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
         let path = format!("loop.{name}.feedback");
@@ -616,12 +627,13 @@ impl Check<'_> {
         if first != node {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which is not of its first drive");
-            let label = format!("write \"{first}.{POSITION}\"");
+            let label = format!("write \"{first}.{}\"", self.signal_of(first));
             return Some(self.document.problem(&path, message, label));
         }
-        (signal != POSITION).then(|| {
+        let measured = self.signal_of(node);
+        (signal != measured).then(|| {
             let message = format!("a drive has no signal `{signal}` that a loop can follow");
-            let label = format!("write \"{node}.{POSITION}\"");
+            let label = format!("write \"{node}.{measured}\"");
             self.document.problem(&path, message, label)
         })
     }

@@ -215,7 +215,7 @@ fn resolve(
     let mut loops = Vec::new();
     for (name, tree) in tables {
         let wiring = rig.wiring_of(rig.drive_of_loop(&name));
-        let unit = wiring.unit.clone();
+        let measurand = wiring.measurand.clone();
         let mut reader = TrialReader {
             document: document.with_root(tree),
             rig: &rig,
@@ -227,7 +227,7 @@ fn resolve(
         };
         match reader.read(wiring) {
             Ok(one) => loops.extend(one),
-            Err(found) => problems.extend(in_unit(found, &unit)),
+            Err(found) => problems.extend(in_unit(found, &measurand)),
         }
     }
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {

@@ -133,7 +133,7 @@ impl<'text> Selector<'_, 'text> {
         let wiring = self.rig.wiring_of(self.drive(name));
         let units = InUnit {
             source: &self.scenario.source,
-            unit: &wiring.unit,
+            measurand: &wiring.measurand,
             of_loop: name,
         };
         units.rename(&mut tables)?;

@@ -763,10 +763,54 @@ fn a_loop_of_two_drives_is_one_with_a_law_and_one_that_it_leads() {
 }
 
 #[test]
+fn gains_and_names_are_those_of_the_loop() {
+    let spindle = JOINT_RIG.replacen("sensor = {", "sensor = { signal = \"tilt\",", 1);
+    let spindle = spindle.replace("flexor.position", "flexor.tilt");
+    let tilted = JOINT.replacen("position_degrees", "tilt_degrees", 1);
+    load_text(&tilted, &spindle).unwrap();
+    for (scenario, rig, right, wrong, said) in [
+        (
+            JOINT,
+            JOINT_RIG,
+            "amperes_per_degree = 0.03",
+            "amperes_per_revolution = 36.0",
+            "write `proportional_amperes_per_degree = 0.1`",
+        ),
+        (
+            JOINT,
+            JOINT_RIG,
+            "amperes_per_degree = 0.03",
+            "amperes_per_metre = 36.0",
+            "write `proportional_amperes_per_degree`",
+        ),
+        (
+            &tilted,
+            &spindle,
+            "tilt_degrees",
+            "position_degrees",
+            "write `tilt_degrees`",
+        ),
+        (
+            &tilted,
+            &spindle,
+            "tilt_degrees",
+            "tilt_millimetres",
+            "write `tilt_degrees`",
+        ),
+    ] {
+        let error = load_text(&scenario.replacen(right, wrong, 1), rig).unwrap_err();
+        assert!(error.contains(said), "{wrong}: {error}");
+    }
+    let error = load_text(&tilted, &spindle.replace("flexor.tilt", "flexor.position"));
+    let error = error.unwrap_err();
+    assert!(error.contains("write \"flexor.tilt\""), "{error}");
+}
+
+#[test]
 fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     let loops = load_text(JOINT, JOINT_RIG).unwrap();
     let angle = &loops.loops[0];
-    assert_eq!(angle.wiring.unit.word(), "degrees");
+    assert_eq!(angle.wiring.measurand.unit.word(), "degrees");
     assert_eq!(angle.wiring.range(), [-60.0, 60.0]);
     let law = angle.controller.pid_pair.as_ref().unwrap();
     assert!((law.proportional_amperes_per_metre - 0.03).abs() < 1e-12);
@@ -793,16 +837,6 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
             "= -20.0",
             "= -70.0",
             "`reference.step.position_degrees` = -70 is out of range",
-        ),
-        (
-            "amperes_per_degree = 0.03",
-            "amperes_per_revolution = 36.0",
-            "write `proportional_amperes_per_degree = 0.1`",
-        ),
-        (
-            "amperes_per_degree = 0.03",
-            "amperes_per_metre = 36.0",
-            "write `proportional_amperes_per_degree`",
         ),
         (
             "proportional_amperes_per_degree",

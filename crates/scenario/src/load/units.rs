@@ -4,12 +4,14 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
 use crate::error::{Problem, Source};
+use crate::metrics::METRICS;
 use crate::own::leads_all;
-use crate::port::{Unit, conversion, singular, unit_at_start};
+use crate::port::{Measurand, Unit, conversion, singular, unit_at_start};
 use crate::structure::number;
 
 /// Where names have the unit of a position.
-const SECTIONS: [&str; 3] = ["reference", "fault", "expect"];
+const SECTIONS: [&str; 3] = ["reference", "fault", EXPECT];
+const EXPECT: &str = "expect";
 /// Where names have it as the one by which something is divided: gains of laws.
 const LAW: &str = "controller";
 /// Beginnings of the names of gains.
@@ -22,7 +24,7 @@ const UNITS: [&str; 3] = ["millimetres", "degrees", "revolutions"];
 /// The names of one loop.
 pub(crate) struct InUnit<'a> {
     pub(crate) source: &'a Source,
-    pub(crate) unit: &'a Unit,
+    pub(crate) measurand: &'a Measurand,
     pub(crate) of_loop: &'a str,
 }
 
@@ -35,34 +37,35 @@ impl InUnit<'_> {
         for (key, value) in tree.iter_mut() {
             let section: &str = key.get_ref();
             if SECTIONS.contains(&section) {
-                self.positions(value.get_mut())?;
+                self.positions(section == EXPECT, value.get_mut())?;
             } else if section == LAW
                 && let DeValue::Table(laws) = value.get_mut()
             {
                 // A law of all loops states the units in the names of its ports.
-                let of_loop = laws.iter_mut().filter(|(law, _)| !leads_all(law.get_ref()));
-                of_loop
-                    .map(|(_, law)| self.gains(law.get_mut()))
-                    .collect::<Result<(), _>>()?;
+                let mut of_loop = laws.iter_mut().filter(|(law, _)| !leads_all(law.get_ref()));
+                of_loop.try_for_each(|(_, law)| self.gains(law.get_mut()))?;
             }
         }
         Ok(())
     }
 
-    fn positions(&self, value: &mut DeValue<'_>) -> Result<(), Problem> {
+    /// In `[expect]` the name of another metric stays, as `temperature_celsius` in a loop of a temperature.
+    fn positions(&self, is_expect: bool, value: &mut DeValue<'_>) -> Result<(), Problem> {
         match value {
             DeValue::Table(table) => {
                 for (mut key, mut below) in std::mem::take(table) {
                     self.check(&key)?;
-                    let name = self.unit.canonical(key.get_ref());
-                    *key.get_mut() = name.into();
-                    self.positions(below.get_mut())?;
+                    if !(is_expect && METRICS.iter().any(|one| one.name == key.get_ref())) {
+                        let name = self.measurand.canonical(key.get_ref());
+                        *key.get_mut() = name.into();
+                    }
+                    self.positions(is_expect, below.get_mut())?;
                     table.insert(key, below);
                 }
             }
             DeValue::Array(array) => {
                 for below in array.iter_mut() {
-                    self.positions(below.get_mut())?;
+                    self.positions(is_expect, below.get_mut())?;
                 }
             }
             _ => {}
@@ -72,18 +75,27 @@ impl InUnit<'_> {
 
     /// A name whose unit is that of another kind of loop.
     fn check(&self, key: &Spanned<DeString<'_>>) -> Result<(), Problem> {
-        let (name, unit): (&str, _) = (key.get_ref(), self.unit);
-        let others = UNITS.into_iter().filter(|other| *other != unit.word());
-        let wrong = others.map(Unit::of_word).find_map(|other| {
+        let (name, own): (&str, _) = (key.get_ref(), self.measurand);
+        let unit = &own.unit;
+        let units = UNITS.map(Unit::of_word).into_iter().chain([unit.clone()]);
+        let others = units.flat_map(|unit| {
+            let position = Measurand::position(unit.clone());
+            let signal = own.signal.clone();
+            [Measurand { signal, unit }, position]
+        });
+        let wrong = others.filter(|other| other != own).find_map(|other| {
             let canonical = other.canonical(name);
-            (canonical != name || other == Unit::Millimetres)
-                .then(|| unit.rename(&canonical))
+            (canonical != name || other == Measurand::default())
+                .then(|| own.rename(&canonical))
                 .filter(|right| right != name)
         });
         let Some(right) = wrong else {
             return Ok(());
         };
-        let message = format!("the loop `{}` is in {unit}", self.of_loop);
+        let message = match name.contains(unit.word()) {
+            true => format!("the loop `{}` is of a {}", self.of_loop, own.signal),
+            false => format!("the loop `{}` is in {unit}", self.of_loop),
+        };
         let label = format!("write `{right}`");
         Err(self.source.problem(key.span(), message, label))
     }
@@ -109,9 +121,9 @@ impl InUnit<'_> {
 
     /// Unit by which the loop's gains are.
     fn unit_of_gains(&self) -> &str {
-        match self.unit {
+        match self.measurand.unit {
             Unit::Millimetres => "metres",
-            unit => unit.word(),
+            ref unit => unit.word(),
         }
     }
 

@@ -12,7 +12,7 @@ use super::{
 use crate::bus::Bus;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{self, PlantModel};
-use crate::port::Unit;
+use crate::port::{Measurand, Unit};
 use crate::wiring::{LedBy, LoopOfRig, Plausible, Wiring};
 
 /// The largest node-ID of an emulated node. Its second SDO channel and its truth frames have identifiers that are the first
@@ -167,7 +167,7 @@ impl Rig {
             plant: self.plant_of(drive).unwrap_or_default().to_owned(),
             input: amplifier_port(node).unwrap_or_default(),
             output: name_of(sensor.port.as_deref()).unwrap_or_default(),
-            unit: sensor.unit(),
+            measurand: sensor.measurand(),
             position_min: sensor.min.unwrap_or_default(),
             position_max: sensor.max,
             fan: name_of(outputs.port(FAN_OUTPUT)),
@@ -216,7 +216,7 @@ impl Rig {
         let sensor = self.node.get(&drive).and_then(|node| node.sensor.as_ref());
         LoopOfRig {
             name: name.clone(),
-            unit: sensor.map_or_else(Unit::default, Sensor::unit),
+            measurand: sensor.map_or_else(Measurand::default, Sensor::measurand),
             drive,
             is_led: one.led_by.is_some(),
         }
@@ -495,6 +495,10 @@ pub struct Sensor {
     #[schemars(length(min = 1, max = 200))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
+    /// The name of what it measures, as in `"speed"`: that of the signal, of set-points and of limits. `position` if absent.
+    #[schemars(length(min = 1, max = 64))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub signal: Option<String>,
     /// The unit of the other keys, of all positions of the drive and of its loop's set-points and limits: `millimetres` for a
     /// length, `degrees` or `revolutions` for an angle, else the port's own. `millimetres` if absent.
     #[schemars(length(min = 1, max = 64))]
@@ -541,12 +545,18 @@ impl Sensor {
         }
     }
 
-    /// The unit of its positions.
+    /// What it measures.
     #[must_use]
-    pub fn unit(&self) -> Unit {
-        self.unit
-            .as_deref()
-            .map_or(Unit::Millimetres, Unit::of_word)
+    pub fn measurand(&self) -> Measurand {
+        let unit = self.unit.as_deref();
+        let position = Measurand::position(unit.map_or(Unit::Millimetres, Unit::of_word));
+        match &self.signal {
+            Some(signal) => Measurand {
+                signal: signal.clone(),
+                ..position
+            },
+            None => position,
+        }
     }
 }
 

@@ -262,7 +262,7 @@ fn heat(
     let progress = ProgressReader::new(ramp.leading())?;
     let clock = ramp.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
-    let unit = &one.trial.wiring.unit;
+    let unit = &one.trial.wiring.measurand.unit;
     let mut heating = Heating::new(&drive, ramp.scenario_clock()?, unit);
     let mut is_enough = |capture: &Capture<'_>| {
         heating.follow(capture);
@@ -301,7 +301,7 @@ fn emulated(one: &ControlLoop) -> RealDrive {
     let drive = RigDrive {
         node_id: one.place.drive_node_id,
         position: PositionObject {
-            increments_per_unit: wiring.unit.counts(),
+            increments_per_unit: wiring.measurand.unit.counts(),
             resolution: travel / STEPS_OF_TRAVEL,
             ..PositionObject::default()
         },

@@ -167,7 +167,7 @@ pub(super) fn to_html(
 /// The position first, then what diverges most; under each signal the difference.
 fn plots(comparison: &Comparison, [a, b]: [&[Timeline]; 2]) -> Vec<Markup> {
     let names = a.iter().map(|timeline| {
-        let position = timeline.unit.rename("position_millimetres");
+        let position = timeline.measurand.rename("position_millimetres");
         format!("{}{position}", timeline.prefix())
     });
     let names = Vec::from_iter(names);

@@ -13,12 +13,21 @@ impl Check<'_> {
         let drives = drives.filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
         for (name, node, sensor) in drives {
             let path = |key: &str| format!("node.{name}.{key}");
-            let unit = sensor.unit();
+            let unit = sensor.measurand().unit;
             if !is_name(unit.word()) {
                 let message = format!("`{unit}` is no unit");
                 let label = "a word, as names of ports end in: degrees";
                 problems.push(self.document.problem(&path("sensor.unit"), message, label));
                 continue;
+            }
+            let signal = sensor.measurand().signal;
+            if !is_name(&signal) {
+                let message = format!("`{signal}` is no name of a signal");
+                let label = "a word, as in signal = \"speed\"";
+                problems.push(
+                    self.document
+                        .problem(&path("sensor.signal"), message, label),
+                );
             }
             if unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
                 let message = format!("the sensor of `{name}` has no range");
