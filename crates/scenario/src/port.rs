@@ -502,8 +502,16 @@ impl Measurand {
     /// `speed_revolutions_per_minute`.
     #[must_use]
     pub fn rename(&self, text: &str) -> String {
+        if self.is_canonical() || !text.contains(Unit::Millimetres.word()) {
+            return text.to_owned();
+        }
         let words = text.split_inclusive(|c: char| !c.is_alphanumeric() && c != '_');
         words.map(|word| self.rename_word(word)).collect()
+    }
+
+    /// Whether the names of the bench are its own.
+    fn is_canonical(&self) -> bool {
+        self.unit == Unit::Millimetres && self.signal == POSITION
     }
 
     /// In words, as the title of a plot.
@@ -551,6 +559,9 @@ impl Measurand {
     /// The other way round: as the bench calls it. What is no name of the signal stays as it is, whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
+        if self.is_canonical() || !name.contains(self.unit.word()) {
+            return name.to_owned();
+        }
         let metrics = METRICS
             .iter()
             .filter(|metric| metric.is_in_unit_of_position());

@@ -77,6 +77,10 @@ impl InUnit<'_> {
     fn check(&self, key: &Spanned<DeString<'_>>) -> Result<(), Problem> {
         let (name, own): (&str, _) = (key.get_ref(), self.measurand);
         let unit = &own.unit;
+        let has_unit = UNITS.iter().any(|unit| name.contains(unit)) || name.contains(unit.word());
+        if !has_unit {
+            return Ok(());
+        }
         let units = UNITS.map(Unit::of_word).into_iter().chain([unit.clone()]);
         let others = units.flat_map(|unit| {
             let position = Measurand::position(unit.clone());
