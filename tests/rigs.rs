@@ -70,24 +70,24 @@ fn a_new_rig_is_checked_with_its_arithmetic_and_its_scenario_passes() {
     assert!((29.0..31.0).contains(&highest), "{highest}");
 }
 
+/// The folders of a scenario's runs that pass: in processes in lock-step, and in one process.
+fn in_both_worlds(folder: &Path, scenario: &Path) -> [PathBuf; 2] {
+    let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
+    let worlds = [("run", &lockstep[..]), ("simulate", &[])];
+    worlds.map(|(command, options)| {
+        let runs = folder.join(command);
+        let (code, stdout, stderr) = output(canrig(&runs, command).arg(scenario).args(options));
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+        only_run(&runs)
+    })
+}
+
 /// One plant, which has no name among processes, and two drives on one plant in one process.
 #[test]
 fn a_plant_in_a_process_of_its_own_leaves_the_bytes_of_simulate() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["press_turn.toml", "sma_pair_step.toml"] {
-        let [alone, together] =
-            ["processes", "simulate"].map(|world| folder.path().join(name).join(world));
-        let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
-        let processes = output(canrig(&alone, "run").arg(scenario(name)).args(lockstep));
-        let simulated = output(canrig(&together, "simulate").arg(scenario(name)));
-        assert_eq!(
-            [processes.0, simulated.0],
-            [Some(0); 2],
-            "{}{}",
-            processes.2,
-            simulated.2
-        );
-        let [alone, together] = [alone, together].map(|runs| only_run(&runs));
+        let [alone, together] = in_both_worlds(&folder.path().join(name), &scenario(name));
         for file in ["bus.log", "signals.csv", "verdict.json"] {
             let read = |run: &Path| fs::read(run.join(file)).unwrap();
             assert!(read(&alone) == read(&together), "{name}: {file}");
@@ -456,14 +456,7 @@ fn a_loop_of_a_speed_is_played_and_judged_under_its_own_names() {
     let path = folder.path().join("turns.toml");
     fs::write(folder.path().join("spindle.toml"), SPINDLE).unwrap();
     fs::write(&path, TURNS).unwrap();
-    let [alone, together] = ["processes", "simulate"].map(|world| folder.path().join(world));
-    let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
-    let processes = output(canrig(&alone, "run").arg(&path).args(lockstep));
-    let simulated = output(canrig(&together, "simulate").arg(&path));
-    for (code, stdout, stderr) in [processes, simulated] {
-        assert_eq!(code, Some(0), "{stdout}{stderr}");
-    }
-    let [alone, together] = [alone, together].map(|runs| only_run(&runs));
+    let [alone, together] = in_both_worlds(folder.path(), &path);
     let read = |run: &Path, file: &str| fs::read_to_string(run.join(file)).unwrap();
     for file in ["bus.log", "signals.csv", "frames.dbc", "report.html"] {
         assert!(read(&alone, file) == read(&together, file), "{file}");

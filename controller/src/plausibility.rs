@@ -143,10 +143,7 @@ impl Plausibility {
 
     /// What is wrong with a position that stands still, for people.
     pub(crate) fn frozen_words(&self, position: f64) -> String {
-        let still = format!(
-            "the position stands still at {:.1} {}",
-            position, self.symbol
-        );
+        let still = format!("the position stands still at {position:.1} {}", self.symbol);
         let away = self.plausible.stall.and_then(|stall| stall.away);
         match away {
             None => format!("{still} although the wire is heated"),

@@ -7,7 +7,6 @@ use crate::own::is_name;
 use crate::port::{Measurand, Port, Ports, Unit, conversion};
 use crate::wiring::LoopOfRig;
 
-const METRES_PER_MILLIMETRE: f64 = 1e-3;
 const AMPERES: &str = "amperes";
 /// Beginnings of the names of what a law reads and writes.
 const SET_POINT: &str = "set_point_";
@@ -136,11 +135,7 @@ impl LawWires {
     /// # Errors
     /// As [`LawWires::of_all`].
     pub fn of_one(ports: &Ports, unit: &Unit) -> Result<Self, WrongPort> {
-        // The law sees metres or the loop's unit.
-        let inside = match unit {
-            Unit::Millimetres => METRES_PER_MILLIMETRE,
-            _ => 1.0,
-        };
+        let inside = conversion(unit.word(), unit.of_laws()).unwrap_or(1.0);
         let reading = |port: &Port| reading_of_loop(port, inside);
         let writing = |port: &Port| Ok(writing_of_loop(port, inside));
         let wires = Self::found(ports, reading, writing)?;

@@ -375,6 +375,12 @@ const KEYS_OF_POSITIONS: [&str; 8] = [
     "height_millimetres",
 ];
 
+/// Names beside those, of what is worked out of a set-point.
+const NAMES_OF_SET_POINTS: [&str; 2] = ["set_point_millimetres", "error_millimetres"];
+
+/// Beginnings of the names of gains, before the unit by one of which they are.
+pub(crate) const GAINS: [&str; 2] = ["amperes_per_", "ampere_seconds_per_"];
+
 /// What is recorded of a position.
 const NAMES_ON_THE_BUS: [&str; 3] = [
     "position_millimetres",
@@ -416,6 +422,15 @@ impl Unit {
             Self::Degrees => "degrees",
             Self::Revolutions => "revolutions",
             Self::Own(word) => word,
+        }
+    }
+
+    /// The word of the unit in which a law of one loop reads: metres in a loop in millimetres.
+    #[must_use]
+    pub fn of_laws(&self) -> &str {
+        match self {
+            Self::Millimetres => "metres",
+            own => own.word(),
         }
     }
 
@@ -514,6 +529,13 @@ impl Measurand {
         self.unit == Unit::Millimetres && self.signal == POSITION
     }
 
+    /// Whether its name is also that of a key or a column of another meaning.
+    pub(crate) fn is_ambiguous(&self) -> bool {
+        let names = KEYS_OF_POSITIONS.into_iter().chain(NAMES_OF_SET_POINTS);
+        let mut beginnings = names.filter_map(|name| name.strip_suffix("_millimetres"));
+        self.signal != POSITION && beginnings.any(|beginning| beginning == self.signal)
+    }
+
     /// In words, as the title of a plot.
     #[must_use]
     pub fn title(&self) -> String {
@@ -549,8 +571,7 @@ impl Measurand {
         if self.unit == Unit::Millimetres {
             return text;
         }
-        let gains = ["amperes_per_", "ampere_seconds_per_"];
-        gains.into_iter().fold(text, |text, gain| {
+        GAINS.into_iter().fold(text, |text, gain| {
             let own = format!("{gain}{}", singular(self.unit.word()));
             text.replace(&format!("{gain}metre"), &own)
         })

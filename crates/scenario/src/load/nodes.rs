@@ -608,15 +608,8 @@ impl Check<'_> {
 
     /// The signal of a drive that a loop can follow.
     fn signal_of(&self, drive: &str) -> String {
-        let sensor = self
-            .rig
-            .node
-            .get(drive)
-            .and_then(|node| node.sensor.as_ref());
-        sensor
-            .map(|sensor| sensor.measurand())
-            .unwrap_or_default()
-            .signal
+        let node = self.rig.node.get(drive);
+        node.map(RigNode::measurand).unwrap_or_default().signal
     }
 
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {

@@ -801,9 +801,13 @@ fn gains_and_names_are_those_of_the_loop() {
         let error = load_text(&scenario.replacen(right, wrong, 1), rig).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
     }
-    let error = load_text(&tilted, &spindle.replace("flexor.tilt", "flexor.position"));
-    let error = error.unwrap_err();
+    let said = |from: &str, to: &str| load_text(&tilted, &spindle.replace(from, to)).unwrap_err();
+    let error = said("flexor.tilt", "flexor.position");
     assert!(error.contains("write \"flexor.tilt\""), "{error}");
+    for ambiguous in ["set_point", "error", "amplitude"] {
+        let error = said("\"tilt\"", &format!("\"{ambiguous}\""));
+        assert!(error.contains("the name of something else"), "{error}");
+    }
 }
 
 #[test]

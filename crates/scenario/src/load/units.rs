@@ -6,7 +6,7 @@ use toml::de::{DeString, DeTable, DeValue};
 use crate::error::{Problem, Source};
 use crate::metrics::METRICS;
 use crate::own::leads_all;
-use crate::port::{Measurand, Unit, conversion, singular, unit_at_start};
+use crate::port::{GAINS, Measurand, Unit, conversion, singular, unit_at_start};
 use crate::structure::number;
 
 /// Where names have the unit of a position.
@@ -14,8 +14,6 @@ const SECTIONS: [&str; 3] = ["reference", "fault", EXPECT];
 const EXPECT: &str = "expect";
 /// Where names have it as the one by which something is divided: gains of laws.
 const LAW: &str = "controller";
-/// Beginnings of the names of gains.
-const GAINS: [&str; 2] = ["amperes_per_", "ampere_seconds_per_"];
 /// The unit by which the types of laws have gains.
 const METRE: &str = "metre";
 /// Units that a name might have by mistake.
@@ -97,7 +95,7 @@ impl InUnit<'_> {
             return Ok(());
         };
         let message = match name.contains(unit.word()) {
-            true => format!("the loop `{}` is of a {}", self.of_loop, own.signal),
+            true => format!("the loop `{}` measures `{}`", self.of_loop, own.signal),
             false => format!("the loop `{}` is in {unit}", self.of_loop),
         };
         let label = format!("write `{right}`");
@@ -112,7 +110,7 @@ impl InUnit<'_> {
         for (mut key, mut below) in std::mem::take(table) {
             let name: &str = key.get_ref();
             if let Some((gain, unit, rest)) = self.gain(name) {
-                if unit != self.unit_of_gains() {
+                if unit != self.measurand.unit.of_laws() {
                     return Err(self.wrong_gain(&key, below.get_ref()));
                 }
                 *key.get_mut() = format!("{gain}{METRE}{rest}").into();
@@ -123,23 +121,15 @@ impl InUnit<'_> {
         Ok(())
     }
 
-    /// Unit by which the loop's gains are.
-    fn unit_of_gains(&self) -> &str {
-        match self.measurand.unit {
-            Unit::Millimetres => "metres",
-            ref unit => unit.word(),
-        }
-    }
-
     /// A gain by another unit: with the right name, and the value where the units are of one quantity.
     fn wrong_gain(&self, key: &Spanned<DeString<'_>>, value: &DeValue<'_>) -> Problem {
-        let own = self.unit_of_gains();
+        let own = self.measurand.unit.of_laws();
         let (gain, unit, rest) = self.gain(key.get_ref()).unwrap_or_default();
         let right = format!("{gain}{}{rest}", singular(own));
         let message = format!(
             "the gains of the loop `{}` are by the {}",
             self.of_loop,
-            singular(own)
+            singular(own).replace('_', " ")
         );
         let label = match number(value).zip(conversion(own, unit)) {
             Some((value, factor)) => format!("write `{right} = {}`", value * factor),
@@ -147,13 +137,14 @@ impl InUnit<'_> {
         };
         self.source.problem(key.span(), message, label)
     }
+
     /// Parts of a gain's name: what is before the unit, the unit, and what is behind it.
     fn gain<'n>(&self, name: &'n str) -> Option<(&'n str, &str, &'n str)> {
         let by = GAINS
             .iter()
             .find_map(|gain| Some(name.find(gain)? + gain.len()));
         let (gain, rest) = name.split_at(by?);
-        let own = self.unit_of_gains();
+        let own = self.measurand.unit.of_laws();
         let is_own = rest.strip_prefix(&singular(own)).map(|rest| (own, rest));
         let is_end = |rest: &str| rest.is_empty() || rest.starts_with('_');
         let (unit, rest) = is_own

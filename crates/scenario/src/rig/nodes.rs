@@ -167,7 +167,7 @@ impl Rig {
             plant: self.plant_of(drive).unwrap_or_default().to_owned(),
             input: amplifier_port(node).unwrap_or_default(),
             output: name_of(sensor.port.as_deref()).unwrap_or_default(),
-            measurand: sensor.measurand(),
+            measurand: node.measurand(),
             position_min: sensor.min.unwrap_or_default(),
             position_max: sensor.max,
             fan: name_of(outputs.port(FAN_OUTPUT)),
@@ -213,10 +213,10 @@ impl Rig {
     /// A loop as others know it.
     fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopOfRig {
         let drive = one.drives.first().cloned().unwrap_or_default();
-        let sensor = self.node.get(&drive).and_then(|node| node.sensor.as_ref());
+        let measurand = self.node.get(&drive).map(RigNode::measurand);
         LoopOfRig {
             name: name.clone(),
-            measurand: sensor.map_or_else(Measurand::default, Sensor::measurand),
+            measurand: measurand.unwrap_or_default(),
             drive,
             is_led: one.led_by.is_some(),
         }
@@ -442,6 +442,13 @@ pub struct RigNode {
 }
 
 impl RigNode {
+    /// What its sensor measures.
+    #[must_use]
+    pub fn measurand(&self) -> Measurand {
+        let sensor = self.sensor.as_ref();
+        sensor.map(Sensor::measurand).unwrap_or_default()
+    }
+
     /// The keys of an external drive that it has.
     pub(crate) fn keys_of_external(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
@@ -545,9 +552,7 @@ impl Sensor {
         }
     }
 
-    /// What it measures.
-    #[must_use]
-    pub fn measurand(&self) -> Measurand {
+    fn measurand(&self) -> Measurand {
         let unit = self.unit.as_deref();
         let position = Measurand::position(unit.map_or(Unit::Millimetres, Unit::of_word));
         match &self.signal {

@@ -3,7 +3,7 @@
 use super::Check;
 use crate::error::Problem;
 use crate::own::is_name;
-use crate::port::Unit;
+use crate::port::{Measurand, Unit};
 
 impl Check<'_> {
     /// Ranges that begin below where they end, and units that are words.
@@ -13,23 +13,25 @@ impl Check<'_> {
         let drives = drives.filter_map(|(name, node)| Some((name, node, node.sensor.as_ref()?)));
         for (name, node, sensor) in drives {
             let path = |key: &str| format!("node.{name}.{key}");
-            let unit = sensor.measurand().unit;
+            let measurand = node.measurand();
+            let Measurand { signal, unit } = &measurand;
             if !is_name(unit.word()) {
                 let message = format!("`{unit}` is no unit");
                 let label = "a word, as names of ports end in: degrees";
                 problems.push(self.document.problem(&path("sensor.unit"), message, label));
                 continue;
             }
-            let signal = sensor.measurand().signal;
-            if !is_name(&signal) {
-                let message = format!("`{signal}` is no name of a signal");
+            let path_of_signal = path("sensor.signal");
+            if !is_name(signal) {
+                let message = format!("`{signal}` is not the name of a signal");
                 let label = "a word, as in signal = \"speed\"";
-                problems.push(
-                    self.document
-                        .problem(&path("sensor.signal"), message, label),
-                );
+                problems.push(self.document.problem(&path_of_signal, message, label));
+            } else if measurand.is_ambiguous() {
+                let message = format!("`{signal}` is the name of something else of a loop");
+                let label = "another word, as in signal = \"speed\"";
+                problems.push(self.document.problem(&path_of_signal, message, label));
             }
-            if unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
+            if *unit != Unit::Millimetres && (sensor.min.is_none() || sensor.max.is_none()) {
                 let message = format!("the sensor of `{name}` has no range");
                 let label = format!("`min` and `max` are missing, in {unit}");
                 problems.push(self.problem(&path("sensor"), message, label));
