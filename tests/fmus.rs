@@ -120,7 +120,6 @@ integral_amperes_per_metre_second = 489.0
 derivative_ampere_seconds_per_metre = 3.74
 set_point_weight = 0.377
 derivative_filter_radians_per_second = 500.0
-current_amperes_min = -1.0
 [[reference.step]]
 at_seconds = 0.5
 position_millimetres = 20.0

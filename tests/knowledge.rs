@@ -13,7 +13,7 @@ use crate::support::{canrig, only_run, output};
 const SMA_ACTUATOR: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"wire\"\nduration_seconds = 1.0\n[controller.sliding_mode]\n\
      [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n";
 const DC_MOTOR: &str = "schema = 1\nrig = \"dc_motor\"\nname = \"motor\"\nduration_seconds = 0.5\n\
-     [controller.pid]\ncurrent_amperes_min = -1.0\n\
+     [controller.pid]\n\
      [[reference.step]]\nat_seconds = 0.1\nposition_millimetres = 20.0\n";
 /// NMT, SYNC, EMCY, the PDOs of node 1, the drive's RPDO1, the requests to both nodes, and the heartbeat.
 const OF_THE_CONTROLLER: [u16; 11] = [
@@ -85,19 +85,16 @@ fn plant(folder: &Path, text: &str) -> Table {
     let scenario = scenario::Trial::load(&path).unwrap();
     let part = |name: &str, table: Value| Table::from_iter([(name.to_owned(), table)]);
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
-    let numbers = |numbers: [(&str, f64); 2], resolution_bits: u32| {
-        // A current that cannot be negative has no other lowest value.
-        let given = numbers
-            .into_iter()
-            .filter(|(name, number)| *name != "min" || *number < 0.0);
-        let numbers = given.map(|(name, number)| (name.to_owned(), Value::from(number)));
+    let numbers = |numbers: &[(&str, f64)], resolution_bits: u32| {
+        let numbers = numbers.iter();
+        let numbers = numbers.map(|(name, number)| ((*name).to_owned(), Value::from(*number)));
         let bits = ("resolution_bits".to_owned(), Value::from(resolution_bits));
         Value::from(Table::from_iter(numbers.chain([bits])))
     };
     let of_sensor = [("max", sensor.span), ("noise_rms", sensor.noise_rms)];
-    let mut drive = part("sensor", numbers(of_sensor, sensor.resolution_bits));
-    let of_amplifier = [("min", amplifier.min), ("max", amplifier.max)];
-    let of_amplifier = numbers(of_amplifier, amplifier.resolution_bits);
+    let mut drive = part("sensor", numbers(&of_sensor, sensor.resolution_bits));
+    // What the drive can be commanded is known to who commands it.
+    let of_amplifier = numbers(&[], amplifier.resolution_bits);
     drive.extend(part("amplifier", of_amplifier));
     let plants = match &scenario.plant.dc_motor {
         Some(motor) => part("motor", Value::try_from(motor).unwrap()),
@@ -135,6 +132,7 @@ fn at<'a>(table: &'a mut Table, path: &str) -> &'a mut Value {
 
 fn changed(value: &Value, factor: f64) -> Value {
     match value {
+        Value::Integer(number) if factor < 1.0 => Value::Integer(number - 1),
         Value::Integer(number) => Value::Integer(number + 1),
         Value::Float(number) if *number == 0.0 => Value::Float(factor - 0.9),
         other => Value::Float(other.as_float().unwrap() * factor),

@@ -432,7 +432,6 @@ duration_seconds = 2.3
 proportional_amperes_per_revolution_per_minute = 0.001
 integral_amperes_per_revolution_per_minute_second = 0.05
 derivative_ampere_seconds_per_revolution_per_minute = 0.0
-current_amperes_min = -1.0
 [[reference.hold]]
 at_seconds = 0.0
 speed_revolutions_per_minute = 0.0
@@ -475,4 +474,174 @@ fn a_loop_of_a_speed_is_played_and_judged_under_its_own_names() {
     let again: Value = serde_json::from_str(&stdout).unwrap();
     let before: Value = serde_json::from_str(&judged).unwrap();
     assert_eq!(again["metrics"], before["metrics"]);
+}
+
+/// A drive of the motor with this amplifier and sensor, and node-IDs of controller, drive and io node.
+fn axis(amplifier: &str, sensor: &str, motor: &str, [controller, drive, io]: [u8; 3]) -> String {
+    format!(
+        "schema = 1\nname = \"axis\"\n[plant.motor.dc_motor]\n{motor}\n\
+         [node.controller]\nkind = \"controller\"\nnode_id = {controller}\n\
+         [node.drive]\nkind = \"drive\"\nnode_id = {drive}\n\
+         amplifier = {{ port = \"motor.current_amperes\", {amplifier} }}\n\
+         sensor = {{ port = \"motor.position_metres\", {sensor} }}\n\
+         [node.fan]\nkind = \"io\"\nnode_id = {io}\noutputs = {{ convection_factor = \"motor.convection_factor\" }}\n\
+         [loop.position]\nfeedback = \"drive.position\"\noutputs = [\"drive.current\"]\n"
+    )
+}
+
+/// A step of this axis to 20 mm, under a PID whose gains are so many times those of 1 A.
+fn axis_step(unit: &str, per_metre: f64, gain: f64, step: f64) -> String {
+    let gain_of = |of_one: f64| of_one * gain;
+    let (p, i, d) = (gain_of(60.0), gain_of(200.0), gain_of(1.5));
+    let by = if unit == "metres" || unit == "millimetres" {
+        "metre"
+    } else {
+        unit
+    };
+    let near = 0.5e-3 * per_metre;
+    format!(
+        "schema = 1\nrig = \"axis.toml\"\nname = \"axis step\"\nduration_seconds = 1.5\n[controller.pid]\n\
+         proportional_amperes_per_{by} = {p:?}\nintegral_amperes_per_{by}_second = {i:?}\n\
+         derivative_ampere_seconds_per_{by} = {d:?}\n\
+         [[reference.step]]\nat_seconds = 0.1\nposition_{unit} = {step:?}\n\
+         [expect]\nsteady_state_error_{unit} = {{ max = {near:?} }}\n\
+         [[expect.signal]]\nname = \"true_position_{unit}\"\nfrom_seconds = 1.4\n\
+         stays = {{ min = {:?}, max = {:?} }}\n",
+        step - near,
+        step + near
+    )
+}
+
+fn played_axis(folder: &Path, rig: &str, scenario: &str) -> PathBuf {
+    fs::create_dir_all(folder).unwrap();
+    fs::write(folder.join("axis.toml"), rig).unwrap();
+    let path = folder.join("step.toml");
+    fs::write(&path, scenario).unwrap();
+    let [alone, together] = in_both_worlds(folder, &path);
+    for file in ["bus.log", "signals.csv", "frames.dbc"] {
+        let read = |run: &Path| fs::read(run.join(file)).unwrap();
+        assert!(read(&alone) == read(&together), "{file}");
+    }
+    together
+}
+
+const SENSOR: &str = "unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16";
+const IDS: [u8; 3] = [1, 0x10, 0x11];
+
+/// The same motor for twenty times the current, with a resistance that heats it as much.
+#[test]
+fn a_drive_of_twenty_amperes_does_with_its_motor_what_one_of_one_ampere_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let motor = format!(
+        "torque_constant_newton_metres_per_ampere = {:?}\nwinding_resistance_ohms = {:?}",
+        23.5e-3 / 20.0,
+        2.18 / 400.0
+    );
+    let one = axis("min = -1.0, max = 1.0", SENSOR, "", IDS);
+    let twenty = axis("rated = 20.0, min = -20.0, max = 20.0", SENSOR, &motor, IDS);
+    let played = |name: &str, rig: &str, gain: f64| {
+        let scenario = axis_step("millimetres", 1000.0, gain, 20.0);
+        let run = played_axis(&folder.path().join(name), rig, &scenario);
+        fs::read_to_string(run.join("signals.csv")).unwrap()
+    };
+    let [small, large] = [played("one", &one, 1.0), played("twenty", &twenty, 20.0)];
+    let column = |text: &str, name: &str| {
+        let mut lines = text.lines();
+        let place = lines.next().unwrap().split(',').position(|one| one == name);
+        let values = lines.map(|line| line.split(',').nth(place.unwrap()).unwrap().parse());
+        Vec::from_iter(values.map(|value: Result<f64, _>| value.unwrap_or(f64::NAN)))
+    };
+    let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
+    let apart = |name: &str| {
+        let values = column(&small, name).into_iter().zip(column(&large, name));
+        largest(values.map(|(small, large)| (small - large).abs()).collect())
+    };
+    assert!(apart("position_millimetres") < 0.02);
+    assert!(apart("winding_temperature_celsius") < 0.02);
+    let [one, twenty] = [&small, &large].map(|text| largest(column(text, "current_amperes")));
+    assert!((0.5..=1.0).contains(&one), "{one}");
+    assert!((twenty - 20.0 * one).abs() < 0.05, "{one} {twenty}");
+}
+
+#[test]
+fn a_command_that_its_frame_cannot_hold_is_refused_with_the_rated_current_to_write() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("axis.toml");
+    let check = |amplifier: &str| {
+        fs::write(&path, axis(amplifier, SENSOR, "", IDS)).unwrap();
+        let (code, stdout, stderr) = output(program(&["check"]).arg(&path));
+        (code, format!("{stdout}{stderr}"))
+    };
+    let (code, said) = check("min = -40.0, max = 40.0");
+    assert_eq!(code, Some(3));
+    assert!(said.contains("write rated = 1.221 or more"), "{said}");
+    let (code, said) = check("rated = 20.0, min = -40.0, max = 40.0");
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("`drive` has no i2t"), "{said}");
+    let (_, said) = check("rated = 20.0, max = 1.0");
+    assert!(
+        said.contains("is 20.0 permille of its amplifier's range"),
+        "{said}"
+    );
+}
+
+/// In millimetres the true position is a float, since no integer of its steps holds ten metres; in metres a count must be finer than
+/// the usual one.
+#[test]
+fn an_axis_of_ten_metres_each_way_is_measured_with_24_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let sensor = |unit: &str, end: f64, more: &str| {
+        format!("unit = \"{unit}\", min = -{end:?}, max = {end:?}, resolution_bits = 24{more}")
+    };
+    let rig = |sensor: &str| axis("min = -1.0, max = 1.0", sensor, "", IDS);
+    for (unit, end, more, per_metre) in [
+        ("millimetres", 10_000.0, "", 1000.0),
+        ("metres", 10.0, ", position_increment = 1e-6", 1.0),
+    ] {
+        let scenario = axis_step(unit, per_metre, 1.0, 0.02 * per_metre);
+        let own = folder.path().join(unit);
+        played_axis(&own, &rig(&sensor(unit, end, more)), &scenario);
+    }
+    let path = folder.path().join("coarse.toml");
+    fs::write(&path, rig(&sensor("metres", 10.0, ""))).unwrap();
+    let (code, _, stderr) = output(program(&["check"]).arg(&path));
+    assert_eq!(code, Some(3));
+    assert!(
+        stderr.contains("write position_increment = 0.000001"),
+        "{stderr}"
+    );
+}
+
+/// Node-IDs at which the usual identifiers of the second SDO channel, of the truth and of the law's terms are not free.
+#[test]
+fn nodes_have_any_node_id_and_no_identifier_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut found = Vec::new();
+    for (place, ids) in [[0x20, 0x30, 0x7F], [0x7F, 0x40, 0x01], [0x05, 0x7E, 0x20]]
+        .into_iter()
+        .enumerate()
+    {
+        let rig = axis("min = -1.0, max = 1.0", SENSOR, "", ids);
+        let scenario = axis_step("millimetres", 1000.0, 1.0, 20.0);
+        let faults = "[[fault.sensor.noise]]\nfrom_seconds = 0.5\nuntil_seconds = 0.6\nnoise_millimetres_rms = 0.01\n";
+        let own = folder.path().join(place.to_string());
+        let run = played_axis(&own, &rig, &(scenario + faults));
+        let database = fs::read_to_string(run.join("frames.dbc")).unwrap();
+        let messages = database
+            .lines()
+            .filter_map(|line| line.strip_prefix("BO_ "));
+        let mut identifiers = Vec::from_iter(messages.map(|line| line.split(' ').next().unwrap()));
+        let count = identifiers.len();
+        identifiers.sort_unstable();
+        identifiers.dedup();
+        assert_eq!(identifiers.len(), count, "{database}");
+        let log = fs::read_to_string(run.join("bus.log")).unwrap();
+        let sent = |id: u32| log.contains(&format!(" {id:03X}#"));
+        assert!(
+            sent(0x700 + u32::from(ids[0])) && sent(0x180 + u32::from(ids[1])),
+            "{ids:?}"
+        );
+        found.push(count);
+    }
+    assert!(found.iter().all(|count| *count > 15), "{found:?}");
 }

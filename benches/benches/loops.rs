@@ -25,7 +25,7 @@ const RIG: &str = "schema = 1\nname = \"bench\"\n[bus]\nsync_period_milliseconds
     [defaults.drive]\namplifier = { min = -1.0 }\nsensor = { resolution_bits = 16 }\ntruth_every_cycles = 10\n\
     [node.controller]\nkind = \"controller\"\nnode_id = 1\n";
 const SCENARIO: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"bench\"\nduration_seconds = 16.0\n\
-    [controller.all.pid]\ncurrent_amperes_min = -1.0\n";
+    [controller.all.pid]\n";
 
 /// A rig with so many DC motors, each of which follows a sine.
 fn loops(drives: u8) -> Plan {

@@ -58,7 +58,8 @@ impl HeldLaw {
 /// When the table holds no law, or the law takes the load to rest on its stop.
 #[must_use]
 pub fn law_in_a_hold(controller: &Controller) -> HeldLaw {
-    let law = catalogue::law(controller).expect("the table holds one law");
+    let law = catalogue::law(controller, &scenario::wiring::Wiring::default())
+        .expect("the table holds one law");
     let outputs = &law.ports().outputs;
     let on_stop = (outputs.iter()).position(|port| port.name == "saturation_on_stop");
     let hold = |position| LoopReads {

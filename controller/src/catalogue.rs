@@ -21,7 +21,7 @@ use crate::wired_law::wires;
 pub struct LawRow {
     name: &'static str,
     table: fn() -> OwnTable,
-    make: fn(&Controller) -> Result<AnyLaw, LawError>,
+    make: fn(&Controller, &Wiring) -> Result<AnyLaw, LawError>,
     /// The ports of a law of one loop, by the parameters that an empty table stands for; `None` where some must be given.
     ports: fn() -> Option<Ports>,
 }
@@ -33,10 +33,13 @@ impl LawRow {
         Self {
             name: L::NAME,
             table: || OwnTable::new::<L::Config>(L::NAME).leading(L::DRIVES),
-            make: |controller| Ok(controller.with_parameters(AnyLaw::of::<L>)?),
+            make: |controller, wiring| {
+                Ok(controller.with_parameters(|config| AnyLaw::of::<L>(config, wiring))?)
+            },
             ports: || {
                 let config = L::DRIVES.and_then(|_| defaults::<L::Config>().ok());
-                config.map(|config| L::new(&config).ports())
+                let currents = Wiring::default().currents(L::DRIVES);
+                config.map(|config| L::new(&config, &currents).ports())
             },
         }
     }
@@ -122,11 +125,11 @@ fn check_terms(terms: &[LawTerm]) -> Result<(), WrongPort> {
     }
 }
 
-/// The one law in a scenario's `[controller]` table, before its first cycle.
+/// The one law in a scenario's `[controller]` table, before its first cycle, of the drive that is wired like this.
 ///
 /// # Errors
 /// The table holds none or several, or one that nobody registered.
-pub fn law(controller: &Controller) -> Result<AnyLaw, LawError> {
+pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError> {
     let mut names = controller.law_names();
     let name = match (names.next(), names.count()) {
         (Some(name), 0) => name,
@@ -138,20 +141,20 @@ pub fn law(controller: &Controller) -> Result<AnyLaw, LawError> {
     let own = OWN.get().map_or(&[][..], Vec::as_slice);
     let row = SHIPPED.iter().chain(own).find(|row| row.name == name);
     let row = row.ok_or_else(|| LawError::Unknown(name.to_owned()))?;
-    (row.make)(controller)
+    (row.make)(controller, wiring)
 }
 
 /// The terms that the law of a `[controller]` table publishes for the drive that is wired like this.
 #[must_use]
 pub fn terms(controller: &Controller, wiring: &Wiring) -> Vec<LawTerm> {
-    law(controller).map_or_else(|_| Vec::new(), |law| law.terms(wiring))
+    law(controller, wiring).map_or_else(|_| Vec::new(), |law| law.terms(wiring))
 }
 
 /// What is wrong with the law of a `[controller]` table: its parameters, or its ports at the drive that is wired like this. Of a law of
 /// all loops it is said for the first one only.
 #[must_use]
 pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
-    let law = law(controller).ok()?;
+    let law = law(controller, wiring).ok()?;
     let name = controller.law_name();
     if let Some((parameter, reason)) = law.objection() {
         let words = parameter.replace('_', " ");
@@ -192,25 +195,31 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::{Cycle, Port, one_loop};
+    use crate::law::{CurrentRange, Cycle, Port, one_loop};
     use crate::laws::pid::Pid;
-    use scenario::controller;
+    use scenario::{Identifiers, controller};
 
     #[test]
     fn exactly_one_law_is_selected() {
         let none = Controller::default();
-        assert_eq!(law(&none).unwrap_err(), LawError::NotExactlyOne(0));
+        assert_eq!(
+            law(&none, &Wiring::default()).unwrap_err(),
+            LawError::NotExactlyOne(0)
+        );
         let one = Controller {
             sliding_mode: Some(controller::SlidingMode::default()),
             ..none.clone()
         };
-        assert!(law(&one).is_ok());
+        assert!(law(&one, &Wiring::default()).is_ok());
         let two = Controller {
             pid: Some(controller::Pid::default()),
             open_loop: Some(controller::OpenLoop::default()),
             ..none
         };
-        assert_eq!(law(&two).unwrap_err(), LawError::NotExactlyOne(2));
+        assert_eq!(
+            law(&two, &Wiring::default()).unwrap_err(),
+            LawError::NotExactlyOne(2)
+        );
     }
 
     /// A law with so many terms.
@@ -222,7 +231,7 @@ mod tests {
         type Config = controller::OpenLoop;
         type State = ();
 
-        fn new(_: &Self::Config) -> Self {
+        fn new(_: &Self::Config, _: &[CurrentRange]) -> Self {
             Self
         }
 
@@ -264,7 +273,9 @@ mod tests {
         let terms = terms(&sliding_mode, &Wiring::default());
         let shipped = dbc::Database::shipped();
         let composer = dbc::Composer::new("controller", 1);
-        let composed = composer.with_terms(("", 0), Some(&terms), None).finish();
+        let composed = composer
+            .with_terms("", Identifiers::default().terms, Some(&terms), None)
+            .finish();
         let ours = Vec::from_iter(composed.term_messages("controller", ""));
         let theirs = Vec::from_iter(shipped.term_messages("controller", ""));
         assert_eq!(ours, theirs);

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use canopen::add_half;
 use dbc::LawTerm;
+pub use scenario::CurrentRange;
 use scenario::law_ports::{LOOP_INPUTS, loop_output, terms_of, terms_of_one};
 use scenario::own::Parameters;
 pub use scenario::port::{Port, Ports, Width};
@@ -11,12 +11,6 @@ use scenario::reference::SetPoint;
 use scenario::wiring::{LoopOfRig, Wiring};
 
 use crate::terms::described;
-
-/// Largest current in A; commands lie between 0, or what a law's table says, and this.
-pub const CURRENT_AMPERES_MAX: f64 = 1.0;
-
-/// Largest `u = i²` in A².
-pub const SQUARED_CURRENT_MAX: f64 = CURRENT_AMPERES_MAX * CURRENT_AMPERES_MAX;
 
 /// When a law steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -48,10 +42,11 @@ pub trait Law: fmt::Debug + Send + 'static {
     /// What it remembers from cycle to cycle. `Copy` owns nothing on the heap.
     type State: Copy + fmt::Debug + Send;
 
-    /// Works out the constants.
-    fn new(config: &Self::Config) -> Self;
+    /// Works out the constants. `currents` is what each drive that it leads can be commanded, in their order; of a law of all loops,
+    /// what the first drive of each loop can, in the order of the loops' names.
+    fn new(config: &Self::Config, currents: &[CurrentRange]) -> Self;
 
-    /// What it reads and writes. A current is limited to the range of its port. The terms are sent every 10th cycle, in at most four
+    /// What it reads and writes. A current is limited to the range of its port and to what the drive can be commanded. The terms are sent every 10th cycle, in at most four
     /// frames.
     fn ports(&self) -> Ports;
 
@@ -72,10 +67,11 @@ pub trait Law: fmt::Debug + Send + 'static {
 /// The ports of a law of one loop: it reads [`LoopReads`], and writes a current for each drive that it leads, and its terms.
 #[must_use]
 pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
-    let range = [-CURRENT_AMPERES_MAX, CURRENT_AMPERES_MAX];
+    // The amplifier limits the current.
+    let any = [f64::NEG_INFINITY, f64::INFINITY];
     let drives = 0..L::DRIVES.unwrap_or_default();
-    let currents = drives.map(|place| Port::output(&loop_output(place), range));
-    let inputs = LOOP_INPUTS.map(|(name, _)| Port::input(name, [f64::NEG_INFINITY, f64::INFINITY]));
+    let currents = drives.map(|place| Port::output(&loop_output(place), any));
+    let inputs = LOOP_INPUTS.map(|(name, _)| Port::input(name, any));
     Ports {
         inputs: inputs.into(),
         outputs: currents.chain(terms).collect(),
@@ -159,10 +155,10 @@ pub struct AnyLaw {
 }
 
 impl AnyLaw {
-    /// A law with these constants, before its first cycle.
+    /// A law with these constants, before its first cycle, of the drive that is wired like this.
     #[must_use]
-    pub fn of<L: Law>(config: &L::Config) -> Self {
-        let law = L::new(config);
+    pub fn of<L: Law>(config: &L::Config, wiring: &Wiring) -> Self {
+        let law = L::new(config, &wiring.currents(L::DRIVES));
         Self {
             ports: law.ports(),
             drives: L::DRIVES,
@@ -212,33 +208,6 @@ impl AnyLaw {
     }
 }
 
-/// A law may ask for anything; what is no current at all is none.
-pub(crate) fn sound_current(current_amperes: f64) -> f64 {
-    if current_amperes.is_nan() {
-        return 0.0;
-    }
-    limited_current_from(-CURRENT_AMPERES_MAX, current_amperes)
-}
-
-/// A current as the bus carries it: from 0 to the largest and in whole thousandths of an ampere; not a number becomes 0.
-#[must_use]
-pub fn limited_current(current_amperes: f64) -> f64 {
-    limited_current_from(0.0, current_amperes)
-}
-
-/// As [`limited_current`], from a smallest current that may be below 0; not a number becomes it.
-#[must_use]
-pub fn limited_current_from(amperes_min: f64, current_amperes: f64) -> f64 {
-    // `clamp` would keep a NaN.
-    let limited = current_amperes.max(amperes_min).min(CURRENT_AMPERES_MAX);
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "a whole number, limited to a few thousands"
-    )]
-    let thousandths = add_half(limited * 1000.0) as i32;
-    f64::from(thousandths) / 1000.0
-}
-
 /// 1 for true, 0 for false: what a law writes to a flag.
 #[must_use]
 pub fn flag(is_set: bool) -> f64 {
@@ -278,14 +247,6 @@ mod tests {
         ]
     }
 
-    #[test]
-    fn current_is_limited_and_in_whole_thousandths() {
-        assert_eq!(limited_current(f64::NAN), 0.0);
-        assert_eq!(limited_current(-1.0), 0.0);
-        assert_eq!(limited_current(f64::INFINITY), 1.0);
-        assert_eq!(limited_current(0.56789), 0.568);
-    }
-
     fn any_position() -> impl Strategy<Value = f64> {
         prop_oneof![
             8 => 0.0..0.06_f64,
@@ -302,7 +263,7 @@ mod tests {
             target in -0.1..0.1_f64,
         ) {
             for controller in all_laws() {
-                let mut law = law(&controller).unwrap();
+                let mut law = law(&controller, &Wiring::default()).unwrap();
                 let mut writes = vec![0.0; law.ports().outputs.len()];
                 let drives = law.drives().unwrap();
                 for (cycle, &position) in positions.iter().enumerate() {
@@ -315,7 +276,7 @@ mod tests {
                     law.step(&cycle, &reads.values(), &mut writes);
                     prop_assert!(writes.iter().all(|value| value.is_finite()), "{writes:?}");
                     let mut currents = writes[..drives].iter();
-                    prop_assert!(currents.all(|it| (0.0..=CURRENT_AMPERES_MAX).contains(it)));
+                    prop_assert!(currents.all(|it| (0.0..=1.0).contains(it)));
                 }
             }
         }

@@ -20,7 +20,6 @@ pub mod laws;
 mod manager;
 pub mod mode;
 pub mod node;
-mod node_ids;
 pub mod nominal_model;
 pub mod observer;
 mod plausibility;

@@ -5,12 +5,11 @@
 
 use std::time::Duration;
 
+use canopen::nmt::NodeId;
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use canopen::{Services, cia402};
 use scenario::rig::Timeouts;
 use scenario::rig::drive::{DriveLayout, Pdo};
-
-use crate::node_ids::CONTROLLER;
 
 /// Bit 31 of a COB-ID: the PDO does not exist.
 const INVALID: u32 = 0x8000_0000;
@@ -142,10 +141,15 @@ pub(crate) struct BringUp {
 }
 
 impl BringUp {
-    /// The program for a drive and a SYNC period. Objects that the drive's EDS does not have are left out.
-    pub(crate) fn new(drive: &DriveLayout, sync_period: Duration, timeouts: &Timeouts) -> Self {
+    /// The program for a drive, whose manager has this node-ID, and a SYNC period. Objects that the drive's EDS does not have are left out.
+    pub(crate) fn new(
+        drive: &DriveLayout,
+        manager: NodeId,
+        sync_period: Duration,
+        timeouts: &Timeouts,
+    ) -> Self {
         let microseconds = u32::try_from(sync_period.as_micros()).unwrap_or(u32::MAX);
-        let manager = u32::from(CONTROLLER.get()) << 16;
+        let manager = u32::from(manager.get()) << 16;
         let mode = u32::from(drive.mode_of_operation().cast_unsigned());
         let steps = Vec::new();
         let mut program = Program { drive, steps };

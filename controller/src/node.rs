@@ -20,9 +20,10 @@ mod tests;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use canopen::object_dictionary::Entry;
+use canopen::object_dictionary::{Entry, Preset};
 use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
 use dbc::LawTerm;
+use dbc::names::TERMS_MAX;
 use scenario::ControllerView;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::LimitWatch;
@@ -31,7 +32,6 @@ use scenario::rig::{Limits, RealDrive, RigDrive, Timeouts};
 use crate::catalogue;
 use crate::error::ControllerError;
 use crate::law::AnyLaw;
-use crate::node_ids::CONTROLLER;
 use crate::plausibility::Plausibility;
 use crate::terms;
 use crate::wired_law::{Seen, WiredLaw};
@@ -84,7 +84,10 @@ impl ControllerNode {
     }
 
     fn leading(plans: Vec<LoopPlan<'_>>, io_nodes: Vec<NodeId>) -> Result<Self, ControllerError> {
-        let sync_period = plans[0].view.bus.sync_period();
+        let view = plans[0].view;
+        let own_id = view.wiring.nodes.controller.id;
+        let own_id = NodeId::new(own_id).ok_or(ControllerError::NodeId(own_id))?;
+        let sync_period = view.bus.sync_period();
         // All are begun at once, when the last is ready.
         let bring_up = plans.iter().map(|plan| plan.timeouts.bring_up());
         let bring_up = bring_up.max().unwrap_or_default();
@@ -99,7 +102,9 @@ impl ControllerNode {
             }
         }
         let drives = plans.iter().map(|plan| plan.drive.node_id());
-        let dictionary = dictionary(&terms, &Vec::from_iter(drives), &io_nodes)?;
+        let identifiers = plans.iter().map(|plan| plan.view.wiring.identifiers.terms);
+        let terms = Vec::from_iter(terms.into_iter().zip(identifiers));
+        let dictionary = dictionary(own_id, &terms, &Vec::from_iter(drives), &io_nodes)?;
         let laws = laws.into_iter().map(|(law, places)| {
             let wiring = &plans[places[0]].view.wiring;
             let law = WiredLaw::new(law, &places, wiring, &dictionary)?;
@@ -115,6 +120,7 @@ impl ControllerNode {
             ControlLoop {
                 drive: LedDrive::new(
                     plan.drive,
+                    own_id,
                     sync_period,
                     &plan.timeouts,
                     limits,
@@ -140,7 +146,7 @@ impl ControllerNode {
             failure: None,
             statistics: Statistics::default(),
         };
-        let device = Device::new(CONTROLLER, dictionary, controller)?;
+        let device = Device::new(own_id, dictionary, controller)?;
         Ok(Self { device })
     }
 
@@ -156,7 +162,7 @@ fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, Controll
     let mut laws = Vec::new();
     let leaders = plans.iter().enumerate();
     for (place, plan) in leaders.filter(|(_, plan)| plan.view.wiring.led_by.is_none()) {
-        let law = catalogue::law(&plan.view.controller)?;
+        let law = catalogue::law(&plan.view.controller, &plan.view.wiring)?;
         if law.drives().is_none() {
             return Ok(vec![(law, (0..plans.len()).collect())]);
         }
@@ -194,11 +200,14 @@ impl<'a> LoopPlan<'a> {
             node_id,
             ..RigDrive::default()
         };
-        rig.position.increments_per_unit = view.wiring.measurand.unit.counts();
+        let currents = view.wiring.current();
+        rig.command.units_per_ampere = currents.counts_per_ampere();
+        rig.current.units_per_ampere = currents.counts_per_ampere();
+        rig.position.increments_per_unit = view.wiring.counts_per_unit();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
         Ok(Self {
             view,
-            drive: DriveLayout::emulated(dictionary, &rig)?,
+            drive: DriveLayout::new(dictionary, &rig, currents.largest())?,
             limits: None,
             timeouts: Timeouts::default(),
         })
@@ -259,40 +268,37 @@ fn with_clients(
 
 /// The controller's objects, with those of the terms of each loop.
 fn dictionary(
-    loops: &[Vec<LawTerm>],
+    own_id: NodeId,
+    loops: &[(Vec<LawTerm>, [u16; TERMS_MAX])],
     drives: &[NodeId],
     io_nodes: &[NodeId],
 ) -> Result<ObjectDictionary, ControllerError> {
-    let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, CONTROLLER.get())?;
+    let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, own_id.get())?;
     let servers = drives.iter().chain(io_nodes).copied();
     let mut dictionary = with_clients(&shipped, servers);
     // Checked here, since it is written only when the drives are configured.
     let watch = dictionary.find(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
     let watch = watch.map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
     let watch = dictionary.entry(watch).clone();
-    for (place, terms) in loops.iter().enumerate() {
-        terms::declare(&mut dictionary, &shipped, terms, place);
+    for (place, (terms, identifiers)) in loops.iter().enumerate() {
+        terms::declare(&mut dictionary, &shipped, terms, identifiers, place);
         let mut entry = watch.clone();
         entry.sub_index = watch_entry(place);
         dictionary.insert(entry);
     }
-    if loops.len() > 1 {
-        let count = watch_entry(loops.len() - 1);
-        terms::set_default(&mut dictionary, CONSUMER_HEARTBEAT_TIME, 0, &[count]);
-        // The data sheet watches the module of the shipped rig, whose node-ID may be a drive's here.
-        let time = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
-        let time = time.unwrap_or_default() & u32::from(u16::MAX);
-        let watch = io_nodes
-            .first()
-            .map_or(0, |id| u32::from(id.get()) << 16 | time);
-        let watch = watch.to_le_bytes();
-        terms::set_default(
-            &mut dictionary,
-            CONSUMER_HEARTBEAT_TIME,
-            IO_WATCH_ENTRY,
-            &watch,
-        );
-    }
+    let count = watch_entry(loops.len().saturating_sub(1)).max(IO_WATCH_ENTRY);
+    dictionary.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, 0, count.into()));
+    // The data sheet watches the module of the shipped rig, whose node-ID may be a drive's here.
+    let time = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
+    let time = time.unwrap_or_default() & u32::from(u16::MAX);
+    let watch = io_nodes
+        .first()
+        .map_or(0, |id| u32::from(id.get()) << 16 | time);
+    dictionary.preset(&Preset::new(
+        CONSUMER_HEARTBEAT_TIME,
+        IO_WATCH_ENTRY,
+        watch.into(),
+    ));
     Ok(dictionary)
 }
 

@@ -9,10 +9,10 @@
 //!
 //! What a position can be is data of the drive's node; see [`Plausible`].
 
+use scenario::CurrentRange;
 use scenario::wiring::{Plausible, Wiring};
 
 use crate::cause::Cause;
-use crate::law::CURRENT_AMPERES_MAX;
 
 /// What was measured and commanded lately.
 #[derive(Clone, Debug)]
@@ -20,7 +20,10 @@ pub(crate) struct Plausibility {
     plausible: Plausible,
     /// The ends of the travel.
     ends: [f64; 2],
+    /// What the drive can be commanded.
+    currents: CurrentRange,
     /// Of the words for people.
+    signal: String,
     symbol: String,
     /// The latest position that can be true.
     last: Option<f64>,
@@ -50,6 +53,8 @@ impl Plausibility {
         Self {
             plausible: wiring.plausible,
             ends: wiring.range(),
+            currents: wiring.current(),
+            signal: wiring.measurand.signal.replace('_', " "),
             symbol: wiring.measurand.unit.symbol().to_owned(),
             last: None,
             seconds_since: 0.0,
@@ -117,7 +122,7 @@ impl Plausibility {
         let large = stall.current_rms * stall.current_rms;
         let is_current_large = watch.square_ampere_seconds > large * watch.seconds;
         let is_still = watch.highest - watch.lowest < stall.motion;
-        let is_at_limit = self.current_amperes.abs() >= CURRENT_AMPERES_MAX;
+        let is_at_limit = self.currents.is_at_end(self.current_amperes);
         let is_away = |away| is_at_limit && watch.distance >= away;
         let must_move = !is_outward
             && stall.below.is_none_or(|below| position < below)
@@ -141,9 +146,15 @@ impl Plausibility {
             || (position <= lowest + motion && self.current_amperes < 0.0)
     }
 
+    /// What it watches, for people.
+    pub(crate) fn signal(&self) -> &str {
+        &self.signal
+    }
+
     /// What is wrong with a position that stands still, for people.
     pub(crate) fn frozen_words(&self, position: f64) -> String {
-        let still = format!("the position stands still at {position:.1} {}", self.symbol);
+        let Self { signal, symbol, .. } = self;
+        let still = format!("the {signal} stands still at {position:.1} {symbol}");
         let away = self.plausible.stall.and_then(|stall| stall.away);
         match away {
             None => format!("{still} although the wire is heated"),

@@ -2,7 +2,6 @@
 
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::{ObjectDictionary, add_half};
-use dbc::loops::law_offset;
 use dbc::{Kind, LAW_TERMS_OBJECT, LawTerm, Range, layout};
 use scenario::port::{Port, Width};
 
@@ -16,6 +15,8 @@ const TPDOS_OF_LOOP: u16 = 4;
 const TERMS_OF_LOOP: u16 = 0x40;
 /// Where a TPDO has its COB-ID and its SYNC start value (CiA 301, 7.5.2.37).
 const COB_ID: u8 = 1;
+/// The identifier in a COB-ID; what is above it are flags.
+const STANDARD_ID_MAX: u16 = 0x7FF;
 const SYNC_START: u8 = 6;
 
 /// Whether the controller has an object for its law alone.
@@ -51,6 +52,7 @@ pub(crate) fn declare(
     dictionary: &mut ObjectDictionary,
     shipped: &ObjectDictionary,
     terms: &[LawTerm],
+    identifiers: &[u16],
     place: usize,
 ) {
     let place = u16::try_from(place).unwrap_or(u16::MAX);
@@ -72,7 +74,7 @@ pub(crate) fn declare(
         entry.is_pdo_mappable = true;
         dictionary.insert(entry);
     }
-    for (number, message) in (0..TPDOS_OF_LOOP).zip(0..) {
+    for (number, (message, identifier)) in (0..TPDOS_OF_LOOP).zip(identifiers.iter().enumerate()) {
         let numbered = (u32::from(first_object)..).zip(&objects);
         let own = numbered.filter(|(_, object)| object.message == message);
         let mapped = own.map(|(index, object)| index << 16 | u32::from(object.bits));
@@ -82,7 +84,9 @@ pub(crate) fn declare(
         }
         for entry in shipped.entries() {
             let default = match (entry.index, entry.sub_index) {
-                (index, sub) if index == COMMUNICATION + number => communication(entry, sub, place),
+                (index, sub) if index == COMMUNICATION + number => {
+                    communication(entry, sub, *identifier, place)
+                }
                 (index, 0) if index == MAPPING + number => mapped.len().to_le_bytes()[..1].to_vec(),
                 (index, sub) if index == MAPPING + number => {
                     let object = mapped.get(usize::from(sub) - 1);
@@ -97,13 +101,13 @@ pub(crate) fn declare(
 }
 
 /// A communication parameter of a TPDO of the first loop as that of another one.
-fn communication(entry: &Entry, sub_index: u8, place: u16) -> Vec<u8> {
+fn communication(entry: &Entry, sub_index: u8, identifier: u16, place: u16) -> Vec<u8> {
     let place = u8::try_from(place).unwrap_or(u8::MAX);
     match sub_index {
         COB_ID => {
             let value = entry.decode_integer(&entry.default);
-            let number = u32::try_from(value).unwrap_or_default();
-            (number + law_offset(place)).to_le_bytes().to_vec()
+            let flags = u32::try_from(value).unwrap_or_default() & !u32::from(STANDARD_ID_MAX);
+            (flags | u32::from(identifier)).to_le_bytes().to_vec()
         }
         // Each loop has cycles of its own (`LoopPlace::terms_cycle`).
         SYNC_START => vec![place],
@@ -124,19 +128,6 @@ fn with_default(entry: &Entry, index: u16, default: Vec<u8>) -> Entry {
     twin.is_pdo_mappable = entry.is_pdo_mappable;
     (twin.low_limit, twin.high_limit) = (entry.low_limit, entry.high_limit);
     twin
-}
-
-/// Gives an object another default, and makes it its value.
-pub(crate) fn set_default(
-    dictionary: &mut ObjectDictionary,
-    index: u16,
-    sub_index: u8,
-    bytes: &[u8],
-) {
-    if let Ok(handle) = dictionary.find(index, sub_index) {
-        let twin = with_default(dictionary.entry(handle), index, bytes.to_vec());
-        dictionary.insert(twin);
-    }
 }
 
 /// The objects of a loop's terms in the dictionary, found once.
@@ -255,7 +246,14 @@ mod tests {
         let terms = ports.iter().map(|port| described((&port.name, port)));
         let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
         let mut dictionary = ObjectDictionary::new();
-        declare(&mut dictionary, &shipped, &Vec::from_iter(terms), 0);
+        let terms = Vec::from_iter(terms);
+        declare(
+            &mut dictionary,
+            &shipped,
+            &terms,
+            &[0x181, 0x281, 0x381, 0x481],
+            0,
+        );
         dictionary
     }
 

@@ -2,6 +2,7 @@
 
 use scenario::controller::{Controller, NominalModel as ModelConfig};
 use scenario::reference::SetPoint;
+use scenario::wiring::Wiring;
 
 use crate::catalogue::law;
 use crate::law::{Cycle, LoopReads};
@@ -60,7 +61,7 @@ pub(crate) fn run(
     seconds: f64,
     set_point: impl Fn(f64) -> SetPoint,
 ) -> Vec<Row> {
-    let mut law = law(controller).unwrap();
+    let mut law = law(controller, &Wiring::default()).unwrap();
     let plant = NominalModel::new(plant);
     let mut state = plant.start();
     let mut writes = vec![0.0; law.ports().outputs.len()];

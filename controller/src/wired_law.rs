@@ -6,7 +6,7 @@ use scenario::port::Port;
 use scenario::wiring::Wiring;
 
 use crate::error::ControllerError;
-use crate::law::{AnyLaw, Cycle, sound_current};
+use crate::law::{AnyLaw, CurrentRange, Cycle};
 use crate::terms::TermObjects;
 
 /// What a loop brings to a cycle of a law, in the order of the [`Quantity`]s.
@@ -22,6 +22,8 @@ struct CurrentWire {
     range: [f64; 2],
     /// Amperes of one that the law writes.
     factor: f64,
+    /// What the drive can be commanded.
+    drive: CurrentRange,
 }
 
 /// A law that is wired to loops.
@@ -50,8 +52,10 @@ impl WiredLaw {
             of_loop: places[reading.of_loop],
             ..*reading
         });
+        let drives = wiring.currents(law.drives());
         let currents = (0..places.len()).map(|place| CurrentWire {
             place: places[place],
+            drive: drives.get(place).copied().unwrap_or_default(),
             ..current(place, &wires, &ports.outputs)
         });
         let terms = places.iter().enumerate().map(|(place, of_loop)| {
@@ -105,7 +109,7 @@ impl WiredLaw {
                 true => 0.0,
                 false => value.max(min).min(max) * wire.factor,
             };
-            (wire.place, sound_current(current))
+            (wire.place, wire.drive.limited(current))
         })
     }
 }
@@ -126,6 +130,7 @@ fn current(place: usize, wires: &LawWires, outputs: &[Port]) -> CurrentWire {
             output: Some(output),
             range: port.range,
             factor: *factor,
+            drive: CurrentRange::default(),
         }),
         _ => None,
     });
@@ -134,6 +139,7 @@ fn current(place: usize, wires: &LawWires, outputs: &[Port]) -> CurrentWire {
         output: None,
         range: [0.0, 0.0],
         factor: 1.0,
+        drive: CurrentRange::default(),
     })
 }
 

@@ -6,8 +6,7 @@
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Database, Message, Signal};
 use crate::law::{self, LawTerm};
-use crate::loops::law_offset;
-use crate::names::{self, WIRE_TEMPERATURE};
+use crate::names::{self, TERMS_MAX, WIRE_TEMPERATURE};
 
 /// The names of the nodes of the shipped DBC.
 const CONTROLLER: &str = "controller";
@@ -28,8 +27,8 @@ const OF_DRIVE: [(&str, &str, u32); 8] = [
     ("drive_rpdo1", names::RPDO1, 0x200),
     ("drive_sdo_answer", names::SDO_ANSWER, 0x580),
     ("drive_sdo_request", names::SDO_REQUEST, 0x600),
-    ("drive_sdo2_request", "sdo2_request", 0x680),
-    ("drive_sdo2_answer", "sdo2_answer", 0x6C0),
+    ("drive_sdo2_request", names::SDO2_REQUEST, 0x680),
+    ("drive_sdo2_answer", names::SDO2_ANSWER, 0x6C0),
     ("drive_heartbeat", names::HEARTBEAT, 0x700),
 ];
 /// The messages in which an emulated drive publishes the truth about its plant.
@@ -51,6 +50,9 @@ const PLANT_SIGNALS: &str = "drive_tpdo2";
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
 const MILLIMETRES: &str = "mm";
+/// One count of a current of the shipped drive, whose rated current is 1 A, and what its comments say of that.
+const CURRENT_FACTOR: f64 = 0.001;
+const RATED: &str = "of 1 A";
 /// The words of the shipped DBC for a wire in the controller's emergencies, and those for any other plant.
 const WORDS_OF_A_WIRE: [(&str, &str); 2] = [
     (
@@ -84,6 +86,8 @@ pub struct PositionUnit<'a> {
     pub symbol: &'a str,
     /// One count of the position of an emulated drive; `None` for an external one.
     pub resolution: Option<f64>,
+    /// Whether the true position is a float in place of an integer.
+    pub is_true_float: bool,
     /// The name in this unit of a signal in millimetres.
     pub rename: &'a dyn Fn(&str) -> String,
 }
@@ -188,6 +192,36 @@ impl Composer {
         self
     }
 
+    /// The same with the currents of a drive in thousandths of its rated one, up to the largest.
+    #[must_use]
+    pub fn with_currents(mut self, drive: &str, rated_amperes: f64, largest_amperes: f64) -> Self {
+        let factor = CURRENT_FACTOR * rated_amperes;
+        let most = largest_amperes.max(rated_amperes);
+        for (service, name, ends) in [
+            (
+                names::TPDO1,
+                names::CURRENT,
+                [-32.768 * rated_amperes, 32.767 * rated_amperes],
+            ),
+            (names::RPDO1, names::TARGET_CURRENT, [-most, most]),
+            (names::TRUTH, names::PLANT_CURRENT, [-most, most]),
+        ] {
+            let message = names::message(drive, service);
+            let mut messages = self.messages.iter_mut();
+            let signals = messages.find(|one| one.name == message);
+            let mut signals = signals.into_iter().flat_map(|message| &mut message.signals);
+            if let Some(signal) = signals.find(|signal| signal.name == name) {
+                let [minimum, maximum] = ends;
+                signal.coding.factor = factor;
+                signal.coding.scale = Scale::new(factor);
+                signal.coding.range = Some(Range { minimum, maximum });
+                let rated = format!("of {rated_amperes} A");
+                signal.comment = signal.comment.replace(RATED, &rated);
+            }
+        }
+        self
+    }
+
     fn lay_out(&mut self, name: &str, layout: &ExternalFrames<'_>) {
         let [feedback, command] = [names::TPDO1, names::RPDO1].map(|end| names::message(name, end));
         let heartbeat = names::message(name, names::HEARTBEAT);
@@ -260,11 +294,30 @@ impl Composer {
         self
     }
 
+    /// The same with these identifiers for the second SDO channel of a drive, and for what its plant reports about itself.
+    #[must_use]
+    pub fn with_identifiers(mut self, drive: &str, second_sdo: [u16; 2], truth: u16) -> Self {
+        let [request, answer] = second_sdo;
+        for (service, identifier) in [
+            (names::SDO2_REQUEST, request),
+            (names::SDO2_ANSWER, answer),
+            (names::TRUTH, truth),
+        ] {
+            let name = names::message(drive, service);
+            let mut messages = self.messages.iter_mut();
+            if let Some(message) = messages.find(|message| message.name == name) {
+                message.raw_id = identifier.into();
+            }
+        }
+        self
+    }
+
     /// Adds the terms of the law of a loop, whose name is empty where it is the only one; `None` for those of the shipped DBC.
     #[must_use]
     pub fn with_terms(
         mut self,
-        (loop_name, number): (&str, u8),
+        loop_name: &str,
+        identifiers: [u16; TERMS_MAX],
         terms: Option<&[LawTerm]>,
         unit: Option<&PositionUnit<'_>>,
     ) -> Self {
@@ -272,9 +325,10 @@ impl Composer {
             Some(terms) => law::messages(terms),
             None => Vec::from_iter(law::SHIPPED.map(pattern)),
         };
-        for (place, mut message) in (0..).zip(messages) {
+        let messages = messages.into_iter().zip(identifiers);
+        for (place, (mut message, identifier)) in messages.enumerate() {
             message.name = names::terms(&self.controller, loop_name, place);
-            message.raw_id += law_offset(number);
+            message.raw_id = identifier.into();
             message.sender = Some(self.controller.clone());
             if let Some(unit) = unit {
                 unit.apply(&mut message, false);
@@ -324,17 +378,22 @@ impl Composer {
 impl PositionUnit<'_> {
     fn apply(&self, message: &mut Message, is_feedback: bool) {
         for signal in &mut message.signals {
-            let name = (self.rename)(&signal.name);
-            if name == signal.name || !signal.unit.starts_with(MILLIMETRES) {
-                continue;
-            }
-            signal.unit = signal.unit.replacen(MILLIMETRES, self.symbol, 1);
-            if let Some(resolution) = self.resolution.filter(|_| is_feedback) {
-                let coding = &mut signal.coding;
+            let coding = &mut signal.coding;
+            if let Some(resolution) = self.resolution.filter(|_| is_feedback)
+                && signal.name == names::POSITION
+            {
                 (coding.factor, coding.scale) = (resolution, Scale::new(resolution));
                 coding.range = None;
             }
-            signal.name = name;
+            if self.is_true_float && signal.name == names::TRUE_POSITION {
+                (coding.factor, coding.scale) = (1.0, Scale::new(1.0));
+                (coding.kind, coding.range) = (Kind::Float32, None);
+            }
+            let name = (self.rename)(&signal.name);
+            if name != signal.name && signal.unit.starts_with(MILLIMETRES) {
+                signal.unit = signal.unit.replacen(MILLIMETRES, self.symbol, 1);
+                signal.name = name;
+            }
         }
     }
 }
@@ -388,6 +447,9 @@ mod tests {
 
     use super::*;
 
+    /// Those of the shipped rig.
+    const TERMS: [u16; TERMS_MAX] = [0x181, 0x281, 0x381, 0x481];
+
     fn signal(name: &str, minimum: f64) -> PlantSignal {
         PlantSignal {
             name: name.to_owned(),
@@ -412,9 +474,9 @@ mod tests {
         Composer::new("hand", 1)
             .with_drive(("left", 0x10), Some(&[]), None, None)
             .with_io(("fan", 0x11), &[], 0)
-            .with_terms(("x", 0), None, None)
+            .with_terms("x", TERMS, None, None)
             .with_drive(("right", 0x12), Some(&[]), None, None)
-            .with_terms(("y", 1), None, None)
+            .with_terms("y", TERMS.map(|id| id + 0x20), None, None)
             .finish()
     }
 
@@ -434,7 +496,7 @@ mod tests {
         let composed = Composer::new("controller", 1)
             .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None, None)
             .with_io(("disturbance", 0x11), &[], 0)
-            .with_terms(("", 0), None, None)
+            .with_terms("", TERMS, None, None)
             .finish();
         for (ours, theirs) in composed.messages().iter().zip(shipped.messages()) {
             assert_eq!(ours, theirs);

@@ -2,6 +2,8 @@
 
 use std::ops::RangeInclusive;
 
+use canopen::object_dictionary::Preset;
+
 /// The controller, node 0x01 (`controller.eds`).
 pub const CONTROLLER_EDS: &str = include_str!("../controller.eds");
 /// The drive, node 0x10, CiA 402 (`drive.eds`).
@@ -9,33 +11,27 @@ pub const DRIVE_EDS: &str = include_str!("../drive.eds");
 /// The disturbance node 0x11, CiA 401 (`disturbance.eds`).
 pub const DISTURBANCE_EDS: &str = include_str!("../disturbance.eds");
 
-/// Where an emulated drive's TPDOs that hold the truth about its plant say in which cycles they are sent: in every so many,
-/// and from which SYNC on.
-const TRUTH_EVERY: [&str; 2] = ["[1801sub2]", "[1802sub2]"];
-const TRUTH_START: [&str; 2] = ["[1801sub6]", "[1802sub6]"];
-
-/// When a TPDO is sent (CiA 301, 7.5.2.37).
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct TruthPace {
-    /// Its transmission type: in every so many cycles, 1 to 240.
-    pub every_cycles: u8,
-    /// The counter of the first SYNC at which it is; 0 for any.
-    pub sync_start: u8,
-}
-
-/// Where an emulated drive says in which unit its positions are, and velocities would be.
-const SI_UNIT_POSITION: &str = "[60A8]";
-const SI_UNIT_VELOCITY: &str = "[60A9]";
-/// What the shipped data sheet says of that in words.
+/// The data type of a float of 32 bits (CiA 301, 7.4.7.1).
+const REAL32: &str = "0x0008";
+/// What the shipped data sheet says of the unit of positions in words.
 const MICROMETRES: &str = "Positions count micrometres (0x60A8).";
 
-/// What of a drive's data sheet is the rig's.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub struct OfDrive {
-    /// When it publishes the truth about its plant.
-    pub truth: TruthPace,
-    /// The unit of its positions (0x60A8, CiA 303-2), with its word, where it is another than the micrometre.
-    pub si_position: Option<(u32, String)>,
+/// What an io node does when its manager is not heard for so long, in milliseconds (0x1016).
+const IO_WATCH_MILLISECONDS: i64 = 0xFA;
+
+/// The manager whose heartbeat an io node waits for.
+#[must_use]
+pub fn watch_of_io(manager: u8) -> Preset {
+    Preset::new(0x1016, 1, i64::from(manager) << 16 | IO_WATCH_MILLISECONDS)
+}
+
+/// What of a node's data sheet is the rig's.
+#[derive(Clone, Debug, Default, Eq, PartialEq)]
+pub struct OwnValues {
+    /// Its objects.
+    pub presets: Vec<Preset>,
+    /// The word of the unit of a drive's positions, where it is another than the millimetre.
+    pub unit: Option<String>,
 }
 
 /// The parameters of the controller's first and second SDO client, and those of all that there may be.
@@ -98,59 +94,57 @@ fn with_clients_listed(text: &str, count: usize) -> String {
     format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
 }
 
-/// By second, as an SI unit has it (CiA 303-2).
-const BY_SECOND: u32 = 0x0300;
-
-/// The SI unit of a velocity (0x60A9) by that of the position; 0 for a unit without a code.
+/// An EDS for one node of a rig, with the node's name and number in it, and what of it is the rig's.
 #[must_use]
-pub const fn si_velocity(si_position: u32) -> u32 {
-    match si_position {
-        0 => 0,
-        code => code | BY_SECOND,
-    }
-}
-
-/// An EDS for one node of a rig, with the node's name and number in it, and for a drive when it publishes the truth about its
-/// plant, and in which unit it measures.
-#[must_use]
-pub fn of_node(eds: &str, name: &str, node_id: u8, drive: Option<&OfDrive>) -> String {
-    let si_position = drive.and_then(|drive| drive.si_position.as_ref());
-    let own_default = |section: &str| {
-        let truth = drive?.truth;
-        let is_in = |places: [&str; 2]| places.contains(&section);
-        let every = is_in(TRUTH_EVERY).then_some(truth.every_cycles);
-        every.or(is_in(TRUTH_START).then_some(truth.sync_start))
-    };
-    let is_unit = |section: &str| [SI_UNIT_POSITION, SI_UNIT_VELOCITY].contains(&section);
-    let mut section = "";
+pub fn of_node(eds: &str, name: &str, node_id: u8, own: &OwnValues) -> String {
+    let OwnValues { presets, unit } = own;
+    let mut preset = None;
     let mut text = String::with_capacity(eds.len());
     for line in eds.lines() {
         if line.starts_with('[') {
-            section = line;
+            preset = presets.iter().find(|preset| section_of(preset) == line);
         }
-        let is_default = line.starts_with("DefaultValue=");
-        match own_default(section).filter(|_| is_default) {
-            Some(value) => text += &format!("DefaultValue={value}"),
-            None if is_default && is_unit(section) && si_position.is_some() => {
-                let code = si_position.map_or(0, |(code, _)| *code);
-                let code = match section {
-                    SI_UNIT_POSITION => code,
-                    _ => si_velocity(code),
-                };
-                text += &format!("DefaultValue=0x{code:08X}");
-            }
-            None if line.ends_with(MICROMETRES) && si_position.is_some() => {
-                let unit = si_position.map_or("", |(_, unit)| unit.as_str());
+        match (preset.and_then(|preset| preset_line(preset, line)), unit) {
+            (Some(line), _) => text += &line,
+            (None, Some(unit)) if line.ends_with(MICROMETRES) => {
                 let words = format!("Positions are in {unit} as 0x60A8 says.");
                 text += &line.replace(MICROMETRES, &words);
             }
-            None if line.starts_with("FileName=") => text += &format!("FileName={name}.eds"),
-            None => text += line,
+            _ if line.starts_with("FileName=") => text += &format!("FileName={name}.eds"),
+            _ => text += line,
         }
         text.push('\n');
     }
     // The standard's spelling (CiA 306-1, DCF).
     text + &format!("\n[DeviceComissioning]\nNodeID=0x{node_id:02X}\nNodeName={name}\n")
+}
+
+fn section_of(preset: &Preset) -> String {
+    let Preset {
+        index, sub_index, ..
+    } = preset;
+    match sub_index {
+        0 => format!("[{index:04X}]"),
+        sub_index => format!("[{index:04X}sub{sub_index:X}]"),
+    }
+}
+
+/// A line of the section of an object as its preset has it, in the notation that it is written in; none where it says nothing of it.
+fn preset_line(preset: &Preset, line: &str) -> Option<String> {
+    let (key, written) = line.split_once('=')?;
+    if key == "DataType" && preset.is_real32 {
+        return Some(format!("{key}={REAL32}"));
+    }
+    let value = match (key, preset.limits) {
+        ("DefaultValue", _) => preset.value,
+        ("LowLimit", Some([low, _])) => low,
+        ("HighLimit", Some([_, high])) => high,
+        _ => return None,
+    };
+    Some(match written.strip_prefix("0x") {
+        Some(digits) => format!("{key}=0x{value:0width$X}", width = digits.len()),
+        None => format!("{key}={value}"),
+    })
 }
 
 /// An analogue output of an io node (CiA 401) that is the rig's.

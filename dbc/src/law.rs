@@ -9,9 +9,6 @@ use crate::names::TERMS_MAX;
 pub const LAW_TERMS_OBJECT: u16 = 0x2200;
 const MESSAGE_BITS: u8 = 64;
 const BYTE: u8 = 8;
-/// COB-ID of the controller's TPDO1, and its distance from the next one's (CiA 301, 7.3.5).
-const FIRST_COB_ID: u32 = 0x181;
-const COB_ID_DISTANCE: usize = 0x100;
 
 /// The messages of the shipped DBC, which hold the terms of the sliding-mode law.
 pub(crate) const SHIPPED: [&str; TERMS_MAX] = [
@@ -83,7 +80,7 @@ pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
     (message < TERMS_MAX).then_some(objects)
 }
 
-/// The messages of a law with these terms, for the first loop of a controller that is yet without a name.
+/// The messages of a law with these terms, for a loop of a controller that are yet without names and identifiers.
 pub(crate) fn messages(terms: &[LawTerm]) -> Vec<Message> {
     let objects = layout(terms).unwrap_or_default();
     let own = (0..TERMS_MAX).map(|place| message(place, terms, &objects));
@@ -100,10 +97,7 @@ fn message(place: usize, terms: &[LawTerm], objects: &[TermObject]) -> Message {
     });
     Message {
         name: String::new(),
-        raw_id: (FIRST_COB_ID..)
-            .step_by(COB_ID_DISTANCE)
-            .nth(place)
-            .unwrap_or_default(),
+        raw_id: 0,
         length_bytes: length_bits / BYTE,
         sender: None,
         cycle_time_milliseconds: TERMS_EVERY_CYCLES.into(),
@@ -164,7 +158,9 @@ mod tests {
 
     fn with_terms(terms: &[LawTerm]) -> Database {
         let composer = Composer::new("controller", 1);
-        composer.with_terms(("", 0), Some(terms), None).finish()
+        composer
+            .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms), None)
+            .finish()
     }
 
     fn real(name: &str) -> LawTerm {

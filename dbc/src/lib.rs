@@ -112,6 +112,8 @@ impl Database {
 
 #[cfg(test)]
 mod tests {
+    use canopen::object_dictionary::Preset;
+
     use super::*;
 
     #[test]
@@ -128,20 +130,30 @@ mod tests {
 
     #[test]
     fn a_node_s_own_sheet_says_its_number_and_its_pace() {
-        let pace = data_sheets::TruthPace {
-            every_cycles: 5,
-            sync_start: 3,
+        let target = Preset {
+            limits: Some([-2000, 2000]),
+            ..Preset::new(0x6071, 0, 0)
         };
+        let presets = [
+            Preset::new(0x1801, 2, 5),
+            Preset::new(0x1801, 6, 3),
+            Preset::new(0x60A8, 0, 0xFD41_0000),
+            Preset::new(0x60A9, 0, 0xFD41_0300),
+            target,
+        ];
         let text = data_sheets::of_node(
             DRIVE_EDS,
             "y",
             0x12,
-            Some(&data_sheets::OfDrive {
-                truth: pace,
-                si_position: Some((0xFD41_0000, "degrees".to_owned())),
-            }),
+            &data_sheets::OwnValues {
+                presets: presets.into(),
+                unit: Some("degrees".to_owned()),
+            },
         );
         let [own, shipped] = [&*text, DRIVE_EDS].map(|text| dictionary(text, 0x12).unwrap());
+        let mut preset = shipped.clone();
+        presets.iter().for_each(|one| preset.preset(one));
+        assert_eq!(own, preset, "as an emulated drive has it");
         assert_eq!(own.unsigned(0x1801, 2), Some(5));
         assert_eq!(own.unsigned(0x1801, 6), Some(3));
         assert_eq!(own.unsigned(0x60A8, 0), Some(0xFD41_0000));

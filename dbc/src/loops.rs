@@ -1,6 +1,6 @@
 //! The place of a loop on the bus: its nodes, its identifiers, its cycles.
 
-use crate::data_sheets::TruthPace;
+use canopen::object_dictionary::Preset;
 
 /// Spreads small numbers over all bits: 2^64 divided by the golden ratio.
 const GOLDEN_RATIO: u64 = 0x9E37_79B9_7F4A_7C15;
@@ -8,11 +8,6 @@ const GOLDEN_RATIO: u64 = 0x9E37_79B9_7F4A_7C15;
 pub const TERMS_EVERY_CYCLES: u8 = 10;
 /// Node-ID of the drive in the shipped DBC.
 const DRIVE_NODE_ID: u32 = 0x10;
-/// The TPDOs of the controller's loops are these apart, which are those of nodes that no emulated node has; four of them before
-/// those of the next function.
-const LOOP_OFFSET: u32 = 0x20;
-const LOOPS_IN_A_FUNCTION: u32 = 4;
-const FUNCTION_OFFSET: u32 = 0x80;
 
 /// Where on the bus a loop is.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -58,25 +53,28 @@ impl LoopPlace {
         (self.number + (every / 2).min(TERMS_EVERY_CYCLES / 2)) % every
     }
 
-    /// What the drive's TPDOs that hold the truth are set to.
+    /// What the drive's data sheet has of its own: the truth is published in every so many cycles (transmission type 1 to 240 of
+    /// CiA 301, 7.5.2.37), by the drives of a bus as far as that may be in different ones.
     #[must_use]
-    pub fn truth_pace(&self) -> TruthPace {
+    pub fn presets(&self) -> [Preset; 4] {
         let every_cycles = self.truth_every_cycles;
         // SYNCs count from 1; 0 is no start value.
-        let sync_start = match self.truth_cycle() {
+        let start = match self.truth_cycle() {
             0 if every_cycles > 1 => every_cycles,
             cycle => cycle,
         };
-        TruthPace {
-            every_cycles,
-            sync_start,
-        }
+        let [second, third] = OF_TRUTH;
+        [
+            Preset::new(second, TRANSMISSION_TYPE, every_cycles.into()),
+            Preset::new(second, SYNC_START_VALUE, start.into()),
+            Preset::new(third, TRANSMISSION_TYPE, every_cycles.into()),
+            Preset::new(third, SYNC_START_VALUE, start.into()),
+        ]
     }
 }
 
-/// How far the TPDOs of a loop are above those of the first one.
-#[must_use]
-pub fn law_offset(number: u8) -> u32 {
-    let number = u32::from(number);
-    LOOP_OFFSET * (number % LOOPS_IN_A_FUNCTION) + FUNCTION_OFFSET * (number / LOOPS_IN_A_FUNCTION)
-}
+/// Communication parameters of the TPDOs that hold the truth about a drive's plant.
+const OF_TRUTH: [u16; 2] = [0x1801, 0x1802];
+/// Sub-indices of the transmission type and the SYNC start value (CiA 301, 7.5.2.37).
+const TRANSMISSION_TYPE: u8 = 2;
+const SYNC_START_VALUE: u8 = 6;

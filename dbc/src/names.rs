@@ -13,6 +13,10 @@ pub const HEARTBEAT: &str = "heartbeat";
 pub const SDO_ANSWER: &str = "sdo_answer";
 /// Requests to an SDO server.
 pub const SDO_REQUEST: &str = "sdo_request";
+/// Requests on the second channel of a drive, and its answers.
+pub const SDO2_REQUEST: &str = "sdo2_request";
+/// As [`SDO2_REQUEST`].
+pub const SDO2_ANSWER: &str = "sdo2_answer";
 /// Feedback of a drive: statusword, position, current.
 pub const TPDO1: &str = "tpdo1";
 /// Commands to a drive, outputs of an io node.
@@ -36,8 +40,8 @@ pub const OF_DRIVE: [&str; 11] = [
     TPDO3,
     SDO_ANSWER,
     SDO_REQUEST,
-    "sdo2_request",
-    "sdo2_answer",
+    SDO2_REQUEST,
+    SDO2_ANSWER,
     TRUTH,
     HEARTBEAT,
 ];
@@ -56,6 +60,8 @@ pub const TRUE_POSITION: &str = "true_position_millimetres";
 pub const CURRENT: &str = "current_amperes";
 /// Current that the controller commands.
 pub const TARGET_CURRENT: &str = "target_current_amperes";
+/// Current that really flows, in the report of an emulated plant about itself.
+pub const PLANT_CURRENT: &str = "plant_current_amperes";
 /// State of a node, in its heartbeat.
 pub const NMT_STATE: &str = "nmt_state";
 /// Factor on the convection coefficient, an output of an io node.

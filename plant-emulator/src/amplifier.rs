@@ -1,6 +1,6 @@
 //! The current amplifier of the plant.
 
-use scenario::plant;
+use scenario::{CurrentRange, plant};
 
 use crate::objects::rounded_i16;
 
@@ -10,53 +10,57 @@ pub const RESOLUTION_BITS_MAX: u32 = 24;
 /// The amplifier: sources current within its range and follows its command at once.
 #[derive(Clone, Debug)]
 pub struct Amplifier {
-    /// Rated current, to which commands refer (0x6075).
-    rated_amperes: f64,
-    /// Smallest current, 0 or below it.
-    amperes_min: f64,
-    /// Largest current.
-    amperes_max: f64,
+    range: CurrentRange,
     /// Steps of the converter over the full range; 0 leaves the command's 1 permille.
     steps: f64,
 }
 
 impl Amplifier {
-    /// An amplifier whose commands are permille of `rated_amperes`.
+    /// An amplifier whose commands are permille of its rated current.
     #[must_use]
-    pub fn new(config: &plant::Amplifier, rated_amperes: f64) -> Self {
+    pub fn new(config: &plant::Amplifier) -> Self {
         let bits = config.resolution_bits.min(RESOLUTION_BITS_MAX);
         Self {
-            rated_amperes,
-            amperes_min: config.min,
-            amperes_max: config.max,
+            range: config.range,
             steps: f64::from((1_u32 << bits) - 1),
         }
+    }
+
+    /// What a command asks for.
+    fn wanted_amperes(&self, command_permille: i16) -> f64 {
+        f64::from(command_permille) / 1e3 * self.range.rated
     }
 
     /// The current that a command gives, clipped to the range and rounded to the converter's steps.
     #[must_use]
     pub fn current_amperes(&self, command_permille: i16) -> f64 {
-        let wanted = f64::from(command_permille) / 1e3 * self.rated_amperes;
-        let clipped = wanted.clamp(self.amperes_min, self.amperes_max);
-        let range = self.amperes_max - self.amperes_min;
-        if self.steps == 0.0 || range <= 0.0 {
+        let CurrentRange { min, max, .. } = self.range;
+        let clipped = self.wanted_amperes(command_permille).clamp(min, max);
+        let span = max - min;
+        if self.steps == 0.0 || span <= 0.0 {
             return clipped;
         }
-        let steps = libm::round((clipped - self.amperes_min) / range * self.steps);
-        steps / self.steps * range + self.amperes_min
+        let steps = libm::round((clipped - min) / span * self.steps);
+        steps / self.steps * span + min
     }
 
     /// True when a command lies outside what the amplifier can source.
     #[must_use]
     pub fn clips(&self, command_permille: i16) -> bool {
-        let wanted = f64::from(command_permille) / 1e3 * self.rated_amperes;
-        !(self.amperes_min..=self.amperes_max).contains(&wanted)
+        let CurrentRange { min, max, .. } = self.range;
+        !(min..=max).contains(&self.wanted_amperes(command_permille))
     }
 
     /// A current in permille of the rated current, as 0x6078 reports it.
     #[must_use]
     pub fn permille(&self, current_amperes: f64) -> i16 {
-        rounded_i16(current_amperes / self.rated_amperes * 1e3)
+        rounded_i16(current_amperes / self.range.rated * 1e3)
+    }
+
+    /// How far the current may be from what is commanded before it is a fault (assumed: a fifth of the rated current).
+    #[must_use]
+    pub fn deviation_amperes_max(&self) -> f64 {
+        self.range.rated / 5.0
     }
 }
 
@@ -66,11 +70,14 @@ mod tests {
 
     fn amplifier(max: f64, resolution_bits: u32) -> Amplifier {
         let config = plant::Amplifier {
-            max,
+            range: CurrentRange {
+                max,
+                ..CurrentRange::default()
+            },
             resolution_bits,
             ..plant::Amplifier::default()
         };
-        Amplifier::new(&config, 1.0)
+        Amplifier::new(&config)
     }
 
     #[test]
@@ -96,11 +103,14 @@ mod tests {
     #[test]
     fn an_amplifier_that_drives_both_ways_clips_at_both_ends() {
         let config = plant::Amplifier {
-            min: -0.5,
+            range: CurrentRange {
+                min: -0.5,
+                ..CurrentRange::default()
+            },
             resolution_bits: 10,
             ..plant::Amplifier::default()
         };
-        let amplifier = Amplifier::new(&config, 1.0);
+        let amplifier = Amplifier::new(&config);
         assert_eq!(amplifier.current_amperes(-900), -0.5);
         assert!(amplifier.clips(-501) && !amplifier.clips(-500));
         let steps = (amplifier.current_amperes(-123) + 0.5) / 1.5 * 1023.0;

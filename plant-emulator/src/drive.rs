@@ -21,8 +21,8 @@ use canopen::{
 use dbc::loops::seed_of_drive;
 use scenario::Trial;
 
+pub(crate) use objects::declare;
 use objects::{Objects, TARGET_TORQUE};
-pub(crate) use objects::{declare, declare_unit, set_truth_pace};
 
 use crate::amplifier::Amplifier;
 use crate::clocked_plant::ClockedPlant;
@@ -39,9 +39,7 @@ pub const SYNC_TIMEOUT: Duration = Duration::from_millis(50);
 /// Utilisation of the I²t protection from which the statusword warns, and below which a trip may be reset.
 const WARNING_UTILISATION: f64 = 0.9;
 
-/// How far the current may be from what is commanded (assumed), and for how long, before the drive trusts its amplifier
-/// no more.
-const CURRENT_DEVIATION_AMPERES_MAX: f64 = 0.2;
+/// How long the current may be far from what is commanded (assumed) before the drive trusts its amplifier no more.
 const CURRENT_DEVIATION_TIME_MAX: Duration = Duration::from_millis(100);
 
 const COMMUNICATION_CYCLE_PERIOD: u16 = 0x1006;
@@ -105,7 +103,7 @@ impl Drive {
             machine: StateMachine::new(),
             sensor: PositionSensor::new(&trial.sensor, wires.sensor_unit, seed)
                 .from(wiring.position_min),
-            amplifier: Amplifier::new(&trial.amplifier, objects.rated_amperes(dictionary)),
+            amplifier: Amplifier::new(&trial.amplifier),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
             plant,
             faults: RigFaults::new(trial, wires.sensor_unit, seed),
@@ -138,7 +136,7 @@ impl Drive {
 
     /// What the amplifier puts out.
     pub(crate) fn current_amperes(&self) -> f64 {
-        self.plant.input(self.wires.input)
+        self.plant.input(self.wires.input) / self.wires.input_per_ampere
     }
 
     /// The temperature of what that heats.
@@ -222,7 +220,7 @@ impl Drive {
         if self.plant.failure().is_some() {
             current_amperes = 0.0;
         }
-        self.disturb(now, input, current_amperes);
+        self.disturb(now, input, current_amperes * self.wires.input_per_ampere);
     }
 
     /// Brings the plant and the overload integral to `now`.
@@ -304,7 +302,7 @@ impl Drive {
     /// A current that is not what is commanded, for some time, is a fault, over when it is again.
     fn supervise_current(&mut self, services: &mut Services) {
         let deviation = self.current_amperes() - self.commanded_amperes;
-        if deviation.abs() <= CURRENT_DEVIATION_AMPERES_MAX {
+        if deviation.abs() <= self.amplifier.deviation_amperes_max() {
             self.deviates_since = None;
             services.clear_error(ErrorCode::HARDWARE);
             return;

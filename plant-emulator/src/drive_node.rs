@@ -185,8 +185,8 @@ impl Parts {
             set_product_code(&mut objects, code);
         }
         drive::declare(&mut objects, plant, ports, &wires);
-        drive::declare_unit(&mut objects, &trial.wiring.measurand.unit);
-        drive::set_truth_pace(&mut objects, place);
+        let presets = trial.presets().into_iter().chain(place.presets());
+        presets.for_each(|preset| objects.preset(&preset));
         Ok(Self {
             node_id,
             trial: Trial::clone(trial),

@@ -50,8 +50,6 @@ use scenario::Trial;
 use scenario::wiring::{IoOutput, RECORDED_MAX};
 use wires::Wires;
 
-/// Node-ID of the manager, by the bench's convention.
-const MANAGER_NODE_ID: NodeId = NodeId::new(0x01).expect("1 is in 1 to 127");
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
 const HEARTBEATS: u16 = 0x700;
@@ -130,6 +128,8 @@ pub struct PlantEmulator {
     modules: Vec<Module>,
     /// Node-IDs of drives and modules.
     node_ids: Vec<u8>,
+    /// That of their manager.
+    manager: u8,
 }
 
 /// A disturbance module, and the inputs of the plant on which it acts.
@@ -168,6 +168,8 @@ impl PlantEmulator {
         plant: Box<dyn Plant>,
         drives: &[DriveOf<'_>],
     ) -> Result<Self, InvalidEmulator> {
+        let manager = drives.first().map(|of| of.trial.wiring.nodes.controller.id);
+        let manager = manager.unwrap_or_default();
         let ports = plant.ports();
         let mut in_hand = ClockedPlant::new(plant);
         let mut sorted = Vec::from_iter(drives);
@@ -182,7 +184,7 @@ impl PlantEmulator {
             {
                 node_ids.push(id);
                 modules.push(Module {
-                    device: disturbance(id, &wires.outputs)?,
+                    device: disturbance(id, &wires.outputs, manager)?,
                     fan: wires.fan,
                     load: wires.load,
                     outputs: wires.outputs.clone(),
@@ -200,6 +202,7 @@ impl PlantEmulator {
             holder: 0,
             modules,
             node_ids,
+            manager,
         })
     }
 
@@ -323,7 +326,7 @@ impl Node for PlantEmulator {
         let is_watched = |node: &NodeId| {
             let mut drives = self.drives.iter();
             let mut modules = self.modules.iter();
-            *node == MANAGER_NODE_ID
+            node.get() == self.manager
                 || drives.any(|drive| drive.device().watches(*node))
                 || modules.any(|module| module.device.watches(*node))
         };
@@ -347,7 +350,7 @@ impl Node for PlantEmulator {
             return Vec::new();
         }
         let own = self.node_ids.iter().copied();
-        let nodes = Vec::from_iter([MANAGER_NODE_ID.get()].into_iter().chain(own));
+        let nodes = Vec::from_iter([self.manager].into_iter().chain(own));
         let is_silent = |id: &u16| {
             let mut drives = self.drives.iter();
             let mut modules = self.modules.iter();
@@ -429,6 +432,7 @@ impl Node for PlantEmulator {
 fn disturbance(
     number: u8,
     outputs: &[IoOutput],
+    manager: u8,
 ) -> Result<Device<DisturbanceModule>, InvalidEmulator> {
     let node_id = node_id(number)?;
     let outputs = outputs.iter().map(|output| AnalogueOutput {
@@ -437,7 +441,8 @@ fn disturbance(
         at_rest: output.raw(output.at_rest),
     });
     let text = dbc::data_sheets::with_outputs(dbc::DISTURBANCE_EDS, &Vec::from_iter(outputs));
-    let objects = dictionary(node_id, &text)?;
+    let mut objects = dictionary(node_id, &text)?;
+    objects.preset(&dbc::data_sheets::watch_of_io(manager));
     let module = DisturbanceModule::new(&objects)?;
     Ok(Device::new(node_id, objects, module)?)
 }

@@ -1,6 +1,6 @@
 //! I²t protection of the drive (0x2110), which does not measure the wire's temperature.
 //!
-//! The limits are assumed. The amplifier's maximum of 1 A alone keeps the wire below 138 °C, Eq. (1) with the paper's
+//! The limits are the rig's; those of the shipped ones are assumed. The amplifier's maximum of 1 A alone keeps the wire below 138 °C, Eq. (1) with the paper's
 //! data, and the wire gets there within seconds (its time constant is 0.65 s), so no overload integral can keep the peak
 //! lower: the protection limits how long a wire is held that hot. The continuous 0.9 A settle at 115 °C, where all of it
 //! is austenite: no position needs more. 1.9 A² s above it allow 1 A for 10 s from cold; a ramp 0 → 1 → 0 A in 40 s takes
@@ -11,7 +11,7 @@
 pub struct Limits {
     /// Current that may flow for ever (0x2110:01).
     pub continuous_amperes: f64,
-    /// Largest `∫ (i² − continuous²) dt` (0x2110:02).
+    /// Largest `∫ (i² − continuous²) dt` (0x2110:02); 0 where nothing is protected.
     pub overload_square_ampere_seconds: f64,
 }
 
@@ -49,13 +49,18 @@ impl ThermalProtection {
     /// True while the overload is at its limit.
     #[must_use]
     pub fn is_tripped(&self) -> bool {
-        self.overload_square_ampere_seconds >= self.limits.overload_square_ampere_seconds
+        let most = self.limits.overload_square_ampere_seconds;
+        most > 0.0 && self.overload_square_ampere_seconds >= most
     }
 
     /// The overload by its limit, 0 to 1 (0x2110:03).
     #[must_use]
     pub fn utilisation(&self) -> f64 {
-        (self.overload_square_ampere_seconds / self.limits.overload_square_ampere_seconds).min(1.0)
+        let most = self.limits.overload_square_ampere_seconds;
+        match most > 0.0 {
+            true => (self.overload_square_ampere_seconds / most).min(1.0),
+            false => 0.0,
+        }
     }
 }
 
@@ -97,6 +102,16 @@ mod tests {
         }
         assert!((0.15..0.25).contains(&highest), "{highest}");
         assert_eq!(protection.utilisation(), 0.0);
+    }
+
+    #[test]
+    fn without_limits_nothing_trips() {
+        let mut protection = ThermalProtection::new(Limits {
+            continuous_amperes: 0.0,
+            overload_square_ampere_seconds: 0.0,
+        });
+        protection.advance(1e6, 1.0);
+        assert!(!protection.is_tripped() && protection.utilisation() == 0.0);
     }
 
     #[test]

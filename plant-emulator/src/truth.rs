@@ -32,7 +32,7 @@ impl Truth {
             message: database
                 .builder(&message)
                 .ok_or_else(|| SignalMissing::new(&message))?,
-            current: signal("plant_current_amperes")?,
+            current: signal(names::PLANT_CURRENT)?,
             peak_temperature: signal("plant_peak_temperature_celsius")?,
             time: signal("plant_time_seconds")?,
             peak_celsius: f64::NEG_INFINITY,

@@ -1,12 +1,9 @@
 //! Which ports of a plant a drive is wired to: their places, found once.
 
 use scenario::port::{Port, Ports, conversion};
-use scenario::wiring::{IoOutput, RECORDED_MAX, Wiring};
+use scenario::wiring::{IoOutput, RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
 
 use crate::InvalidEmulator;
-
-/// Steps of a true position for one unit of the sensor.
-const TRUE_STEPS: f64 = 1e6;
 
 /// An output that a drive publishes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,14 +20,18 @@ pub(crate) struct Published {
 pub(crate) struct Wires {
     /// The input that the amplifier drives.
     pub(crate) input: usize,
+    /// How many of the input's unit an ampere is.
+    pub(crate) input_per_ampere: f64,
     /// The output that the sensor reads.
     pub(crate) output: usize,
     /// One unit of the sensor, in the unit of the output.
     pub(crate) sensor_unit: f64,
     /// Counts of 0x6064 for one unit of the output.
     pub(crate) counts_per_output: f64,
-    /// Steps of the true position (0x2103), millionths of the sensor's unit, for one unit of the output.
+    /// Steps of the true position (0x2103), millionths of the sensor's unit or, as a float, whole ones, for one unit of the output.
     pub(crate) true_steps_per_output: f64,
+    /// Whether the true position is a float.
+    pub(crate) is_true_float: bool,
     /// What TPDO2 and TPDO3 hold.
     pub(crate) published: Vec<Published>,
     /// The input on which the fan of its io node acts.
@@ -46,6 +47,7 @@ impl Wires {
     pub(crate) fn new(ports: &Ports, wiring: &Wiring) -> Result<Self, InvalidEmulator> {
         let unknown = |name: &str| InvalidEmulator::UnknownPort(name.to_owned());
         let input = wiring.driven(ports);
+        let input = input.ok_or_else(|| unknown(&wiring.input))?;
         let output = wiring
             .measured(ports)
             .ok_or_else(|| unknown(&wiring.output))?;
@@ -70,12 +72,20 @@ impl Wires {
             let factor = conversion("kilograms", &ports.inputs[place].unit)?;
             Some((place, factor))
         });
+        let is_true_float = wiring.is_true_position_float();
+        let true_steps = if is_true_float {
+            1.0
+        } else {
+            TRUE_STEPS_PER_UNIT
+        };
         Ok(Self {
-            input: input.ok_or_else(|| unknown(&wiring.input))?,
+            input,
+            input_per_ampere: conversion("amperes", &ports.inputs[input].unit).unwrap_or(1.0),
             output,
             sensor_unit,
-            counts_per_output: wiring.measurand.unit.counts() * units_per_output,
-            true_steps_per_output: TRUE_STEPS * units_per_output,
+            counts_per_output: wiring.counts_per_unit() * units_per_output,
+            true_steps_per_output: true_steps * units_per_output,
+            is_true_float,
             published: (recorded.into_iter())
                 .map(|(output, port)| published(output, port))
                 .collect(),

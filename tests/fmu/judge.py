@@ -270,7 +270,6 @@ proportional_amperes_per_metre = 100.0
 integral_amperes_per_metre_second = 0.0
 set_point_weight = 1.0
 derivative_ampere_seconds_per_metre = 0.0
-current_amperes_min = -1.0
 [[reference.step]]
 at_seconds = 0.2
 position_millimetres = 20.0

@@ -3,12 +3,13 @@
 use scenario::controller::OpenLoop as Config;
 use scenario::profile::Profile;
 
-use crate::law::{Cycle, Law, Ports, limited_current, one_loop};
+use crate::law::{CurrentRange, Cycle, Law, Ports, one_loop};
 
 /// The profile, ready to be asked every cycle.
 #[derive(Clone, Debug)]
 pub struct OpenLoop {
     profile: Profile,
+    current: CurrentRange,
 }
 
 impl Law for OpenLoop {
@@ -16,9 +17,10 @@ impl Law for OpenLoop {
     type Config = Config;
     type State = ();
 
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
         Self {
             profile: config.profile(),
+            current: currents[0],
         }
     }
 
@@ -29,7 +31,8 @@ impl Law for OpenLoop {
     fn start(&self) {}
 
     fn step(&self, (): &mut (), cycle: &Cycle, _: &[f64], writes: &mut [f64]) {
-        writes[0] = limited_current(self.profile.current_at(cycle.scenario_time_seconds));
+        let wanted = self.profile.current_at(cycle.scenario_time_seconds);
+        writes[0] = self.current.limited(wanted);
     }
 }
 
@@ -45,10 +48,11 @@ mod tests {
             at_seconds,
             current_amperes,
         };
-        let law = OpenLoop::new(&Config {
+        let config = Config {
             step: vec![step(1.0, 0.62), step(2.0, 1.7)],
             ..Config::default()
-        });
+        };
+        let law = OpenLoop::new(&config, &[CurrentRange::default()]);
         let current = |scenario_time_seconds| {
             let cycle = Cycle {
                 scenario_time_seconds,

@@ -4,14 +4,13 @@ use scenario::controller::Pid as Config;
 use scenario::reference::SetPoint;
 
 use crate::filtered_position::FilteredPosition;
-use crate::law::{
-    CURRENT_AMPERES_MAX, Cycle, Law, LoopReads, Port, Ports, flag, limited_current_from, one_loop,
-};
+use crate::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, flag, one_loop};
 
 /// The gains.
 #[derive(Clone, Debug)]
 pub struct Pid {
     config: Config,
+    current: CurrentRange,
 }
 
 /// The law's memory.
@@ -30,8 +29,8 @@ impl Pid {
 
     /// Integrates the error unless that would push the command further beyond its limit (conditional integration).
     fn integrate(&self, state: &mut State, error: f64, command: f64, period_seconds: f64) {
-        let winds_up = (command >= CURRENT_AMPERES_MAX && error > 0.0)
-            || (command <= self.config.current_amperes_min && error < 0.0);
+        let CurrentRange { min, max, .. } = self.current;
+        let winds_up = (command >= max && error > 0.0) || (command <= min && error < 0.0);
         if !winds_up && error.is_finite() {
             state.integral_amperes +=
                 self.config.integral_amperes_per_metre_second * error * period_seconds;
@@ -44,9 +43,10 @@ impl Law for Pid {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
         Self {
             config: config.clone(),
+            current: currents[0],
         }
     }
 
@@ -72,12 +72,12 @@ impl Law for Pid {
             - self.config.derivative_ampere_seconds_per_metre * velocity;
         self.integrate(state, error, current, cycle.period_seconds);
         writes.copy_from_slice(&[
-            limited_current_from(self.config.current_amperes_min, current),
+            self.current.limited(current),
             set_point.position,
             set_point.velocity,
             velocity,
-            flag(current > CURRENT_AMPERES_MAX),
-            flag(current < self.config.current_amperes_min),
+            flag(current > self.current.max),
+            flag(current < self.current.min),
             flag(state.position.latest() <= 0.0),
         ]);
     }
@@ -103,14 +103,14 @@ mod tests {
     use crate::test_rig::{CYCLE, hold};
 
     fn law(proportional: f64, integral: f64, derivative: f64) -> Pid {
-        Pid::new(&Config {
+        let config = Config {
             proportional_amperes_per_metre: proportional,
             integral_amperes_per_metre_second: integral,
             derivative_ampere_seconds_per_metre: derivative,
             set_point_weight: 1.0,
             derivative_filter_radians_per_second: 100.0,
-            current_amperes_min: 0.0,
-        })
+        };
+        Pid::new(&config, &[CurrentRange::default()])
     }
 
     fn step(law: &Pid, state: &mut State, position: f64, target: f64) -> f64 {
@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn a_drive_both_ways_brakes_and_does_not_wind_up_below() {
         let mut law = law(20.0, 100.0, 0.0);
-        law.config.current_amperes_min = -0.5;
+        law.current.min = -0.5;
         let mut state = law.start();
         assert!((step(&law, &mut state, 0.02, 0.01) + 0.2).abs() < 1e-12);
         for _ in 0..10_000 {

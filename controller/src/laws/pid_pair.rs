@@ -5,14 +5,13 @@ use scenario::controller::PidPair as Config;
 
 use super::pid::terms;
 use crate::filtered_position::FilteredPosition;
-use crate::law::{
-    CURRENT_AMPERES_MAX, Cycle, Law, LoopReads, Ports, flag, limited_current, one_loop,
-};
+use crate::law::{CurrentRange, Cycle, Law, LoopReads, Ports, flag, one_loop};
 
 /// The gains.
 #[derive(Clone, Debug)]
 pub struct PidPair {
     config: Config,
+    currents: [CurrentRange; 2],
 }
 
 /// The law's memory.
@@ -25,7 +24,8 @@ pub struct State {
 impl PidPair {
     /// The output at which one drive has all the current that there is, whatever the other has.
     fn output_max(&self) -> f64 {
-        CURRENT_AMPERES_MAX - self.config.co_contraction_amperes
+        let [first, second] = self.currents;
+        first.max.min(second.max) - self.config.co_contraction_amperes
     }
 }
 
@@ -35,9 +35,10 @@ impl Law for PidPair {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
         Self {
             config: config.clone(),
+            currents: [currents[0], currents[1]],
         }
     }
 
@@ -68,8 +69,8 @@ impl Law for PidPair {
         }
         let both = self.config.co_contraction_amperes;
         writes.copy_from_slice(&[
-            limited_current(both + output),
-            limited_current(both - output),
+            self.currents[0].limited(both + output),
+            self.currents[1].limited(both - output),
             set_point.position,
             set_point.velocity,
             velocity,
@@ -85,7 +86,7 @@ mod tests {
     use crate::test_rig::{CYCLE, hold};
 
     fn currents(position: f64, wanted: f64) -> [f64; 2] {
-        let law = PidPair::new(&Config::default());
+        let law = PidPair::new(&Config::default(), &[CurrentRange::default(); 2]);
         let reads = LoopReads {
             position,
             set_point: hold(wanted),

@@ -4,9 +4,7 @@
 use scenario::controller::SlidingMode as Config;
 use scenario::reference::SetPoint;
 
-use crate::law::{
-    Cycle, Law, LoopReads, Port, Ports, SQUARED_CURRENT_MAX, Width, flag, limited_current, one_loop,
-};
+use crate::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, Width, flag, one_loop};
 use crate::mode::{self, Course, Modes};
 use crate::nominal_model::{LocalModel, NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
@@ -22,6 +20,7 @@ pub struct SlidingMode {
     modes: Modes,
     observer: Observer,
     reference_filter: ReferenceFilter,
+    current: CurrentRange,
 }
 
 /// The law's memory.
@@ -102,7 +101,8 @@ impl SlidingMode {
         let wanted = surface.wanted_jerk(position, &Reference::without_jerk(reference.point));
         let ahead = wanted.sliding_variable;
         reference.notice_lag(if rises { -ahead } else { ahead }, seconds);
-        let followable = followable(local, &wanted, rises);
+        let squared_current_max = self.current.max * self.current.max;
+        let followable = followable(local, &wanted, rises, squared_current_max);
         self.reference_filter
             .step(reference, set_point, &followable, seconds)
     }
@@ -122,12 +122,17 @@ impl SlidingMode {
 
 /// The jerks that a launched reference may ask for: those between no and full current after the law's own correction. Only the
 /// side towards the target binds, so that a load that cannot be braked does not drag the reference along.
-fn followable(local: &LocalModel<'_>, wanted: &WantedJerk, rises: bool) -> JerkRange {
+fn followable(
+    local: &LocalModel<'_>,
+    wanted: &WantedJerk,
+    rises: bool,
+    squared_current_max: f64,
+) -> JerkRange {
     let correction = wanted.equivalent + wanted.switching;
     let jerk_at = |squared_current| local.jerk(squared_current) - correction;
     if rises {
         JerkRange {
-            max: jerk_at(SQUARED_CURRENT_MAX),
+            max: jerk_at(squared_current_max),
             ..JerkRange::UNLIMITED
         }
     } else {
@@ -143,7 +148,7 @@ impl Law for SlidingMode {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
         let model = NominalModel::new(&config.nominal_model);
         Self {
             surface: Surface {
@@ -161,6 +166,7 @@ impl Law for SlidingMode {
             },
             modes: Modes::new(config),
             observer: Observer::new(&config.observer, model),
+            current: currents[0],
         }
     }
 
@@ -241,6 +247,7 @@ impl Law for SlidingMode {
             local.squared_current_for_jerk(wanted.equivalent + wanted.switching)
         };
         let [estimates @ .., equivalent, switching] = command(
+            &self.current,
             &estimate,
             &reference,
             &wanted,
@@ -296,8 +303,9 @@ pub(crate) fn terms() -> [Port; 10] {
     ]
 }
 
-/// The current for a wanted `u = i²`, and the [`terms`].
+/// The current for a wanted `u = i²` within this range, and the [`terms`].
 pub(crate) fn command(
+    current: &CurrentRange,
     estimate: &ModelState,
     reference: &Reference,
     wanted: &WantedJerk,
@@ -305,14 +313,14 @@ pub(crate) fn command(
     squared_current: f64,
 ) -> [f64; 11] {
     [
-        limited_current(libm::sqrt(squared_current.max(0.0))),
+        current.limited(libm::sqrt(squared_current.max(0.0))),
         reference.point.position_metres,
         reference.point.velocity_metres_per_second,
         estimate.temperature_celsius,
         estimate.martensite_fraction,
         estimate.velocity_metres_per_second,
         wanted.sliding_variable,
-        flag(squared_current > SQUARED_CURRENT_MAX),
+        flag(squared_current > current.max * current.max),
         flag(squared_current < 0.0),
         equivalent_part,
         squared_current - equivalent_part,

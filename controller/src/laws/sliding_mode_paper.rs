@@ -3,7 +3,7 @@
 use scenario::controller::SlidingModePaper as Config;
 
 use super::sliding_mode::{Surface, command, terms};
-use crate::law::{Cycle, Law, LoopReads, Ports, one_loop};
+use crate::law::{CurrentRange, Cycle, Law, LoopReads, Ports, one_loop};
 use crate::nominal_model::{
     Branch, BranchCurve, MARTENSITE_FRACTION_MIN, NominalModel, State as ModelState,
 };
@@ -16,6 +16,7 @@ pub struct SlidingModePaper {
     model: NominalModel,
     reference_filter: ReferenceFilter,
     derivative_filter: CriticallyDamped,
+    current: CurrentRange,
 }
 
 /// The law's memory.
@@ -49,7 +50,7 @@ impl Law for SlidingModePaper {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
         let model = NominalModel::new(&config.nominal_model);
         let position_metres_max = model.set_point_metres_max();
         Self {
@@ -66,6 +67,7 @@ impl Law for SlidingModePaper {
                 poles_radians_per_second: config.derivative_filter_radians_per_second,
             },
             model,
+            current: currents[0],
         }
     }
 
@@ -116,6 +118,7 @@ impl Law for SlidingModePaper {
             state.curve = self.model.curve_through(&estimate, branch);
         }
         writes.copy_from_slice(&command(
+            &self.current,
             &estimate,
             &reference,
             &wanted,

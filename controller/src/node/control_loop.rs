@@ -56,9 +56,10 @@ impl ControlLoop {
             return Ok(());
         }
         let implausible = self.drive.implausible;
+        let signal = self.drive.plausibility.signal();
         let what = match implausible {
-            Some(_) => "no plausible position",
-            None => "no position",
+            Some(_) => format!("no plausible {signal}"),
+            None => format!("no {signal}"),
         };
         let text = format!(
             "{what} from the drive (node {}, frame 0x{:03X}) in {} cycles (limit {})",

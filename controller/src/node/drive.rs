@@ -44,6 +44,7 @@ pub(super) struct LedDrive {
 impl LedDrive {
     pub(super) fn new(
         layout: DriveLayout,
+        manager: NodeId,
         sync_period: Duration,
         timeouts: &Timeouts,
         limits: Option<LimitWatch>,
@@ -51,7 +52,7 @@ impl LedDrive {
     ) -> Self {
         let node_id = u32::from(layout.node_id().get());
         Self {
-            bring_up: BringUp::new(&layout, sync_period, timeouts),
+            bring_up: BringUp::new(&layout, manager, sync_period, timeouts),
             layout,
             phase: DrivePhase::Searching {
                 until: Duration::ZERO,

@@ -663,7 +663,7 @@ fn a_controller_ordered_about_by_another_master_takes_the_energy_away() {
         bus.run_until_running();
         bus.run_for(20 * MILLISECOND);
         bus.controller
-            .on_frame(bus.now, &command.frame(Some(CONTROLLER)));
+            .on_frame(bus.now, &command.frame(NodeId::new(1)));
         bus.settle();
         bus.fails_with(expected);
     }

@@ -12,7 +12,7 @@
 
 pub mod application;
 pub mod cia402;
-mod cob_id;
+pub mod cob_id;
 pub mod device;
 pub mod eds;
 pub mod emcy;

@@ -242,6 +242,35 @@ impl Access {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Handle(usize);
 
+/// What one device sets of a data sheet that many share: the default of an integer, and its limits.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct Preset {
+    /// Index of the object.
+    pub index: u16,
+    /// Sub-index.
+    pub sub_index: u8,
+    /// Its value after power-on and NMT reset.
+    pub value: i64,
+    /// Its lowest and highest value; those of the data sheet where `None`.
+    pub limits: Option<[i64; 2]>,
+    /// Whether it is a float of 32 bits in place of an integer of as many.
+    pub is_real32: bool,
+}
+
+impl Preset {
+    /// A value within the limits of the data sheet.
+    #[must_use]
+    pub const fn new(index: u16, sub_index: u8, value: i64) -> Self {
+        Self {
+            index,
+            sub_index,
+            value,
+            limits: None,
+            is_real32: false,
+        }
+    }
+}
+
 /// One sub-object.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Entry {
@@ -407,6 +436,25 @@ impl ObjectDictionary {
         {
             Ok(place) => self.entries[place] = entry,
             Err(place) => self.entries.insert(place, entry),
+        }
+    }
+
+    /// Sets the default and the limits of a sub-object, if it is there: its lowest bytes, as many as its type has.
+    pub fn preset(&mut self, preset: &Preset) {
+        let Ok(Handle(place)) = self.find(preset.index, preset.sub_index) else {
+            return;
+        };
+        let entry = &mut self.entries[place];
+        let length = entry.default.len();
+        let bytes = preset.value.to_le_bytes();
+        entry.default = bytes[..length.min(bytes.len())].to_vec();
+        entry.value.clone_from(&entry.default);
+        if preset.is_real32 {
+            entry.data_type = DataType::Real32;
+        }
+        if let Some([low, high]) = preset.limits {
+            entry.low_limit = Some(low.into());
+            entry.high_limit = Some(high.into());
         }
     }
 

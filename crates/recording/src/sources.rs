@@ -17,7 +17,6 @@ use dbc::scenario_clock::SYNC_COB_ID;
 use rig::plan::ControlLoop;
 use scenario::fault::{Fault, Faults, Group};
 use scenario::node::{LoopNodes, Node, Part};
-use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
 use crate::run_folder::{file, own_file};
 
@@ -369,6 +368,8 @@ pub struct SourceReader {
     is_emulated: bool,
     /// The node-ID of the drive.
     drive: u16,
+    /// Node-ID of the controller.
+    controller: u8,
     sync: Option<SyncPayload>,
     /// So often the scenario will still start the controller anew.
     boot_ups_left: usize,
@@ -410,11 +411,12 @@ impl SourceReader {
                 ..Sources::default()
             },
             end: Duration::from_secs_f64(scenario.run.duration_seconds),
-            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(of_controller(HEARTBEATS)),
-            controller_emergency: id(names::EMERGENCY).unwrap_or(of_controller(EMERGENCIES)),
+            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(of_controller(one, HEARTBEATS)),
+            controller_emergency: id(names::EMERGENCY).unwrap_or(of_controller(one, EMERGENCIES)),
             is_ours,
             is_emulated,
             drive: u16::from(one.nodes.drive.id),
+            controller: controller.id,
             sync: None,
             boot_ups_left: starts_anew(&scenario.run.faults),
             has_newcomer: false,
@@ -530,7 +532,7 @@ impl SourceReader {
         match specifier {
             NMT_STOP if self.is_stop_scripted => {}
             // The run stops its drives one by one.
-            NMT_STOP if node == 0 || node == CONTROLLER_NODE_ID => {
+            NMT_STOP if node == 0 || node == self.controller => {
                 self.on_foreign_nmt(now, specifier, node)
             }
             NMT_STOP if self.has_given_up => {}
@@ -680,8 +682,8 @@ fn starts_anew(faults: &Faults) -> usize {
 }
 
 /// The identifier of the controller's frames of a service (CiA 301, 7.3.5).
-fn of_controller(base: u16) -> u16 {
-    base + u16::from(CONTROLLER_NODE_ID)
+fn of_controller(one: &ControlLoop, base: u16) -> u16 {
+    base + u16::from(one.nodes.controller.id)
 }
 
 fn identifier(one: &ControlLoop, node: &Node, service: &str) -> Option<u16> {

@@ -77,6 +77,7 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     let title = format!("{passed} of {} runs passed", runs.len());
     let columns = columns(runs);
     let (first, others) = columns.split_at(columns.len().min(COLUMNS_MAX));
+    let groups = by_set_point(runs);
     let body = html! {
         h1 { (title) }
         (table(runs, first, true))
@@ -86,8 +87,8 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
             @for few in others.chunks(COLUMNS_MAX) { (table(runs, few, false)) }
         }
         (checks(runs))
-        h2 { "Position" }
-        div.plots.even { @for group in by_set_point(runs) { @for few in group.chunks(RUNS_IN_A_PLOT) { (positions(few)) } } }
+        h2 { (heading(&groups)) }
+        div.plots.even { @for group in groups { @for few in group.chunks(RUNS_IN_A_PLOT) { (positions(few)) } } }
     };
     page::page(&title, &body)
 }
@@ -185,7 +186,9 @@ fn by_set_point<'a>(runs: &'a [ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     let mut groups: Vec<Vec<Course<'_>>> = Vec::new();
     for course in runs.iter().flat_map(ListedRun::courses) {
         let is_alike = |other: &Course<'_>| {
-            other.name == course.name && has_same_set_point(other.timeline, course.timeline)
+            other.name == course.name
+                && other.timeline.measurand == course.timeline.measurand
+                && has_same_set_point(other.timeline, course.timeline)
         };
         match groups.iter_mut().find(|group| is_alike(&group[0])) {
             Some(group) => group.push(course),
@@ -213,16 +216,29 @@ fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
     })
 }
 
+/// What the loops of all runs measure, where it is the same.
+fn heading(groups: &[Vec<Course<'_>>]) -> String {
+    let mut titles = groups
+        .iter()
+        .flatten()
+        .map(|course| course.timeline.measurand.title());
+    let first = titles.next().unwrap_or_default();
+    match titles.all(|title| title == first) {
+        true => first,
+        false => "Courses".to_owned(),
+    }
+}
+
 fn positions(courses: &[Course<'_>]) -> Markup {
     let first = &courses[0];
     let runs = || courses.iter().map(|course| course.run);
     let is_one_scenario = runs().all(|run| run.scenario() == first.run.scenario());
     let title = match is_one_scenario {
-        true => first.run.scenario(),
-        false => "Position",
+        true => first.run.scenario().to_owned(),
+        false => first.timeline.measurand.title(),
     };
     let title = match first.name {
-        "" => title.to_owned(),
+        "" => title,
         name => format!("{title}: {name}"),
     };
     let mut plot = Plot::over_time(&title, shown_unit(first.timeline.measurand.unit.symbol()));

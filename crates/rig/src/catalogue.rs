@@ -9,7 +9,7 @@ use scenario::node::{LoopNodes, Node};
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
 use scenario::wiring::IoOutput;
-use scenario::{Objection, Trial};
+use scenario::{CurrentRange, Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -49,6 +49,14 @@ pub(crate) struct Published {
     pub(crate) outputs: Vec<IoOutput>,
     /// What it measures.
     pub(crate) measurand: Measurand,
+    /// Counts of its position for one unit.
+    pub(crate) counts_per_unit: f64,
+    /// Whether its true position is a float.
+    pub(crate) is_true_float: bool,
+    /// What its drive can be commanded.
+    pub(crate) current: CurrentRange,
+    /// Its identifiers beside those that CiA 301 gives each node.
+    pub(crate) identifiers: Identifiers,
 }
 
 impl Catalogue {
@@ -96,6 +104,10 @@ impl Catalogue {
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
             measurand: trial.wiring.measurand.clone(),
+            counts_per_unit: trial.wiring.counts_per_unit(),
+            is_true_float: trial.wiring.is_true_position_float(),
+            current: trial.wiring.current(),
+            identifiers: trial.wiring.identifiers,
         };
         let nodes = &trial.wiring.nodes;
         let of_loop = trial.wiring.loop_among_several();
@@ -259,7 +271,7 @@ impl Frames {
         let nodes = &trial.wiring.nodes;
         let of_loop = trial.wiring.loop_among_several();
         let composer = Composer::new(&nodes.controller.name, nodes.controller.id);
-        let composer = published.compose(composer, nodes, (of_loop, 0), Player::Emulator);
+        let composer = published.compose(composer, nodes, of_loop, Player::Emulator);
         let frames = Self::of_recording(Arc::new(composer.finish()), nodes, of_loop);
         Self {
             published,
@@ -302,29 +314,42 @@ impl Published {
         &self,
         composer: Composer,
         nodes: &LoopNodes,
-        of_loop: (&str, u8),
+        of_loop: &str,
         player: Player<'_>,
     ) -> Composer {
         let rename = |name: &str| self.measurand.rename(name);
         let is_emulated = matches!(player, Player::Emulator);
         let unit = PositionUnit {
             symbol: self.measurand.unit.symbol(),
-            resolution: (!matches!(player, Player::Real(_)))
-                .then(|| 1.0 / self.measurand.unit.counts()),
+            resolution: (!matches!(player, Player::Real(_))).then(|| 1.0 / self.counts_per_unit),
+            is_true_float: self.is_true_float,
             rename: &rename,
         };
-        let unit = (self.measurand != Measurand::default()).then_some(&unit);
+        let is_shipped = self.measurand == Measurand::default()
+            && self.counts_per_unit == self.measurand.unit.counts()
+            && !self.is_true_float;
+        let unit = (!is_shipped).then_some(&unit);
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match player {
             Player::Real(real) => real.with_drive(composer, drive, unit),
-            _ => composer.with_drive(drive, signals, None, unit),
+            _ => {
+                let CurrentRange { rated, .. } = self.current;
+                let composer = composer.with_drive(drive, signals, None, unit);
+                composer.with_currents(drive.0, rated, self.current.largest())
+            }
         };
         let composer = match &nodes.io {
             Some(io) if !composer.has_node(io.id) => self.with_io(composer, io),
             _ => composer,
         };
-        composer.with_terms(of_loop, self.terms.as_deref(), unit)
+        let Identifiers {
+            second_sdo,
+            truth,
+            terms,
+        } = self.identifiers;
+        let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
+        composer.with_terms(of_loop, terms, self.terms.as_deref(), unit)
     }
 
     fn with_io(&self, composer: Composer, io: &Node) -> Composer {

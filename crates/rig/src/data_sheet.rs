@@ -63,8 +63,17 @@ pub struct DataSheet {
 /// Never: tests read the files that are compiled in.
 #[must_use]
 pub fn rig_data_sheets() -> Vec<DataSheet> {
+    data_sheets_led_by(CONTROLLER_NODE_ID)
+}
+
+/// The same with a controller that has this node-ID.
+///
+/// # Panics
+/// Never, as [`rig_data_sheets`].
+#[must_use]
+pub fn data_sheets_led_by(controller: u8) -> Vec<DataSheet> {
     let shipped = [
-        ("controller", CONTROLLER_NODE_ID, dbc::CONTROLLER_EDS),
+        ("controller", controller, dbc::CONTROLLER_EDS),
         ("drive", 0x10, dbc::DRIVE_EDS),
         ("disturbance", 0x11, dbc::DISTURBANCE_EDS),
     ];

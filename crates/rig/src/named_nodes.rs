@@ -1,11 +1,12 @@
 //! The nodes of a bench by name: the data sheet of each, and its frames.
 
 use canopen::eds;
-use dbc::data_sheets::{AnalogueOutput, OfDrive};
+use dbc::data_sheets::{AnalogueOutput, OwnValues};
 use dbc::{DISTURBANCE_EDS, DRIVE_EDS, Database, data_sheets};
+use scenario::node::Node;
 use scenario::port::Unit;
 
-use crate::data_sheet::{CONTROLLER_NODE_ID, DataSheet, DataSheetError, rig_data_sheets};
+use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::plan::{ControlLoop, Plan};
 
 /// The EDS of one node.
@@ -40,22 +41,18 @@ pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
         }
     }
     let eds = data_sheets::of_controller(&servers);
-    sheets.push(sheet(
-        plan.controller_name(),
-        CONTROLLER_NODE_ID,
-        &eds,
-        None,
-    ));
+    let controller = &plan.leading().nodes.controller;
+    sheets.push(sheet(controller, &eds, &OwnValues::default()));
     sheets.sort_by_key(|sheet| sheet.node_id);
     sheets.dedup_by_key(|sheet| sheet.node_id);
     sheets
 }
 
-fn sheet(name: &str, node_id: u8, eds: &str, of_drive: Option<&OfDrive>) -> NodeSheet {
+fn sheet(node: &Node, eds: &str, own: &OwnValues) -> NodeSheet {
     NodeSheet {
-        name: name.to_owned(),
-        node_id,
-        text: data_sheets::of_node(eds, name, node_id, of_drive),
+        name: node.name.clone(),
+        node_id: node.id,
+        text: data_sheets::of_node(eds, &node.name, node.id, own),
     }
 }
 
@@ -70,13 +67,12 @@ fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
         },
         None => {
             let unit = &one.trial.wiring.measurand.unit;
-            let si_position =
-                (*unit != Unit::Millimetres).then(|| (unit.si_position(), unit.word().to_owned()));
-            let of_drive = OfDrive {
-                truth: one.place.truth_pace(),
-                si_position,
+            let presets = one.trial.presets().into_iter().chain(one.place.presets());
+            let own = OwnValues {
+                presets: presets.collect(),
+                unit: (*unit != Unit::Millimetres).then(|| unit.word().to_owned()),
             };
-            sheet(&drive.name, drive.id, DRIVE_EDS, Some(&of_drive))
+            sheet(drive, DRIVE_EDS, &own)
         }
     };
     let outputs = one.io_outputs().iter().map(|output| AnalogueOutput {
@@ -86,7 +82,11 @@ fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
     });
     let io_eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
     let io = one.nodes.io.as_ref();
-    let io_sheet = io.map(|io| sheet(&io.name, io.id, &io_eds, None));
+    let own = OwnValues {
+        presets: vec![data_sheets::watch_of_io(one.nodes.controller.id)],
+        unit: None,
+    };
+    let io_sheet = io.map(|io| sheet(io, &io_eds, &own));
     [drive_sheet].into_iter().chain(io_sheet)
 }
 

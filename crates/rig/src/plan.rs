@@ -265,9 +265,8 @@ fn compose(loops: &[ControlLoop]) -> Database {
             None if one.is_external(Part::Drive) => Player::External,
             None => Player::Emulator,
         };
-        let of_loop = (one.name(), one.place.number);
         let published = &one.frames.published;
-        published.compose(composer, &one.nodes, of_loop, player)
+        published.compose(composer, &one.nodes, one.name(), player)
     });
     composer.finish()
 }

@@ -108,7 +108,7 @@ impl Wired<'_> {
         let name = &self.trial.wiring.input;
         match self.find(&path, name, Direction::Input) {
             Err(objection) => Some(objection),
-            Ok(port) if port.unit == "amperes" => None,
+            Ok(port) if conversion("amperes", &port.unit).is_some() => None,
             Ok(port) => {
                 let message = format!("an amplifier cannot drive `{}`", port.name);
                 let label = match port.unit.as_str() {

@@ -1,5 +1,6 @@
 //! Checks what the schema cannot say: what only makes sense together.
 
+mod currents;
 mod fault;
 mod limits;
 mod pieces;
@@ -15,8 +16,9 @@ use crate::controller::drives_led_by;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
+use crate::port::conversion;
 use crate::reference::{Chirp, Reference};
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
 use crate::run::Run;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
@@ -25,6 +27,7 @@ pub(crate) use signals::read_courses;
 pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;
 
+pub(crate) use currents::outside;
 use fault::faults;
 pub(crate) use fault::faults_of_plants;
 use limits::limits;
@@ -37,6 +40,7 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::from_iter(laws(document, trial));
     problems.extend(drives_of_law(document, &trial.wiring));
+    problems.extend(gains_of_another_quantity(document, trial));
     problems.extend(pieces(
         document,
         "reference",
@@ -54,6 +58,7 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
             duration_seconds,
         ));
     }
+    problems.extend(currents::of_law(document, trial));
     problems.extend(disturbances(document, trial));
     problems.extend(limits(document, trial));
     problems.extend(signals::check(document, trial));
@@ -62,14 +67,14 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
 }
 
 /// Checks what all loops share.
-pub(crate) fn run(document: &Document<'_>, run: &Run) -> Vec<Problem> {
+pub(crate) fn run(document: &Document<'_>, run: &Run, rig: &Rig) -> Vec<Problem> {
     let mut problems = Vec::from_iter(name(document, &run.name));
     problems.extend(requirements::names(
         document,
         "requirements",
         &run.requirements,
     ));
-    problems.extend(faults(document, &run.faults, run.duration_seconds));
+    problems.extend(faults(document, &run.faults, rig, run.duration_seconds));
     problems
 }
 
@@ -131,6 +136,25 @@ fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
         let label = format!("the loop has {}", drives(wiring.leads));
         document.source.problem(span, message, label)
     })
+}
+
+/// The gains that `pid` has where none are written are a wire's, by the metre.
+fn gains_of_another_quantity(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+    const GAINS: [&str; 3] = [
+        "proportional_amperes_per_metre",
+        "integral_amperes_per_metre_second",
+        "derivative_ampere_seconds_per_metre",
+    ];
+    let unit = &trial.wiring.measurand.unit;
+    let is_length = conversion(unit.word(), "metres").is_some();
+    trial.controller.pid.as_ref().filter(|_| !is_length)?;
+    let path = "controller.pid";
+    let is_missing = |gain: &&&str| !document.has(&format!("{path}.{gain}"));
+    let gain = GAINS.iter().find(is_missing)?;
+    let span = document.key_span(path);
+    let message = format!("`pid` lacks `{gain}`");
+    let label = "without it, it is that of a wire in metres";
+    Some(document.source.problem(span, message, label))
 }
 
 /// Sines and chirps within the travel; single positions are in the schema's range already.

@@ -5,7 +5,6 @@ use std::any::Any;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::left_out::is_zero;
 use crate::own::{self, Own, Parameters, defaults};
 
 /// The control law; exactly one of these tables.
@@ -66,6 +65,24 @@ impl Controller {
         }
     }
 
+    /// Multiplies parameters of the law by these factors, which stand with their paths, such as `pid.proportional_amperes_per_metre`.
+    pub(crate) fn scale(&mut self, factors: &[(String, f64)]) {
+        if factors.is_empty() {
+            return;
+        }
+        if let Some(own) = &mut self.own {
+            scale(own.tables_mut(), factors);
+            return;
+        }
+        let scaled = toml::Table::try_from(&*self).and_then(|mut tables| {
+            scale(&mut tables, factors);
+            Ok(tables)
+        });
+        if let Some(scaled) = scaled.ok().and_then(|tables| tables.try_into().ok()) {
+            *self = scaled;
+        }
+    }
+
     /// The tables, in the order of [`LAWS`].
     fn tables(&self) -> [Option<&dyn Any>; LAWS.len()] {
         fn of<T: Any>(table: &Option<T>) -> Option<&dyn Any> {
@@ -78,6 +95,20 @@ impl Controller {
             of(&self.pid_pair),
             of(&self.open_loop),
         ]
+    }
+}
+
+fn scale(tables: &mut toml::Table, factors: &[(String, f64)]) {
+    for (path, factor) in factors {
+        let mut keys = path.split('.');
+        let first = keys.next().and_then(|key| tables.get_mut(key));
+        let value = keys.try_fold(first, |value, key| Some(value?.get_mut(key)));
+        if let Some(value) = value.flatten() {
+            let number = value
+                .as_float()
+                .or(value.as_integer().map(|whole| whole as f64));
+            *value = number.map_or(value.clone(), |number| (number * factor).into());
+        }
     }
 }
 
@@ -220,10 +251,6 @@ pub struct Pid {
     /// Pole of the derivative's filter.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub derivative_filter_radians_per_second: f64,
-    /// Smallest current that is commanded: below 0 for a plant that is driven both ways.
-    #[serde(skip_serializing_if = "is_zero")]
-    #[schemars(range(min = -1.0, max = 0.0), extend("default" = 0.0))]
-    pub current_amperes_min: f64,
 }
 
 impl Default for Pid {
@@ -236,7 +263,6 @@ impl Default for Pid {
             derivative_ampere_seconds_per_metre: 3.59,
             set_point_weight: 0.77,
             derivative_filter_radians_per_second: 300.0,
-            current_amperes_min: 0.0,
         }
     }
 }
@@ -259,7 +285,7 @@ pub struct PidPair {
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub derivative_filter_radians_per_second: f64,
     /// Current of both while the output is 0: how stiff they hold.
-    #[schemars(range(min = 0.0, max = 1.0))]
+    #[schemars(range(min = 0.0, max = 32_767_000.0))]
     pub co_contraction_amperes: f64,
 }
 
@@ -323,8 +349,8 @@ pub struct CurrentStep {
     /// When the current jumps.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
-    /// Current after the jump.
-    #[schemars(range(min = 0.0, max = 1.0))]
+    /// Current after the jump, within the range of the amplifier.
+    #[schemars(range(min = -32_767_000.0, max = 32_767_000.0))]
     pub current_amperes: f64,
 }
 
@@ -338,8 +364,8 @@ pub struct CurrentRamp {
     /// End of the ramp.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
-    /// Current at the end.
-    #[schemars(range(min = 0.0, max = 1.0))]
+    /// Current at the end, within the range of the amplifier.
+    #[schemars(range(min = -32_767_000.0, max = 32_767_000.0))]
     pub current_amperes: f64,
 }
 

@@ -283,7 +283,7 @@ fn reading(port: &Port, loops: &[LoopOfRig]) -> Result<Reading, WrongPort> {
     let of_signal = name.strip_prefix(signal.as_str());
     let found = if let Some(unit) = of_signal.and_then(|rest| rest.strip_prefix('_')) {
         factor(own, unit).map(|factor| (Quantity::Position, factor))
-    } else if one.is_led {
+    } else if one.led_by.is_some() {
         None
     } else {
         name.strip_prefix(SET_POINT)
@@ -305,7 +305,7 @@ fn readable(one: &LoopOfRig) -> String {
     let Measurand { signal, unit } = &one.measurand;
     let name = &one.name;
     let position = format!("`{name}.{signal}_{unit}`");
-    match one.is_led {
+    match one.led_by.is_some() {
         true => format!("of this drive it is {position}"),
         false => format!(
             "of this loop there are {position}, `{name}.{SET_POINT}{unit}`, and that with `{VELOCITY}` and `{ACCELERATION}`"
@@ -377,13 +377,20 @@ fn each_drive_once(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::current::CurrentRange;
+    use crate::wiring::LedBy;
 
     fn loops() -> Vec<LoopOfRig> {
-        let one = |name: &str, drive: &str, unit, is_led| LoopOfRig {
+        let led_by = LedBy {
+            first: 0x10,
+            place: 1,
+        };
+        let one = |name: &str, drive: &str, unit, is_led: bool| LoopOfRig {
             name: name.to_owned(),
             drive: drive.to_owned(),
             measurand: Measurand::position(unit),
-            is_led,
+            current: CurrentRange::default(),
+            led_by: is_led.then_some(led_by),
         };
         vec![
             one("angle", "flexor", Unit::Degrees, false),

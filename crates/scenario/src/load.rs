@@ -27,7 +27,7 @@ use serde_json::Value;
 use toml::de::ValueDeserializer;
 
 pub(crate) use kind::is_scenario;
-pub(crate) use units::InUnit;
+pub(crate) use units::{Factors, InUnit};
 
 use crate::beside::Beside;
 use crate::document::Document;

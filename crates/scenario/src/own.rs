@@ -2,7 +2,6 @@
 //!
 //! They are registered once, before anything is read; from then on schema and loader know them as they know the shipped ones.
 
-use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use schemars::JsonSchema;
@@ -231,12 +230,15 @@ pub(crate) fn describe(schema: &mut Value) {
 /// scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
-pub struct Own(BTreeMap<String, toml::Table>);
+pub struct Own(toml::Table);
 
 impl Own {
     /// What a scenario says of a plant or a law of this name.
     pub(crate) fn new(name: &str, parameters: toml::Table) -> Self {
-        Self(BTreeMap::from([(name.to_owned(), parameters)]))
+        Self(toml::Table::from_iter([(
+            name.to_owned(),
+            parameters.into(),
+        )]))
     }
 
     /// The name of the plant or the law.
@@ -245,12 +247,19 @@ impl Own {
         self.0.keys().next().map_or("", String::as_str)
     }
 
+    /// The table, by its name.
+    pub(crate) fn tables_mut(&mut self) -> &mut toml::Table {
+        &mut self.0
+    }
+
     /// The parameters.
     ///
     /// # Errors
     /// They are those of another plant or law.
     pub fn parameters<P: Parameters>(&self) -> Result<P, toml::de::Error> {
-        let table = self.0.values().next().cloned().unwrap_or_default();
-        table.try_into()
+        let table = self.0.values().next().cloned();
+        table
+            .unwrap_or_else(|| toml::Table::new().into())
+            .try_into()
     }
 }

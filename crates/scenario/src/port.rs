@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use canopen::object_dictionary::Preset;
+
 use crate::metrics::METRICS;
 use crate::own::is_name;
 
@@ -481,12 +483,31 @@ impl Unit {
         prefix << 24 | unit << 16
     }
 
+    /// The same in the drive's data sheet, with the unit of velocities (0x60A9).
+    pub(crate) fn presets(&self) -> [Preset; 2] {
+        let position = self.si_position();
+        let velocity = match position {
+            0 => 0,
+            code => code | BY_SECOND,
+        };
+        [
+            Preset::new(SI_UNIT_POSITION, 0, position.into()),
+            Preset::new(SI_UNIT_VELOCITY, 0, velocity.into()),
+        ]
+    }
+
     /// A name of the bench, which has the unit of a position, as it is for this unit.
     #[must_use]
     pub fn rename(&self, name: &str) -> String {
         exchanged(name, Self::Millimetres.word(), self.word())
     }
 }
+
+/// Objects of a drive (CiA 402-2).
+const SI_UNIT_POSITION: u16 = 0x60A8;
+const SI_UNIT_VELOCITY: u16 = 0x60A9;
+/// By second, as an SI unit has it (CiA 303-2).
+const BY_SECOND: u32 = 0x0300;
 
 /// What a loop measures and controls: a signal in a unit.
 #[derive(Clone, Debug, Eq, PartialEq)]

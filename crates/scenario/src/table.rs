@@ -5,6 +5,7 @@ use std::io;
 use std::ops::RangeInclusive;
 use std::path::{Component, Path};
 
+use crate::current::CurrentRange;
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
 use crate::wiring::Wiring;
@@ -15,10 +16,12 @@ const ROWS_MAX: usize = 1_000_000;
 /// Columns that are listed when the one that is wanted is none of them.
 const COLUMNS_LISTED_MAX: usize = 50;
 /// What a profile may command.
-const CURRENTS: Values = Values {
-    what: "leaves the range of the current",
-    range: 0.0..=1.0,
-};
+fn currents(range: &CurrentRange) -> Values {
+    Values {
+        what: "leaves the range of the current",
+        range: range.min..=range.max,
+    }
+}
 
 /// The travel of a loop.
 fn positions(wiring: &Wiring) -> Values {
@@ -68,8 +71,13 @@ pub(crate) fn parse_course(name: &str, text: &str, column: &str) -> Result<Rows,
 }
 
 /// Reads the course of a current, as [`parse_course`].
-pub(crate) fn parse_current(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
-    parse_column(name, text, column, Some(CURRENTS))
+pub(crate) fn parse_current(
+    name: &str,
+    text: &str,
+    column: &str,
+    range: &CurrentRange,
+) -> Result<Rows, Problem> {
+    parse_column(name, text, column, Some(currents(range)))
 }
 
 fn parse_column(

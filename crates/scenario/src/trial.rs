@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use canopen::object_dictionary::Preset;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -9,10 +10,16 @@ use crate::controller::Controller;
 use crate::disturbance::Disturbance;
 use crate::expect::Expect;
 use crate::fault::{Fault, Faults};
+use crate::identifiers::Identifiers;
 use crate::plant::{Amplifier, PlantModel, Sensor};
 use crate::reference::Reference;
 use crate::run::Run;
 use crate::wiring::Wiring;
+
+/// The second SDO channel of an emulated drive.
+const SECOND_SDO: u16 = 0x1201;
+/// The object of a drive's position before its sensor.
+const TRUE_POSITION: u16 = 0x2103;
 
 /// One loop of a run: what its law does, what disturbs it, and what is expected of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,6 +80,27 @@ impl Trial {
     pub fn drive_faults(&self) -> Faults {
         let Wiring { nodes, plant, .. } = &self.wiring;
         self.run.faults.at_drive(nodes.drive.id, plant)
+    }
+
+    /// What the data sheet of its drive has of its own where canrig emulates it: the unit of positions and velocities, the
+    /// amplifier's currents and protection, and identifiers that are not the usual ones.
+    #[must_use]
+    pub fn presets(&self) -> Vec<Preset> {
+        let amplifier = self.amplifier.presets();
+        let unit = self.wiring.measurand.unit.presets();
+        let is_float = self.wiring.is_true_position_float();
+        let truth = is_float.then(|| Preset {
+            is_real32: true,
+            ..Preset::new(TRUE_POSITION, 0, 0)
+        });
+        let own = &self.wiring.identifiers;
+        let usual = Identifiers::new(0, self.wiring.nodes.drive.id, 0);
+        let channel = (1..).zip(own.second_sdo).zip(usual.second_sdo);
+        let channel = channel.filter(|((_, own), usual)| own != usual);
+        let channel =
+            channel.map(|((sub_index, own), _)| Preset::new(SECOND_SDO, sub_index, own.into()));
+        let of_plant = amplifier.into_iter().chain(truth);
+        unit.into_iter().chain(of_plant).chain(channel).collect()
     }
 
     /// Whether one of the faults of the run is of its loop.

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::current::CurrentRange;
+use crate::identifiers::Identifiers;
 use crate::node::LoopNodes;
 use crate::port::{Measurand, Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in};
 
@@ -14,11 +16,13 @@ pub const RECORDED_MAX: usize = 6;
 pub const IO_OUTPUTS_MAX: usize = 4;
 /// Those that are the fan and the load, where the node has one of them.
 const FAN_AND_LOAD: usize = 2;
+/// Steps of a true position (0x2103) for one unit.
+pub const TRUE_STEPS_PER_UNIT: f64 = 1e6;
 /// The travel where no sensor says another range, in millimetres.
 const TRAVEL_MILLIMETRES: f64 = 60.0;
 
 /// One of the loops of a rig, as others know it.
-#[derive(Clone, Debug, Eq, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LoopOfRig {
     /// Its name.
     pub name: String,
@@ -26,8 +30,10 @@ pub struct LoopOfRig {
     pub drive: String,
     /// What it measures.
     pub measurand: Measurand,
-    /// Whether it stands for a drive that the law of another loop leads.
-    pub is_led: bool,
+    /// What the amplifier of its drive can be commanded.
+    pub current: CurrentRange,
+    /// The law of another loop that leads its drive.
+    pub led_by: Option<LedBy>,
 }
 
 /// What the rig file says of the drive of a loop; that of the shipped rig where nothing else is said.
@@ -47,6 +53,8 @@ pub struct Wiring {
     pub position_min: f64,
     /// The highest one; 60 mm if none.
     pub position_max: Option<f64>,
+    /// What one count of its position stands for, in that unit; what the unit says if none.
+    pub position_increment: Option<f64>,
     /// The inputs of the plant on which the fan and the load of its io node act.
     pub fan: Option<String>,
     /// As `fan`, for the load.
@@ -67,6 +75,8 @@ pub struct Wiring {
     pub leads: usize,
     /// Of a drive that the law of another one leads.
     pub led_by: Option<LedBy>,
+    /// The identifiers of its frames beside those that CiA 301 gives it.
+    pub identifiers: Identifiers,
     /// The name of its loop; empty where no rig file says any.
     pub of_loop: String,
     /// All loops of the rig, this one too, in the order of their names.
@@ -92,6 +102,7 @@ impl Default for Wiring {
             measurand: Measurand::default(),
             position_min: 0.0,
             position_max: None,
+            position_increment: None,
             fan: Some("convection_factor".to_owned()),
             load: Some("added_load_kilograms".to_owned()),
             outputs: BTreeMap::new(),
@@ -102,6 +113,7 @@ impl Default for Wiring {
             plausible: Plausible::default(),
             leads: 1,
             led_by: None,
+            identifiers: Identifiers::default(),
             of_loop: String::new(),
             loops: Vec::new(),
         }
@@ -129,6 +141,42 @@ impl Wiring {
     #[must_use]
     pub fn own_loop(&self) -> Option<&LoopOfRig> {
         self.loops.iter().find(|one| one.name == self.of_loop)
+    }
+
+    /// Counts of the drive's position (0x6064) for one unit.
+    #[must_use]
+    pub fn counts_per_unit(&self) -> f64 {
+        let own = self.position_increment.map(|increment| 1.0 / increment);
+        own.unwrap_or_else(|| self.measurand.unit.counts())
+    }
+
+    /// Whether 32 bits do not hold a true position in its range in millionths of the unit: then it is a float.
+    #[must_use]
+    pub fn is_true_position_float(&self) -> bool {
+        let ends = self.range().map(|end| end.abs() * TRUE_STEPS_PER_UNIT);
+        ends.into_iter().any(|end| end > f64::from(i32::MAX))
+    }
+
+    /// What the amplifier of its drive can be commanded.
+    #[must_use]
+    pub fn current(&self) -> CurrentRange {
+        self.own_loop().map(|one| one.current).unwrap_or_default()
+    }
+
+    /// What the amplifiers of so many drives can be commanded that a law leads from its own on; of all loops' where `None`.
+    #[must_use]
+    pub fn currents(&self, drives: Option<usize>) -> Vec<CurrentRange> {
+        let Some(drives) = drives else {
+            return self.loops.iter().map(|one| one.current).collect();
+        };
+        let mut currents = vec![self.current(); drives];
+        for one in &self.loops {
+            let by = one.led_by.filter(|by| by.first == self.nodes.drive.id);
+            if let Some(current) = by.and_then(|by| currents.get_mut(by.place)) {
+                *current = one.current;
+            }
+        }
+        currents
     }
 
     /// Whether set-points have another range or another unit than 0 to 60 mm.
@@ -310,7 +358,7 @@ pub struct Plausible {
 #[serde(deny_unknown_fields)]
 pub struct Stall {
     /// The current is large from this RMS on, in amperes.
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000_000.0))]
     pub current_rms: f64,
     /// How long it is watched, in seconds.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 3_600.0))]

@@ -26,10 +26,10 @@ const SILENT_PERIODS: u32 = 5;
 const NMT_COB_ID: u16 = 0x000;
 /// NMT stop, which the bench gives at the end of a run.
 const NMT_STOP: u8 = 2;
-const CONTROLLER_EMCY: u16 = 0x081;
 /// The identifiers of all nodes' emergencies.
 const EMCYS: RangeInclusive<u16> = 0x081..=0x0FF;
-const CONTROLLER_HEARTBEAT: u16 = 0x701;
+const EMCY: u16 = 0x080;
+const HEARTBEAT: u16 = 0x700;
 /// The causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no
 /// bring-up.
 const CAUSES_OF_DRIVE: [u8; 5] = [1, 5, 6, 7, 9];
@@ -212,11 +212,12 @@ impl<'a> Seen<'a> {
 
     /// Nobody led the drive to where current may flow.
     fn never_began(&self, patience: Duration) -> EarlyEnd {
+        let heartbeat = HEARTBEAT + self.controller_id();
         let is_of_controller = |stamped: &&Stamped| {
             let frame = &stamped.frame;
             match frame.standard_id() {
                 Some(NMT_COB_ID) => frame.data().first() != Some(&NMT_STOP),
-                Some(id) => [SYNC_COB_ID, CONTROLLER_HEARTBEAT].contains(&id),
+                Some(id) => [SYNC_COB_ID, heartbeat].contains(&id),
                 None => false,
             }
         };
@@ -227,10 +228,14 @@ impl<'a> Seen<'a> {
                 "the scenario did not begin within {seconds} s: the drive never reported Operation enabled"
             ),
             false => format!(
-                "not heard at all within {seconds} s: no SYNC, no NMT, no heartbeat 0x{CONTROLLER_HEARTBEAT:03X}; is it running, and on this bus?"
+                "not heard at all within {seconds} s: no SYNC, no NMT, no heartbeat 0x{heartbeat:03X}; is it running, and on this bus?"
             ),
         };
         self.end(CONTROLLER, None, what)
+    }
+
+    fn controller_id(&self) -> u16 {
+        self.plan.leading().nodes.controller.id.into()
     }
 
     /// A node that gave up by itself; of a controller that gave a drive up, the drive.
@@ -262,9 +267,10 @@ impl<'a> Seen<'a> {
     /// the controller's own. What goes wrong in a bring-up some node reports at once; it is given up when the time for it is
     /// over.
     fn drive_given_up(&self) -> Option<(&'a str, Duration)> {
+        let emcy = EMCY + self.controller_id();
         let (given_up, emergency) = self
             .errors()
-            .rfind(|(stamped, _)| stamped.frame.standard_id() == Some(CONTROLLER_EMCY))?;
+            .rfind(|(stamped, _)| stamped.frame.standard_id() == Some(emcy))?;
         let [node_id, cause, ..] = emergency.manufacturer;
         let is_of_drive =
             emergency.code == ErrorCode::HEARTBEAT || CAUSES_OF_DRIVE.contains(&cause);
@@ -333,7 +339,7 @@ mod tests {
             frame(10, SYNC, &[1]),
             frame(11, POSITION, &[0; 8]),
             frame(34, SYNC, &[2]),
-            frame(34, CONTROLLER_EMCY, &no_position),
+            frame(34, EMCY + 1, &no_position),
             frame(35, POSITION, &[0; 8]),
             frame(36, POSITION, &[0; 8]),
         ];

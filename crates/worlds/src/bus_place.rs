@@ -12,9 +12,8 @@ use platform::bus::BusAddress;
 use platform::claim::{Claim, ClaimError};
 use platform::real_time::{RunError, RunReport};
 use platform::stop::Stopper;
-use rig::data_sheet::{DataSheet, rig_data_sheets};
+use rig::data_sheet::{DataSheet, data_sheets_led_by};
 use rig::presence::Presence;
-use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
 use crate::bus_choice::RunBus;
 use crate::bus_connection::stop_signal;
@@ -52,17 +51,22 @@ fn refused(error: ClaimError) -> WorldError {
     }
 }
 
-fn heartbeat_cob_id() -> u16 {
-    HEARTBEAT_COB_ID + u16::from(CONTROLLER_NODE_ID)
-}
-
 /// The heartbeat of a manager that does not lead yet.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct ManagerHeartbeat {
+    identifier: u16,
     next: Option<Duration>,
 }
 
 impl ManagerHeartbeat {
+    /// That of a manager with this node-ID.
+    pub(crate) fn of(manager: u8) -> Self {
+        Self {
+            identifier: HEARTBEAT_COB_ID + u16::from(manager),
+            next: None,
+        }
+    }
+
     /// From now on it is sent.
     pub(crate) fn start(&mut self, now: Duration) {
         self.next.get_or_insert(now);
@@ -73,7 +77,7 @@ impl ManagerHeartbeat {
         self.next.filter(|next| *next <= now)?;
         self.next = Some(now + HEARTBEAT_PERIOD);
         let state = NmtState::PreOperational.number();
-        Some(CanFrame::new(heartbeat_cob_id(), &[state]))
+        Some(CanFrame::new(self.identifier, &[state]))
     }
 
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
@@ -92,11 +96,11 @@ struct Watchman {
 }
 
 impl Watchman {
-    fn new() -> Self {
+    fn new(manager: u8) -> Self {
         Self {
-            heartbeat: ManagerHeartbeat::default(),
+            heartbeat: ManagerHeartbeat::of(manager),
             presence: Presence::default(),
-            sheets: rig_data_sheets(),
+            sheets: data_sheets_led_by(manager),
             frame: None,
             is_stopped: false,
         }
@@ -107,7 +111,7 @@ impl Node for Watchman {
     fn filters(&self) -> Vec<Filter> {
         vec![
             Filter::exact(SYNC_COB_ID),
-            Filter::exact(heartbeat_cob_id()),
+            Filter::exact(self.heartbeat.identifier),
         ]
     }
 
@@ -150,15 +154,15 @@ pub struct Vigil {
 }
 
 impl Vigil {
-    /// Begins on a bus that is there.
+    /// Begins on a bus that is there, for a manager with this node-ID.
     ///
     /// # Errors
     /// The bus cannot be joined.
-    pub fn begin(address: &BusAddress) -> Result<Self, WorldError> {
+    pub fn begin(address: &BusAddress, manager: u8) -> Result<Self, WorldError> {
         if let BusAddress::Private(_) = address {
             return Ok(Self { kept: None });
         }
-        let mut watchman = Watchman::new();
+        let mut watchman = Watchman::new(manager);
         let mut bus = platform::open(address, &watchman.filters())?;
         let (stopper, stop) = stop_signal()?;
         let thread = std::thread::Builder::new().name("vigil".into());
@@ -204,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_watchman_is_heard_twice_while_a_pre_flight_listens_and_hears_another() {
-        let mut watchman = Watchman::new();
+        let mut watchman = Watchman::new(1);
         let mut now = Duration::ZERO;
         let mut heard = Presence::default();
         while now <= Duration::from_millis(100) {
@@ -215,7 +219,7 @@ mod tests {
         }
         assert!(
             heard
-                .manager(&rig_data_sheets())
+                .manager(&data_sheets_led_by(1))
                 .unwrap()
                 .contains("node 1")
         );

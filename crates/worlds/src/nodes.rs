@@ -8,7 +8,6 @@ use controller::ControllerNode;
 use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
 use scenario::ControllerView;
-use scenario::rig::nodes::CONTROLLER_NODE_ID;
 
 use crate::error::WorldError;
 use crate::names::{CONTROLLER, emulator_name};
@@ -110,5 +109,6 @@ pub fn faulty_controller(
 
 /// The faults of the controller.
 pub(crate) fn controller_faults(plan: &Plan) -> FaultPlan {
-    FaultPlan::new(&plan.shared.run.faults.at_controller(), CONTROLLER_NODE_ID)
+    let own_id = plan.leading().nodes.controller.id;
+    FaultPlan::new(&plan.shared.run.faults.at_controller(), own_id)
 }

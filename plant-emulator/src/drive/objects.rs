@@ -4,9 +4,7 @@ use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
-use dbc::data_sheets::{TruthPace, si_velocity};
-use dbc::loops::LoopPlace;
-use scenario::port::{Ports, Unit};
+use scenario::port::Ports;
 use scenario::wiring::RECORDED_MAX;
 
 use crate::clocked_plant::ClockedPlant;
@@ -18,23 +16,17 @@ const POSITION_ACTUAL_VALUE: u16 = 0x6064;
 pub(super) const TARGET_TORQUE: u16 = 0x6071;
 const MAX_TORQUE: u16 = 0x6072;
 const MAX_CURRENT: u16 = 0x6073;
-const MOTOR_RATED_CURRENT: u16 = 0x6075;
 const TORQUE_ACTUAL_VALUE: u16 = 0x6077;
 const CURRENT_ACTUAL_VALUE: u16 = 0x6078;
 /// The plant's own signals, in their order.
 const PLANT_SIGNALS: [u16; RECORDED_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x2106, 0x2107];
 const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
-const SI_UNIT_POSITION: u16 = 0x60A8;
-const SI_UNIT_VELOCITY: u16 = 0x60A9;
 
 /// How many of a plant's signals go with the true position into TPDO2.
 const SIGNALS_IN_TPDO2: usize = 2;
 const TPDO2: [u16; 2] = [0x1801, 0x1A01];
 const TPDO3: [u16; 2] = [0x1802, 0x1A02];
-/// Sub-indices of the transmission type and the SYNC start value (CiA 301, 7.5.2.37).
-const TRANSMISSION_TYPE: u8 = 2;
-const SYNC_START_VALUE: u8 = 6;
 /// COB-ID of TPDO3 less that of TPDO2 (CiA 301, 7.3.5).
 const TPDO3_COB_ID_OFFSET: u32 = 0x100;
 
@@ -55,10 +47,10 @@ pub(super) struct Objects {
     counts_per_output: f64,
     true_steps_per_output: f64,
     true_position: Handle,
+    is_true_float: bool,
     continuous_current: Handle,
     overload_limit: Handle,
     overload_utilisation: Handle,
-    rated_current: Handle,
 }
 
 impl Objects {
@@ -69,6 +61,10 @@ impl Objects {
         let at = |index, data_type| objects::find(dictionary, index, 0, data_type);
         let protection = |sub_index, data_type| {
             objects::find(dictionary, THERMAL_PROTECTION, sub_index, data_type)
+        };
+        let of_truth = match wires.is_true_float {
+            true => DataType::Real32,
+            false => DataType::Integer32,
         };
         let signals = wires.published.iter().zip(PLANT_SIGNALS);
         let signals = signals.map(|(one, index)| Ok((at(index, data_type(one))?, *one)));
@@ -86,11 +82,11 @@ impl Objects {
             signals: signals.collect::<Result<_, _>>()?,
             counts_per_output: wires.counts_per_output,
             true_steps_per_output: wires.true_steps_per_output,
-            true_position: at(TRUE_POSITION, DataType::Integer32)?,
+            true_position: at(TRUE_POSITION, of_truth)?,
+            is_true_float: wires.is_true_float,
             continuous_current: protection(1, DataType::Unsigned32)?,
             overload_limit: protection(2, DataType::Unsigned32)?,
             overload_utilisation: protection(3, DataType::Unsigned16)?,
-            rated_current: at(MOTOR_RATED_CURRENT, DataType::Unsigned32)?,
         })
     }
 
@@ -139,11 +135,6 @@ impl Objects {
         )
     }
 
-    /// 0x6075.
-    pub(super) fn rated_amperes(&self, dictionary: &ObjectDictionary) -> f64 {
-        unsigned32(dictionary, self.rated_current) / 1e3
-    }
-
     /// 0x2110:01 and :02.
     pub(super) fn protection_limits(&self, dictionary: &ObjectDictionary) -> Limits {
         Limits {
@@ -187,8 +178,13 @@ impl Objects {
         for (handle, signal) in &self.signals {
             objects::store(dictionary, *handle, &raw(signal, plant));
         }
-        let position = objects::rounded_i32(true_position * self.true_steps_per_output);
-        objects::store(dictionary, self.true_position, &position.to_le_bytes());
+        let steps = true_position * self.true_steps_per_output;
+        #[expect(clippy::cast_possible_truncation, reason = "a float of 32 bits")]
+        let bytes = match self.is_true_float {
+            true => (steps as f32).to_le_bytes(),
+            false => objects::rounded_i32(steps).to_le_bytes(),
+        };
+        objects::store(dictionary, self.true_position, &bytes);
     }
 }
 
@@ -224,46 +220,6 @@ pub(crate) fn declare(
     if published.len() > SIGNALS_IN_TPDO2 {
         let count = published.len().min(RECORDED_MAX);
         declare_tpdo3(dictionary, &PLANT_SIGNALS[SIGNALS_IN_TPDO2..count]);
-    }
-}
-
-/// Says in which unit positions and velocities are (0x60A8, 0x60A9), where the data sheet does not.
-pub(crate) fn declare_unit(dictionary: &mut ObjectDictionary, unit: &Unit) {
-    if *unit == Unit::Millimetres {
-        return;
-    }
-    let position = unit.si_position();
-    for (index, code) in [
-        (SI_UNIT_POSITION, position),
-        (SI_UNIT_VELOCITY, si_velocity(position)),
-    ] {
-        if let Ok(handle) = dictionary.find(index, 0) {
-            let mut entry = dictionary.entry(handle).clone();
-            entry.default = code.to_le_bytes().to_vec();
-            dictionary.insert(entry);
-        }
-    }
-}
-
-/// Publishes the truth in every so many cycles (transmission type 1 to 240 of CiA 301, 7.5.2.37), the drives of a bus as far as
-/// that may be in different ones.
-pub(crate) fn set_truth_pace(dictionary: &mut ObjectDictionary, place: &LoopPlace) {
-    let TruthPace {
-        every_cycles,
-        sync_start,
-    } = place.truth_pace();
-    let values = [
-        (TRANSMISSION_TYPE, every_cycles),
-        (SYNC_START_VALUE, sync_start),
-    ];
-    for [communication, _] in [TPDO2, TPDO3] {
-        for (sub_index, value) in values {
-            if let Ok(handle) = dictionary.find(communication, sub_index) {
-                let mut entry = dictionary.entry(handle).clone();
-                entry.default = vec![value];
-                dictionary.insert(entry);
-            }
-        }
     }
 }
 

@@ -35,7 +35,13 @@ pub(crate) fn scenario() -> Trial {
         expect: scenario::expect::Expect::default(),
         plant: scenario::plant::PlantModel::default(),
         sensor: scenario::plant::Sensor::default(),
-        amplifier: scenario::plant::Amplifier::default(),
+        amplifier: scenario::plant::Amplifier {
+            i2t: Some(scenario::plant::I2t {
+                continuous: 0.9,
+                peak_square_seconds: 1.9,
+            }),
+            ..scenario::plant::Amplifier::default()
+        },
         wiring: scenario::wiring::Wiring::default(),
     }
 }

@@ -1,11 +1,8 @@
 //! my_law: PI control with anti-windup. Put your law in its place.
 
-use controller::law::{Cycle, Law, LoopReads, Port, Ports, one_loop};
+use controller::law::{CurrentRange, Cycle, Law, LoopReads, Port, Ports, one_loop};
 use schemars::JsonSchema;
 use serde::Deserialize;
-
-/// Largest current of the rig.
-const CURRENT_AMPERES_MAX: f64 = 1.0;
 
 /// The table `[controller.my_law]` of a scenario.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -32,6 +29,7 @@ impl Default for Config {
 #[derive(Clone, Debug)]
 pub struct MyLaw {
     config: Config,
+    current: CurrentRange,
 }
 
 /// What the law remembers.
@@ -46,9 +44,11 @@ impl Law for MyLaw {
     type Config = Config;
     type State = State;
 
-    fn new(config: &Config) -> Self {
+    /// The second is what each drive that it leads can be commanded: this law leads one.
+    fn new(config: &Config, currents: &[CurrentRange]) -> Self {
         Self {
             config: config.clone(),
+            current: currents[0],
         }
     }
 
@@ -78,11 +78,12 @@ impl Law for MyLaw {
         let proportional = self.config.proportional_amperes_per_metre * error;
         let step = self.config.integral_amperes_per_metre_second * error * cycle.period_seconds;
         // The integral goes no further than a current can, so it does not wind up.
-        state.integral_amperes = (state.integral_amperes + step).clamp(0.0, CURRENT_AMPERES_MAX);
+        let CurrentRange { min, max, .. } = self.current;
+        state.integral_amperes = (state.integral_amperes + step).clamp(min, max);
         let current = proportional + state.integral_amperes;
         // The current, then the terms in the order of the ports.
         writes.copy_from_slice(&[
-            current.clamp(0.0, CURRENT_AMPERES_MAX),
+            current.clamp(min, max),
             proportional,
             state.integral_amperes,
         ]);
@@ -98,6 +99,11 @@ mod tests {
         period_seconds: 1e-3,
     };
 
+    /// The law of a drive of 0 to 1 A.
+    fn law() -> MyLaw {
+        MyLaw::new(&Config::default(), &[CurrentRange::default()])
+    }
+
     /// One cycle at a position, on the way to 20 mm: the current.
     fn step(law: &MyLaw, state: &mut State, position: f64) -> f64 {
         let mut reads = LoopReads {
@@ -112,7 +118,7 @@ mod tests {
 
     #[test]
     fn the_current_is_the_sum_of_both_parts() {
-        let law = MyLaw::new(&Config::default());
+        let law = law();
         let mut state = law.start();
         for _ in 0..1000 {
             step(&law, &mut state, 0.01);
@@ -123,17 +129,17 @@ mod tests {
 
     #[test]
     fn a_long_way_off_does_not_wind_up() {
-        let law = MyLaw::new(&Config::default());
+        let law = law();
         let mut state = law.start();
         for _ in 0..100_000 {
             step(&law, &mut state, -10.0);
         }
-        assert!(state.integral_amperes <= CURRENT_AMPERES_MAX);
+        assert!(state.integral_amperes <= 1.0);
     }
 
     #[test]
     fn a_missing_position_repeats_the_last() {
-        let law = MyLaw::new(&Config::default());
+        let law = law();
         let mut state = law.start();
         step(&law, &mut state, 0.01);
         let held = step(&law, &mut state, f64::NAN);

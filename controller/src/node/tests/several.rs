@@ -199,7 +199,9 @@ fn each_loop_explains_itself_in_frames_of_its_own() {
 #[test]
 fn a_drive_can_have_the_node_id_that_the_module_of_the_shipped_rig_has() {
     let watched = |io_nodes: &[NodeId]| {
-        let dictionary = dictionary(&[Vec::new(), Vec::new()], &[], io_nodes).unwrap();
+        let manager = NodeId::new(1).unwrap();
+        let loops = [(Vec::new(), [0; TERMS_MAX]), (Vec::new(), [0; TERMS_MAX])];
+        let dictionary = dictionary(manager, &loops, &[], io_nodes).unwrap();
         dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY)
     };
     assert_eq!(watched(&[]), Some(0));

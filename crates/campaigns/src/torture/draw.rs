@@ -3,7 +3,6 @@
 use faults::Stream;
 use rig::plan::Plan;
 use scenario::fault::{Drawn, Group, KINDS, Kind, Time};
-use scenario::rig::nodes::EMULATED_NODE_ID_MAX;
 use scenario::wiring::Wiring;
 use toml::{Table, Value};
 
@@ -16,6 +15,7 @@ const BOOT_PROBABILITY: f64 = 0.1;
 /// Who can fail, by the names that the scenario has for them.
 pub(super) struct Nodes {
     controller: String,
+    controller_id: u8,
     drives: Vec<Drive>,
 }
 
@@ -46,6 +46,7 @@ impl Nodes {
         });
         Self {
             controller: plan.controller_name().to_owned(),
+            controller_id: plan.leading().nodes.controller.id,
             drives: drives.collect(),
         }
     }
@@ -74,18 +75,30 @@ impl Nodes {
         [0x080]
             .into_iter()
             .chain(pdos)
-            .chain([0x701])
+            .chain([0x700 + u32::from(self.controller_id)])
             .chain(of(0x700))
             .collect()
     }
 
-    /// The identifiers with which plants publish the truth begin above this: no node may forge that.
-    fn below_truth(&self) -> u32 {
-        let lowest = self.drives.iter().map(|drive| drive.node_id).min();
-        0x6A0 + u32::from(lowest.unwrap_or_default()) - 1
+    /// A drawn node-ID, or the next one that no node has.
+    fn free(&self, drawn: Value) -> Value {
+        let first = drawn.as_integer().unwrap_or_default();
+        let taken = |id: &i64| {
+            let mut drives = self.drives.iter();
+            drives.any(|drive| i64::from(drive.node_id) == *id)
+        };
+        let mut candidates = (first..=127).chain(FREE_NODE_ID_MIN.into()..first);
+        candidates.find(|id| !taken(id)).unwrap_or(first).into()
     }
 
-    /// A fault with the names that its drive has for positions, and as high for its travel.
+    /// The identifiers with which plants publish the truth begin above this: no node may forge that.
+    fn below_truth(&self) -> u32 {
+        let truths = self.drives.iter();
+        let lowest = truths.map(|drive| drive.wiring.identifiers.truth).min();
+        u32::from(lowest.unwrap_or_default()) - 1
+    }
+
+    /// A fault with the names that its drive has for positions, as high for its travel, and as large for its amplifier.
     fn in_unit(&self, fault: Table) -> Table {
         // Where there is one drive, a fault need not name it.
         let name = fault.get("node").and_then(Value::as_str);
@@ -103,6 +116,9 @@ impl Nodes {
         let of_drive = |(key, value): (String, Value)| match value {
             Value::Float(height) if key.contains("millimetres") => {
                 (wiring.measurand.rename(&key), (height * travels).into())
+            }
+            Value::Float(current) if key.contains("amperes") => {
+                (key, (current * wiring.current().max).into())
             }
             value => (key, value),
         };
@@ -130,6 +146,9 @@ impl Nodes {
 
 /// canrig's own node.
 const BENCH: &str = "bench";
+
+/// Node-IDs from this one on are drawn for what is nowhere on the bus.
+const FREE_NODE_ID_MIN: u32 = 0x20;
 
 /// The kinds that are drawn, each with its group: `bus.lose`.
 pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
@@ -213,7 +232,7 @@ fn drawn(stream: &mut Stream, nodes: &Nodes, drawn: Drawn) -> Option<Value> {
         Drawn::Whole(lowest, highest) => whole(stream, lowest, highest),
         Drawn::Identifier if stream.happens(0.7) => (*pick(stream, &nodes.identifiers())).into(),
         Drawn::Foreign(lowest) => whole(stream, lowest, nodes.below_truth()),
-        Drawn::FreeNodeId => whole(stream, u32::from(EMULATED_NODE_ID_MAX) + 1, 127),
+        Drawn::FreeNodeId => nodes.free(whole(stream, FREE_NODE_ID_MIN, 127)),
         Drawn::Node => (*pick(stream, &nodes.nodes())).into(),
         Drawn::PerhapsStation if stream.happens(0.5) => None?,
         Drawn::Station | Drawn::PerhapsStation => (*pick(stream, &nodes.stations())).into(),

@@ -26,7 +26,7 @@ const TRUTH_SECONDS_MAX: f64 = 0.025;
 /// From what the plant says until it stands in the recording, and the rounding of times.
 const MESSAGE_SECONDS_MAX: f64 = 1e-3;
 
-const CONTROLLER_HEARTBEAT: u16 = 0x701;
+const HEARTBEAT: u16 = 0x700;
 
 /// An invariant that a run broke.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,7 +79,8 @@ fn violation_of_loop(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
         .or_else(|| {
             let what = ("manager", "heartbeat of the manager");
             let drive = played.own.place.drive_node_id;
-            let is_it = |frame: &CanFrame| is_of_manager(frame, drive);
+            let manager = played.own.nodes.controller.id;
+            let is_it = |frame: &CanFrame| is_of_manager(frame, manager, drive);
             no_current_without(what, is_it, HEARTBEAT_SECONDS_MAX, played)
         })
 }
@@ -185,9 +186,10 @@ fn no_current_without(
 }
 
 /// The manager's heartbeat, or its order to start, from which on the drive waits for it.
-fn is_of_manager(frame: &CanFrame, drive: u8) -> bool {
+fn is_of_manager(frame: &CanFrame, manager: u8, drive: u8) -> bool {
+    let heartbeat = HEARTBEAT + u16::from(manager);
     let start = NmtCommand::Start.frame(NodeId::new(drive));
-    frame.standard_id() == Some(CONTROLLER_HEARTBEAT) || *frame == start
+    frame.standard_id() == Some(heartbeat) || *frame == start
 }
 
 /// A drive that cannot act: dead with its current held, hanging or just awake, or its amplifier stuck on.
@@ -273,7 +275,7 @@ mod tests {
             sync.ends_with(" ms after the last SYNC (limit 55 ms)"),
             "{sync}"
         );
-        let manager = found(&without(|frame| is_of_manager(frame, 0x10)));
+        let manager = found(&without(|frame| is_of_manager(frame, 1, 0x10)));
         assert!(manager.starts_with("manager: "), "{manager}");
         assert!(
             manager.ends_with("heartbeat of the manager (limit 105 ms)"),

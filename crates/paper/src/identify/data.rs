@@ -488,7 +488,7 @@ fn check_values(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFa
 
 fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
     let span = scenario.sensor.span;
-    let current_max = scenario.amplifier.max;
+    let current_max = scenario.amplifier.range.max;
     let quantities = [
         (
             "position",

@@ -1,6 +1,7 @@
 //! The text of a scenario that plays an identified plant.
 
 use rig::plan::ControlLoop;
+use scenario::CurrentRange;
 use scenario::plant::{Amplifier, Sensor, Sma};
 use toml::{Table, Value};
 
@@ -43,15 +44,15 @@ pub fn text_on_shipped_rig(
         noise_rms,
     } = own.trial.sensor;
     let Amplifier {
-        min,
-        max,
+        range: CurrentRange { rated, min, max },
         resolution_bits: amplifier_bits,
+        ..
     } = own.trial.amplifier;
     let table = toml::to_string(&table)?;
     let plant = plant.to_file_text(PLANT)?;
     Ok(format!(
         "{table}\n[node.drive.sensor]\nmax = {span:?}\nresolution_bits = {resolution_bits}\nnoise_rms = {noise_rms:?}\n\n\
-         [node.drive.amplifier]\nmin = {min:?}\nmax = {max:?}\nresolution_bits = {amplifier_bits}\n\n{plant}"
+         [node.drive.amplifier]\nrated = {rated:?}\nmin = {min:?}\nmax = {max:?}\nresolution_bits = {amplifier_bits}\n\n{plant}"
     ))
 }
 

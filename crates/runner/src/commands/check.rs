@@ -35,8 +35,11 @@ pub fn check(args: &CheckArgs) -> Exit {
     let mut worst = Exit::Pass;
     for path in paths {
         match checked(&path, &args.values) {
-            Ok(Valid { name, bus }) => {
+            Ok(Valid { name, notes, bus }) => {
                 print(&format!("{}: valid ({name})", path.display()));
+                notes
+                    .iter()
+                    .for_each(|note| print(&format!("note: {note}")));
                 bus.iter().for_each(|bus| print(&arithmetic(bus)));
             }
             Err(error) => {
@@ -51,6 +54,8 @@ pub fn check(args: &CheckArgs) -> Exit {
 /// A valid scenario or rig file.
 struct Valid {
     name: String,
+    /// What of a rig file is allowed and may not be meant.
+    notes: Vec<String>,
     /// What the nodes of a rig file send.
     bus: Option<BusBudget>,
 }
@@ -60,8 +65,11 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
     if Rig::is_meant(&text) {
         let (rig, bus) = check_rig(&text, &path.display().to_string(), catalogue())?;
         let name = format!("rig: {}", rig.name);
-        let bus = Some(bus);
-        return Ok(Valid { name, bus });
+        return Ok(Valid {
+            name,
+            notes: rig.notes(),
+            bus: Some(bus),
+        });
     }
     let plan = read(path, values)?;
     let Shared { run, sweep, .. } = &plan.shared;
@@ -70,7 +78,11 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
         Some(sweep) => format!("{name}, {} runs in a sweep", sweep.runs()),
         None => name.clone(),
     };
-    Ok(Valid { name, bus: None })
+    Ok(Valid {
+        name,
+        notes: Vec::new(),
+        bus: None,
+    })
 }
 
 /// What is on the bus in a cycle, and whether it fits.

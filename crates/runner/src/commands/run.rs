@@ -179,7 +179,8 @@ impl<'a> RunTestbed<'a> {
         let is_manager = plan.loops.iter().all(is_ours);
         let is_lasting = matches!(self.bus, RunBus::Interface(_));
         if is_manager && is_lasting {
-            self.vigil.set(Vigil::begin(address).ok());
+            self.vigil
+                .set(Vigil::begin(address, plan.leading().nodes.controller.id).ok());
         }
     }
 

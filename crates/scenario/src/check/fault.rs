@@ -4,19 +4,18 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::fault::{Fault, Faults, Group, Time};
 use crate::plant::PlantModel;
-
-/// COB-ID of `drive_truth`, by which the run is judged.
-const TRUTH_COB_ID: u32 = 0x6B0;
+use crate::rig::nodes::Rig;
 
 /// Faults that begin within the run and end after they begin.
 pub(super) fn faults(
     document: &Document<'_>,
     faults: &Faults,
+    rig: &Rig,
     duration_seconds: f64,
 ) -> Vec<Problem> {
     let problems = faults.iter().flat_map(|fault| {
         let found = times(document, fault, duration_seconds).into_iter();
-        found.chain(forged(document, fault))
+        found.chain(forged(document, fault, rig))
     });
     problems.collect()
 }
@@ -53,15 +52,18 @@ fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<P
     problems
 }
 
-/// A foreign node that sends what the plant says of itself.
-fn forged(document: &Document<'_>, fault: &Fault) -> Option<Problem> {
+/// A foreign node that sends what a plant says of itself, by which the run is judged.
+fn forged(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> {
     let is_foreign = fault.kind.group == Group::Bus && fault.kind.node_key().is_none();
-    let is_truth = fault.whole("identifier") == Some(TRUTH_COB_ID);
-    (is_foreign && is_truth).then(|| {
-        let path = format!("{}.identifier", fault.path());
-        let message = "no foreign node may forge what the plant says of itself";
-        document.problem(&path, message, "0x6B0 is `drive_truth`")
-    })
+    let forged = fault.whole("identifier").filter(|_| is_foreign)?;
+    let identifiers = rig.identifiers();
+    let mut truths = rig.loops.keys().zip(&identifiers);
+    let (of_loop, _) = truths.find(|(_, own)| u32::from(own.truth) == forged)?;
+    let path = format!("{}.identifier", fault.path());
+    let message = "no foreign node may forge what the plant says of itself";
+    let drive = rig.drive_of_loop(of_loop);
+    let label = format!("0x{forged:03X} is `{drive}_truth`");
+    Some(document.problem(&path, message, label))
 }
 
 /// Faults of a plant that mean nothing to it.

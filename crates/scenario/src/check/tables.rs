@@ -36,8 +36,9 @@ pub(crate) fn read_tables(
         .flat_map(|open_loop| &mut open_loop.table);
     for (index, entry) in currents.enumerate() {
         let path = format!("controller.open_loop.table.{index}.file");
-        let rows = read_beside(document, &path, &entry.file, read_table)
-            .and_then(|text| table::parse_current(&entry.file, &text, &entry.column));
+        let rows = read_beside(document, &path, &entry.file, read_table).and_then(|text| {
+            table::parse_current(&entry.file, &text, &entry.column, &wiring.current())
+        });
         match rows {
             Ok(rows) => entry.rows = rows,
             Err(problem) => problems.push(problem),

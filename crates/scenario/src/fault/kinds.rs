@@ -590,7 +590,7 @@ pub static KINDS: &[Kind] = &[
         name: "saturated",
         keys: &[number(
             "current_amperes_max",
-            (0.0, 1.0),
+            (0.0, 32_767_000.0),
             (0.01, 1.0),
             "Largest current that it gives.",
         )],
@@ -601,9 +601,9 @@ pub static KINDS: &[Kind] = &[
         name: "stuck_on",
         keys: &[number(
             "current_amperes",
-            (0.0, 1.0),
+            (-32_767_000.0, 32_767_000.0),
             (0.01, 1.0),
-            "Current that flows.",
+            "Current that flows, within the range of the amplifier.",
         )],
         text: "A current flows whatever is commanded.",
         ..AMPLIFIER

@@ -6,6 +6,7 @@ use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
 use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time, Value};
+use crate::check::outside;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{InUnit, in_unit};
@@ -119,6 +120,9 @@ impl<'text> Reader<'_, 'text> {
         if kind.time != Time::Boot && from_seconds.is_none() {
             return Ok(None);
         }
+        if let Some(problem) = self.outside_amplifier(kind, &path, node.as_ref(), &table) {
+            return Err(vec![problem]);
+        }
         Ok(Some(Fault {
             kind,
             index,
@@ -208,6 +212,30 @@ impl<'text> Reader<'_, 'text> {
         Err(self.document.problem(&path, message, label))
     }
 
+    /// A current that the amplifier of the drive never gives.
+    fn outside_amplifier(
+        &self,
+        kind: &Kind,
+        path: &str,
+        node: Option<&Node>,
+        table: &DeTable<'_>,
+    ) -> Option<Problem> {
+        let drive = node.filter(|node| node.part == Part::Drive)?;
+        let key = kind.keys.iter().find(|key| key.name.starts_with(CURRENT))?;
+        let current = number(table.get(key.name)?.get_ref())?;
+        let range = self.rig.wiring_of(&drive.name).current();
+        let within = match key.name {
+            CURRENT => [range.min, range.max],
+            _ => [0.0, range.max],
+        };
+        outside(
+            self.document,
+            &format!("{path}.{}", key.name),
+            current,
+            within,
+        )
+    }
+
     /// An entry with the names of positions in millimetres, checked as such.
     fn in_own_unit(
         &self,
@@ -248,6 +276,9 @@ impl<'text> Reader<'_, 'text> {
             .unwrap_or_default())
     }
 }
+
+/// A current of the amplifier, and the beginning of its limit.
+const CURRENT: &str = "current_amperes";
 
 fn one(problem: Problem) -> Vec<Problem> {
     vec![problem]

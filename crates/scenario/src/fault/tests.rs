@@ -25,7 +25,7 @@ fn least(kind: &Kind) -> String {
     let required = kind.keys.iter();
     let required = required.filter(|key| matches!(key.need, Need::Required));
     let values = required.map(|key| match key.form {
-        Form::Number(min, _) => format!("{} = {min:.1}\n", key.name),
+        Form::Number(min, _) => format!("{} = {:.1}\n", key.name, min.max(0.0)),
         Form::Whole(min, _) => format!("{} = {min}\n", key.name),
         Form::Word(words) => format!("{} = \"{}\"\n", key.name, words[0].0),
         Form::Node | Form::Station => format!("{} = \"controller\"\n", key.name),

@@ -1,5 +1,6 @@
 //! Reads rig files, and finds what the schema cannot say: who is wired to what, and whether it fits.
 
+mod amplifiers;
 mod ids;
 mod names;
 mod sensors;
@@ -231,6 +232,7 @@ impl Check<'_> {
         problems.extend(self.controllers());
         problems.extend(self.nodes());
         problems.extend(self.externals());
+        problems.extend(self.amplifiers());
         problems.extend(self.sensors());
         problems.extend(self.ports());
         problems.extend(self.loops());

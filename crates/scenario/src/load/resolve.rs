@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::contours::read_contours;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
-use super::sections::Selector;
+use super::sections::{OfLoop, Selector};
 use super::sweep::read_sweep;
 use super::{
     FindObjections, KIND, Objection, Reading, Texts, build, in_unit, nodes, none_of, read_law,
@@ -213,11 +213,17 @@ fn resolve(
     let (tables, wrong_tables) = selector.select();
     problems.extend(wrong_tables);
     let mut loops = Vec::new();
-    for (name, tree) in tables {
+    for OfLoop {
+        name,
+        tree,
+        factors,
+    } in tables
+    {
         let wiring = rig.wiring_of(rig.drive_of_loop(&name));
         let measurand = wiring.measurand.clone();
         let mut reader = TrialReader {
             document: document.with_root(tree),
+            factors: &factors,
             rig: &rig,
             rig_path: &files.path,
             run: run.as_ref(),
@@ -294,7 +300,7 @@ fn read_run(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> (Option
     problems.extend(wrong_faults);
     let run = read_header(selector, problems).map(|header| {
         let run = header.run(rig.bus.clone(), faults);
-        problems.extend(check::run(scenario, &run));
+        problems.extend(check::run(scenario, &run, rig));
         Arc::new(run)
     });
     (run, has_all_faults)
@@ -321,6 +327,7 @@ fn read_header(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> Opti
 struct TrialReader<'a, 'text> {
     /// The tables that are of the loop; problems have the names of positions in millimetres.
     document: Document<'text>,
+    factors: &'a [(String, f64)],
     rig: &'a Rig,
     rig_path: &'a Path,
     run: Option<&'a Arc<Run>>,
@@ -364,6 +371,7 @@ impl TrialReader<'_, '_> {
             wiring,
         };
         read_law(document, &outside, &mut trial.controller.own, &mut problems);
+        trial.controller.scale(self.factors);
         problems.extend(check::trial(document, &trial));
         if self.has_all_faults {
             problems.extend(check::reactions(document, &trial));

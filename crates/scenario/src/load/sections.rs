@@ -5,8 +5,8 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::InUnit;
 use super::expect;
+use super::{Factors, InUnit};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
@@ -52,8 +52,18 @@ pub(super) struct Selector<'a, 'text> {
     pub(super) rig: &'a Rig,
 }
 
-/// The tables of each loop by its name, and what is wrong with how the scenario names them.
-pub(super) type Selected<'text> = (Vec<(String, DeTable<'text>)>, Vec<Problem>);
+/// What a scenario says of one loop.
+pub(super) struct OfLoop<'text> {
+    /// The loop.
+    pub(super) name: String,
+    /// Its tables.
+    pub(super) tree: DeTable<'text>,
+    /// What parameters of its law are to be multiplied by.
+    pub(super) factors: Factors,
+}
+
+/// What is said of each loop, and what is wrong with how the scenario names them.
+pub(super) type Selected<'text> = (Vec<OfLoop<'text>>, Vec<Problem>);
 
 impl<'text> Selector<'_, 'text> {
     pub(super) fn select(&self) -> Selected<'text> {
@@ -68,7 +78,7 @@ impl<'text> Selector<'_, 'text> {
                 continue;
             }
             match self.tables_of(name) {
-                Ok(of_loop) => tables.push((name.clone(), of_loop)),
+                Ok(of_loop) => tables.push(of_loop),
                 Err(problem) => problems.push(problem),
             }
         }
@@ -112,7 +122,7 @@ impl<'text> Selector<'_, 'text> {
         drives.first().map_or("", String::as_str)
     }
 
-    fn tables_of(&self, name: &str) -> Result<DeTable<'text>, Problem> {
+    fn tables_of(&self, name: &str) -> Result<OfLoop<'text>, Problem> {
         let mut tables = DeTable::new();
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
         tables.insert(key(CONTROLLER), self.law(name)?);
@@ -136,8 +146,12 @@ impl<'text> Selector<'_, 'text> {
             measurand: &wiring.measurand,
             of_loop: name,
         };
-        units.rename(&mut tables)?;
-        Ok(tables)
+        let factors = units.rename(&mut tables)?;
+        Ok(OfLoop {
+            name: name.to_owned(),
+            tree: tables,
+            factors,
+        })
     }
 
     /// `[controller.LOOP.LAW]`, else `[controller.all.LAW]`; where there is one loop, `[controller.LAW]` too.

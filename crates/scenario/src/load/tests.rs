@@ -108,7 +108,7 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     for one in [x, y] {
         assert_eq!(one.run.name, "two moves");
         assert!((one.run.bus.sync_period_milliseconds - 2.0).abs() < 1e-12);
-        assert!((one.amplifier.min + 1.0).abs() < 1e-12);
+        assert!((one.amplifier.range.min + 1.0).abs() < 1e-12);
         assert!(one.controller.pid.is_some());
         assert_eq!(one.reference.hold.len(), 1);
     }
@@ -204,11 +204,6 @@ fn what_is_wrong_with_a_rig_names_both_places() {
             "`x` and `y` have the same node-ID 16",
         ),
         (
-            "node_id = 0x12",
-            "node_id = 0x20",
-            "the emulated node `y` cannot have the node-ID 32",
-        ),
-        (
             "outputs = [\"y.current\"]",
             "outputs = []",
             "`loop.y.outputs` has 0 entries",
@@ -280,11 +275,6 @@ fn a_rig_that_could_be_misread_is_refused() {
             "a loop cannot be called `requirements`",
         ),
         ("[loop.y]", "[loop.Y]", "`Y` can be no name of a loop"),
-        (
-            "node_id = 1",
-            "node_id = 2",
-            "the controller `controller` has the node-ID 2",
-        ),
         (
             "port = \"gantry_y.position",
             "port = \"gantry_x.position",
@@ -435,10 +425,6 @@ fn both_places_are_underlined() {
             assert!(error.contains(&format!("─ {label}")), "{wrong}: {error}");
         }
     }
-    let io = "[node.io]\nkind = \"io\"\nnode_id = 0x20\n\
-        outputs.convection_factor = \"gantry_x.convection_factor\"\n[node.x]";
-    let error = load_text(SCENARIO, &RIG.replacen("[node.x]", io, 1)).unwrap_err();
-    assert!(error.contains("`io` cannot have the node-ID 32"), "{error}");
 }
 
 #[test]
@@ -640,7 +626,7 @@ fn a_scenario_gives_other_values_to_its_rig() {
     let (sensor, amplifier) = (&scenario.sensor, &scenario.amplifier);
     assert_eq!(sensor.noise_rms, 0.1);
     assert_eq!((sensor.resolution_bits, sensor.span), (10, 50.0));
-    assert_eq!(amplifier.max, 0.5);
+    assert_eq!(amplifier.range.max, 0.5);
     assert_eq!(scenario.wiring.range(), [0.0, 50.0]);
 }
 
@@ -773,8 +759,8 @@ fn gains_and_names_are_those_of_the_loop() {
             JOINT,
             JOINT_RIG,
             "amperes_per_degree = 0.03",
-            "amperes_per_revolution = 36.0",
-            "write `proportional_amperes_per_degree = 0.1`",
+            "amperes_per_degree = 0.03\nproportional_amperes_per_revolution = 10.8",
+            "one gain by two units",
         ),
         (
             JOINT,
@@ -801,6 +787,14 @@ fn gains_and_names_are_those_of_the_loop() {
         let error = load_text(&scenario.replacen(right, wrong, 1), rig).unwrap_err();
         assert!(error.contains(said), "{wrong}: {error}");
     }
+    let by_revolution = JOINT.replacen(
+        "amperes_per_degree = 0.03",
+        "amperes_per_revolution = 10.8",
+        1,
+    );
+    let converted = load_text(&by_revolution, JOINT_RIG).unwrap();
+    let gains = converted.loops[0].controller.pid_pair.as_ref().unwrap();
+    assert!((gains.proportional_amperes_per_metre - 0.03).abs() < 1e-12);
     let said = |from: &str, to: &str| load_text(&tilted, &spindle.replace(from, to)).unwrap_err();
     let error = said("flexor.tilt", "flexor.position");
     assert!(error.contains("write \"flexor.tilt\""), "{error}");

@@ -7,7 +7,6 @@ use crate::error::{Problem, Source};
 use crate::metrics::METRICS;
 use crate::own::leads_all;
 use crate::port::{GAINS, Measurand, Unit, conversion, singular, unit_at_start};
-use crate::structure::number;
 
 /// Where names have the unit of a position.
 const SECTIONS: [&str; 3] = ["reference", "fault", EXPECT];
@@ -19,6 +18,9 @@ const METRE: &str = "metre";
 /// Units that a name might have by mistake.
 const UNITS: [&str; 3] = ["millimetres", "degrees", "revolutions"];
 
+/// What parameters of a law are to be multiplied by, with their paths.
+pub(crate) type Factors = Vec<(String, f64)>;
+
 /// The names of one loop.
 pub(crate) struct InUnit<'a> {
     pub(crate) source: &'a Source,
@@ -27,11 +29,13 @@ pub(crate) struct InUnit<'a> {
 }
 
 impl InUnit<'_> {
-    /// Gives all names of positions the unit that the types of a loop have.
+    /// Gives all names of positions the unit that the types of a loop have. Gains by another unit of the same quantity are to be
+    /// multiplied by what is returned with their paths below the section.
     ///
     /// # Errors
     /// The first name that ends in another unit than the loop's.
-    pub(crate) fn rename(&self, tree: &mut DeTable<'_>) -> Result<(), Problem> {
+    pub(crate) fn rename(&self, tree: &mut DeTable<'_>) -> Result<Factors, Problem> {
+        let mut factors = Factors::new();
         for (key, value) in tree.iter_mut() {
             let section: &str = key.get_ref();
             if SECTIONS.contains(&section) {
@@ -41,10 +45,12 @@ impl InUnit<'_> {
             {
                 // A law of all loops states the units in the names of its ports.
                 let mut of_loop = laws.iter_mut().filter(|(law, _)| !leads_all(law.get_ref()));
-                of_loop.try_for_each(|(_, law)| self.gains(law.get_mut()))?;
+                of_loop.try_for_each(|(name, law)| {
+                    self.gains(name.get_ref(), law.get_mut(), &mut factors)
+                })?;
             }
         }
-        Ok(())
+        Ok(factors)
     }
 
     /// In `[expect]` the name of another metric stays, as `temperature_celsius` in a loop of a temperature.
@@ -103,38 +109,52 @@ impl InUnit<'_> {
     }
 
     /// Gains by the unit are to a law gains by the metre: it sees positions in the loop's unit, or in metres.
-    fn gains(&self, value: &mut DeValue<'_>) -> Result<(), Problem> {
+    fn gains(
+        &self,
+        path: &str,
+        value: &mut DeValue<'_>,
+        factors: &mut Factors,
+    ) -> Result<(), Problem> {
         let DeValue::Table(table) = value else {
             return Ok(());
         };
         for (mut key, mut below) in std::mem::take(table) {
             let name: &str = key.get_ref();
+            let mut path = format!("{path}.{name}");
             if let Some((gain, unit, rest)) = self.gain(name) {
-                if unit != self.measurand.unit.of_laws() {
-                    return Err(self.wrong_gain(&key, below.get_ref()));
+                let factor = conversion(self.measurand.unit.of_laws(), unit);
+                let factor = factor.ok_or_else(|| self.wrong_gain(&key))?;
+                let canonical = format!("{gain}{METRE}{rest}");
+                path.truncate(path.len() - name.len());
+                path += &canonical;
+                if factor != 1.0 {
+                    factors.push((path.clone(), factor));
                 }
-                *key.get_mut() = format!("{gain}{METRE}{rest}").into();
+                let written = key.span();
+                *key.get_mut() = canonical.into();
+                if let Some((first, _)) = table.get_key_value(&**key.get_ref()) {
+                    let message = "one gain by two units";
+                    let problem = self.source.problem(written, message, "and this one");
+                    return Err(problem.with_place(first.span(), "this one"));
+                }
             }
-            self.gains(below.get_mut())?;
+            self.gains(&path, below.get_mut(), factors)?;
             table.insert(key, below);
         }
         Ok(())
     }
 
-    /// A gain by another unit: with the right name, and the value where the units are of one quantity.
-    fn wrong_gain(&self, key: &Spanned<DeString<'_>>, value: &DeValue<'_>) -> Problem {
+    /// A gain by a unit of another quantity, with the right name.
+    fn wrong_gain(&self, key: &Spanned<DeString<'_>>) -> Problem {
         let own = self.measurand.unit.of_laws();
-        let (gain, unit, rest) = self.gain(key.get_ref()).unwrap_or_default();
+        let (gain, _, rest) = self.gain(key.get_ref()).unwrap_or_default();
         let right = format!("{gain}{}{rest}", singular(own));
         let message = format!(
             "the gains of the loop `{}` are by the {}",
             self.of_loop,
             singular(own).replace('_', " ")
         );
-        let label = match number(value).zip(conversion(own, unit)) {
-            Some((value, factor)) => format!("write `{right} = {}`", value * factor),
-            None => format!("write `{right}`"),
-        };
+        let label = format!("write `{right}`");
         self.source.problem(key.span(), message, label)
     }
 

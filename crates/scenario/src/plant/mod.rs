@@ -7,9 +7,11 @@ mod sma_pair;
 
 use std::any::Any;
 
+use canopen::object_dictionary::Preset;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::current::CurrentRange;
 use crate::own::{self, Own, Parameters, defaults};
 pub use dc_motor::DcMotor;
 pub use fmu::{Fmu, FmuPort};
@@ -186,21 +188,71 @@ impl Default for Sensor {
 /// Current amplifier.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Amplifier {
-    /// Smallest current, in amperes: 0, or below it for an amplifier that drives both ways (paper: 0).
-    pub min: f64,
-    /// Largest current, in amperes (paper: 1).
-    pub max: f64,
+    /// Its currents (paper: 0 to 1 A).
+    pub range: CurrentRange,
     /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
     /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
     pub resolution_bits: u32,
+    /// Its I²t protection; without one it gives its largest current for ever.
+    pub i2t: Option<I2t>,
 }
 
 impl Default for Amplifier {
     fn default() -> Self {
         Self {
-            min: 0.0,
-            max: 1.0,
+            range: CurrentRange::default(),
             resolution_bits: 0,
+            i2t: None,
         }
     }
+}
+
+/// Objects of a drive (CiA 402-2) that its amplifier sets.
+const TARGET_TORQUE: u16 = 0x6071;
+const MAX_TORQUE: u16 = 0x6072;
+const MAX_CURRENT: u16 = 0x6073;
+const MOTOR_RATED_CURRENT: u16 = 0x6075;
+const THERMAL_PROTECTION: u16 = 0x2110;
+
+impl Amplifier {
+    /// What the data sheet of its drive has of its own.
+    pub(crate) fn presets(&self) -> [Preset; 6] {
+        let thousandths = |value: f64| {
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "the schema limits it to what 32 bits hold"
+            )]
+            let value = libm::round(value * 1e3) as i64;
+            value
+        };
+        // Commands reach the rated current at least, so that what the amplifier clips shows.
+        let most = thousandths((self.range.largest() / self.range.rated).max(1.0));
+        let within = |index, value, low| Preset {
+            limits: Some([low, most]),
+            ..Preset::new(index, 0, value)
+        };
+        let [continuous, peak] = self
+            .i2t
+            .map_or([0.0; 2], |i2t| [i2t.continuous, i2t.peak_square_seconds]);
+        [
+            within(TARGET_TORQUE, 0, -most),
+            within(MAX_TORQUE, most, 0),
+            within(MAX_CURRENT, most, 0),
+            Preset::new(MOTOR_RATED_CURRENT, 0, thousandths(self.range.rated)),
+            Preset::new(THERMAL_PROTECTION, 1, thousandths(continuous)),
+            Preset::new(THERMAL_PROTECTION, 2, thousandths(peak)),
+        ]
+    }
+}
+
+/// I²t protection: how long more than the continuous current may flow.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct I2t {
+    /// Current that may flow for ever, in amperes (0x2110:01).
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000_000.0))]
+    pub continuous: f64,
+    /// Largest `∫ (i² − continuous²) dt`, in A² s (0x2110:02); beyond it the drive faults with 0x2350.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 4_000_000.0))]
+    pub peak_square_seconds: f64,
 }

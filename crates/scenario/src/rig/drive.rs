@@ -6,8 +6,6 @@ use canopen::{CanFrame, ObjectDictionary, add_half, cia402};
 
 use super::{ObjectAddress, RigDrive};
 
-/// Rated current of the emulated drive (0x6075).
-const RATED_CURRENT_AMPERES: f64 = 1.0;
 /// The drive samples and applies on every SYNC.
 const EVERY_SYNC: u8 = 1;
 
@@ -290,14 +288,6 @@ pub struct DriveLayout {
 }
 
 impl DriveLayout {
-    /// A drive that canrig emulates, by the objects of its EDS.
-    ///
-    /// # Errors
-    /// As [`DriveLayout::new`].
-    pub fn emulated(dictionary: ObjectDictionary, rig: &RigDrive) -> Result<Self, DriveError> {
-        Self::new(dictionary, rig, RATED_CURRENT_AMPERES)
-    }
-
     /// A drive by the objects of its EDS with their defaults, what the rig file says of it, and the largest current that
     /// it may be given.
     ///
@@ -496,7 +486,7 @@ mod tests {
     }
 
     fn emulated() -> DriveLayout {
-        DriveLayout::emulated(objects(DRIVE_EDS, 0x10), &RigDrive::default()).unwrap()
+        DriveLayout::new(objects(DRIVE_EDS, 0x10), &RigDrive::default(), 1.0).unwrap()
     }
 
     #[test]
@@ -536,7 +526,7 @@ mod tests {
     #[test]
     fn an_object_that_is_not_mapped_is_mapped_and_one_that_is_not_there_is_refused() {
         let text = DRIVE_EDS.replace("0x60640020", "0x60780010");
-        let drive = DriveLayout::emulated(objects(&text, 0x10), &RigDrive::default()).unwrap();
+        let drive = DriveLayout::new(objects(&text, 0x10), &RigDrive::default(), 1.0).unwrap();
         let wanted = [0x6041_0010, 0x6064_0020, 0x6078_0010];
         assert_eq!(drive.feedback.entries, wanted);
         let mut rig = RigDrive::default();
@@ -563,7 +553,7 @@ mod tests {
                 &format!("DefaultValue={was}\n"),
                 &format!("DefaultValue={cob_id}\n"),
             );
-            let error = DriveLayout::emulated(objects(&text, 0x10), &RigDrive::default())
+            let error = DriveLayout::new(objects(&text, 0x10), &RigDrive::default(), 1.0)
                 .unwrap_err()
                 .to_string();
             assert!(error.contains(cob_id) && error.contains(place), "{error}");

@@ -10,15 +10,14 @@ use super::{
     CommandObject, CurrentObject, Limits, PositionObject, Preflight, RealDrive, RigDrive, Timeouts,
 };
 use crate::bus::Bus;
+use crate::current::CurrentRange;
+use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node, Part};
-use crate::plant::{self, PlantModel};
+use crate::plant::{self, I2t, PlantModel};
 use crate::port::{Measurand, Unit};
 use crate::wiring::{LedBy, LoopOfRig, Plausible, Wiring};
 
-/// The largest node-ID of an emulated node. Its second SDO channel and its truth frames have identifiers that are the first
-/// ones of nodes 32 and 64 further on.
-pub const EMULATED_NODE_ID_MAX: u8 = 0x1F;
-/// Node-ID of the controller.
+/// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
 /// More nodes than that have no node-ID.
 pub const NODES_MAX: usize = 127;
@@ -170,6 +169,7 @@ impl Rig {
             measurand: node.measurand(),
             position_min: sensor.min.unwrap_or_default(),
             position_max: sensor.max,
+            position_increment: sensor.position_increment,
             fan: name_of(outputs.port(FAN_OUTPUT)),
             load: name_of(outputs.port(LOAD_OUTPUT)),
             outputs: outputs
@@ -185,6 +185,7 @@ impl Rig {
             plausible: node.plausible.unwrap_or_default(),
             leads: self.drives_led_from(drive),
             led_by: self.led_by(drive),
+            identifiers: self.identifiers_of(drive),
             of_loop: self.loop_of(drive).to_owned(),
             loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
         }
@@ -210,15 +211,24 @@ impl Rig {
             .map_or("", |(name, _)| name)
     }
 
+    fn identifiers_of(&self, drive: &str) -> Identifiers {
+        let name = self.loop_of(drive);
+        let place = self.loops.keys().position(|one| one == name);
+        let own = place.and_then(|place| self.identifiers().into_iter().nth(place));
+        own.unwrap_or_default()
+    }
+
     /// A loop as others know it.
     fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopOfRig {
         let drive = one.drives.first().cloned().unwrap_or_default();
-        let measurand = self.node.get(&drive).map(RigNode::measurand);
+        let node = self.node.get(&drive);
+        let amplifier = node.and_then(|node| node.amplifier.as_ref());
         LoopOfRig {
             name: name.clone(),
-            measurand: measurand.unwrap_or_default(),
+            measurand: node.map(RigNode::measurand).unwrap_or_default(),
+            current: amplifier.map(Amplifier::range).unwrap_or_default(),
+            led_by: self.led_by(&drive),
             drive,
-            is_led: one.led_by.is_some(),
         }
     }
 
@@ -306,6 +316,31 @@ impl Rig {
         let name = self.loop_of(drive);
         rig.loops.insert(name.to_owned(), led);
         rig
+    }
+
+    /// What is allowed and may not be meant.
+    #[must_use]
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        for (name, node) in self.node.iter().filter(|(_, node)| !node.external) {
+            let Some(amplifier) = &node.amplifier else {
+                continue;
+            };
+            let CurrentRange { rated, min, max } = amplifier.range();
+            if amplifier.i2t.is_none() {
+                notes.push(format!(
+                    "`{name}` has no i2t: its amplifier may give its largest current for ever"
+                ));
+            }
+            let span = max - min;
+            if rated > span {
+                notes.push(format!(
+                    "one step of a command to `{name}` is {:.1} permille of its amplifier's range: rated = {span} or less makes it finer",
+                    rated / span
+                ));
+            }
+        }
+        notes
     }
 
     /// Its text.
@@ -475,22 +510,25 @@ pub struct Amplifier {
     #[schemars(length(min = 1, max = 200))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
-    /// The rated current (0x6075), in amperes; emulated drives have 1.
-    #[schemars(range(min = 1.0, max = 1.0))]
+    /// The rated current (0x6075), in amperes, in thousandths of which commands and measured currents are; 1 if absent.
+    #[schemars(range(min = 0.001, max = 1_000_000.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rated: Option<f64>,
-    /// The smallest current, in amperes: 0, or below it for an amplifier that drives both ways.
-    #[schemars(range(min = -1.0, max = 0.0))]
+    /// The smallest current, in amperes: 0, or below it for an amplifier that drives both ways; 0 if absent.
+    #[schemars(range(min = -32_767_000.0, max = 0.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// The largest current, in amperes.
-    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1.0))]
+    /// The largest current, in amperes; the rated one if absent. It is at most 32.767 times that, as `min` is.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 32_767_000.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
     /// Resolution of its digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille.
     #[schemars(range(min = 0, max = 24))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
+    /// Its I²t protection; none if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub i2t: Option<I2t>,
 }
 
 /// The sensor of a drive.
@@ -523,8 +561,13 @@ pub struct Sensor {
     #[schemars(range(min = 1, max = 24))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
+    /// What one count of the drive's position object (0x6064) stands for, in the sensor's unit; a thousandth of it if absent, of a
+    /// revolution a millionth. A converter whose steps are less than half of it is refused.
+    #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_increment: Option<f64>,
     /// Standard deviation of normal noise before conversion.
-    #[schemars(range(min = 0.0, max = 10.0))]
+    #[schemars(range(min = 0.0, max = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_rms: Option<f64>,
 }
@@ -532,11 +575,20 @@ pub struct Sensor {
 impl Amplifier {
     /// As the drive has it.
     pub(crate) fn of_drive(&self) -> plant::Amplifier {
-        let default = plant::Amplifier::default();
         plant::Amplifier {
-            min: self.min.unwrap_or(default.min),
-            max: self.max.unwrap_or(default.max),
-            resolution_bits: self.resolution_bits.unwrap_or(default.resolution_bits),
+            range: self.range(),
+            resolution_bits: self.resolution_bits.unwrap_or_default(),
+            i2t: self.i2t,
+        }
+    }
+
+    /// What it can be commanded.
+    pub(crate) fn range(&self) -> CurrentRange {
+        let rated = self.rated.unwrap_or(CurrentRange::default().rated);
+        CurrentRange {
+            rated,
+            min: self.min.unwrap_or_default(),
+            max: self.max.unwrap_or(rated),
         }
     }
 }

@@ -16,7 +16,7 @@ use scenario::rig::ObjectAddress;
 
 use super::checklist::Check;
 use crate::bus_place::ManagerHeartbeat;
-use rig::data_sheet::{DataSheet, rig_data_sheets};
+use rig::data_sheet::{DataSheet, data_sheets_led_by};
 use rig::loaded_drive::LoadedDrive;
 use rig::presence::Presence;
 
@@ -88,11 +88,12 @@ pub(super) struct Interview {
 }
 
 impl Interview {
-    /// The interview of a drive, and a call to `others`.
+    /// The interview of a drive, and a call to `others`, by a manager with this node-ID.
     pub(super) fn new(
         drive: &LoadedDrive,
         dictionary: ObjectDictionary,
         others: &[(NodeId, &'static str)],
+        manager: u8,
     ) -> Self {
         let timeouts = &drive.real.timeouts;
         let used = objects_of(drive);
@@ -124,9 +125,9 @@ impl Interview {
             objects: objects.collect(),
             answers: Vec::new(),
             presence: Presence::default(),
-            sheets: rig_data_sheets(),
+            sheets: data_sheets_led_by(manager),
             manager: None,
-            heartbeat: ManagerHeartbeat::default(),
+            heartbeat: ManagerHeartbeat::of(manager),
             output: VecDeque::new(),
             dictionary,
         }

@@ -20,7 +20,7 @@ use canopen::nmt::NodeId;
 use platform::clock;
 use scenario::Beside;
 use scenario::node::Part;
-use scenario::rig::{Limits, PositionObject, RealDrive, RigDrive};
+use scenario::rig::{CommandObject, CurrentObject, Limits, PositionObject, RealDrive, RigDrive};
 
 pub use checklist::{Check, CheckOutcome};
 
@@ -198,7 +198,7 @@ impl Preflight {
         }
         let cooling = Duration::from_secs_f64(preflight.cooling_seconds);
         report(&PreflightEvent::Cooling(cooling));
-        cool(cooling, connection, watch)
+        cool(cooling, one.nodes.controller.id, connection, watch)
     }
 
     /// The drive, or one like the emulated drive where the rig says nothing of it, with the user's wish.
@@ -289,26 +289,40 @@ fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldE
     let io = one.nodes.io.as_ref().filter(|io| one.external.has(io));
     let node_id = io.and_then(|io| NodeId::new(io.id));
     let io = node_id.map(|node_id| (node_id, "fan and load module"));
-    Ok(Interview::new(drive, dictionary, io.as_slice()))
+    Ok(Interview::new(
+        drive,
+        dictionary,
+        io.as_slice(),
+        one.nodes.controller.id,
+    ))
 }
 
 /// What is known of a drive like the emulated one: its limits are what its positions can be.
 fn emulated(one: &ControlLoop) -> RealDrive {
     let wiring = &one.trial.wiring;
+    let currents = wiring.current();
     let [lowest, highest] = wiring.range();
     let travel = highest - lowest;
     let plausible = &wiring.plausible;
     let drive = RigDrive {
         node_id: one.place.drive_node_id,
+        command: CommandObject {
+            units_per_ampere: currents.counts_per_ampere(),
+            ..CommandObject::default()
+        },
+        current: CurrentObject {
+            units_per_ampere: currents.counts_per_ampere(),
+            ..CurrentObject::default()
+        },
         position: PositionObject {
-            increments_per_unit: wiring.measurand.unit.counts(),
+            increments_per_unit: wiring.counts_per_unit(),
             resolution: travel / STEPS_OF_TRAVEL,
             ..PositionObject::default()
         },
         ..RigDrive::default()
     };
     let limits = Limits {
-        current_amperes: 1.0,
+        current_amperes: currents.largest(),
         min: plausible.min.unwrap_or(lowest),
         max: plausible.max.unwrap_or(highest),
         rate_max: plausible.rate_max.unwrap_or(travel / TRAVEL_SECONDS),
@@ -372,8 +386,13 @@ fn await_stopped(
 }
 
 /// Waits, unless the user does not want to, and keeps the bench's place on the bus meanwhile.
-fn cool(time: Duration, connection: &BusConnection, watch: &Watch) -> Result<End, WorldError> {
-    let vigil = Vigil::begin(connection.address())?;
+fn cool(
+    time: Duration,
+    manager: u8,
+    connection: &BusConnection,
+    watch: &Watch,
+) -> Result<End, WorldError> {
+    let vigil = Vigil::begin(connection.address(), manager)?;
     let clock = clock::Clock::start();
     while clock.now() < time && !watch.is_interrupted() && !vigil.is_broken() {
         clock::sleep(POLL_PERIOD);

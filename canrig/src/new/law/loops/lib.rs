@@ -1,6 +1,6 @@
 //! my_law: PI control of two axes that carry one beam, which it keeps level. Put your law in its place.
 
-use controller::law::{Cycle, Law, Port, Ports};
+use controller::law::{CurrentRange, Cycle, Law, Port, Ports};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -57,7 +57,7 @@ impl Law for MyLaw {
     type Config = Config;
     type State = [Axis; 2];
 
-    fn new(config: &Config) -> Self {
+    fn new(config: &Config, _: &[CurrentRange]) -> Self {
         Self {
             config: config.clone(),
         }
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn the_axis_that_is_behind_gets_more() {
-        let law = MyLaw::new(&Config::default());
+        let law = MyLaw::new(&Config::default(), &[]);
         let [left, right] = step(&law, &mut law.start(), [0.010, 0.012]);
         // 3 A/m of 10 mm and of 8 mm, and 10 A/m of 2 mm, once more and once less.
         assert!((left - 0.0503).abs() < 1e-9, "{left}");
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn a_long_way_off_does_not_wind_up() {
-        let law = MyLaw::new(&Config::default());
+        let law = MyLaw::new(&Config::default(), &[]);
         let mut state = law.start();
         for _ in 0..100_000 {
             step(&law, &mut state, [-10.0, -10.0]);
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn a_missing_position_repeats_the_last() {
-        let law = MyLaw::new(&Config::default());
+        let law = MyLaw::new(&Config::default(), &[]);
         let mut state = law.start();
         step(&law, &mut state, [0.01, 0.01]);
         let [held, _] = step(&law, &mut state, [f64::NAN, 0.01]);
@@ -167,7 +167,7 @@ mod tests {
             loops,
             ..Config::default()
         };
-        let law = MyLaw::new(&config);
+        let law = MyLaw::new(&config, &[]);
         assert_eq!(law.ports().outputs[1].name, "y.current_amperes");
     }
 }

@@ -4,6 +4,10 @@ use super::Check;
 use crate::error::Problem;
 use crate::own::is_name;
 use crate::port::{Measurand, Unit};
+use crate::rig::nodes::{RigNode, Sensor};
+
+/// So many steps of a converter may share a count of the position: 16 bits over 60 mm are steps of 0.9 micrometres.
+const STEPS_OF_A_COUNT: f64 = 2.0;
 
 impl Check<'_> {
     /// Ranges that begin below where they end, and units that are words.
@@ -37,6 +41,7 @@ impl Check<'_> {
                 problems.push(self.problem(&path("sensor"), message, label));
                 continue;
             }
+            problems.extend(self.increment(name, node, sensor));
             let plausible = node.plausible.unwrap_or_default();
             for (part, min, max) in [
                 ("sensor", sensor.min.or(Some(0.0)), sensor.max),
@@ -60,5 +65,41 @@ impl Check<'_> {
             }
         }
         problems
+    }
+
+    /// A count of the drive's position that its 32 bits hold at the ends of the range, and that shows the converter's steps.
+    fn increment(&self, name: &str, node: &RigNode, sensor: &Sensor) -> Option<Problem> {
+        if node.external {
+            let path = format!("node.{name}.sensor.position_increment");
+            return sensor.position_increment.map(|increment| {
+                let message = format!("the counts of `{name}` are its maker's");
+                let label = format!("write position.increments_per_unit = {}", 1.0 / increment);
+                self.document.problem(&path, message, label)
+            });
+        }
+        let unit = node.measurand().unit;
+        let increment = sensor.position_increment.unwrap_or(1.0 / unit.counts());
+        let config = sensor.of_drive();
+        let step = config.span / libm::exp2(config.resolution_bits.into());
+        let lowest = sensor.min.unwrap_or_default();
+        let farthest = lowest.abs().max((lowest + config.span).abs());
+        let too_many = farthest / increment > f64::from(i32::MAX);
+        // A range that ends where it has not begun is another problem.
+        if step <= 0.0 || step >= increment / STEPS_OF_A_COUNT && !too_many {
+            return None;
+        }
+        let path = match sensor.position_increment {
+            Some(_) => format!("node.{name}.sensor.position_increment"),
+            None => format!("node.{name}.sensor"),
+        };
+        let message = match too_many {
+            true => format!("{farthest} {unit} are more counts of {increment} than 32 bits hold"),
+            false => format!(
+                "one step of the sensor of `{name}` is {step:.3e} {unit}, and a count of its position {increment}"
+            ),
+        };
+        let right = libm::pow(10.0, libm::floor(libm::log10(step)));
+        let label = format!("write position_increment = {right}");
+        Some(self.document.problem(&path, message, label))
     }
 }

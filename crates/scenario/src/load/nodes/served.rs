@@ -6,29 +6,15 @@ use crate::own::is_name;
 use crate::rig::nodes::{NodeKind, Outputs, plant_of_port};
 use crate::wiring::IO_OUTPUTS_MAX;
 
-/// The node-ID of every controller.
-const CONTROLLER_NODE_ID: u8 = 1;
-
 impl Check<'_> {
     pub(super) fn unserved(&self) -> Vec<Problem> {
-        let mut problems = Vec::from_iter(self.other_controller());
-        problems.extend(self.loops_of_several_drives());
+        let mut problems = self.loops_of_several_drives();
         problems.extend(self.split_drives());
         problems.extend(self.split_outputs());
         problems.extend(self.outputs_without_room());
         problems.extend(self.second_outputs());
         problems.extend(self.idle_plants());
         problems
-    }
-
-    fn other_controller(&self) -> Option<Problem> {
-        let (name, node) = self.rig.controller()?;
-        (node.node_id != CONTROLLER_NODE_ID).then(|| {
-            let path = format!("node.{name}.node_id");
-            let message = format!("the controller `{name}` has the node-ID {}", node.node_id);
-            let label = format!("must be {CONTROLLER_NODE_ID}");
-            self.document.problem(&path, message, label)
-        })
     }
 
     /// A drive whose law leads others must be canrig's, and so must they: the rig file of another one has one loop.

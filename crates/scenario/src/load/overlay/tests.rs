@@ -288,10 +288,10 @@ fn a_wrong_value_of_a_plant_is_shown_where_it_stands_without_the_name_of_the_mod
 fn a_wrong_value_of_a_node_or_the_bus_is_shown_where_it_stands() {
     for (tables, place, message, label) in [
         (
-            "[node.drive.sensor]\nnoise_rms = 100.0\n",
+            "[node.drive.sensor]\nnoise_rms = 1e9\n",
             (2, 13),
-            "`node.drive.sensor.noise_rms` = 100 is out of range",
-            "must be from 0 to 10",
+            "`node.drive.sensor.noise_rms` = 1000000000 is out of range",
+            "must be from 0 to 1000000",
         ),
         (
             "[node.drive.amplifier]\ncurrent_amperes_max = 0.5\n",
