@@ -74,11 +74,11 @@ impl Controller {
             scale(own.tables_mut(), factors);
             return;
         }
-        let scaled = toml::Table::try_from(&*self).and_then(|mut tables| {
-            scale(&mut tables, factors);
-            Ok(tables)
-        });
-        if let Some(scaled) = scaled.ok().and_then(|tables| tables.try_into().ok()) {
+        let Ok(mut tables) = toml::Table::try_from(&*self) else {
+            return;
+        };
+        scale(&mut tables, factors);
+        if let Ok(scaled) = tables.try_into() {
             *self = scaled;
         }
     }

@@ -1,5 +1,7 @@
 //! A controller that leads two drives, each in a loop of its own.
 
+use scenario::Identifiers;
+
 use super::*;
 
 const SECOND: NodeId = NodeId::new(0x12).unwrap();
@@ -18,8 +20,9 @@ fn bus() -> Bus {
 
 fn bus_with(tables: [&str; 2]) -> Bus {
     let mut views = tables.map(view);
-    for (view, node_id) in views.iter_mut().zip([DRIVE, SECOND]) {
+    for (number, (view, node_id)) in (0..).zip(views.iter_mut().zip([DRIVE, SECOND])) {
         view.wiring.nodes.drive.id = node_id.get();
+        view.wiring.identifiers = Identifiers::new(1, node_id.get(), number);
     }
     let plans = views.iter().map(|view| LoopPlan::emulated(view).unwrap());
     let controller = ControllerNode::leading(plans.collect(), vec![DISTURBANCE]);

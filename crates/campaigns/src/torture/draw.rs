@@ -310,7 +310,7 @@ mod tests {
     fn a_drive_in_another_unit_meets_faults_in_that_unit() {
         let rig = include_str!("../../../../scenarios/rigs/dc_motor.toml");
         let sensor = |line: &&str| line.starts_with("sensor = ");
-        let in_metres = "sensor = { port = \"motor.position_metres\", unit = \"metres\", min = 0.0, max = 0.06, resolution_bits = 16 }";
+        let in_metres = "sensor = { port = \"motor.position_metres\", unit = \"metres\", min = 0.0, max = 0.06, resolution_bits = 16, position_increment = 1e-6 }";
         let rig = rig.replace(rig.lines().find(sensor).unwrap(), in_metres);
         let base = BASE
             .replace("sma_actuator", "rig.toml")

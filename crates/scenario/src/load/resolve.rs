@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::contours::read_contours;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
-use super::sections::{OfLoop, Selector};
+use super::sections::Selector;
 use super::sweep::read_sweep;
 use super::{
     FindObjections, KIND, Objection, Reading, Texts, build, in_unit, nodes, none_of, read_law,
@@ -213,17 +213,12 @@ fn resolve(
     let (tables, wrong_tables) = selector.select();
     problems.extend(wrong_tables);
     let mut loops = Vec::new();
-    for OfLoop {
-        name,
-        tree,
-        factors,
-    } in tables
-    {
-        let wiring = rig.wiring_of(rig.drive_of_loop(&name));
+    for one in tables {
+        let wiring = rig.wiring_of(rig.drive_of_loop(&one.name));
         let measurand = wiring.measurand.clone();
         let mut reader = TrialReader {
-            document: document.with_root(tree),
-            factors: &factors,
+            document: document.with_root(one.tree),
+            factors: &one.factors,
             rig: &rig,
             rig_path: &files.path,
             run: run.as_ref(),

@@ -186,7 +186,7 @@ impl Default for Sensor {
 }
 
 /// Current amplifier.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Amplifier {
     /// Its currents (paper: 0 to 1 A).
     pub range: CurrentRange,
@@ -195,16 +195,6 @@ pub struct Amplifier {
     pub resolution_bits: u32,
     /// Its I²t protection; without one it gives its largest current for ever.
     pub i2t: Option<I2t>,
-}
-
-impl Default for Amplifier {
-    fn default() -> Self {
-        Self {
-            range: CurrentRange::default(),
-            resolution_bits: 0,
-            i2t: None,
-        }
-    }
 }
 
 /// Objects of a drive (CiA 402-2) that its amplifier sets.

@@ -69,10 +69,15 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
 }
 
 #[test]
-fn what_an_external_drive_cannot_be_is_refused() {
+fn terms_that_another_node_s_identifier_keeps_from_their_place_have_another_one() {
     // TPDO1 of node 0x21 is where the second loop explains itself.
-    let refused = loaded(&two_servos(0x21)).unwrap_err();
-    assert!(refused.contains("send under one identifier"), "{refused}");
+    let plan = loaded(&two_servos(0x21)).unwrap();
+    let id = |name: &str| plan.database().message(name).unwrap().raw_id;
+    assert_eq!((id("y_tpdo1"), id("controller_y_tpdo1")), (0x1A1, 0x6DD));
+}
+
+#[test]
+fn what_an_external_drive_cannot_be_is_refused() {
     let strange = two_servos(0x22).replacen("0x2100:01", "0x2345:01", 1);
     let refused = loaded(&strange).unwrap_err();
     assert!(refused.contains("the drive `x` cannot be led"), "{refused}");
