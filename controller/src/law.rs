@@ -46,8 +46,8 @@ pub trait Law: fmt::Debug + Send + 'static {
     /// what the first drive of each loop can, in the order of the loops' names.
     fn new(config: &Self::Config, currents: &[CurrentRange]) -> Self;
 
-    /// What it reads and writes. A current is limited to the range of its port and to what the drive can be commanded. The terms are sent every 10th cycle, in at most four
-    /// frames.
+    /// What it reads and writes. A current is limited to the range of its port and to what the drive can be commanded. The terms
+    /// are sent every 10th cycle, in at most four frames.
     fn ports(&self) -> Ports;
 
     /// What makes no physical sense of the parameters: the parameter, and why.

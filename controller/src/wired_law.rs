@@ -55,8 +55,7 @@ impl WiredLaw {
         let drives = wiring.currents(law.drives());
         let currents = (0..places.len()).map(|place| CurrentWire {
             place: places[place],
-            drive: drives.get(place).copied().unwrap_or_default(),
-            ..current(place, &wires, &ports.outputs)
+            ..current(place, drives.get(place), &wires, &ports.outputs)
         });
         let terms = places.iter().enumerate().map(|(place, of_loop)| {
             TermObjects::find(dictionary, *of_loop, terms(place, &wires, &ports.outputs))
@@ -122,25 +121,31 @@ pub(crate) fn wires(law: &AnyLaw, wiring: &Wiring) -> Result<LawWires, WrongPort
     }
 }
 
-fn current(place: usize, wires: &LawWires, outputs: &[Port]) -> CurrentWire {
-    let mut wired = wires.outputs.iter().zip(outputs).enumerate();
-    let found = wired.find_map(|(output, (writing, port))| match writing {
-        Writing::Current { of_loop, factor } if *of_loop == place => Some(CurrentWire {
-            place,
-            output: Some(output),
-            range: port.range,
-            factor: *factor,
-            drive: CurrentRange::default(),
-        }),
-        _ => None,
-    });
-    found.unwrap_or(CurrentWire {
+/// The current of the drive at a place. One that a law leads no further than its first drive has none.
+fn current(
+    place: usize,
+    drive: Option<&CurrentRange>,
+    wires: &LawWires,
+    outputs: &[Port],
+) -> CurrentWire {
+    let none = CurrentWire {
         place,
         output: None,
         range: [0.0, 0.0],
         factor: 1.0,
-        drive: CurrentRange::default(),
-    })
+        drive: drive.copied().unwrap_or_default(),
+    };
+    let mut wired = wires.outputs.iter().zip(outputs).enumerate();
+    let found = wired.find_map(|(output, (writing, port))| match writing {
+        Writing::Current { of_loop, factor } if *of_loop == place => Some(CurrentWire {
+            output: Some(output),
+            range: port.range,
+            factor: *factor,
+            ..none
+        }),
+        _ => None,
+    });
+    found.unwrap_or(none)
 }
 
 /// The terms of a loop, each with its place among what the law writes, and what one of that is in the unit of the name.

@@ -156,6 +156,12 @@ impl Composer {
         self.messages.extend(own);
     }
 
+    /// The message of a node for a service, if it is there already.
+    fn message_mut(&mut self, node: &str, service: &str) -> Option<&mut Message> {
+        let name = names::message(node, service);
+        self.messages.iter_mut().find(|one| one.name == name)
+    }
+
     /// The name of a node of the shipped DBC on this bus, in a message of `own`.
     fn own(&self, shipped: &str, own: &str) -> String {
         match shipped {
@@ -206,10 +212,8 @@ impl Composer {
             (names::RPDO1, names::TARGET_CURRENT, [-most, most]),
             (names::TRUTH, names::PLANT_CURRENT, [-most, most]),
         ] {
-            let message = names::message(drive, service);
-            let mut messages = self.messages.iter_mut();
-            let signals = messages.find(|one| one.name == message);
-            let mut signals = signals.into_iter().flat_map(|message| &mut message.signals);
+            let message = self.message_mut(drive, service).into_iter();
+            let mut signals = message.flat_map(|message| &mut message.signals);
             if let Some(signal) = signals.find(|signal| signal.name == name) {
                 let [minimum, maximum] = ends;
                 signal.coding.factor = factor;
@@ -274,8 +278,7 @@ impl Composer {
     ) -> Self {
         self.add_node(name, node_id, &OF_IO);
         self.io_nodes.push(name.to_owned());
-        let commands = names::message(name, names::RPDO1);
-        let message = self.messages.iter_mut().find(|one| one.name == commands);
+        let message = self.message_mut(name, names::RPDO1);
         if let Some(message) = message.filter(|_| !outputs.is_empty()) {
             let own = laid_out(outputs, &message.signals).into_iter().zip(first..);
             let own = own.map(|(mut signal, place)| {
@@ -303,9 +306,7 @@ impl Composer {
             (names::SDO2_ANSWER, answer),
             (names::TRUTH, truth),
         ] {
-            let name = names::message(drive, service);
-            let mut messages = self.messages.iter_mut();
-            if let Some(message) = messages.find(|message| message.name == name) {
+            if let Some(message) = self.message_mut(drive, service) {
                 message.raw_id = identifier.into();
             }
         }

@@ -94,7 +94,7 @@ impl BusBudget {
     /// The budget of a plan.
     #[must_use]
     pub fn new(plan: &Plan) -> Self {
-        let controller = plan.controller_name();
+        let controller = &plan.controller().name;
         let sync = BusShare {
             node: controller.to_owned(),
             what: "SYNC".to_owned(),

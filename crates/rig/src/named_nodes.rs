@@ -41,8 +41,7 @@ pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
         }
     }
     let eds = data_sheets::of_controller(&servers);
-    let controller = &plan.leading().nodes.controller;
-    sheets.push(sheet(controller, &eds, &OwnValues::default()));
+    sheets.push(sheet(plan.controller(), &eds, &OwnValues::default()));
     sheets.sort_by_key(|sheet| sheet.node_id);
     sheets.dedup_by_key(|sheet| sheet.node_id);
     sheets

@@ -213,10 +213,10 @@ impl Plan {
         &self.loops[0].database
     }
 
-    /// The name of the controller, which leads all loops.
+    /// The controller, which leads all loops.
     #[must_use]
-    pub fn controller_name(&self) -> &str {
-        &self.loops[0].nodes.controller.name
+    pub fn controller(&self) -> &Node {
+        &self.leading().nodes.controller
     }
 
     /// The loop whose controller and law stand for all: those of the only loop, or of the first of several.

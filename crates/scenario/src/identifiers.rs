@@ -78,10 +78,9 @@ impl Identifiers {
 }
 
 impl Rig {
-    /// The identifiers of the loops, in the order of their names: as CiA 301 and canrig have them, and where another node has one
-    /// of them, the highest that is free, in the order of node-IDs.
-    #[must_use]
-    pub fn identifiers(&self) -> Vec<Identifiers> {
+    /// Gives the loops their identifiers: as CiA 301 and canrig have them, and where another node has one of them, the highest that
+    /// is free, in the order of node-IDs.
+    pub(crate) fn assign_identifiers(&mut self) {
         let controller = self
             .controller()
             .map_or(CONTROLLER_NODE_ID, |(_, node)| node.node_id);
@@ -118,8 +117,8 @@ impl Rig {
         for (_, identifier) in homeless {
             *identifier = free.next().unwrap_or_default();
         }
-        all.into_iter()
-            .map(|(_, identifiers)| identifiers)
-            .collect()
+        for (one, (_, identifiers)) in self.loops.values_mut().zip(all) {
+            one.identifiers = identifiers;
+        }
     }
 }

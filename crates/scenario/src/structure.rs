@@ -217,7 +217,7 @@ impl<'a> Checker<'a> {
                 "not a finite number",
             );
         } else if let Some(limits) = broken_limit(number, schema) {
-            self.report(span, format!("`{path}` = {number} is out of range"), limits);
+            self.report(span, out_of_range(path, number), limits);
         }
     }
 }
@@ -266,6 +266,11 @@ pub(crate) fn number(value: &DeValue<'_>) -> Option<f64> {
         DeValue::Float(float) => float.as_str().parse().ok(),
         _ => None,
     }
+}
+
+/// What is said of a number at a path that is outside its range.
+pub(crate) fn out_of_range(path: &str, number: f64) -> String {
+    format!("`{path}` = {number} is out of range")
 }
 
 /// The range in words when the number is outside.

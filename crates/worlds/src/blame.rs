@@ -235,7 +235,7 @@ impl<'a> Seen<'a> {
     }
 
     fn controller_id(&self) -> u16 {
-        self.plan.leading().nodes.controller.id.into()
+        self.plan.controller().id.into()
     }
 
     /// A node that gave up by itself; of a controller that gave a drive up, the drive.

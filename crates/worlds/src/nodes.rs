@@ -109,6 +109,6 @@ pub fn faulty_controller(
 
 /// The faults of the controller.
 pub(crate) fn controller_faults(plan: &Plan) -> FaultPlan {
-    let own_id = plan.leading().nodes.controller.id;
-    FaultPlan::new(&plan.shared.run.faults.at_controller(), own_id)
+    let faults = plan.shared.run.faults.at_controller();
+    FaultPlan::new(&faults, plan.controller().id)
 }

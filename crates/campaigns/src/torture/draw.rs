@@ -45,8 +45,8 @@ impl Nodes {
             wiring: one.trial.wiring.clone(),
         });
         Self {
-            controller: plan.controller_name().to_owned(),
-            controller_id: plan.leading().nodes.controller.id,
+            controller: plan.controller().name.clone(),
+            controller_id: plan.controller().id,
             drives: drives.collect(),
         }
     }

@@ -180,7 +180,7 @@ impl<'a> RunTestbed<'a> {
         let is_lasting = matches!(self.bus, RunBus::Interface(_));
         if is_manager && is_lasting {
             self.vigil
-                .set(Vigil::begin(address, plan.leading().nodes.controller.id).ok());
+                .set(Vigil::begin(address, plan.controller().id).ok());
         }
     }
 

@@ -1,8 +1,11 @@
 //! Currents that the amplifier of a drive cannot be commanded.
 
+use serde_json::json;
+
 use crate::controller::OpenLoop;
 use crate::document::Document;
 use crate::error::Problem;
+use crate::structure::{broken_limit, out_of_range};
 use crate::trial::Trial;
 
 /// The currents of the law of a loop.
@@ -39,12 +42,11 @@ pub(crate) fn outside(
     current_amperes: f64,
     [min, max]: [f64; 2],
 ) -> Option<Problem> {
-    (!(min..=max).contains(&current_amperes)).then(|| {
-        let keys = path
-            .split('.')
-            .filter(|key| !key.starts_with(|c: char| c.is_ascii_digit()));
-        let key = Vec::from_iter(keys).join(".");
-        let message = format!("`{key}` = {current_amperes} is out of range");
-        document.problem(path, message, format!("must be from {min} to {max}"))
+    let limits = json!({ "minimum": min, "maximum": max });
+    broken_limit(current_amperes, &limits).map(|label| {
+        let is_index = |key: &&str| key.starts_with(|c: char| c.is_ascii_digit());
+        let keys = path.split('.').filter(|key| !is_index(key));
+        let message = out_of_range(&Vec::from_iter(keys).join("."), current_amperes);
+        document.problem(path, message, label)
     })
 }

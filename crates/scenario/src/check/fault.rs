@@ -56,9 +56,8 @@ fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<P
 fn forged(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> {
     let is_foreign = fault.kind.group == Group::Bus && fault.kind.node_key().is_none();
     let forged = fault.whole("identifier").filter(|_| is_foreign)?;
-    let identifiers = rig.identifiers();
-    let mut truths = rig.loops.keys().zip(&identifiers);
-    let (of_loop, _) = truths.find(|(_, own)| u32::from(own.truth) == forged)?;
+    let mut loops = rig.loops.iter();
+    let (of_loop, _) = loops.find(|(_, one)| u32::from(one.identifiers.truth) == forged)?;
     let path = format!("{}.identifier", fault.path());
     let message = "no foreign node may forge what the plant says of itself";
     let drive = rig.drive_of_loop(of_loop);

@@ -114,6 +114,7 @@ impl Rig {
         problems.extend(check.problems());
         let problems = said_once(problems);
         rig.add_led_drives();
+        rig.assign_identifiers();
         none_of(problems, rig)
     }
 }

@@ -97,6 +97,7 @@ impl Rig {
                     outputs: vec![format!("{drive}.current")],
                     drives: vec![drive.clone()],
                     led_by: Some(name.clone()),
+                    identifiers: Identifiers::default(),
                 };
                 (drive.clone(), of_drive)
             }));
@@ -161,6 +162,8 @@ impl Rig {
         let outputs = self.io_of(drive).and_then(|(_, io)| io.outputs.clone());
         let outputs = outputs.unwrap_or_default();
         let beside = self.drives_beside(drive);
+        let of_loop = self.loop_of(drive);
+        let own_loop = self.loops.get(of_loop);
         Wiring {
             nodes: self.nodes_of(drive, node.node_id),
             plant: self.plant_of(drive).unwrap_or_default().to_owned(),
@@ -185,8 +188,8 @@ impl Rig {
             plausible: node.plausible.unwrap_or_default(),
             leads: self.drives_led_from(drive),
             led_by: self.led_by(drive),
-            identifiers: self.identifiers_of(drive),
-            of_loop: self.loop_of(drive).to_owned(),
+            identifiers: own_loop.map(|one| one.identifiers).unwrap_or_default(),
+            of_loop: of_loop.to_owned(),
             loops: self.loops.iter().map(|one| self.as_known(one)).collect(),
         }
     }
@@ -209,13 +212,6 @@ impl Rig {
         loops
             .find(|(_, one)| is_its(one))
             .map_or("", |(name, _)| name)
-    }
-
-    fn identifiers_of(&self, drive: &str) -> Identifiers {
-        let name = self.loop_of(drive);
-        let place = self.loops.keys().position(|one| one == name);
-        let own = place.and_then(|place| self.identifiers().into_iter().nth(place));
-        own.unwrap_or_default()
     }
 
     /// A loop as others know it.
@@ -311,6 +307,7 @@ impl Rig {
             outputs: vec![format!("{drive}.current")],
             drives: Vec::new(),
             led_by: None,
+            identifiers: Identifiers::default(),
         };
         // No loop has the name of a drive whose law leads it.
         let name = self.loop_of(drive);
@@ -674,4 +671,7 @@ pub struct RigLoop {
     /// law of this loop.
     #[serde(skip)]
     pub led_by: Option<String>,
+    /// The identifiers of its frames beside those that CiA 301 gives its nodes, put in by the loader.
+    #[serde(skip)]
+    pub identifiers: Identifiers,
 }

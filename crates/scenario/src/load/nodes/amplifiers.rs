@@ -24,7 +24,8 @@ impl Check<'_> {
                     "a command of {current} A does not fit its frame, which counts thousandths of {} A",
                     range.rated
                 );
-                let rated = current.abs() / COUNTS_MAX * 1e3;
+                // In milliamperes, as 0x6075 has it, so that what is written is enough.
+                let rated = libm::ceil(current.abs() / COUNTS_MAX * 1e6) / 1e3;
                 let label = format!("write rated = {rated:.3} or more");
                 problems.push(self.document.problem(&path, message, label));
             }
