@@ -17,6 +17,7 @@ mod faults;
 mod fmu_workers;
 mod fmus;
 mod identify;
+mod kinetics;
 mod knowledge;
 mod lockstep;
 mod long_runs;

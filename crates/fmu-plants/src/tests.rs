@@ -97,6 +97,30 @@ fn parameters_reach_the_plant_or_are_refused_in_words() {
     };
     assert!(with("full").is_ok());
     assert!(with("none").err().unwrap().contains("unknown variant"));
+    // A turn leaves its mark on the fraction.
+    for (name, output) in [("sma", 2), ("sma_pair", 2)] {
+        let wire = of(name);
+        let after_loops = |kinetics: &str| {
+            let kinetics = StartValue::Text(kinetics.to_owned());
+            let started = wire.start(&parameters(&*wire, Some(("kinetics", kinetics))));
+            let mut runs = started.ok().unwrap();
+            for current in [0.7, 0.57, 0.7, 0.57] {
+                let inputs = [current, 0.0, 1.0, 0.0];
+                let inputs = match name {
+                    "sma" => &[current, 1.0, 0.0],
+                    _ => &inputs[..],
+                };
+                runs.step(3.0, inputs);
+            }
+            runs.outputs()[output]
+        };
+        let [paper, nested, preisach] = ["paper", "nested", "preisach"].map(after_loops);
+        assert!((nested - paper).abs() > 1e-3, "{name}: {nested} {paper}");
+        assert!(
+            (preisach - paper).abs() > 1e-3,
+            "{name}: {preisach} {paper}"
+        );
+    }
 }
 
 /// What is written is read by ourselves: variables with units, limits, start values, and nothing that is not served.

@@ -110,7 +110,7 @@ const CELSIUS: Known = Known {
 
 /// What a port's name may end in, and an FMU may call by its symbol only.
 #[rustfmt::skip]
-pub const KNOWN: [Known; 52] = [
+pub const KNOWN: [Known; 53] = [
     known("amperes", "A", [0, 0, 0, 1, 0, 0, 0, 0], 1.0),
     known("milliamperes", "mA", [0, 0, 0, 1, 0, 0, 0, 0], 1e-3),
     known("volts", "V", [1, 2, -3, -1, 0, 0, 0, 0], 1.0),
@@ -149,6 +149,7 @@ pub const KNOWN: [Known; 52] = [
     known("newton_seconds_per_metre", "N.s/m", [1, 0, -1, 0, 0, 0, 0, 0], 1.0),
     known("kilogram_square_metres", "kg.m2", [1, 2, 0, 0, 0, 0, 0, 0], 1.0),
     known("kilograms_per_metre", "kg/m", [1, -1, 0, 0, 0, 0, 0, 0], 1.0),
+    known("joules_per_kilogram", "J/kg", [0, 2, -2, 0, 0, 0, 0, 0], 1.0),
     known("joules_per_kilogram_kelvin", "J/(kg.K)", [0, 2, -2, 0, -1, 0, 0, 0], 1.0),
     known("ohms_per_metre", "Ohm/m", [1, 1, -3, -2, 0, 0, 0, 0], 1.0),
     known("square_metres_per_metre", "m2/m", [0, 1, 0, 0, 0, 0, 0, 0], 1.0),

@@ -33,7 +33,7 @@ pub(crate) use fault::faults_of_plants;
 use limits::limits;
 pub(crate) use limits::reactions;
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
-pub(crate) use plant::temperatures;
+pub(crate) use plant::{cooling, temperatures};
 
 /// Checks what is tried in a loop.
 pub(crate) fn trial(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {

@@ -68,6 +68,8 @@ pub struct Port {
     pub steps_per_unit: f64,
     /// Form of a law's term on the bus.
     pub width: Width,
+    /// An output that a drive publishes whose `record` is left out.
+    pub is_published: bool,
     /// A term that the law writes in the unit in which it reads its loop's position, whatever the name says.
     pub is_of_position: bool,
 }
@@ -97,6 +99,7 @@ impl Port {
             at_rest: 0.0,
             steps_per_unit: steps_for(range),
             width: Width::Real32,
+            is_published: true,
             is_of_position: false,
         }
     }
@@ -138,6 +141,15 @@ impl Port {
     pub fn with_comment(self, comment: &str) -> Self {
         let comment = comment.to_owned();
         Self { comment, ..self }
+    }
+
+    /// The same published only by a drive whose `record` names it.
+    #[must_use]
+    pub fn if_recorded(self) -> Self {
+        Self {
+            is_published: false,
+            ..self
+        }
     }
 
     /// The same with another unit than the end of its name, in words and as the DBC writes it.

@@ -516,6 +516,29 @@ fn a_plant_or_a_disturbance_that_is_wrong_has_its_place_and_its_words() {
             "must be above 53",
         ),
         (
+            more(
+                "[plant.wire]\nkinetics = \"preisach\"\n[plant.wire.heat]\nambient_celsius = 34.5\n",
+            ),
+            12,
+            19,
+            "`ambient_celsius` must not be above `martensite_finish_celsius`",
+            "must be at most 34",
+        ),
+        (
+            more("[plant.wire]\nkinetics = \"nested\"\nheat = { cooling_element_celsius = 35 }\n"),
+            11,
+            36,
+            "`cooling_element_celsius` must not be above `martensite_finish_celsius`",
+            "must be at most 34",
+        ),
+        (
+            more("[plant.wire]\nkinetics = \"neste\"\n"),
+            10,
+            12,
+            "`plant.wire.kinetics` cannot be \"neste\"",
+            "must be one of: paper, nested, preisach",
+        ),
+        (
             more("[plant.wire]\nheat = 3\n"),
             10,
             8,
@@ -539,6 +562,21 @@ fn a_plant_or_a_disturbance_that_is_wrong_has_its_place_and_its_words() {
             "must leave something of 40 g",
         ),
     ]);
+}
+
+#[test]
+fn a_wire_without_a_memory_may_be_warm_and_no_controller_knows_which_has_one() {
+    let wire = |text: &str| {
+        let text = format!("{}[plant.wire]\n{text}", with(CLOSED));
+        let trial = Trial::parse(&text, "wire.toml", no_tables);
+        let trial = trial.unwrap_or_else(|error| panic!("{}", render(&error)));
+        assert!(trial.plant.actuator().is_some());
+        trial.controller_view()
+    };
+    let paper = wire("heat = { ambient_celsius = 60.0, cooling_element_celsius = 60.0 }\n");
+    for kinetics in ["paper", "nested", "preisach"] {
+        assert_eq!(wire(&format!("kinetics = \"{kinetics}\"\n")), paper);
+    }
 }
 
 #[test]

@@ -226,7 +226,7 @@ impl Wiring {
 
     /// The outputs that the drive publishes: those that the rig file names, else those that are its own. Where a plant has one
     /// drive, all are, less what its sensor reads. Where it has several, those are a drive's whose names begin like that of its
-    /// input, and all that are nobody's are the first one's. What has no range is not published.
+    /// input, and all that are nobody's are the first one's. What has no range is not published, nor what only a rig file asks for.
     ///
     /// # Errors
     /// A name that is no output.
@@ -255,7 +255,8 @@ impl Wiring {
         };
         let all = ports.outputs.iter().enumerate();
         let own = all
-            .filter(|(place, port)| Some(*place) != measured && port.has_range() && is_own(port));
+            .filter(|(_, port)| port.is_published && port.has_range() && is_own(port))
+            .filter(|(place, _)| Some(*place) != measured);
         own.map(|(place, _)| place).collect()
     }
 }

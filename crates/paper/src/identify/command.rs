@@ -235,9 +235,20 @@ fn differences(plant: &Sma) -> Option<String> {
         .filter(|parameter: &&Parameter| parameter.get(plant) != parameter.get(&nominal))
         .map(|parameter| parameter.path)
         .collect();
-    if plant.mechanics.stress_strain != nominal.mechanics.stress_strain {
-        names.push("mechanics.stress_strain");
-    }
+    let of_scenario = [
+        (
+            "heat.latent_heat_joules_per_kilogram",
+            plant.heat.latent_heat_joules_per_kilogram
+                != nominal.heat.latent_heat_joules_per_kilogram,
+        ),
+        ("kinetics", plant.kinetics != nominal.kinetics),
+        (
+            "mechanics.stress_strain",
+            plant.mechanics.stress_strain != nominal.mechanics.stress_strain,
+        ),
+    ];
+    let differing = of_scenario.into_iter().filter(|(_, differs)| *differs);
+    names.extend(differing.map(|(name, _)| name));
     (!names.is_empty()).then(|| {
         format!(
             "The scenario's plant is not nominal in {}. This was not used; `--known scenario` uses it.",
@@ -341,7 +352,7 @@ fn write_pictures(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scenario::plant::StressStrain;
+    use scenario::plant::{Kinetics, StressStrain};
 
     #[test]
     fn a_plant_that_is_not_nominal_is_named() {
@@ -354,5 +365,11 @@ mod tests {
             note.contains("in mechanics.load_kilograms, mechanics.stress_strain."),
             "{note}"
         );
+        let plant = Sma {
+            kinetics: Kinetics::Nested,
+            ..Sma::default()
+        };
+        let note = differences(&plant).unwrap();
+        assert!(note.contains("in kinetics."), "{note}");
     }
 }

@@ -6,7 +6,7 @@ use scenario::Trial;
 use scenario::controller::{Controller, NominalModel, Pid, SlidingMode, SlidingModePaper};
 use scenario::events::Window;
 use scenario::expect::Expect;
-use scenario::plant::{Sma, StressStrain};
+use scenario::plant::{Kinetics, Sma, StressStrain};
 
 use super::bases;
 use super::quantity::{Model, Paper, Quantity};
@@ -421,7 +421,10 @@ impl Figure {
 
 /// Whether a model has the numbers of a plant, each of them, and its equations.
 fn is_equal(model: &NominalModel, plant: &Sma) -> bool {
-    plant.mechanics.stress_strain == StressStrain::AusteniteOnly && *model == nominal_model(plant)
+    plant.kinetics == Kinetics::Paper
+        && plant.heat.latent_heat_joules_per_kilogram == 0.0
+        && plant.mechanics.stress_strain == StressStrain::AusteniteOnly
+        && *model == nominal_model(plant)
 }
 
 /// A span of scenario time.
@@ -444,6 +447,14 @@ mod tests {
         assert!(!is_equal(&model, &bases::twin().actuator().unwrap()));
         let mut plant = Sma::default();
         plant.mechanics.stress_strain = StressStrain::Full;
+        assert!(!is_equal(&model, &plant));
+        let plant = Sma {
+            kinetics: Kinetics::Preisach,
+            ..Sma::default()
+        };
+        assert!(!is_equal(&model, &plant));
+        let mut plant = Sma::default();
+        plant.heat.latent_heat_joules_per_kilogram = 24e3;
         assert!(!is_equal(&model, &plant));
     }
 }

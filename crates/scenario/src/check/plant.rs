@@ -2,7 +2,7 @@
 
 use crate::document::Document;
 use crate::error::Problem;
-use crate::plant::Phase;
+use crate::plant::{Heat, Kinetics, Phase};
 
 /// Transformation temperatures in order: Eq. (2) divides by their differences.
 ///
@@ -29,4 +29,31 @@ pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -
         document.problem(&path, message, format!("must be above {low}"))
     };
     pairs.into_iter().filter(is_wrong).map(problem).collect()
+}
+
+/// A memory of turns begins with all martensite, so air and cooling element must not keep the wire above `Mf`.
+///
+/// `path` is that of the wire's table in the document.
+pub(crate) fn cooling(
+    document: &Document<'_>,
+    path: &str,
+    kinetics: Kinetics,
+    heat: &Heat,
+    phase: &Phase,
+) -> Vec<Problem> {
+    let highest = phase.martensite_finish_celsius;
+    let cooling = [
+        ("ambient_celsius", heat.ambient_celsius),
+        ("cooling_element_celsius", heat.cooling_element_celsius),
+    ];
+    let is_wrong = |(_, celsius): &(&str, f64)| kinetics.remembers_turns() && *celsius > highest;
+    let problem = |(name, _): (&str, f64)| {
+        let message = format!("`{name}` must not be above `martensite_finish_celsius`");
+        let label = format!("must be at most {highest}");
+        let remembers = document.span(&format!("{path}.kinetics"));
+        document
+            .problem(&format!("{path}.heat.{name}"), message, label)
+            .with_place(remembers, "remembers turns from all martensite on")
+    };
+    cooling.into_iter().filter(is_wrong).map(problem).collect()
 }

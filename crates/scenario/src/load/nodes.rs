@@ -13,6 +13,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::kind;
 use super::{Reading, build, none_of, read_models};
+use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
 use crate::meant_or_known;
@@ -224,7 +225,7 @@ struct Check<'a> {
 
 impl Check<'_> {
     fn problems(&self) -> Vec<Problem> {
-        let mut problems = Vec::from_iter(crate::check::name(self.document, &self.rig.name));
+        let mut problems = Vec::from_iter(check::name(self.document, &self.rig.name));
         problems.extend(self.names());
         problems.extend(self.models());
         problems.extend(self.fmus());
@@ -288,19 +289,21 @@ impl Check<'_> {
         problems
     }
 
-    /// Wires whose transformation temperatures are out of order.
+    /// Wires whose transformation temperatures are out of order, and those that never cool to where their memory begins.
     fn temperatures(&self) -> Vec<Problem> {
-        let phases = self.rig.plant.iter().filter_map(|(name, plant)| {
-            let phase = match (&plant.sma, &plant.sma_pair) {
-                (Some(sma), _) => &sma.phase,
-                (None, Some(pair)) => &pair.phase,
-                (None, None) => return None,
+        let mut problems = Vec::new();
+        for (name, plant) in &self.rig.plant {
+            let (kinetics, heat, phase) = match (&plant.sma, &plant.sma_pair) {
+                (Some(sma), _) => (sma.kinetics, &sma.heat, &sma.phase),
+                (None, Some(pair)) => (pair.kinetics, &pair.heat, &pair.phase),
+                (None, None) => continue,
             };
-            Some((format!("plant.{name}.{}.phase", plant.key()), phase))
-        });
-        let problems = phases
-            .flat_map(|(path, phase)| crate::check::temperatures(self.document, &path, phase));
-        problems.collect()
+            let (document, path) = (self.document, format!("plant.{name}.{}", plant.key()));
+            let of_phase = check::temperatures(document, &format!("{path}.phase"), phase);
+            problems.extend(of_phase);
+            problems.extend(check::cooling(document, &path, kinetics, heat, phase));
+        }
+        problems
     }
 
     fn controllers(&self) -> Vec<Problem> {

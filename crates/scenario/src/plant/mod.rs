@@ -15,7 +15,7 @@ use crate::current::CurrentRange;
 use crate::own::{self, Own, Parameters, defaults};
 pub use dc_motor::DcMotor;
 pub use fmu::{Fmu, FmuPort};
-pub use sma::{Heat, Mechanics, Phase, SMA_FAULTS, Sma, StressStrain};
+pub use sma::{Heat, Kinetics, Mechanics, Phase, SMA_FAULTS, Sma, StressStrain};
 pub use sma_pair::SmaPair;
 
 /// Name of the actuator of the paper.

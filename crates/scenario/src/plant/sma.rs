@@ -10,12 +10,36 @@ pub const SMA_FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dro
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sma {
+    /// Rule by which the phase transformation follows turns of the temperature.
+    pub kinetics: Kinetics,
     /// Heat balance of the wire, Eq. (1).
     pub heat: Heat,
     /// Phase transformation, Eq. (2).
     pub phase: Phase,
     /// Wire mechanics and motion, Eq. (3)-(9).
     pub mechanics: Mechanics,
+}
+
+/// Rule by which the phase transformation follows turns of the temperature. All are the same in the first heating and in every first
+/// cooling.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kinetics {
+    /// Eq. (2) from the last turn on; the turns before it are forgotten, so inner loops drift.
+    #[default]
+    Paper,
+    /// Eq. (2), scaled between the last two turns, so inner loops close.
+    Nested,
+    /// Preisach's model with the first cooling curves of Eq. (2), so inner loops close and are congruent.
+    Preisach,
+}
+
+impl Kinetics {
+    /// Whether inner turns are remembered until the temperature passes them.
+    #[must_use]
+    pub fn remembers_turns(self) -> bool {
+        self != Self::Paper
+    }
 }
 
 /// Heat balance of the wire, Eq. (1); all per metre of wire.
@@ -28,6 +52,9 @@ pub struct Heat {
     /// `cp`, specific heat (paper: 837).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub specific_heat_joules_per_kilogram_kelvin: f64,
+    /// `L`, latent heat of the transformation: taken up while heating, given off while cooling (paper: left out; the maker of such wires: 24000).
+    #[schemars(range(min = 0.0, max = 1_000_000.0))]
+    pub latent_heat_joules_per_kilogram: f64,
     /// `R`, electrical resistance (paper: 32).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub resistance_ohms_per_metre: f64,
@@ -53,6 +80,7 @@ impl Default for Heat {
         Self {
             mass_kilograms_per_metre: 2e-4,
             specific_heat_joules_per_kilogram_kelvin: 837.0,
+            latent_heat_joules_per_kilogram: 0.0,
             resistance_ohms_per_metre: 32.0,
             surface_square_metres_per_metre: 6.28e-4,
             convection_watts_per_square_metre_kelvin: 7.0,

@@ -3,13 +3,15 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::sma::{Heat, Phase};
+use super::sma::{Heat, Kinetics, Phase};
 
 /// A joint that two shape-memory-alloy wires turn, one each way; the one that is not heated goes slack. Both wires are of the paper's
 /// alloy and longer; what is not said to be the paper's is assumed.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SmaPair {
+    /// Rule by which the phase transformation of each wire follows turns of its temperature.
+    pub kinetics: Kinetics,
     /// Heat balance of each wire, Eq. (1).
     pub heat: Heat,
     /// Phase transformation of each wire, Eq. (2).
@@ -43,6 +45,7 @@ pub struct SmaPair {
 impl Default for SmaPair {
     fn default() -> Self {
         Self {
+            kinetics: Kinetics::default(),
             heat: Heat::default(),
             phase: Phase::default(),
             pulley_radius_millimetres: 12.0,

@@ -432,8 +432,8 @@ pub struct RigNode {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plausible: Option<Plausible>,
     /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports. If absent: all of a plant
-    /// with one drive; where a plant has several, those whose names begin like that of the drive's input, and of the first drive
-    /// those that are nobody's too.
+    /// with one drive but `turns_not_remembered`; where a plant has several, those whose names begin like that of the drive's
+    /// input, and of the first drive those that are nobody's too.
     #[schemars(length(max = 6), inner(length(min = 1, max = 64)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub record: Option<Vec<String>>,

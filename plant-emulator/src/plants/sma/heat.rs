@@ -7,6 +7,8 @@ use scenario::plant;
 pub(super) struct HeatBalance {
     /// `1 / (m cp)`, m K/J.
     inverse_heat_capacity: f64,
+    /// `L / cp`, K.
+    latent_heat_kelvins: f64,
     /// `R`, Ω/m.
     resistance: f64,
     /// `h A` in still air, W/(m K).
@@ -34,6 +36,8 @@ impl HeatBalance {
             inverse_heat_capacity: 1.0
                 / (config.mass_kilograms_per_metre
                     * config.specific_heat_joules_per_kilogram_kelvin),
+            latent_heat_kelvins: config.latent_heat_joules_per_kilogram
+                / config.specific_heat_joules_per_kilogram_kelvin,
             resistance: config.resistance_ohms_per_metre,
             convection: config.convection_watts_per_square_metre_kelvin
                 * config.surface_square_metres_per_metre,
@@ -62,6 +66,19 @@ impl HeatBalance {
         let convection = heating.convection * (temperature_celsius - self.ambient_celsius);
         let conduction = self.conduction * (temperature_celsius - self.cooling_element_celsius);
         self.inverse_heat_capacity * (heating.joule - convection - conduction)
+    }
+
+    /// `dT/dt` in K/s of a wire that transforms by `ξ′ = dξ/dT`, and so takes up or gives off its latent heat:
+    /// `m (cp − L ξ′) dT/dt = q` with `q` the right side of Eq. (1). The paper leaves `L` out.
+    #[inline]
+    pub(super) fn transforming_rate_kelvin_per_second(
+        &self,
+        temperature_celsius: f64,
+        heating: &Heating,
+        fraction_per_kelvin: f64,
+    ) -> f64 {
+        self.rate_kelvin_per_second(temperature_celsius, heating)
+            / (1.0 - self.latent_heat_kelvins * fraction_per_kelvin)
     }
 
     /// Inverse of the time constant of Eq. (1): `(h A + C) / (m cp)`.

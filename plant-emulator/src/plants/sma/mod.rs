@@ -1,13 +1,16 @@
 //! The SMA actuator: heat, phase and motion put together and integrated.
 
 mod condition;
+mod curve;
 mod heat;
 pub mod pair;
 mod phase;
+mod turns;
 mod validity;
 mod wire;
 
 use condition::Condition;
+use curve::Point;
 use heat::{HeatBalance, Heating};
 pub use phase::Branch;
 use phase::Transformation;
@@ -43,8 +46,8 @@ struct State {
     position_metres: f64,
     /// `ẋ`.
     velocity_metres_per_second: f64,
-    /// `ξ` at `T` on the present branch.
-    martensite_fraction: f64,
+    /// `ξ` and its slope at `T` on the present branch.
+    transformed: Point,
 }
 
 /// The actuator: wire, cooling element, pulley and load.
@@ -64,13 +67,13 @@ impl Actuator {
     #[must_use]
     pub fn new(plant: &scenario::plant::Sma) -> Self {
         let heat = HeatBalance::new(&plant.heat);
-        let phase = Transformation::new(&plant.phase);
+        let phase = Transformation::new(&plant.phase, plant.kinetics);
         let temperature_celsius = heat.equilibrium_celsius(0.0, 1.0);
         let state = State {
             temperature_celsius,
             position_metres: 0.0,
             velocity_metres_per_second: 0.0,
-            martensite_fraction: phase.martensite_fraction(temperature_celsius),
+            transformed: phase.at(temperature_celsius),
         };
         Self {
             heat,
@@ -159,10 +162,11 @@ impl Actuator {
     fn follow(&mut self, rate_kelvin_per_second: f64) {
         let temperature = self.state.temperature_celsius;
         if self.phase.follow(rate_kelvin_per_second, temperature) {
-            self.state.martensite_fraction = self.phase.martensite_fraction(temperature);
+            self.state.transformed = self.phase.at(temperature);
         }
     }
 
+    /// `dT/dt` as it were without latent heat, which changes neither its sign nor where it is zero.
     fn rate_kelvin_per_second(&self, state: &State, acting: &Acting) -> f64 {
         self.heat
             .rate_kelvin_per_second(state.temperature_celsius, &acting.heating)
@@ -179,12 +183,12 @@ impl Actuator {
             self.state.position_metres,
             self.state.velocity_metres_per_second,
         ];
-        let fraction = self.state.martensite_fraction;
-        let at_start = self.derivative(&state, fraction, acting(0.0).borrow());
+        let transformed = &self.state.transformed;
+        let at_start = self.derivative(&state, transformed, acting(0.0).borrow());
         let [temperature_celsius, position, velocity] =
             runge_kutta_4_from(state, at_start, duration_seconds, |time, state| {
-                let fraction = self.phase.martensite_fraction(state[0]);
-                self.derivative(state, fraction, acting(time).borrow())
+                let transformed = self.phase.at(state[0]);
+                self.derivative(state, &transformed, acting(time).borrow())
             });
         let is_beyond = position < 0.0;
         let is_stopped = is_beyond || acting(0.0).borrow().condition.is_pulley_jammed;
@@ -192,7 +196,7 @@ impl Actuator {
             temperature_celsius,
             position_metres: if is_beyond { 0.0 } else { position },
             velocity_metres_per_second: if is_stopped { 0.0 } else { velocity },
-            martensite_fraction: self.phase.martensite_fraction(temperature_celsius),
+            transformed: self.phase.at(temperature_celsius),
         }
     }
 
@@ -201,16 +205,19 @@ impl Actuator {
     fn derivative(
         &self,
         &[temperature, position, velocity]: &[f64; 3],
-        fraction: f64,
+        transformed: &Point,
         acting: &Acting,
     ) -> [f64; 3] {
-        let rate = self
-            .heat
-            .rate_kelvin_per_second(temperature, &acting.heating);
+        let rate = self.heat.transforming_rate_kelvin_per_second(
+            temperature,
+            &acting.heating,
+            transformed.fraction_per_kelvin,
+        );
         let tension = if acting.condition.is_wire_broken {
             0.0
         } else {
             let strain_factor = acting.condition.recoverable_strain_factor;
+            let fraction = transformed.martensite_fraction;
             self.mechanics
                 .tension_newtons(fraction, position, strain_factor)
         };
@@ -232,7 +239,13 @@ impl Actuator {
     /// `ξ`, from 0 (austenite) to 1 (martensite).
     #[must_use]
     pub fn martensite_fraction(&self) -> f64 {
-        self.state.martensite_fraction
+        self.state.transformed.martensite_fraction
+    }
+
+    /// Turns of the temperature that found no room in the memory of the kinetics.
+    #[must_use]
+    pub fn turns_not_remembered(&self) -> u16 {
+        self.phase.turns_not_remembered()
     }
 
     /// `x`, height of the load above its stop.
@@ -270,6 +283,14 @@ impl Actuator {
     }
 }
 
+/// The port that counts what found no room in the memory of a wire.
+fn turns_not_remembered(name: &str) -> Port {
+    Port::output(name, [0.0, f64::from(u16::MAX)])
+        .in_steps(1.0)
+        .if_recorded()
+        .with_comment("Turns of the temperature that found no room in the memory of 64.")
+}
+
 impl Plant for Actuator {
     type Config = scenario::plant::Sma;
 
@@ -294,6 +315,7 @@ impl Plant for Actuator {
             Port::output("martensite_fraction", [0.0, 1.0])
                 .in_steps(5e4)
                 .with_comment("Martensite fraction of the wire."),
+            turns_not_remembered("turns_not_remembered"),
         ])
     }
 
@@ -306,6 +328,7 @@ impl Plant for Actuator {
             self.position_metres(),
             self.temperature_celsius(),
             self.martensite_fraction(),
+            f64::from(self.turns_not_remembered()),
         ]);
     }
 

@@ -7,9 +7,13 @@
 use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
 
 use super::condition::Condition;
+use super::curve::Point;
 use super::heat::{HeatBalance, Heating};
 use super::phase::Transformation;
-use super::validity::{CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check_heat, check_phase};
+use super::turns_not_remembered;
+use super::validity::{
+    CONVECTION_FACTOR_MAX, STEP_SECONDS_MAX, check_heat, check_kinetics, check_phase,
+};
 use super::wire::Mechanics;
 use crate::integrator::runge_kutta_4;
 use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows, not_negative, positive};
@@ -71,7 +75,7 @@ impl SmaPair {
     fn with(config: &Config) -> Self {
         let heat = HeatBalance::new(&config.heat);
         let wire = Wire {
-            phase: Transformation::new(&config.phase),
+            phase: Transformation::new(&config.phase, config.kinetics),
             temperature_celsius: heat.equilibrium_celsius(0.0, 1.0),
             condition: Condition::default(),
         };
@@ -91,17 +95,21 @@ impl SmaPair {
         }
     }
 
-    /// `T` of a wire at a temperature, an angle and on its present branch; a slack one pulls nothing.
-    fn tension_newtons(&self, place: usize, celsius: f64, angle_radians: f64) -> f64 {
+    /// `ξ` and its slope of a wire at a temperature on its present branch.
+    fn transformed(&self, place: usize, celsius: f64) -> Point {
+        self.wires[place].phase.at(celsius)
+    }
+
+    /// `T` of a wire by its `ξ` at an angle; a slack one pulls nothing.
+    fn tension_newtons(&self, place: usize, martensite_fraction: f64, angle_radians: f64) -> f64 {
         let wire = &self.wires[place];
         if wire.condition.is_wire_broken {
             return 0.0;
         }
         let contraction = self.middle + SIGNS[place] * self.radius * angle_radians;
-        let fraction = wire.phase.martensite_fraction(celsius);
         let factor = wire.condition.recoverable_strain_factor;
         self.mechanics
-            .tension_newtons(fraction, contraction, factor)
+            .tension_newtons(martensite_fraction, contraction, factor)
     }
 
     fn is_jammed(&self) -> bool {
@@ -122,11 +130,17 @@ impl SmaPair {
         acting: &Acting,
     ) -> [f64; 4] {
         let celsius = [flexor, extensor];
+        let transformed = [FLEXOR, EXTENSOR].map(|place| self.transformed(place, celsius[place]));
         let rate = |place: usize| {
-            self.heat
-                .rate_kelvin_per_second(celsius[place], &acting.heating[place])
+            self.heat.transforming_rate_kelvin_per_second(
+                celsius[place],
+                &acting.heating[place],
+                transformed[place].fraction_per_kelvin,
+            )
         };
-        let tension = |place: usize| self.tension_newtons(place, celsius[place], angle);
+        let tension = |place: usize| {
+            self.tension_newtons(place, transformed[place].martensite_fraction, angle)
+        };
         let pull = tension(FLEXOR) - tension(EXTENSOR) - acting.load * GRAVITY;
         let inertia = self.inertia + acting.load * self.radius * self.radius;
         let acceleration = (self.radius * pull - self.damping * speed) / inertia;
@@ -208,6 +222,7 @@ impl Plant for SmaPair {
     fn new(config: &Config) -> Result<Self, InvalidPlant> {
         check_heat(&config.heat)?;
         check_phase(&config.phase)?;
+        check_kinetics(config.kinetics, &config.heat, &config.phase)?;
         for (name, value) in [
             (
                 "pulley_radius_millimetres",
@@ -259,6 +274,7 @@ impl Plant for SmaPair {
                 .in_steps(1e2)
                 .with_comment(&format!("Tension of the {wire}; 0 where it is slack."))
         };
+        let turns = |wire: &str| turns_not_remembered(&format!("{wire}_turns_not_remembered"));
         let stop = self.stop_degrees;
         Ports {
             inputs: vec![
@@ -280,6 +296,8 @@ impl Plant for SmaPair {
                 Port::output("speed_degrees_per_second", [-3_276.8, 3_276.7])
                     .in_steps(10.0)
                     .with_comment("Speed of the joint."),
+                turns("flexor"),
+                turns("extensor"),
             ],
         }
     }
@@ -300,8 +318,11 @@ impl Plant for SmaPair {
 
     fn read(&self, outputs: &mut [f64]) {
         let celsius = |place: usize| self.wires[place].temperature_celsius;
-        let tension =
-            |place: usize| self.tension_newtons(place, celsius(place), self.angle_radians);
+        let tension = |place: usize| {
+            let fraction = self.transformed(place, celsius(place)).martensite_fraction;
+            self.tension_newtons(place, fraction, self.angle_radians)
+        };
+        let turns = |place: usize| f64::from(self.wires[place].phase.turns_not_remembered());
         let values = [
             self.angle_radians.to_degrees(),
             celsius(FLEXOR),
@@ -309,6 +330,8 @@ impl Plant for SmaPair {
             celsius(EXTENSOR),
             tension(EXTENSOR),
             self.speed_radians_per_second.to_degrees(),
+            turns(FLEXOR),
+            turns(EXTENSOR),
         ];
         for (output, value) in outputs.iter_mut().zip(values) {
             *output = value;
@@ -346,8 +369,8 @@ mod tests {
         SmaPair::new(&Config::default()).unwrap()
     }
 
-    fn read(pair: &SmaPair) -> [f64; 6] {
-        let mut outputs = [0.0; 6];
+    fn read(pair: &SmaPair) -> [f64; 8] {
+        let mut outputs = [0.0; 8];
         pair.read(&mut outputs);
         outputs
     }
@@ -362,7 +385,7 @@ mod tests {
         for (currents, sign) in [([0.8, 0.0], 1.0), ([0.0, 0.8], -1.0)] {
             let mut pair = pair();
             run(&mut pair, 5.0, currents, 0.0);
-            let [angle, _, flexor, _, extensor, _] = read(&pair);
+            let [angle, _, flexor, _, extensor, ..] = read(&pair);
             assert!(angle * sign > 30.0, "{angle}");
             let slack = if sign > 0.0 { extensor } else { flexor };
             // In the end both pull the same, which is next to nothing.

@@ -1,9 +1,9 @@
 //! Phase transformation with its hysteresis.
 
-use scenario::plant;
+use scenario::plant::{self, Kinetics};
 
-/// Largest argument of an exponential here, so that every product of Eq. (2) stays finite.
-const EXPONENT_MAX: f64 = 300.0;
+use super::curve::{Curve, Point, Sigmoid};
+use super::turns::{Turn, Turns};
 
 /// The branch of the hysteresis that the wire is on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,55 +14,46 @@ pub enum Branch {
     Cooling,
 }
 
-/// One branch of Eq. (2): the phase that vanishes along it is `amplitude / (1 + exp(slope (T − centre)))`.
-#[derive(Clone, Copy, Debug)]
-struct Sigmoid {
-    /// `aA = 6.2 / (Af − As)` while heating, `−aM = −6.2 / (Ms − Mf)` while cooling, 1/K.
-    slope: f64,
-    /// `bA = (As + Af) / 2` or `bM = (Ms + Mf) / 2`, °C.
-    centre_celsius: f64,
-}
-
-impl Sigmoid {
-    fn new(start_celsius: f64, finish_celsius: f64) -> Self {
-        Self {
-            slope: 6.2 / (finish_celsius - start_celsius),
-            centre_celsius: 0.5 * (start_celsius + finish_celsius),
-        }
-    }
-
-    /// `1 + exp(slope (T − centre))`.
-    #[inline]
-    fn denominator(&self, temperature_celsius: f64) -> f64 {
-        let exponent = self.slope * (temperature_celsius - self.centre_celsius);
-        1.0 + libm::exp(exponent.clamp(-EXPONENT_MAX, EXPONENT_MAX))
-    }
-}
-
-/// The branch memory of Eq. (2): where the last turn was decides the curve that is followed now.
+/// The transformation with its memory: where turns were decides the curve that is followed now.
 #[derive(Clone, Debug)]
 pub(super) struct Transformation {
+    kinetics: Kinetics,
     heating: Sigmoid,
     cooling: Sigmoid,
     branch: Branch,
-    /// `ξm` on the heating branch, `1 − ξA` on the cooling branch; above 1 after an inner turn (PAPER E2).
-    amplitude: f64,
+    turns: Turns,
+    curve: Curve,
+    /// Where the wire passes a remembered turn next; infinitely far where there is none.
+    next_turn_celsius: f64,
+    /// After a turn that found no room the wire follows the curve back on which it came.
+    runs_back: bool,
+    turns_not_remembered: u16,
 }
 
 impl Transformation {
     /// All martensite, on the heating branch with `ξm = 1`.
-    pub(super) fn new(config: &plant::Phase) -> Self {
+    pub(super) fn new(config: &plant::Phase, kinetics: Kinetics) -> Self {
+        let heating = Sigmoid::new(
+            config.austenite_start_celsius,
+            config.austenite_finish_celsius,
+        );
         Self {
-            heating: Sigmoid::new(
-                config.austenite_start_celsius,
-                config.austenite_finish_celsius,
-            ),
+            kinetics,
+            heating,
             cooling: Sigmoid::new(
                 config.martensite_start_celsius,
                 config.martensite_finish_celsius,
             ),
             branch: Branch::Heating,
-            amplitude: 1.0,
+            turns: Turns::none(),
+            curve: Curve::Whole {
+                sigmoid: heating,
+                origin: 0.0,
+                amplitude: 1.0,
+            },
+            next_turn_celsius: f64::INFINITY,
+            runs_back: false,
+            turns_not_remembered: 0,
         }
     }
 
@@ -70,23 +61,30 @@ impl Transformation {
         self.branch
     }
 
-    /// `ξ` on the present branch, Eq. (2).
-    ///
-    /// Heating: `ξ = ξm / (1 + exp(aA (T − bA)))`.
-    /// Cooling, with the slope of Eq. (10) (PAPER E1): `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))`,
-    /// written as `1 − ξ = (1 − ξA) / (1 + 1/e)`, which loses no digits in the cold.
-    #[inline]
-    pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
-        let fraction = match self.branch {
-            Branch::Heating => self.amplitude / self.heating.denominator(temperature_celsius),
-            Branch::Cooling => 1.0 - self.amplitude / self.cooling.denominator(temperature_celsius),
-        };
-        fraction.clamp(0.0, 1.0)
+    /// Turns that found no room in the memory.
+    pub(super) fn turns_not_remembered(&self) -> u16 {
+        self.turns_not_remembered
     }
 
-    /// Follows the sign of `dT/dt`; zero keeps the branch. On a turn at `(Tr, ξr)` the new branch goes through that
-    /// point (PAPER E2): `ξm = ξr (1 + exp(aA (Tr − bA)))`, and `ξA = (ξr (1 + e) − 1) / e`, that is
-    /// `1 − ξA = (1 − ξr) (1 + 1/e)`. True on a turn.
+    /// `ξ` and `dξ/dT` on the present branch, behind a remembered turn those of the branch that continues there.
+    #[inline]
+    pub(super) fn at(&self, temperature_celsius: f64) -> Point {
+        if self.is_passed(temperature_celsius) {
+            self.behind_turns(temperature_celsius)
+        } else {
+            self.curve.at(temperature_celsius)
+        }
+    }
+
+    #[cold]
+    fn behind_turns(&self, temperature_celsius: f64) -> Point {
+        let mut further = self.clone();
+        further.forget_passed(temperature_celsius);
+        further.curve.at(temperature_celsius)
+    }
+
+    /// Follows the sign of `dT/dt`; zero keeps the branch. The curves of both branches go through the place of a turn (PAPER E2).
+    /// True on a turn.
     pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) -> bool {
         let branch = if rate_kelvin_per_second > 0.0 {
             Branch::Heating
@@ -95,88 +93,466 @@ impl Transformation {
         } else {
             return false;
         };
+        self.forget_passed(temperature_celsius);
         if branch == self.branch {
             return false;
         }
-        let fraction = self.martensite_fraction(temperature_celsius);
-        self.amplitude = match branch {
-            Branch::Heating => fraction * self.heating.denominator(temperature_celsius),
-            Branch::Cooling => (1.0 - fraction) * self.cooling.denominator(temperature_celsius),
+        let turn = Turn {
+            temperature_celsius,
+            martensite_fraction: self.at(temperature_celsius).martensite_fraction,
         };
         self.branch = branch;
+        self.remember(turn);
+        self.forget_passed(temperature_celsius);
         true
+    }
+
+    fn remember(&mut self, turn: Turn) {
+        if !self.kinetics.remembers_turns() {
+            self.turns.forget_all();
+        }
+        if !self.runs_back && self.turns.remember(turn) {
+            self.curve = self.curve();
+        } else {
+            self.runs_back = !self.runs_back;
+            self.turns_not_remembered = self.turns_not_remembered.saturating_add(1);
+        }
+        self.next_turn_celsius = self.next_turn_celsius();
+    }
+
+    /// A turn that `T` reaches is forgotten, and with it the later one, which ended the loop that closes there.
+    fn forget_passed(&mut self, temperature_celsius: f64) {
+        while self.is_passed(temperature_celsius) {
+            self.turns.forget(self.turns_of_curve());
+            self.runs_back = false;
+            self.curve = self.curve();
+            self.next_turn_celsius = self.next_turn_celsius();
+        }
+    }
+
+    #[inline]
+    fn is_passed(&self, temperature_celsius: f64) -> bool {
+        match self.branch {
+            Branch::Heating => temperature_celsius >= self.next_turn_celsius,
+            Branch::Cooling => temperature_celsius <= self.next_turn_celsius,
+        }
+    }
+
+    /// Number of turns that are forgotten where the curve ends: the two between which it lies, or on the way back that from which it
+    /// came.
+    fn turns_of_curve(&self) -> usize {
+        if self.runs_back { 1 } else { 2 }
+    }
+
+    fn next_turn_celsius(&self) -> f64 {
+        let next = self.turns.below(self.turns_of_curve() - 1);
+        let never = match self.branch {
+            Branch::Heating => f64::INFINITY,
+            Branch::Cooling => f64::NEG_INFINITY,
+        };
+        next.map_or(never, |turn| turn.temperature_celsius)
+    }
+
+    /// The curve of the branch from the last turn on: the one place where kinetics differ. The first heating and every first cooling
+    /// are those of Eq. (2).
+    fn curve(&self) -> Curve {
+        match (self.kinetics, self.turns.all()) {
+            (Kinetics::Paper, turns) | (_, turns @ ([] | [_])) => self.whole(turns.last()),
+            (Kinetics::Nested, [.., before, last]) => self.scaled(last, before),
+            (Kinetics::Preisach, [.., last]) => self.everett(last),
+        }
+    }
+
+    fn sigmoid(&self) -> Sigmoid {
+        match self.branch {
+            Branch::Heating => self.heating,
+            Branch::Cooling => self.cooling,
+        }
+    }
+
+    /// Eq. (2), by the amplitude that takes it through a turn at `(Tr, ξr)` (PAPER E2).
+    ///
+    /// Heating: `ξ = ξm / (1 + exp(aA (T − bA)))` with `ξm = ξr (1 + exp(aA (Tr − bA)))`; the first time `ξm = 1`.
+    /// Cooling, with the slope of Eq. (10) (PAPER E1): `ξ = (1 − ξA) / (1 + 1/e) + ξA` with `e = exp(−aM (T − bM))`, written as
+    /// `1 − ξ = (1 − ξA) / (1 + e)`, which loses no digits in the cold, with `1 − ξA = (1 − ξr) (1 + exp(−aM (Tr − bM)))`.
+    fn whole(&self, turn: Option<&Turn>) -> Curve {
+        let sigmoid = self.sigmoid();
+        let origin = match self.branch {
+            Branch::Heating => 0.0,
+            Branch::Cooling => 1.0,
+        };
+        let amplitude = turn.map_or(1.0, |turn| {
+            (turn.martensite_fraction - origin) * sigmoid.denominator(turn.temperature_celsius)
+        });
+        Curve::Whole {
+            sigmoid,
+            origin,
+            amplitude,
+        }
+    }
+
+    /// The branch `g` of Eq. (2), scaled so that it goes from the last turn `(T₁, ξ₁)` to the one before, `(T₂, ξ₂)`:
+    /// `ξ = ξ₁ + (ξ₂ − ξ₁) (g(T₁) − g(T)) / (g(T₁) − g(T₂))`, where `g(T₁) − g(T) = (e − e₁) / (D D₁)`.
+    fn scaled(&self, last: &Turn, before: &Turn) -> Curve {
+        let sigmoid = self.sigmoid();
+        let at_last = sigmoid.exponential(last.temperature_celsius);
+        let at_before = sigmoid.exponential(before.temperature_celsius);
+        // Of a branch that is flat between the turns nothing is left to scale.
+        let amplitude = if at_before > at_last {
+            (before.martensite_fraction - last.martensite_fraction) * (1.0 + at_before)
+                / (at_before - at_last)
+        } else {
+            0.0
+        };
+        Curve::Part {
+            sigmoid,
+            origin: last.martensite_fraction,
+            exponential_at_turn: at_last,
+            amplitude,
+        }
+    }
+
+    /// Preisach's model, by the Everett function that the first cooling curves of Eq. (2) have:
+    /// `F(α, β) = (1 − gA(α)) (gM(β) − gM(α)) / (1 − gM(α))`. Heating from a turn `(m, ξm)`: `ξ = ξm − F(T, m)`; cooling from
+    /// `(M, ξM)`: `ξ = ξM + F(M, T)`.
+    fn everett(&self, last: &Turn) -> Curve {
+        let origin = last.martensite_fraction;
+        let exponential_at_turn = self.cooling.exponential(last.temperature_celsius);
+        match self.branch {
+            Branch::Heating => Curve::TakenBack {
+                heating: self.heating,
+                cooling: self.cooling,
+                origin,
+                exponential_at_turn,
+            },
+            Branch::Cooling => {
+                let of_heating = self.heating.exponential(last.temperature_celsius);
+                Curve::Part {
+                    sigmoid: self.cooling,
+                    origin,
+                    exponential_at_turn,
+                    amplitude: of_heating / (1.0 + of_heating),
+                }
+            }
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
+    use super::super::turns::TURNS_MAX;
     use super::*;
 
+    const ALL: [Kinetics; 3] = [Kinetics::Paper, Kinetics::Nested, Kinetics::Preisach];
+    const REMEMBERING: [Kinetics; 2] = [Kinetics::Nested, Kinetics::Preisach];
+    /// Where a wire is without current.
+    const START_CELSIUS: f64 = 15.084_735_31;
+
+    /// A wire that is led from temperature to temperature.
+    #[derive(Clone)]
+    struct Led {
+        phase: Transformation,
+        celsius: f64,
+    }
+
+    impl Led {
+        fn new(kinetics: Kinetics) -> Self {
+            Self {
+                phase: Transformation::new(&plant::Phase::default(), kinetics),
+                celsius: START_CELSIUS,
+            }
+        }
+
+        /// `ξ` after a way to a temperature.
+        fn to(&mut self, celsius: f64) -> f64 {
+            self.phase.follow(celsius - self.celsius, self.celsius);
+            self.celsius = celsius;
+            self.at(celsius)
+        }
+
+        fn at(&self, celsius: f64) -> f64 {
+            self.phase.at(celsius).martensite_fraction
+        }
+    }
+
     fn transformation() -> Transformation {
-        Transformation::new(&plant::Phase::default())
+        Led::new(Kinetics::Paper).phase
+    }
+
+    /// `gA` and `gM` of Eq. (2), literally.
+    fn heating(celsius: f64) -> f64 {
+        1.0 / (1.0 + libm::exp(6.2 / (93.0 - 53.0) * (celsius - 73.0)))
+    }
+
+    fn cooling(celsius: f64) -> f64 {
+        1.0 / (1.0 + libm::exp(6.2 / (66.0 - 34.0) * (celsius - 50.0)))
+    }
+
+    /// The rules in words: turns in a list, and nothing worked out before it is needed.
+    struct Plain {
+        kinetics: Kinetics,
+        turns: Vec<(f64, f64)>,
+        celsius: f64,
+        is_heating: bool,
+    }
+
+    impl Plain {
+        fn fraction(&self, celsius: f64) -> f64 {
+            let g = if self.is_heating { heating } else { cooling };
+            match self.turns[..] {
+                [] => heating(celsius),
+                [(turn, fraction)] => {
+                    1.0 - (1.0 - fraction) * (1.0 - cooling(celsius)) / (1.0 - cooling(turn))
+                }
+                [.., (t2, xi2), (t1, xi1)] if self.kinetics == Kinetics::Nested => {
+                    xi1 + (xi2 - xi1) * (g(t1) - g(celsius)) / (g(t1) - g(t2))
+                }
+                [.., (turn, fraction)] => {
+                    let everett = |alpha: f64, beta: f64| {
+                        (1.0 - heating(alpha)) * (cooling(beta) - cooling(alpha))
+                            / (1.0 - cooling(alpha))
+                    };
+                    match self.is_heating {
+                        true => fraction - everett(celsius, turn),
+                        false => fraction + everett(turn, celsius),
+                    }
+                }
+            }
+        }
+
+        fn to(&mut self, celsius: f64) -> f64 {
+            if celsius != self.celsius && (celsius > self.celsius) != self.is_heating {
+                let turn = (self.celsius, self.fraction(self.celsius));
+                self.is_heating = !self.is_heating;
+                self.turns.push(turn);
+            }
+            self.celsius = celsius;
+            while self.turns.len() >= 2 {
+                let (passed, _) = self.turns[self.turns.len() - 2];
+                let is_passed = match self.is_heating {
+                    true => celsius >= passed,
+                    false => celsius <= passed,
+                };
+                if !is_passed {
+                    break;
+                }
+                self.turns.truncate(self.turns.len() - 2);
+            }
+            self.fraction(celsius)
+        }
+    }
+
+    /// From a cold wire to these temperatures; the fractions there, to six digits.
+    #[test]
+    fn turns_lead_to_the_values_of_each_kinetics() {
+        let way = [
+            75.0, 55.0, 65.0, 55.0, 65.0, 55.0, 75.0, 90.0, 40.0, 60.0, 50.0, 60.0, 100.0,
+        ];
+        for (kinetics, expected) in [
+            (
+                Kinetics::Paper,
+                ".423115 .578539 .476253 .599592 .493584 .612842 .275229 .043530 .879507 .780705 .874556 .793512 .013484",
+            ),
+            (
+                Kinetics::Nested,
+                ".423115 .578539 .528658 .578539 .528658 .578539 .423115 .066920 .882453 .784225 .833339 .784225 .014994",
+            ),
+            (
+                Kinetics::Preisach,
+                ".423115 .578539 .525686 .578539 .525686 .578539 .423115 .066920 .882453 .781764 .832108 .781764 .014994",
+            ),
+        ] {
+            let mut wire = Led::new(kinetics);
+            let found = way.map(|celsius| format!("{:.6}", wire.to(celsius)));
+            let found = found.each_ref().map(|digits| &digits[1..]).join(" ");
+            assert_eq!(found, expected, "{kinetics:?}");
+        }
+    }
+
+    #[test]
+    fn the_first_heating_and_every_first_cooling_are_the_paper_s() {
+        for kinetics in REMEMBERING {
+            for turn in [20.0, 45.0, 60.0, 75.0, 90.0, 130.0] {
+                let (mut paper, mut wire) = (Led::new(Kinetics::Paper), Led::new(kinetics));
+                for celsius in [turn, turn - 1.0, turn - 10.0, turn - 60.0] {
+                    assert_eq!(paper.to(celsius), wire.to(celsius), "{turn} {celsius}");
+                }
+            }
+        }
     }
 
     #[test]
     fn the_centre_of_the_heating_branch_is_half_martensite() {
-        assert!((transformation().martensite_fraction(73.0) - 0.5).abs() < 1e-15);
+        assert!((transformation().at(73.0).martensite_fraction - 0.5).abs() < 1e-15);
     }
 
     #[test]
     fn cooling_matches_the_paper_with_the_sign_of_equation_10() {
-        let mut phase = transformation();
-        phase.follow(-1.0, 80.0);
-        let fraction = phase.martensite_fraction(80.0);
+        let mut wire = Led::new(Kinetics::Paper);
+        wire.to(80.0);
+        wire.to(79.0);
+        let fraction = wire.at(80.0);
         // ξA from PAPER E2 and ξ from Eq. (2), literally.
         let exponential = |t: f64| libm::exp(6.2 / (66.0 - 34.0) * (t - 50.0));
         let e = exponential(80.0);
         let xi_a = (fraction * (1.0 + e) - 1.0) / e;
         for temperature in [80.0, 66.0, 50.0, 34.0, 15.0] {
             let expected = (1.0 - xi_a) / (1.0 + exponential(temperature)) + xi_a;
-            let found = phase.martensite_fraction(temperature);
+            let found = wire.at(temperature);
             assert!((found - expected).abs() < 1e-13, "{found} {expected}");
         }
-        assert!(phase.martensite_fraction(15.0) > phase.martensite_fraction(50.0));
+        assert!(wire.at(15.0) > wire.at(50.0));
     }
 
     #[test]
     fn turns_are_continuous_and_a_zero_rate_keeps_the_branch() {
-        let mut phase = transformation();
-        for (rate, temperature) in [(-1.0, 75.0), (1.0, 45.0), (-1.0, 70.0), (1.0, 62.0)] {
-            let before = phase.martensite_fraction(temperature);
-            phase.follow(rate, temperature);
-            assert!((phase.martensite_fraction(temperature) - before).abs() < 1e-15);
-            let branch = phase.branch();
-            phase.follow(0.0, temperature);
-            assert_eq!(phase.branch(), branch);
+        for kinetics in ALL {
+            let mut phase = Led::new(kinetics).phase;
+            for (rate, temperature) in [(-1.0, 75.0), (1.0, 45.0), (-1.0, 70.0), (1.0, 62.0)] {
+                let before = phase.at(temperature).martensite_fraction;
+                phase.follow(rate, temperature);
+                let after = phase.at(temperature).martensite_fraction;
+                assert!((after - before).abs() < 1e-15);
+                let branch = phase.branch();
+                phase.follow(0.0, temperature);
+                assert_eq!(phase.branch(), branch);
+            }
         }
     }
 
     /// PAPER E2: loops between two temperatures close to 1e-3 after about ten cycles.
     #[test]
-    fn minor_loops_converge() {
-        let mut phase = transformation();
-        let mut tops = Vec::new();
-        for _ in 0..12 {
-            phase.follow(1.0, 55.0);
-            tops.push(phase.martensite_fraction(75.0));
-            phase.follow(-1.0, 75.0);
-        }
+    fn minor_loops_of_the_paper_converge() {
+        let mut wire = Led::new(Kinetics::Paper);
+        let tops = Vec::from_iter((0..12).map(|_| {
+            wire.to(55.0);
+            wire.to(75.0)
+        }));
         assert!((tops[1] - tops[0]).abs() > 1e-3, "{tops:?}");
         assert!((tops[11] - tops[10]).abs() < 1e-3, "{tops:?}");
     }
 
+    /// Each turn between the two before it, until there is no room for more: from then on the wire runs back and forth on one curve,
+    /// and leaves it where it began.
+    #[test]
+    fn a_turn_that_finds_no_room_leads_back_along_the_same_curve() {
+        for kinetics in REMEMBERING {
+            let mut wire = Led::new(kinetics);
+            let turns = Vec::from_iter((0..TURNS_MAX).map(|turn| {
+                let from_middle = 20.0 - 0.25 * turn as f64;
+                let sign = if turn % 2 == 0 { 1.0 } else { -1.0 };
+                let celsius = 65.0 + sign * from_middle;
+                (celsius, wire.to(celsius))
+            }));
+            wire.to(64.0);
+            assert_eq!(wire.phase.turns_not_remembered(), 0);
+            let on_the_way = [62.0, 63.0, 64.0].map(|celsius| wire.at(celsius));
+            let back = [62.0, 63.0].map(|celsius| wire.clone().to(celsius));
+            assert_eq!(back[..], on_the_way[..2]);
+            wire.to(62.0);
+            wire.to(63.0);
+            assert_eq!(wire.phase.turns_not_remembered(), 2);
+            assert_eq!(wire.to(64.0), on_the_way[2]);
+            wire.to(62.0);
+            assert_eq!(wire.phase.turns_not_remembered(), 3);
+            // The last turn, and each one before it on the way out.
+            for (celsius, fraction) in turns.into_iter().rev() {
+                let found = wire.to(celsius);
+                assert!((found - fraction).abs() < 1e-12, "{found} {fraction}");
+            }
+            assert_eq!(wire.phase.turns_not_remembered(), 3);
+        }
+    }
+
+    #[test]
+    fn the_slope_is_the_derivative_on_every_curve() {
+        for kinetics in ALL {
+            let mut wire = Led::new(kinetics);
+            for celsius in [80.0, 45.0, 75.0, 50.0, 70.0, 55.0, 96.0, 20.0] {
+                let before = wire.celsius;
+                wire.to(celsius);
+                let middle = 0.5 * (before + celsius);
+                let slope = (wire.at(middle + 1e-4) - wire.at(middle - 1e-4)) / 2e-4;
+                let found = wire.phase.at(middle).fraction_per_kelvin;
+                assert!(found < 0.0);
+                assert!((found - slope).abs() < 1e-8, "{kinetics:?} {found} {slope}");
+            }
+        }
+    }
+
     #[test]
     fn extreme_temperatures_stay_finite() {
-        let mut phase = Transformation::new(&plant::Phase {
+        let narrow = plant::Phase {
             austenite_start_celsius: 72.999,
             austenite_finish_celsius: 73.0,
             ..plant::Phase::default()
-        });
-        for temperature in [1e9, -1e9, 73.0, 1e9, 20.0] {
-            for rate in [1.0, -1.0] {
-                phase.follow(rate, temperature);
-                let fraction = phase.martensite_fraction(temperature);
-                assert!((0.0..=1.0).contains(&fraction), "{fraction}");
+        };
+        for kinetics in ALL {
+            let mut wire = Led {
+                phase: Transformation::new(&narrow, kinetics),
+                celsius: START_CELSIUS,
+            };
+            for celsius in [1e9, -1e9, 73.0, 20.0, 72.9, 25.0, 72.0, 26.0, 1e9, 20.0] {
+                wire.to(celsius);
+                for rate in [1.0, -1.0, 1.0] {
+                    let point = wire.phase.at(celsius);
+                    assert!((0.0..=1.0).contains(&point.martensite_fraction));
+                    assert!(point.fraction_per_kelvin.is_finite());
+                    assert!(point.fraction_per_kelvin <= 0.0);
+                    wire.phase.follow(rate, celsius);
+                }
+            }
+        }
+    }
+
+    fn remembering() -> impl Strategy<Value = Kinetics> {
+        prop::sample::select(REMEMBERING.to_vec())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn memory_and_curves_are_those_of_the_rules_in_words(
+            kinetics in remembering(),
+            way in prop::collection::vec(prop_oneof![10.0..130.0_f64, 40.0..80.0_f64, Just(60.0)], 1..60),
+        ) {
+            let mut wire = Led::new(kinetics);
+            let mut plain = Plain {
+                kinetics,
+                turns: Vec::new(),
+                celsius: START_CELSIUS,
+                is_heating: true,
+            };
+            for celsius in way {
+                let (found, expected) = (wire.to(celsius), plain.to(celsius));
+                prop_assert!((found - expected).abs() < 1e-10, "{found} {expected}");
+                prop_assert!((0.0..=1.0).contains(&found));
+                prop_assert_eq!(wire.phase.turns_not_remembered(), 0);
+            }
+        }
+
+        /// Loops in loops, each between the turns of the one around it: on the way out each turn is met again.
+        #[test]
+        fn loops_close(
+            kinetics in remembering(),
+            shares in prop::collection::vec(0.01..0.99_f64, 2..20),
+        ) {
+            let mut wire = Led::new(kinetics);
+            let (mut low, mut high) = (START_CELSIUS, 110.0);
+            let turns = Vec::from_iter(shares.iter().enumerate().map(|(turn, share)| {
+                let celsius = low + share * (high - low);
+                match turn % 2 {
+                    0 => high = celsius,
+                    _ => low = celsius,
+                }
+                (celsius, wire.to(celsius))
+            }));
+            for (celsius, fraction) in turns.into_iter().rev().skip(1) {
+                let found = wire.to(celsius);
+                prop_assert!((found - fraction).abs() < 1e-12, "{found} {fraction}");
             }
         }
     }

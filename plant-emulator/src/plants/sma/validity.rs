@@ -1,6 +1,6 @@
 //! Which plants make physical sense and can be integrated at the shipped step size.
 
-use scenario::plant::Sma;
+use scenario::plant::{Heat, Kinetics, Phase, Sma};
 
 use super::heat::HeatBalance;
 use super::wire::Mechanics;
@@ -19,6 +19,7 @@ pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
 pub fn check(plant: &Sma) -> Result<(), InvalidPlant> {
     check_heat(&plant.heat)?;
     check_phase(&plant.phase)?;
+    check_kinetics(plant.kinetics, &plant.heat, &plant.phase)?;
     check_mechanics(&plant.mechanics)?;
     let heat = HeatBalance::new(&plant.heat).rate_per_second(CONVECTION_FACTOR_MAX);
     follows("heat", heat, STEP_SECONDS_MAX)?;
@@ -26,11 +27,15 @@ pub fn check(plant: &Sma) -> Result<(), InvalidPlant> {
     follows("motion", motion, STEP_SECONDS_MAX)
 }
 
-pub(super) fn check_heat(heat: &scenario::plant::Heat) -> Result<(), InvalidPlant> {
+pub(super) fn check_heat(heat: &Heat) -> Result<(), InvalidPlant> {
     positive("mass_kilograms_per_metre", heat.mass_kilograms_per_metre)?;
     positive(
         "specific_heat_joules_per_kilogram_kelvin",
         heat.specific_heat_joules_per_kilogram_kelvin,
+    )?;
+    not_negative(
+        "latent_heat_joules_per_kilogram",
+        heat.latent_heat_joules_per_kilogram,
     )?;
     not_negative("resistance_ohms_per_metre", heat.resistance_ohms_per_metre)?;
     positive(
@@ -54,7 +59,7 @@ pub(super) fn check_heat(heat: &scenario::plant::Heat) -> Result<(), InvalidPlan
     )
 }
 
-pub(super) fn check_phase(phase: &scenario::plant::Phase) -> Result<(), InvalidPlant> {
+pub(super) fn check_phase(phase: &Phase) -> Result<(), InvalidPlant> {
     let branches = [
         (
             "austenite_start_celsius",
@@ -80,6 +85,24 @@ pub(super) fn check_phase(phase: &scenario::plant::Phase) -> Result<(), InvalidP
                 hot,
             });
         }
+    }
+    Ok(())
+}
+
+/// A memory of turns begins with all martensite, so air and cooling element must not keep the wire above `Mf`.
+pub(super) fn check_kinetics(
+    kinetics: Kinetics,
+    heat: &Heat,
+    phase: &Phase,
+) -> Result<(), InvalidPlant> {
+    let is_cold =
+        |celsius| !kinetics.remembers_turns() || celsius <= phase.martensite_finish_celsius;
+    for (name, celsius) in [
+        ("ambient_celsius", heat.ambient_celsius),
+        ("cooling_element_celsius", heat.cooling_element_celsius),
+    ] {
+        let requirement = "at most martensite_finish_celsius where turns are remembered";
+        require(name, celsius, requirement, is_cold)?;
     }
     Ok(())
 }
@@ -136,6 +159,38 @@ mod tests {
     #[test]
     fn the_default_plant_is_valid() {
         assert!(check(&Sma::default()).is_ok());
+    }
+
+    /// Each cooling temperature above `Mf` by itself, with each kinetics.
+    #[test]
+    fn a_memory_of_turns_needs_a_wire_that_cools_to_martensite() {
+        for (kinetics, is_refused) in [
+            (Kinetics::Paper, false),
+            (Kinetics::Nested, true),
+            (Kinetics::Preisach, true),
+        ] {
+            for place in [0, 1] {
+                let with = |celsius| {
+                    let mut plant = Sma {
+                        kinetics,
+                        ..Sma::default()
+                    };
+                    let heat = &mut plant.heat;
+                    let places = [&mut heat.ambient_celsius, &mut heat.cooling_element_celsius];
+                    *places.into_iter().nth(place).unwrap() = celsius;
+                    check(&plant)
+                };
+                assert!(with(34.0).is_ok());
+                assert_eq!(with(34.1).is_err(), is_refused, "{kinetics:?}");
+            }
+        }
+        assert_eq!(
+            message(|plant| {
+                plant.kinetics = Kinetics::Nested;
+                plant.heat.ambient_celsius = 40.0;
+            }),
+            "ambient_celsius is 40, it must be at most martensite_finish_celsius where turns are remembered"
+        );
     }
 
     #[test]

@@ -1,0 +1,124 @@
+//! Curves of the martensite fraction over the temperature.
+
+/// Largest argument of an exponential here, so that every product of Eq. (2) stays finite.
+const EXPONENT_MAX: f64 = 300.0;
+
+/// One branch of Eq. (2): the phase that vanishes along it is `1 / (1 + exp(slope (T − centre)))` of what it is far before.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sigmoid {
+    /// `aA = 6.2 / (Af − As)` while heating, `−aM = −6.2 / (Ms − Mf)` while cooling (PAPER E1), 1/K.
+    slope: f64,
+    /// `bA = (As + Af) / 2` or `bM = (Ms + Mf) / 2`, °C.
+    centre_celsius: f64,
+}
+
+impl Sigmoid {
+    pub(super) fn new(start_celsius: f64, finish_celsius: f64) -> Self {
+        Self {
+            slope: 6.2 / (finish_celsius - start_celsius),
+            centre_celsius: 0.5 * (start_celsius + finish_celsius),
+        }
+    }
+
+    /// `e = exp(slope (T − centre))`.
+    #[inline]
+    pub(super) fn exponential(&self, temperature_celsius: f64) -> f64 {
+        let exponent = self.slope * (temperature_celsius - self.centre_celsius);
+        libm::exp(exponent.clamp(-EXPONENT_MAX, EXPONENT_MAX))
+    }
+
+    /// `D = 1 + e`.
+    #[inline]
+    pub(super) fn denominator(&self, temperature_celsius: f64) -> f64 {
+        1.0 + self.exponential(temperature_celsius)
+    }
+}
+
+/// A point of a curve.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    /// `ξ`.
+    pub(super) martensite_fraction: f64,
+    /// `ξ′ = dξ/dT`, 1/K; never positive.
+    pub(super) fraction_per_kelvin: f64,
+}
+
+/// `ξ` over `T` from the last turn on, with `e` and `D` of a branch at `T`.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Curve {
+    /// Eq. (2): `ξ = origin + amplitude / D`.
+    Whole {
+        sigmoid: Sigmoid,
+        origin: f64,
+        amplitude: f64,
+    },
+    /// What leaves a turn `(T₁, ξ₁)`: `ξ = ξ₁ + amplitude (e − e₁) / D`.
+    Part {
+        sigmoid: Sigmoid,
+        origin: f64,
+        exponential_at_turn: f64,
+        amplitude: f64,
+    },
+    /// The heating that takes back cooling curves from a turn `(m, ξm)` on: `ξ = ξm − F(T, m)`.
+    TakenBack {
+        heating: Sigmoid,
+        cooling: Sigmoid,
+        origin: f64,
+        exponential_at_turn: f64,
+    },
+}
+
+impl Curve {
+    #[inline]
+    pub(super) fn at(&self, temperature_celsius: f64) -> Point {
+        let (fraction, fraction_per_kelvin) = match self {
+            Self::Whole {
+                sigmoid,
+                origin,
+                amplitude,
+            } => {
+                let exponential = sigmoid.exponential(temperature_celsius);
+                let denominator = 1.0 + exponential;
+                let part = amplitude / denominator;
+                let slope = -part * sigmoid.slope * (exponential / denominator);
+                (origin + part, slope)
+            }
+            Self::Part {
+                sigmoid,
+                origin,
+                exponential_at_turn,
+                amplitude,
+            } => {
+                let exponential = sigmoid.exponential(temperature_celsius);
+                let part = amplitude / (1.0 + exponential);
+                let at_turn = (1.0 + exponential_at_turn) / (1.0 + exponential);
+                (
+                    origin + part * (exponential - exponential_at_turn),
+                    part * at_turn * sigmoid.slope * exponential,
+                )
+            }
+            Self::TakenBack {
+                heating,
+                cooling,
+                origin,
+                exponential_at_turn,
+            } => {
+                // F(T, m) = (1 − gA(T)) (1 − DM(T) / DM(m)), and its derivative.
+                let of_heating = heating.exponential(temperature_celsius);
+                let of_cooling = cooling.exponential(temperature_celsius);
+                let austenite = of_heating / (1.0 + of_heating);
+                let austenite_slope = heating.slope * austenite / (1.0 + of_heating);
+                let share = (exponential_at_turn - of_cooling) / (1.0 + exponential_at_turn);
+                let share_slope = -cooling.slope * of_cooling / (1.0 + exponential_at_turn);
+                (
+                    origin - austenite * share,
+                    -(austenite_slope * share + austenite * share_slope),
+                )
+            }
+        };
+        Point {
+            martensite_fraction: fraction.clamp(0.0, 1.0),
+            fraction_per_kelvin,
+        }
+    }
+}
