@@ -424,6 +424,18 @@ mod tests {
     }
 
     #[test]
+    fn a_run_that_is_played_again_has_a_folder_of_its_own() {
+        let parent = tempfile::tempdir().unwrap();
+        let names = [(); 3].map(|()| {
+            let path = create_numbered(parent.path(), "run").unwrap();
+            path.file_name().unwrap().to_owned()
+        });
+        assert_eq!(names, ["run", "run-2", "run-3"]);
+        fs::write(parent.path().join("file"), "").unwrap();
+        create_numbered(&parent.path().join("file"), "run").unwrap_err();
+    }
+
+    #[test]
     fn the_log_of_a_long_run_is_its_compressed_one_whatever_is_beside_it() {
         let folder = tempfile::tempdir().unwrap();
         let [log, long] = [file::BUS_LOG, file::LONG_BUS_LOG].map(|name| folder.path().join(name));

@@ -724,6 +724,15 @@ mod tests {
         run(|_| Duration::ZERO)
     }
 
+    fn read(plan: &Plan, mut frames: Frames) -> Sources {
+        let mut reader = SourceReader::new(plan.leading());
+        frames.sort_by_key(|(time, _)| *time);
+        for (time, frame) in &frames {
+            reader.on_frame(*time, time.checked_sub(PERIOD), frame);
+        }
+        reader.sources().clone()
+    }
+
     /// Each with its identifier, its time in milliseconds and its number.
     fn found_in(
         frames: Frames,
@@ -738,13 +747,8 @@ mod tests {
         let external = external.iter().map(ToString::to_string);
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let plan = plan.recorded_external(&Vec::from_iter(external));
-        let mut reader = SourceReader::new(plan.leading());
-        let mut frames = frames;
-        frames.sort_by_key(|(time, _)| *time);
-        for (time, frame) in &frames {
-            reader.on_frame(*time, time.checked_sub(PERIOD), frame);
-        }
-        let found = reader.sources().found(sent).into_iter();
+        let sources = read(&plan, frames);
+        let found = sources.found(sent).into_iter();
         let short = found.map(|one| {
             let words = one.to_string();
             let milliseconds = format!("{:.0}", 1e3 * one.first_seconds);
@@ -836,6 +840,54 @@ mod tests {
         assert_eq!(found_in(twice(), "", &external, &Sent::default()), []);
         let slow = "[[fault.node.slow_cycle]]\nnode = \"controller\"\nfrom_seconds = 0.0\ndelay_milliseconds = 5.0\n";
         assert_eq!(found_in(twice(), slow, &[], &Sent::default()), []);
+    }
+
+    /// A clock that is 1 % fast, and no more.
+    #[test]
+    fn a_clock_may_be_a_hundredth_fast() {
+        let with = |surplus: u32| {
+            let again = |cycle: u32| {
+                let time = (100 + 100 * cycle) * PERIOD + 700 * MICRO;
+                (time, CanFrame::new(0x190, &[0; 8]))
+            };
+            let more = Vec::from_iter((0..surplus / 2).flat_map(|cycle| [again(cycle); 2]));
+            let found = found([on_time(), more].concat());
+            found.into_iter().any(|(id, ..)| id == "0x190")
+        };
+        assert_eq!([14, 24].map(with), [false, true]);
+    }
+
+    #[test]
+    fn an_object_that_is_written_during_the_run_is_another_client_s() {
+        let with = |specifier: u8| {
+            let request = CanFrame::new(0x610, &[specifier, 0x60, 0x60, 0, 10, 0, 0, 0]);
+            let found = found([on_time(), vec![(700 * PERIOD, request)]].concat());
+            Vec::from_iter(found.into_iter().map(|(id, at, _)| (id, at)))
+        };
+        let written = [("0x610".to_owned(), 699)];
+        assert_eq!(with(0x2F), written);
+        assert_eq!(with(0x80), written, "aborted");
+        assert_eq!(with(0x40), [], "read");
+    }
+
+    #[test]
+    fn a_stop_by_an_external_controller_has_its_time() {
+        let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.open_loop]\n";
+        let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
+        let plan = Plan::new(scenario, &Catalogue::shipped());
+        let stops = |external: &[String], command: [u8; 2]| {
+            let plan = plan.clone().recorded_external(external);
+            let command = (700 * PERIOD, CanFrame::new(0x000, &command));
+            let sources = read(&plan, [on_time(), vec![command]].concat());
+            sources.stops_seconds().to_vec()
+        };
+        let external = ["controller".to_owned()];
+        for node in [0, 0x10] {
+            assert_eq!(stops(&external, [2, node]), [0.699]);
+            assert!(stops(&[], [2, node]).is_empty());
+        }
+        assert!(stops(&external, [2, 0x11]).is_empty());
+        assert!(stops(&external, [NMT_START, 0]).is_empty());
     }
 
     #[test]

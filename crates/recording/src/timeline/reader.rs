@@ -476,13 +476,40 @@ mod tests {
             (&[1.0][..], &[2.0][..])
         );
         assert_eq!((first.cycle[0], second.cycle[0]), (0, 1));
-        assert!(!timeline.events.is_empty());
+        assert!(!timeline.events.is_empty() && timeline.emergencies.is_empty());
         let texts = |timelines: &[&Timeline]| {
             let events = timelines.iter().flat_map(|timeline| timeline.events.iter());
             Vec::from_iter(events.map(|event| (event.time_seconds, event.what.clone())))
         };
         assert_eq!(texts(&[&first, &second]), texts(&[&timeline]));
         assert_eq!(texts(&[&timeline.piece(0..2)]), texts(&[&timeline]));
+    }
+
+    /// The whole recording has it once, whatever its pieces are.
+    #[test]
+    fn no_piece_has_the_silence_of_the_whole() {
+        let (plan, frames) = two_cycles();
+        let [mut timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        timeline.temperature_silence = Some((0.5, 1.0));
+        assert_eq!(timeline.piece(0..1).temperature_silence, None);
+    }
+
+    #[test]
+    fn a_bit_that_changes_alone_is_a_change() {
+        let (plan, mut frames) = two_cycles();
+        let database = plan.database();
+        let warning = database.require("drive_tpdo1.statusword_warning").unwrap();
+        for (cycle, value) in [(4, 0.0), (5, 1.0), (6, 0.0)] {
+            let mut message = database.builder("drive_tpdo1").unwrap();
+            message.set(&database.require(STATUSWORD).unwrap(), 39.0);
+            message.set(&warning, value);
+            let at = |micros: u64| Duration::from_micros(1000 * cycle + micros);
+            frames.push(Stamped::new(at(0), CanFrame::new(SYNC_COB_ID, &[])));
+            frames.push(Stamped::new(at(130), message.frame()));
+        }
+        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
+        let values = &timeline.column("statusword_warning").unwrap().values;
+        assert_eq!(**values, [0.0, 0.0, 0.0, 1.0, 0.0]);
     }
 
     /// Two are served, two never begin, and the last has no position.
