@@ -645,3 +645,68 @@ fn nodes_have_any_node_id_and_no_identifier_twice() {
     }
     assert!(found.iter().all(|count| *count > 15), "{found:?}");
 }
+
+/// A joint whose loop follows the drive that it does not command, or commands second: by the angle that this one measures.
+#[test]
+fn a_loop_follows_what_another_drive_measures() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = fs::read_to_string(scenario("rigs/sma_pair.toml")).unwrap();
+    let steps = fs::read_to_string(scenario("sma_pair_step.toml")).unwrap();
+    let steps = steps.replace("rig = \"sma_pair\"", "rig = \"rig.toml\"");
+    let path = folder.path().join("steps.toml");
+    fs::write(&path, &steps).unwrap();
+    let feedback = "feedback = \"flexor.position\"";
+    // The sensor of the flexor is useless, and nobody needs it.
+    let elsewhere = rig
+        .replace(feedback, "feedback = \"extensor.position\"")
+        .replace(
+            "amplifier.port = \"joint.flexor_current_amperes\"",
+            "amplifier.port = \"joint.flexor_current_amperes\"\nsensor = { min = -60.0, max = 60.0, resolution_bits = 2 }",
+        );
+    assert!(elsewhere.contains("resolution_bits = 2 "));
+    fs::write(folder.path().join("rig.toml"), &elsewhere).unwrap();
+    let runs = in_both_worlds(folder.path(), &path);
+    let [alone, together] = runs
+        .each_ref()
+        .map(|run| fs::read(run.join("bus.log")).unwrap());
+    assert!(alone == together, "simulate and lock-step differ");
+    let signals = fs::read_to_string(runs[0].join("signals.csv")).unwrap();
+    let header = signals.lines().next().unwrap();
+    for column in [
+        "angle.position_degrees",
+        "angle.flexor.position_degrees",
+        "angle.true_position_degrees",
+        "extensor.position_degrees",
+    ] {
+        assert!(header.split(',').any(|one| one == column), "{header}");
+    }
+    let (code, stdout, stderr) = output(program(&["replay"]).arg(&runs[0]));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
+/// One drive pulls against a weight, and what it moves is measured by another one, which gets no current and is in no loop.
+#[test]
+fn a_drive_that_is_only_followed_gets_no_current() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = fs::read_to_string(scenario("rigs/sma_pair.toml")).unwrap();
+    let rig = rig
+        .replace(
+            "feedback = \"flexor.position\"",
+            "feedback = \"extensor.position\"",
+        )
+        .replace(", \"extensor.current\"]", "]");
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let path = folder.path().join("hold.toml");
+    let text = "schema = 1\nrig = \"rig.toml\"\nname = \"hold\"\nduration_seconds = 12.0\n\
+        [controller.angle.pid]\nproportional_amperes_per_degree = 0.04\nintegral_amperes_per_degree_second = 0.05\n\
+        derivative_ampere_seconds_per_degree = 0.006\n\
+        [[disturbance.load]]\nat_seconds = 0.0\nadded_grams = 30.0\n\
+        [[reference.hold]]\nloop = \"angle\"\nat_seconds = 0.0\nposition_degrees = 5.0\n\
+        [[reference.step]]\nloop = \"angle\"\nat_seconds = 5.0\nposition_degrees = 15.0\n\
+        [expect.angle]\nsteady_state_error_degrees = { max = 0.5 }\nsettling_time_seconds = { max = 4.0 }\n\
+        [expect.extensor]\ncurrent_amperes_rms = { max = 0.001 }\n";
+    fs::write(&path, text).unwrap();
+    let runs = folder.path().join("runs");
+    let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}

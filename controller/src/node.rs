@@ -111,10 +111,13 @@ impl ControllerNode {
             Ok(LeadingLaw::new(law, places))
         });
         let laws = laws.collect::<Result<_, ControllerError>>()?;
-        let loops = plans.into_iter().map(|plan| {
+        let places = Vec::from_iter(plans.iter().map(|plan| plan.drive.node_id().get()));
+        let loops = plans.into_iter().enumerate().map(|(place, plan)| {
             let view = plan.view;
+            let followed = view.wiring.nodes.followed.id;
+            let follows = places.iter().position(|id| *id == followed);
             let limits = plan.limits.map(|limits| {
-                LimitWatch::new(limits, sync_period).in_unit(&view.wiring.measurand.unit)
+                LimitWatch::new(limits, sync_period).in_unit(&view.wiring.sensor.measurand.unit)
             });
             let plausibility = Plausibility::new(&view.wiring);
             ControlLoop {
@@ -130,7 +133,9 @@ impl ControllerNode {
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
                 sync_period,
+                follows: follows.unwrap_or(place),
                 has_position: false,
+                has_sample: false,
                 seen: Seen::default(),
                 scenario_time_seconds: 0.0,
                 missing: 0,
@@ -203,7 +208,7 @@ impl<'a> LoopPlan<'a> {
         let currents = view.wiring.current();
         rig.command.units_per_ampere = currents.counts_per_ampere();
         rig.current.units_per_ampere = currents.counts_per_ampere();
-        rig.position.increments_per_unit = view.wiring.counts_per_unit();
+        rig.position.increments_per_unit = view.wiring.sensor.counts_per_unit();
         let dictionary = dbc::dictionary(dbc::DRIVE_EDS, node_id)?;
         Ok(Self {
             view,

@@ -52,10 +52,10 @@ impl Plausibility {
     pub(crate) fn new(wiring: &Wiring) -> Self {
         Self {
             plausible: wiring.plausible,
-            ends: wiring.range(),
+            ends: wiring.sensor.range(),
             currents: wiring.current(),
-            signal: wiring.measurand.signal.replace('_', " "),
-            symbol: wiring.measurand.unit.symbol().to_owned(),
+            signal: wiring.sensor.measurand.signal.replace('_', " "),
+            symbol: wiring.sensor.measurand.unit.symbol().to_owned(),
             last: None,
             seconds_since: 0.0,
             seconds_above: 0.0,
@@ -168,6 +168,8 @@ impl Plausibility {
 
 #[cfg(test)]
 mod tests {
+    use scenario::wiring::Measured;
+
     use super::*;
     use scenario::port::{Measurand, Unit};
     use scenario::rig::nodes::Rig;
@@ -290,9 +292,12 @@ mod tests {
     fn what_a_node_says_is_watched_in_its_unit_and_nothing_else() {
         let watched = |plausible, samples: &[f64]| {
             let wiring = Wiring {
-                measurand: Measurand::position(Unit::Degrees),
-                position_min: -60.0,
-                position_max: Some(60.0),
+                sensor: Measured {
+                    measurand: Measurand::position(Unit::Degrees),
+                    min: -60.0,
+                    max: Some(60.0),
+                    increment: None,
+                },
                 plausible,
                 ..Wiring::default()
             };
@@ -308,7 +313,10 @@ mod tests {
             [Ok(()); 3]
         );
         let long = Wiring {
-            position_max: Some(2e3),
+            sensor: Measured {
+                max: Some(2e3),
+                ..Measured::default()
+            },
             ..Wiring::default()
         };
         let mut beyond_60_mm = Plausibility::new(&long);

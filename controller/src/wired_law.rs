@@ -116,7 +116,7 @@ impl WiredLaw {
 /// What the ports of a law stand for, at the drive that is wired like this.
 pub(crate) fn wires(law: &AnyLaw, wiring: &Wiring) -> Result<LawWires, WrongPort> {
     match law.drives() {
-        Some(_) => LawWires::of_one(law.ports(), &wiring.measurand.unit),
+        Some(_) => LawWires::of_one(law.ports(), &wiring.feedback.measurand.unit),
         None => LawWires::of_all(law.ports(), &wiring.loops),
     }
 }

@@ -102,7 +102,7 @@ impl Drive {
         Ok(Self {
             machine: StateMachine::new(),
             sensor: PositionSensor::new(&trial.sensor, wires.sensor_unit, seed)
-                .from(wiring.position_min),
+                .from(wiring.sensor.min),
             amplifier: Amplifier::new(&trial.amplifier),
             protection: ThermalProtection::new(objects.protection_limits(dictionary)),
             plant,

@@ -52,11 +52,11 @@ impl Wires {
             .measured(ports)
             .ok_or_else(|| unknown(&wiring.output))?;
         let port = &ports.outputs[output];
-        let factors = conversion(&port.unit, wiring.measurand.unit.word())
-            .zip(conversion(wiring.measurand.unit.word(), &port.unit));
+        let factors = conversion(&port.unit, wiring.sensor.measurand.unit.word())
+            .zip(conversion(wiring.sensor.measurand.unit.word(), &port.unit));
         let (units_per_output, sensor_unit) = factors.ok_or_else(|| InvalidEmulator::Unit {
             port: port.name.clone(),
-            unit: wiring.measurand.unit.to_string(),
+            unit: wiring.sensor.measurand.unit.to_string(),
         })?;
         let recorded = wiring
             .recorded(ports)
@@ -72,7 +72,7 @@ impl Wires {
             let factor = conversion("kilograms", &ports.inputs[place].unit)?;
             Some((place, factor))
         });
-        let is_true_float = wiring.is_true_position_float();
+        let is_true_float = wiring.sensor.is_true_float();
         let true_steps = if is_true_float {
             1.0
         } else {
@@ -83,7 +83,7 @@ impl Wires {
             input_per_ampere: conversion("amperes", &ports.inputs[input].unit).unwrap_or(1.0),
             output,
             sensor_unit,
-            counts_per_output: wiring.counts_per_unit() * units_per_output,
+            counts_per_output: wiring.sensor.counts_per_unit() * units_per_output,
             true_steps_per_output: true_steps * units_per_output,
             is_true_float,
             published: (recorded.into_iter())
@@ -106,6 +106,8 @@ fn published(output: usize, port: &Port) -> Published {
 
 #[cfg(test)]
 mod tests {
+    use scenario::wiring::Measured;
+
     use super::*;
     use scenario::port::{Measurand, Unit};
 
@@ -116,7 +118,10 @@ mod tests {
             outputs: vec![Port::output("angle_degrees", [-60.0, 60.0])],
         };
         let wiring = Wiring {
-            measurand: Measurand::position(Unit::Degrees),
+            sensor: Measured {
+                measurand: Measurand::position(Unit::Degrees),
+                ..Measured::default()
+            },
             ..Wiring::default()
         };
         let wires = Wires::new(&ports, &wiring).unwrap();

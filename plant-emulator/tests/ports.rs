@@ -10,7 +10,7 @@ use plant_emulator::plant::{InvalidPlant, Plant, Port, Ports};
 use plant_emulator::{DriveOf, InvalidEmulator, PlantEmulator};
 use scenario::Trial;
 use scenario::port::{Measurand, Unit};
-use scenario::wiring::Wiring;
+use scenario::wiring::{Measured, Wiring};
 
 /// Two currents add up to an angle by the second; after a time it is something else.
 #[derive(Debug)]
@@ -76,9 +76,12 @@ fn scenario(input: &str) -> Trial {
     scenario.wiring = Wiring {
         input: format!("{input}_current_amperes"),
         output: "angle_degrees".to_owned(),
-        measurand: Measurand::position(Unit::Degrees),
-        position_min: -90.0,
-        position_max: Some(90.0),
+        sensor: Measured {
+            measurand: Measurand::position(Unit::Degrees),
+            min: -90.0,
+            max: Some(90.0),
+            increment: None,
+        },
         ..Wiring::default()
     };
     scenario

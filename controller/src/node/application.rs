@@ -68,10 +68,10 @@ impl Application for Controller {
                     Ok(())
                 }
                 Phase::Running(cycle) => {
-                    let outcome = one.on_sample(services, cycle.number, &feedback);
+                    let outcome = one.on_sample(services, (place, cycle.number), &feedback);
                     outcome.map(|has_position| {
                         if has_position {
-                            self.lead(services, cycle.number);
+                            self.on_position(services, place, cycle.number, feedback.position);
                         }
                     })
                 }
@@ -180,8 +180,15 @@ impl Application for Controller {
 }
 
 impl Controller {
-    /// Lets the law step whose last position of the cycle has come.
-    fn lead(&mut self, services: &mut Services, number: u64) {
+    /// The position of a drive has come: lets the law step for which it is the last one of the cycle.
+    fn on_position(&mut self, services: &mut Services, place: usize, number: u64, position: f64) {
+        let loops = self.loops.iter_mut().enumerate();
+        for (own, one) in loops.filter(|(_, one)| one.follows == place) {
+            if own != place {
+                one.look(number, position);
+            }
+            one.has_position = true;
+        }
         for law in &mut self.laws {
             law.lead(services, &mut self.loops, number);
         }

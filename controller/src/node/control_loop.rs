@@ -20,12 +20,16 @@ pub(super) struct ControlLoop {
     /// False in open loop, where the trajectory is 0 throughout.
     pub(super) has_set_point: bool,
     pub(super) sync_period: Duration,
-    /// The drive's position of the present cycle has come.
+    /// The place of the loop whose drive measures what this one follows: mostly its own.
+    pub(super) follows: usize,
+    /// The position of the present cycle that it follows has come.
     pub(super) has_position: bool,
+    /// The drive's own of the present cycle has come.
+    pub(super) has_sample: bool,
     /// What a law reads of the cycle at which it was looked last, and the scenario time of that.
     pub(super) seen: Seen,
     pub(super) scenario_time_seconds: f64,
-    /// Cycles without a position in a row.
+    /// Cycles without a position of its drive in a row.
     pub(super) missing: u64,
     /// The most of them.
     pub(super) missing_max: u64,
@@ -44,10 +48,11 @@ impl ControlLoop {
         drive
             .plausibility
             .advance(elapsed_seconds, drive.current_amperes);
-        let had_position = self.has_position;
-        self.missing += u64::from(!had_position);
+        let had_sample = self.has_sample;
+        self.missing += u64::from(!had_sample);
         self.has_position = false;
-        had_position
+        self.has_sample = false;
+        had_sample
     }
 
     /// Too many cycles without a position in a row.
@@ -71,11 +76,12 @@ impl ControlLoop {
         Err((implausible.unwrap_or(Cause::NoPosition), text))
     }
 
-    /// The drive's sample of a cycle. A second one in a cycle is late or forged and passed over. True if it brought the position.
+    /// The sample of the drive, whose loop has this place, in a cycle. A second one in a cycle is late or forged and passed over. True
+    /// if it brought the position.
     pub(super) fn on_sample(
         &mut self,
         services: &Services,
-        number: u64,
+        (place, number): (usize, u64),
         feedback: &Feedback,
     ) -> Result<bool, Failure> {
         let state = State::from_statusword(feedback.statusword);
@@ -86,26 +92,27 @@ impl ControlLoop {
                 format!("the drive (node {node}) left Operation enabled: statusword {state}");
             return Err((Cause::DriveNotEnabled, text));
         }
-        if self.has_position {
+        if self.has_sample {
             return Ok(false);
         }
         let limits = self.drive.limits.as_mut();
         if let Some(violation) = limits.and_then(|limits| limits.check(services.now(), feedback)) {
             return Err((Cause::RigLimit, violation.to_string()));
         }
-        let set_point = self.look(number, feedback.position);
-        self.has_position = self.is_plausible(feedback.position, &set_point)?;
-        if self.has_position {
-            self.missing = 0;
-        }
-        Ok(self.has_position)
-    }
-
-    fn is_plausible(&mut self, position: f64, set_point: &SetPoint) -> Result<bool, Failure> {
-        let wanted = match self.has_set_point {
-            true => set_point.position,
+        // Nothing is wanted of a drive whose loop follows another one.
+        let wanted = match self.follows == place {
+            true => self.look(number, feedback.position).position,
             false => f64::NAN,
         };
+        let wanted = if self.has_set_point { wanted } else { f64::NAN };
+        self.has_sample = self.is_plausible(feedback.position, wanted)?;
+        if self.has_sample {
+            self.missing = 0;
+        }
+        Ok(self.has_sample)
+    }
+
+    fn is_plausible(&mut self, position: f64, wanted: f64) -> Result<bool, Failure> {
         let drive = &mut self.drive;
         match drive.plausibility.check(position, wanted) {
             Ok(()) => {

@@ -788,6 +788,7 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let tables = format!("{OPEN_LOOP}[bus]\nsync_period_milliseconds = 5.0\n");
     let mut view = view(&tables);
     view.wiring.nodes.drive.id = node_id;
+    view.wiring.nodes.followed.id = node_id;
     view.wiring.nodes.io = io.map(|id| RigNode::new("module", id, Part::Io));
     let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
     bus.controller = ControllerNode::of_loops(loops).unwrap();

@@ -67,7 +67,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     rows.extend(signals::metrics(evidence));
     rows.extend(sequences::metrics(evidence));
     let requirements = expect.requirements_of_rows();
-    let measurand = &evidence.trial.wiring.measurand;
+    let measurand = &evidence.trial.wiring.feedback.measurand;
     for row in &mut rows {
         let own = requirements.get(&row.name);
         row.requirements = own.cloned().unwrap_or_default();
@@ -82,7 +82,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
         let limit = metric.limit(&trial.expect)?;
-        Some((trial.wiring.measurand.rename(metric.name), limit))
+        Some((trial.wiring.feedback.measurand.rename(metric.name), limit))
     });
     limited
         .chain(signals::limits(trial))

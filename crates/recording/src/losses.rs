@@ -77,6 +77,7 @@ impl LossReader {
             controller: leader,
             drive: led,
             io,
+            ..
         } = &one.nodes;
         let of = |node, service| one.message(node, service).ok();
         let sync_period = scenario.run.bus.sync_period();

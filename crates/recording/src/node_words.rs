@@ -96,6 +96,7 @@ pub(crate) mod tests {
         let nodes = |drive: &str, id| LoopNodes {
             controller: Node::new(CONTROLLER, 1, Part::Controller),
             drive: Node::new(drive, id, Part::Drive),
+            followed: Node::new(drive, id, Part::Drive),
             io: Some(Node::new(&format!("{drive}_io"), id + 0x10, Part::Io)),
         };
         let all = [("x_1", nodes("left", 0x12)), ("y", nodes("right", 0x13))];

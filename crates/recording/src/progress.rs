@@ -41,7 +41,7 @@ impl ProgressReader {
         let has_set_point = !scenario.reference.is_empty();
         Ok(Self {
             position: one.position()?,
-            measurand: scenario.wiring.measurand.clone(),
+            measurand: scenario.wiring.feedback.measurand.clone(),
             set_point: has_set_point.then(|| scenario.reference.trajectory()),
             period: Duration::from_secs_f64(scenario.run.bus.sync_period_milliseconds / 1e3),
         })

@@ -130,7 +130,7 @@ pub fn read_plan(
         && let Some(name) = plan
             .loops
             .iter()
-            .find_map(|one| name_of_two_columns(plan.database(), &one.nodes, one.name()))
+            .find_map(|one| name_of_two_columns(plan.database(), &one.trial.wiring))
     {
         let path = folder.join(file::FRAMES);
         let fault = FramesFault::TwoColumns(name.to_owned());

@@ -141,7 +141,7 @@ fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Colle
     let silence = || silence_seconds_max(message, sync_period, database);
     Some(Collected {
         handle: database.signal(path)?,
-        follows_sync: one.column_messages().any(|one| one.name == message),
+        follows_sync: one.columns().any(|one| one.message.name == message),
         trace: SignalTrace {
             path: path.to_owned(),
             unit: database.definition(path)?.unit.clone(),

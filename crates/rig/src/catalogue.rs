@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use dbc::names::{self, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
-use dbc::{Composer, Database, LawTerm, Message, PlantSignal, PositionUnit, Range};
+use dbc::names::{self, POSITION, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
+use dbc::{Composer, Database, LawTerm, Message, PlantSignal, PositionUnit, Range, Signal};
 use scenario::node::{LoopNodes, Node};
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
-use scenario::wiring::IoOutput;
+use scenario::wiring::{IoOutput, Measured, Wiring};
 use scenario::{CurrentRange, Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
@@ -47,12 +47,10 @@ pub(crate) struct Published {
     pub(crate) terms: Option<Vec<LawTerm>>,
     /// The outputs of its io node besides fan and load.
     pub(crate) outputs: Vec<IoOutput>,
-    /// What it measures.
-    pub(crate) measurand: Measurand,
-    /// Counts of its position for one unit.
-    pub(crate) counts_per_unit: f64,
-    /// Whether its true position is a float.
-    pub(crate) is_true_float: bool,
+    /// What its drive measures.
+    pub(crate) sensor: Measured,
+    /// What it follows.
+    pub(crate) feedback: Measured,
     /// What its drive can be commanded.
     pub(crate) current: CurrentRange,
     /// Its identifiers beside those that CiA 301 gives each node.
@@ -103,18 +101,18 @@ impl Catalogue {
             },
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
-            measurand: trial.wiring.measurand.clone(),
-            counts_per_unit: trial.wiring.counts_per_unit(),
-            is_true_float: trial.wiring.is_true_position_float(),
+            sensor: trial.wiring.sensor.clone(),
+            feedback: trial.wiring.feedback.clone(),
             current: trial.wiring.current(),
             identifiers: trial.wiring.identifiers,
         };
-        let nodes = &trial.wiring.nodes;
-        let of_loop = trial.wiring.loop_among_several();
+        let wiring = &trial.wiring;
         // A half-done entry is still right.
         let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
         let is_it = |frames: &&Arc<Frames>| {
-            frames.published == published && frames.nodes == *nodes && frames.of_loop == of_loop
+            frames.published == published
+                && frames.wiring.nodes == wiring.nodes
+                && frames.wiring.loop_among_several() == wiring.loop_among_several()
         };
         if let Some(frames) = known.iter().find(is_it) {
             return Arc::clone(frames);
@@ -205,7 +203,7 @@ fn is_wired_fmu(trial: &Trial) -> bool {
 
 /// Two signals that would be one column: a term of the law called like another signal of its loop, or an output of the plant.
 fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
-    let name = name_of_two_columns(&frames.database, &frames.nodes, &frames.of_loop)?;
+    let name = name_of_two_columns(&frames.database, &frames.wiring)?;
     let mut terms = frames.published.terms.iter().flatten();
     let (path, owner) = match terms.any(|term| term.name == name) {
         true => (
@@ -227,52 +225,118 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
 
 /// A name that two columns of a loop would have.
 #[must_use]
-pub fn name_of_two_columns<'a>(
-    database: &'a Database,
-    nodes: &LoopNodes,
-    loop_name: &str,
-) -> Option<&'a str> {
-    let messages = column_messages(database, nodes, loop_name);
-    let signals = messages.flat_map(|message| &message.signals);
-    twice(signals.map(|signal| signal.name.as_str()))
-}
-
-fn twice<'a>(mut names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub fn name_of_two_columns(database: &Database, wiring: &Wiring) -> Option<String> {
     let mut seen = BTreeSet::new();
-    names.find(|name| !seen.insert(*name))
+    let signals = columns(database, wiring).flat_map(|message| message.signals);
+    let mut names = signals.map(|(name, _)| name);
+    names.find(|name| !seen.insert(name.clone()))
 }
 
-/// The messages of a loop whose signals become columns, in their order.
-pub fn column_messages<'a>(
+/// A message with those of its signals that become columns of a loop, each with its name there.
+pub struct ColumnMessage<'a> {
+    /// The message.
+    pub message: &'a Message,
+    /// Whether it brings what a drive measures in each cycle.
+    pub is_measured: bool,
+    /// Its signals by their names in the loop.
+    pub signals: Vec<(String, &'a Signal)>,
+}
+
+/// The messages of a loop whose signals become columns, in their order. Where it follows another drive, that one's position has
+/// the loop's name of it, and what its own drive measures is called after the drive.
+pub fn columns<'a>(
     database: &'a Database,
-    nodes: &LoopNodes,
-    loop_name: &str,
-) -> impl Iterator<Item = &'a Message> + use<'a> {
-    let of_drive = [TPDO1, RPDO1, TPDO2, TPDO3].map(|service| message(&nodes.drive.name, service));
-    let controller = &nodes.controller.name;
-    let of_law = (0..TERMS_MAX).map(|place| names::terms(controller, loop_name, place));
-    let of_io = nodes.io.iter().map(|io| message(&io.name, RPDO1));
-    let all = Vec::from_iter(of_drive.into_iter().chain(of_law).chain(of_io));
-    all.into_iter().filter_map(|name| database.message(&name))
+    wiring: &'a Wiring,
+) -> impl Iterator<Item = ColumnMessage<'a>> {
+    let LoopNodes {
+        controller,
+        drive,
+        followed: followed_node,
+        io,
+    } = &wiring.nodes;
+    let is_feedback = [drive, followed_node].map(|node| message(&node.name, TPDO1));
+    let of_drive = [TPDO1, RPDO1, TPDO2, TPDO3].map(|service| message(&drive.name, service));
+    let of_drive = of_drive.into_iter().map(|name| (name, true));
+    let name = wiring.loop_among_several();
+    let of_law = (0..TERMS_MAX).map(move |place| names::terms(&controller.name, name, place));
+    let of_io = io.iter().map(|io| message(&io.name, RPDO1));
+    let others = of_law.chain(of_io).map(|name| (name, false));
+    let own = of_drive.chain(others).filter_map(move |(name, is_drive)| {
+        let message = database.message(&name)?;
+        let name_of = |signal| match is_drive {
+            true => name_of_own(signal, wiring),
+            false => signal.name.clone(),
+        };
+        let signals = message
+            .signals
+            .iter()
+            .map(|signal| (name_of(signal), signal));
+        Some((message, signals.collect()))
+    });
+    let followed = followed(database, wiring);
+    let followed = followed.map(|(message, signal)| (message, vec![(signal.name.clone(), signal)]));
+    own.chain(followed)
+        .map(move |(message, signals)| ColumnMessage {
+            is_measured: is_feedback.contains(&message.name),
+            message,
+            signals,
+        })
+}
+
+/// The signals of another drive that a loop follows: what is measured, and that in truth.
+pub(crate) fn followed<'a>(
+    database: &'a Database,
+    wiring: &'a Wiring,
+) -> impl Iterator<Item = (&'a Message, &'a Signal)> {
+    let services = [TPDO1, TPDO2]
+        .into_iter()
+        .filter(|_| !wiring.follows_itself());
+    let messages = services
+        .filter_map(|service| database.message(&message(&wiring.nodes.followed.name, service)));
+    let signals =
+        messages.flat_map(|message| message.signals.iter().map(move |one| (message, one)));
+    signals.filter(|(_, signal)| is_measured(signal, &wiring.feedback))
+}
+
+/// The name in a loop of a signal of its own drive.
+pub(crate) fn name_of_own(signal: &Signal, wiring: &Wiring) -> String {
+    match is_measured(signal, &wiring.sensor) {
+        true => wiring.name_of_own(&signal.name),
+        false => signal.name.clone(),
+    }
+}
+
+/// Whether a signal is what a sensor gives, or that in truth.
+fn is_measured(signal: &Signal, by: &Measured) -> bool {
+    let mut names = [POSITION, TRUE_POSITION].iter();
+    names.any(|name| by.measurand.rename(name) == signal.name)
 }
 
 /// The frames of a loop that is alone on its bus.
 #[derive(Debug)]
 pub struct Frames {
     pub(crate) published: Published,
-    nodes: LoopNodes,
-    of_loop: String,
+    wiring: Wiring,
     pub(crate) database: Arc<Database>,
     names: OnceLock<SignalNames>,
 }
 
 impl Frames {
     fn new(published: Published, trial: &Trial) -> Self {
-        let nodes = &trial.wiring.nodes;
-        let of_loop = trial.wiring.loop_among_several();
+        let wiring = &trial.wiring;
+        let nodes = &wiring.nodes;
         let composer = Composer::new(&nodes.controller.name, nodes.controller.id);
-        let composer = published.compose(composer, nodes, of_loop, Player::Emulator);
-        let frames = Self::of_recording(Arc::new(composer.finish()), nodes, of_loop);
+        let composer = match wiring.follows_itself() {
+            true => composer,
+            false => published.with_followed(composer, &nodes.followed),
+        };
+        let composer = published.compose(
+            composer,
+            nodes,
+            wiring.loop_among_several(),
+            Player::Emulator,
+        );
+        let frames = Self::of_recording(Arc::new(composer.finish()), wiring);
         Self {
             published,
             ..frames
@@ -280,11 +344,10 @@ impl Frames {
     }
 
     /// The frames of a loop of a recording with this database.
-    pub(crate) fn of_recording(database: Arc<Database>, nodes: &LoopNodes, of_loop: &str) -> Self {
+    pub(crate) fn of_recording(database: Arc<Database>, wiring: &Wiring) -> Self {
         Self {
             published: Published::default(),
-            nodes: nodes.clone(),
-            of_loop: of_loop.to_owned(),
+            wiring: wiring.clone(),
             database,
             names: OnceLock::new(),
         }
@@ -292,7 +355,7 @@ impl Frames {
 
     /// All names of all signals.
     pub(crate) fn names(&self) -> &SignalNames {
-        let make = || SignalNames::new(&self.database, &self.nodes, &self.of_loop);
+        let make = || SignalNames::new(&self.database, &self.wiring);
         self.names.get_or_init(make)
     }
 }
@@ -317,18 +380,10 @@ impl Published {
         of_loop: &str,
         player: Player<'_>,
     ) -> Composer {
-        let rename = |name: &str| self.measurand.rename(name);
         let is_emulated = matches!(player, Player::Emulator);
-        let unit = PositionUnit {
-            symbol: self.measurand.unit.symbol(),
-            resolution: (!matches!(player, Player::Real(_))).then(|| 1.0 / self.counts_per_unit),
-            is_true_float: self.is_true_float,
-            rename: &rename,
-        };
-        let is_shipped = self.measurand == Measurand::default()
-            && self.counts_per_unit == self.measurand.unit.counts()
-            && !self.is_true_float;
-        let unit = (!is_shipped).then_some(&unit);
+        let rename = |name: &str| self.sensor.measurand.rename(name);
+        let unit = unit_of(&self.sensor, &rename, !matches!(player, Player::Real(_)));
+        let unit = unit.as_ref();
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match player {
@@ -349,7 +404,21 @@ impl Published {
             terms,
         } = self.identifiers;
         let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
-        composer.with_terms(of_loop, terms, self.terms.as_deref(), unit)
+        let rename = |name: &str| self.feedback.measurand.rename(name);
+        let unit = unit_of(&self.feedback, &rename, false);
+        composer.with_terms(of_loop, terms, self.terms.as_deref(), unit.as_ref())
+    }
+
+    /// Adds the frames of the drive that the loop follows, which is another loop's: what is measured there, and that in truth.
+    fn with_followed(&self, composer: Composer, followed: &Node) -> Composer {
+        let rename = |name: &str| self.feedback.measurand.rename(name);
+        let unit = unit_of(&self.feedback, &rename, true);
+        composer.with_drive(
+            (&followed.name, followed.id),
+            Some(&[]),
+            None,
+            unit.as_ref(),
+        )
     }
 
     fn with_io(&self, composer: Composer, io: &Node) -> Composer {
@@ -366,6 +435,24 @@ impl Published {
         let first = self.outputs.first().map_or(0, |output| output.place);
         composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
     }
+}
+
+/// The unit of what a sensor gives, where it is not that of the shipped DBC.
+fn unit_of<'a>(
+    measured: &'a Measured,
+    rename: &'a dyn Fn(&str) -> String,
+    is_emulated: bool,
+) -> Option<PositionUnit<'a>> {
+    let unit = &measured.measurand.unit;
+    let is_shipped = measured.measurand == Measurand::default()
+        && measured.counts_per_unit() == unit.counts()
+        && !measured.is_true_float();
+    (!is_shipped).then(|| PositionUnit {
+        symbol: unit.symbol(),
+        resolution: is_emulated.then(|| 1.0 / measured.counts_per_unit()),
+        is_true_float: measured.is_true_float(),
+        rename,
+    })
 }
 
 /// The signals of the wire, which the shipped DBC has.

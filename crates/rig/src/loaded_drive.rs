@@ -68,7 +68,8 @@ impl LoadedDrive {
     /// # Errors
     /// Where the set-point leaves the limits.
     pub fn admits(&self, trial: &Trial) -> Result<(), String> {
-        if trial.reference.is_empty() {
+        // What another drive measures is none of its positions.
+        if trial.reference.is_empty() || !trial.wiring.follows_itself() {
             return Ok(());
         }
         let Limits { min, max, .. } = self.real.limits;
@@ -76,7 +77,7 @@ impl LoadedDrive {
         for seconds in telling_cycles_seconds(trial, &trajectory) {
             let wanted = trajectory.at(seconds).position;
             if !(min - ROUNDING..=max + ROUNDING).contains(&wanted) {
-                let symbol = trial.wiring.measurand.unit.symbol();
+                let symbol = trial.wiring.sensor.measurand.unit.symbol();
                 return Err(format!(
                     "the set-point is {wanted} {symbol} at {seconds} s, beyond the rig's limits ({min} to {max} {symbol})"
                 ));

@@ -65,7 +65,7 @@ fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
             text: rig.eds.clone(),
         },
         None => {
-            let unit = &one.trial.wiring.measurand.unit;
+            let unit = &one.trial.wiring.sensor.measurand.unit;
             let presets = one.trial.presets().into_iter().chain(one.place.presets());
             let own = OwnValues {
                 presets: presets.collect(),

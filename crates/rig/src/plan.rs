@@ -13,10 +13,10 @@ use scenario::fault::{Fault, Group};
 use scenario::node::{LoopNodes, Node, Part};
 use scenario::rig::nodes::Rig;
 use scenario::sweep::Sweep;
-use scenario::wiring::{IoOutput, LoopOfRig, Wiring};
+use scenario::wiring::{IoOutput, LoopOfRig, Measured, Wiring};
 use scenario::{Beside, Run, Texts, Trial};
 
-use crate::catalogue::{Catalogue, Frames, Player, column_messages};
+use crate::catalogue::{Catalogue, ColumnMessage, Frames, Player, columns, followed, name_of_own};
 use crate::external::{External, no_such_node};
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -196,6 +196,7 @@ impl Plan {
                 controller,
                 drive,
                 io,
+                ..
             } = &one.nodes;
             let nodes = [drive, controller].into_iter().chain(io);
             for node in nodes.filter(|node| one.external.has(node)) {
@@ -308,9 +309,7 @@ impl ControlLoop {
 
     /// A loop of a recording with this database.
     fn of_recording(trial: Trial, database: &Arc<Database>) -> Self {
-        let wiring = &trial.wiring;
-        let name = wiring.loop_among_several();
-        let frames = Frames::of_recording(Arc::clone(database), &wiring.nodes, name);
+        let frames = Frames::of_recording(Arc::clone(database), &trial.wiring);
         Self::with_frames(trial, Arc::new(frames))
     }
 
@@ -411,13 +410,25 @@ impl ControlLoop {
         message.ok_or_else(|| SignalMissing::new(&name))
     }
 
-    /// The position that its drive measures.
+    /// The position that it follows.
     ///
     /// # Errors
     /// The database has none.
     pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
-        let measured = self.trial.wiring.measurand.rename(names::POSITION);
-        let message = names::message(&self.nodes.drive.name, names::TPDO1);
+        self.measured_by(&self.nodes.followed, &self.trial.wiring.feedback)
+    }
+
+    /// The position that its own drive measures.
+    ///
+    /// # Errors
+    /// The database has none.
+    pub fn own_position(&self) -> Result<SignalHandle, SignalMissing> {
+        self.measured_by(&self.nodes.drive, &self.trial.wiring.sensor)
+    }
+
+    fn measured_by(&self, drive: &Node, by: &Measured) -> Result<SignalHandle, SignalMissing> {
+        let message = names::message(&drive.name, names::TPDO1);
+        let measured = by.measurand.rename(names::POSITION);
         self.database.signal_of(&message, &measured)
     }
 
@@ -431,15 +442,36 @@ impl ControlLoop {
     }
 
     /// The messages whose signals become columns, in their order.
-    pub fn column_messages(&self) -> impl Iterator<Item = &Message> {
-        column_messages(&self.database, &self.nodes, self.name())
+    pub fn columns(&self) -> impl Iterator<Item = ColumnMessage<'_>> {
+        columns(&self.database, &self.trial.wiring)
+    }
+
+    /// The signals of another drive that it follows: what is measured, and that in truth.
+    pub fn followed(&self) -> impl Iterator<Item = (&Message, &Signal)> {
+        followed(&self.database, &self.trial.wiring)
+    }
+
+    /// The name in the loop of a signal of one of its messages.
+    #[must_use]
+    pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
+        let drive = names::OF_DRIVE.iter();
+        let mut drive = drive.map(|service| names::message(&self.nodes.drive.name, service));
+        match drive.any(|own| own == message.name) {
+            true => name_of_own(signal, &self.trial.wiring),
+            false => signal.name.clone(),
+        }
     }
 
     /// The signals that its drive publishes of an emulated plant, without the true position.
     pub fn plant_signals(&self) -> impl Iterator<Item = &Signal> {
         let messages = self.database.plant_messages(&self.nodes.drive.name);
         let signals = messages.flat_map(|message| &message.signals);
-        let measured = self.trial.wiring.measurand.rename(names::TRUE_POSITION);
+        let measured = self
+            .trial
+            .wiring
+            .sensor
+            .measurand
+            .rename(names::TRUE_POSITION);
         signals.filter(move |signal| signal.name != measured)
     }
 
@@ -450,6 +482,7 @@ impl ControlLoop {
             controller,
             drive,
             io,
+            ..
         } = &self.nodes;
         let is_of = |node: &Node, services: &[&str]| {
             let mut own = services.iter();
@@ -465,11 +498,14 @@ impl ControlLoop {
     #[must_use]
     pub fn is_truth(&self, path: &str) -> bool {
         let message = path.split('.').next().unwrap_or_default();
-        let drive = &self.nodes.drive.name;
         let truth = [names::TPDO2, names::TPDO3, names::TRUTH];
-        truth
-            .iter()
-            .any(|service| names::message(drive, service) == message)
+        let LoopNodes {
+            drive, followed, ..
+        } = &self.nodes;
+        [drive, followed].iter().any(|node| {
+            let mut truth = truth.iter();
+            truth.any(|service| names::message(&node.name, service) == message)
+        })
     }
 
     /// The terms of its law.

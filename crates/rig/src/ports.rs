@@ -127,13 +127,13 @@ impl Wired<'_> {
             Ok(port) => port,
             Err(objection) => return Some(objection),
         };
-        if let Some(factor) = conversion(&port.unit, wiring.measurand.unit.word()) {
+        if let Some(factor) = conversion(&port.unit, wiring.sensor.measurand.unit.word()) {
             return self.range(port, factor);
         }
         let fitting = Unit::of_port(&port.unit);
         let message = format!(
             "`{}` cannot be measured in {}",
-            port.name, wiring.measurand.unit
+            port.name, wiring.sensor.measurand.unit
         );
         let units = fitting.iter().map(|unit| format!("unit = \"{unit}\""));
         let label = match Vec::from_iter(units).join(" or ") {
@@ -147,9 +147,9 @@ impl Wired<'_> {
     /// A sensor whose range is not that of its port: one unit of the port is `factor` of the sensor's.
     fn range(&self, port: &Port, factor: f64) -> Option<Objection> {
         let wiring = &self.trial.wiring;
-        let [min, max] = wiring.range();
+        let [min, max] = wiring.sensor.range();
         let [lowest, highest] = port.range.map(|end| end * factor);
-        let (name, unit) = (&port.name, &wiring.measurand.unit);
+        let (name, unit) = (&port.name, &wiring.sensor.measurand.unit);
         let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
         let objection = |message: String, label: String| {
             let path = format!("node.{}.sensor", self.drive);
@@ -157,7 +157,7 @@ impl Wired<'_> {
         };
         match port.has_range() {
             // What it says itself may be a part of what its port can be.
-            true if wiring.position_max.is_none() && is_wider => objection(
+            true if wiring.sensor.max.is_none() && is_wider => objection(
                 format!("the sensor of `{}` has no range", self.drive),
                 format!("`{name}` goes from {lowest} to {highest} {unit}: write min and max"),
             ),
@@ -282,7 +282,7 @@ mod tests {
     use scenario::port::Measurand;
 
     use super::*;
-    use scenario::wiring::Wiring;
+    use scenario::wiring::{Measured, Wiring};
 
     fn ports() -> Ports {
         Ports {
@@ -303,9 +303,12 @@ mod tests {
         scenario.wiring = Wiring {
             input: "current_amperes".to_owned(),
             output: "angle_degrees".to_owned(),
-            measurand: Measurand::position(Unit::Degrees),
-            position_min: -60.0,
-            position_max: Some(60.0),
+            sensor: Measured {
+                measurand: Measurand::position(Unit::Degrees),
+                min: -60.0,
+                max: Some(60.0),
+                increment: None,
+            },
             fan: None,
             load: None,
             ..Wiring::default()
@@ -331,7 +334,8 @@ mod tests {
     fn wires_to_ports_that_fit_are_passed() {
         assert_eq!(found(&ports(), |_| {}), None);
         assert_eq!(
-            found(&ports(), |wiring| wiring.measurand.unit = Unit::Revolutions),
+            found(&ports(), |wiring| wiring.sensor.measurand.unit =
+                Unit::Revolutions),
             None
         );
     }
@@ -358,7 +362,9 @@ mod tests {
             "node.motor.sensor.port: the port `joint.current_amperes` is an input, and an output is needed here: outputs of `joint`: angle_degrees, winding_celsius"
         );
         assert_eq!(
-            found(&ports(), |wiring| wiring.measurand.unit = Unit::Millimetres).unwrap(),
+            found(&ports(), |wiring| wiring.sensor.measurand.unit =
+                Unit::Millimetres)
+            .unwrap(),
             "node.motor.sensor.unit: `angle_degrees` cannot be measured in millimetres: write unit = \"degrees\" or unit = \"revolutions\""
         );
         assert_eq!(
@@ -378,8 +384,8 @@ mod tests {
         };
         let in_millimetres = |wiring: &mut Wiring, min: f64, max: Option<f64>| {
             wiring.output = "slide_metres".to_owned();
-            wiring.measurand.unit = Unit::Millimetres;
-            (wiring.position_min, wiring.position_max) = (min, max);
+            wiring.sensor.measurand.unit = Unit::Millimetres;
+            (wiring.sensor.min, wiring.sensor.max) = (min, max);
         };
         let of = |range, min, max| found(&slide(range), |wiring| in_millimetres(wiring, min, max));
         for range in [[0.0, 0.06], [0.0, 0.02], [f64::NEG_INFINITY, f64::INFINITY]] {

@@ -1,9 +1,11 @@
 //! The signals of the bus by all their names: `message.signal`, `signal`, and the object behind it, as the EDS calls it.
 
 use dbc::{Database, Message, names};
-use scenario::node::{LoopNodes, Node, Part};
+use scenario::node::{Node, Part};
+use scenario::wiring::Wiring;
 use scenario::{Objection, Trial, nearest};
 
+use crate::catalogue::{followed, name_of_own};
 use crate::data_sheet::{self, DataSheet};
 
 /// Signals that a message about an ambiguous name lists.
@@ -54,7 +56,8 @@ pub struct SignalNames {
 impl SignalNames {
     /// The names of the signals of a loop's nodes and its law, with those of the objects behind them.
     #[must_use]
-    pub fn new(database: &Database, nodes: &LoopNodes, loop_name: &str) -> Self {
+    pub fn new(database: &Database, wiring: &Wiring) -> Self {
+        let nodes = &wiring.nodes;
         let sheets = data_sheet::rig_data_sheets();
         let of_parts = Vec::from_iter(
             [Part::Controller, Part::Drive, Part::Io]
@@ -71,7 +74,12 @@ impl SignalNames {
         let mut add = |message: &Message, node: Option<&Node>| {
             for signal in &message.signals {
                 let path = format!("{}.{}", message.name, signal.name);
-                let mut names = vec![path.clone(), signal.name.clone()];
+                let is_own = node.is_some_and(|node| node.part == Part::Drive);
+                let name = match is_own {
+                    true => name_of_own(signal, wiring),
+                    false => signal.name.clone(),
+                };
+                let mut names = vec![path.clone(), name];
                 if let Some(node) = node
                     && let Some(sheet) = sheet(node.part)
                     && let Some(object) = object_name(sheet, &signal.object)
@@ -104,8 +112,15 @@ impl SignalNames {
             });
             own.for_each(|message| add(message, Some(node)));
         }
-        let terms = database.term_messages(&nodes.controller.name, loop_name);
+        let terms = database.term_messages(&nodes.controller.name, wiring.loop_among_several());
         terms.for_each(|message| add(message, Some(&nodes.controller)));
+        aliases.extend(followed(database, wiring).flat_map(|(message, signal)| {
+            let path = format!("{}.{}", message.name, signal.name);
+            [path.clone(), signal.name.clone()].map(|name| Alias {
+                name,
+                path: path.clone(),
+            })
+        }));
         let entries = |(part, sheet): &(Part, &DataSheet)| {
             let names = sheet
                 .dictionary
@@ -211,7 +226,7 @@ mod tests {
     use super::*;
 
     fn of_the_actuator() -> SignalNames {
-        SignalNames::new(Database::shipped(), &LoopNodes::default(), "")
+        SignalNames::new(Database::shipped(), &Wiring::default())
     }
 
     #[track_caller]

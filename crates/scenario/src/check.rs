@@ -145,7 +145,7 @@ fn gains_of_another_quantity(document: &Document<'_>, trial: &Trial) -> Option<P
         "integral_amperes_per_metre_second",
         "derivative_ampere_seconds_per_metre",
     ];
-    let unit = &trial.wiring.measurand.unit;
+    let unit = &trial.wiring.feedback.measurand.unit;
     let is_length = conversion(unit.word(), "metres").is_some();
     trial.controller.pid.as_ref().filter(|_| !is_length)?;
     let path = "controller.pid";
@@ -159,7 +159,10 @@ fn gains_of_another_quantity(document: &Document<'_>, trial: &Trial) -> Option<P
 
 /// Sines and chirps within the travel; single positions are in the schema's range already.
 fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Vec<Problem> {
-    let ([min, max], symbol) = (wiring.range(), wiring.measurand.unit.symbol());
+    let ([min, max], symbol) = (
+        wiring.feedback.range(),
+        wiring.feedback.measurand.unit.symbol(),
+    );
     let sines = reference.sine.iter().enumerate();
     let sines = sines.map(|(index, sine)| {
         let (centre, amplitude) = (sine.centre_millimetres, sine.amplitude_millimetres);

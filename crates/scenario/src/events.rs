@@ -100,8 +100,8 @@ impl Trial {
     /// another unit as much of the sensor's range.
     #[must_use]
     pub fn recovery_band(&self) -> f64 {
-        let [min, max] = self.wiring.range();
-        let of_unit = match self.wiring.measurand.unit {
+        let [min, max] = self.wiring.feedback.range();
+        let of_unit = match self.wiring.feedback.measurand.unit {
             Unit::Millimetres => RECOVERY_BAND_MILLIMETRES,
             _ => (max - min) * RECOVERY_BAND_SHARE,
         };
@@ -243,7 +243,7 @@ impl Trial {
             None => event(at_seconds, text),
             Some(words) => event(at_seconds, format!("{}: {text}", words.name)),
         };
-        let unit = self.wiring.measurand.unit.symbol();
+        let unit = self.wiring.feedback.measurand.unit.symbol();
         let steps = self.reference.step.iter().map(|step| {
             let text = format!("step to {} {unit}", step.position_millimetres);
             named(step.at_seconds, text)

@@ -45,6 +45,8 @@ pub struct LoopNodes {
     pub controller: Node,
     /// Its drive.
     pub drive: Node,
+    /// The drive whose signal it follows: mostly its own.
+    pub followed: Node,
     /// The io node that acts on its plant.
     pub io: Option<Node>,
 }
@@ -65,9 +67,11 @@ impl LoopNodes {
 /// The nodes of the rig that ships.
 impl Default for LoopNodes {
     fn default() -> Self {
+        let drive = Node::new("drive", 0x10, Part::Drive);
         Self {
             controller: Node::new("controller", CONTROLLER_NODE_ID, Part::Controller),
-            drive: Node::new("drive", 0x10, Part::Drive),
+            followed: drive.clone(),
+            drive,
             io: Some(Node::new("disturbance", 0x11, Part::Io)),
         }
     }

@@ -41,10 +41,10 @@ pub(crate) use loops::on_rig;
 
 /// The schema of what is tried in a loop, where its set-points have this range: that of its sensor.
 pub(crate) fn of_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, Value> {
-    if !wiring.is_other_travel() {
+    if !wiring.feedback.is_other_travel() {
         return schema;
     }
-    let [min, max] = wiring.range();
+    let [min, max] = wiring.feedback.range();
     let mut schema = schema.into_owned();
     for definition in entries(&schema, "Reference") {
         let properties = &mut schema["definitions"][definition]["properties"];

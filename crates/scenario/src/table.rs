@@ -25,7 +25,7 @@ fn currents(range: &CurrentRange) -> Values {
 
 /// The travel of a loop.
 fn positions(wiring: &Wiring) -> Values {
-    let [min, max] = wiring.range();
+    let [min, max] = wiring.feedback.range();
     Values {
         what: "leaves the travel",
         range: min..=max,
@@ -50,7 +50,7 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
 /// The first problem ends the reading: a table that is wrong is mostly wrong in every row.
 pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {
     let reader = Reader::new(name, text);
-    let position = wiring.measurand.rename(HEADER[1]);
+    let position = wiring.feedback.measurand.rename(HEADER[1]);
     let names = [HEADER[0], position.as_str()];
     if reader.columns() != names {
         let label = format!("expected `{}`", names.join(","));

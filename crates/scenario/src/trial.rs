@@ -87,8 +87,8 @@ impl Trial {
     #[must_use]
     pub fn presets(&self) -> Vec<Preset> {
         let amplifier = self.amplifier.presets();
-        let unit = self.wiring.measurand.unit.presets();
-        let is_float = self.wiring.is_true_position_float();
+        let unit = self.wiring.sensor.measurand.unit.presets();
+        let is_float = self.wiring.sensor.is_true_float();
         let truth = is_float.then(|| Preset {
             is_real32: true,
             ..Preset::new(TRUE_POSITION, 0, 0)

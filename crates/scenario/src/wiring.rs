@@ -21,6 +21,47 @@ pub const TRUE_STEPS_PER_UNIT: f64 = 1e6;
 /// The travel where no sensor says another range, in millimetres.
 const TRAVEL_MILLIMETRES: f64 = 60.0;
 
+/// What a sensor gives, on the bus.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// The signal and its unit.
+    pub measurand: Measurand,
+    /// The lowest value, in that unit.
+    pub min: f64,
+    /// The highest one; 60 mm if none.
+    pub max: Option<f64>,
+    /// What one count stands for, in that unit; what the unit says if none.
+    pub increment: Option<f64>,
+}
+
+impl Measured {
+    /// The lowest and the highest value, within which set-points lie.
+    #[must_use]
+    pub fn range(&self) -> [f64; 2] {
+        [self.min, self.max.unwrap_or(TRAVEL_MILLIMETRES)]
+    }
+
+    /// Counts (0x6064) for one unit.
+    #[must_use]
+    pub fn counts_per_unit(&self) -> f64 {
+        let own = self.increment.map(|increment| 1.0 / increment);
+        own.unwrap_or_else(|| self.measurand.unit.counts())
+    }
+
+    /// Whether 32 bits do not hold a true value in the range in millionths of the unit: then it is a float.
+    #[must_use]
+    pub fn is_true_float(&self) -> bool {
+        let ends = self.range().map(|end| end.abs() * TRUE_STEPS_PER_UNIT);
+        ends.into_iter().any(|end| end > f64::from(i32::MAX))
+    }
+
+    /// Whether set-points have another range or another unit than 0 to 60 mm.
+    #[must_use]
+    pub fn is_other_travel(&self) -> bool {
+        self.measurand.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
+    }
+}
+
 /// One of the loops of a rig, as others know it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopOfRig {
@@ -28,7 +69,7 @@ pub struct LoopOfRig {
     pub name: String,
     /// Its first drive.
     pub drive: String,
-    /// What it measures.
+    /// What it follows.
     pub measurand: Measurand,
     /// What the amplifier of its drive can be commanded.
     pub current: CurrentRange,
@@ -47,14 +88,10 @@ pub struct Wiring {
     pub input: String,
     /// The output of the plant that its sensor reads; the plant's first one if empty.
     pub output: String,
-    /// What it measures.
-    pub measurand: Measurand,
-    /// The lowest position that its sensor gives, in that unit.
-    pub position_min: f64,
-    /// The highest one; 60 mm if none.
-    pub position_max: Option<f64>,
-    /// What one count of its position stands for, in that unit; what the unit says if none.
-    pub position_increment: Option<f64>,
+    /// What its own sensor gives.
+    pub sensor: Measured,
+    /// What its loop follows: the same, or what the sensor of another drive gives.
+    pub feedback: Measured,
     /// The inputs of the plant on which the fan and the load of its io node act.
     pub fan: Option<String>,
     /// As `fan`, for the load.
@@ -99,10 +136,8 @@ impl Default for Wiring {
             plant: String::new(),
             input: String::new(),
             output: String::new(),
-            measurand: Measurand::default(),
-            position_min: 0.0,
-            position_max: None,
-            position_increment: None,
+            sensor: Measured::default(),
+            feedback: Measured::default(),
             fan: Some("convection_factor".to_owned()),
             load: Some("added_load_kilograms".to_owned()),
             outputs: BTreeMap::new(),
@@ -121,13 +156,6 @@ impl Default for Wiring {
 }
 
 impl Wiring {
-    /// The lowest and the highest position of the sensor, in its unit, within which set-points lie.
-    #[must_use]
-    pub fn range(&self) -> [f64; 2] {
-        let max = self.position_max.unwrap_or(TRAVEL_MILLIMETRES);
-        [self.position_min, max]
-    }
-
     /// The name of its loop among several; empty for an only loop.
     #[must_use]
     pub fn loop_among_several(&self) -> &str {
@@ -141,20 +169,6 @@ impl Wiring {
     #[must_use]
     pub fn own_loop(&self) -> Option<&LoopOfRig> {
         self.loops.iter().find(|one| one.name == self.of_loop)
-    }
-
-    /// Counts of the drive's position (0x6064) for one unit.
-    #[must_use]
-    pub fn counts_per_unit(&self) -> f64 {
-        let own = self.position_increment.map(|increment| 1.0 / increment);
-        own.unwrap_or_else(|| self.measurand.unit.counts())
-    }
-
-    /// Whether 32 bits do not hold a true position in its range in millionths of the unit: then it is a float.
-    #[must_use]
-    pub fn is_true_position_float(&self) -> bool {
-        let ends = self.range().map(|end| end.abs() * TRUE_STEPS_PER_UNIT);
-        ends.into_iter().any(|end| end > f64::from(i32::MAX))
     }
 
     /// What the amplifier of its drive can be commanded.
@@ -179,10 +193,19 @@ impl Wiring {
         currents
     }
 
-    /// Whether set-points have another range or another unit than 0 to 60 mm.
+    /// The name in its loop of what its own drive measures: with that of the drive where the loop follows another one.
     #[must_use]
-    pub fn is_other_travel(&self) -> bool {
-        self.measurand.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
+    pub fn name_of_own(&self, measured: &str) -> String {
+        match self.follows_itself() {
+            true => measured.to_owned(),
+            false => format!("{}.{measured}", self.nodes.drive.name),
+        }
+    }
+
+    /// Whether its loop follows its own sensor.
+    #[must_use]
+    pub fn follows_itself(&self) -> bool {
+        self.nodes.followed.id == self.nodes.drive.id
     }
 
     /// The place of the output that the sensor reads.
@@ -404,7 +427,10 @@ mod tests {
         Wiring {
             input: input.to_owned(),
             output: "angle_degrees".to_owned(),
-            measurand: Measurand::position(Unit::Degrees),
+            sensor: Measured {
+                measurand: Measurand::position(Unit::Degrees),
+                ..Measured::default()
+            },
             beside: beside.iter().map(|name| (*name).to_owned()).collect(),
             is_second,
             ..Wiring::default()

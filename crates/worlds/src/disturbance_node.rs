@@ -111,7 +111,7 @@ impl RealDrive {
     fn new(one: &ControlLoop) -> Self {
         let real = one.real_drive.as_ref();
         let sync_period = one.trial.run.bus.sync_period();
-        let unit = &one.trial.wiring.measurand.unit;
+        let unit = &one.trial.wiring.sensor.measurand.unit;
         Self {
             name: one.nodes.drive.name.clone(),
             node_id: NodeId::new(one.place.drive_node_id),

@@ -22,6 +22,7 @@ fn bus_with(tables: [&str; 2]) -> Bus {
     let mut views = tables.map(view);
     for (number, (view, node_id)) in (0..).zip(views.iter_mut().zip([DRIVE, SECOND])) {
         view.wiring.nodes.drive.id = node_id.get();
+        view.wiring.nodes.followed.id = node_id.get();
         view.wiring.identifiers = Identifiers::new(1, node_id.get(), number);
     }
     let plans = views.iter().map(|view| LoopPlan::emulated(view).unwrap());

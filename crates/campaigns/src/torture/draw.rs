@@ -109,14 +109,15 @@ impl Nodes {
         };
         // Heights are drawn for the travel of the rig that ships.
         let [travel, shipped] = [wiring, &Wiring::default()].map(|wiring| {
-            let [min, max] = wiring.range();
+            let [min, max] = wiring.sensor.range();
             max - min
         });
         let travels = travel / shipped;
         let of_drive = |(key, value): (String, Value)| match value {
-            Value::Float(height) if key.contains("millimetres") => {
-                (wiring.measurand.rename(&key), (height * travels).into())
-            }
+            Value::Float(height) if key.contains("millimetres") => (
+                wiring.sensor.measurand.rename(&key),
+                (height * travels).into(),
+            ),
             Value::Float(current) if key.contains("amperes") => {
                 (key, (current * wiring.current().max).into())
             }

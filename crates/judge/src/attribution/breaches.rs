@@ -95,7 +95,11 @@ pub(crate) fn begin_of(cycle: u64, period_seconds: f64) -> f64 {
 
 /// The cycles without a SYNC or a position, of those that were due.
 pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item = Breach> {
-    let mut rows = timeline.cycle.iter().zip(timeline.position()).peekable();
+    let mut rows = timeline
+        .cycle
+        .iter()
+        .zip(timeline.own_position())
+        .peekable();
     let missing =
         (0..due).filter_map(
             move |cycle| match rows.next_if(|(number, _)| **number <= cycle) {

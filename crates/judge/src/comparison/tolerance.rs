@@ -86,10 +86,10 @@ impl Scale {
     #[must_use]
     pub fn of(one: &ControlLoop) -> Self {
         let wiring = &one.trial.wiring;
-        let [min, max] = wiring.range();
+        let [min, max] = wiring.feedback.range();
         Self {
             prefix: one.prefix(),
-            measurand: wiring.measurand.clone(),
+            measurand: wiring.feedback.measurand.clone(),
             range: max - min,
         }
     }

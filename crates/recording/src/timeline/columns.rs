@@ -2,9 +2,9 @@
 //! at a time, and only the signals whose bits changed are decoded.
 
 use canopen::CanFrame;
-use dbc::names::{TPDO1, message};
-use dbc::{Message, Signal, SignalHandle};
+use dbc::{Signal, SignalHandle};
 use platform::series::SeriesWriter;
+use rig::catalogue::ColumnMessage;
 use rig::plan::ControlLoop;
 
 use super::decoded::Column;
@@ -14,11 +14,7 @@ pub(super) struct Columns(Vec<MessageColumns>);
 
 impl Columns {
     pub(super) fn new(one: &ControlLoop) -> Self {
-        let feedback = message(&one.nodes.drive.name, TPDO1);
-        let messages = one.column_messages();
-        let columns =
-            messages.map(|message| MessageColumns::new(message, message.name == feedback));
-        Self(columns.collect())
+        Self(one.columns().map(MessageColumns::new).collect())
     }
 
     /// The identifiers of the messages.
@@ -71,10 +67,10 @@ struct SignalColumn {
 }
 
 impl SignalColumn {
-    fn new(handle: SignalHandle, signal: &Signal) -> Self {
+    fn new(handle: SignalHandle, name: String, signal: &Signal) -> Self {
         Self {
             handle,
-            name: signal.name.clone(),
+            name,
             unit: signal.unit.clone(),
             latest: f64::NAN,
             rows: SeriesWriter::default(),
@@ -120,13 +116,15 @@ struct MessageColumns {
 }
 
 impl MessageColumns {
-    fn new(message: &Message, is_measured: bool) -> Self {
-        let signals = message.signals.iter();
-        let signals = signals.map(|signal| SignalColumn::new(message.handle(signal), signal));
+    fn new(columns: ColumnMessage<'_>) -> Self {
+        let message = columns.message;
+        let signals = columns.signals.into_iter();
+        let signals =
+            signals.map(|(name, signal)| SignalColumn::new(message.handle(signal), name, signal));
         Self {
             raw_id: message.raw_id,
             signals: signals.collect(),
-            is_measured,
+            is_measured: columns.is_measured,
             latest: None,
             rows: 0,
         }

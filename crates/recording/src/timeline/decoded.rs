@@ -104,8 +104,9 @@ pub struct Timeline {
     pub origin_seconds: f64,
     /// Scenario time of the last frame.
     pub last_frame_seconds: f64,
-    /// Places of two columns that every recording has.
+    /// Places of columns that every recording has.
     pub(super) position: usize,
+    pub(super) own_position: usize,
     pub(super) current: usize,
 }
 
@@ -123,10 +124,16 @@ impl Timeline {
         by(name).or_else(|| by(&self.measurand.rename(name)))
     }
 
-    /// The measured position in millimetres.
+    /// The measured position that the loop follows, in its unit.
     #[must_use]
     pub fn position(&self) -> &Series<f64> {
         &self.columns[self.position].values
+    }
+
+    /// What the drive of the loop measures itself; the same where the loop follows that.
+    #[must_use]
+    pub fn own_position(&self) -> &Series<f64> {
+        &self.columns[self.own_position].values
     }
 
     /// The measured current in amperes.
@@ -213,7 +220,7 @@ impl Timeline {
             return 0.0;
         }
         let is_served = |position: &&f64| !position.is_nan();
-        let served = self.position().iter().filter(is_served).count();
+        let served = self.own_position().iter().filter(is_served).count();
         #[expect(
             clippy::cast_precision_loss,
             reason = "cycle counts stay far below 2^52"

@@ -327,11 +327,13 @@ impl TimelineReader {
             .passing
             .last_frame
             .saturating_sub(zero.unwrap_or_default());
+        let own_position = trial.wiring.sensor.measurand.rename(names::POSITION);
+        let own_position = trial.wiring.name_of_own(&own_position);
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds,
             set_point_millimetres: set_points(trial, &time_seconds),
-            measurand: trial.wiring.measurand.clone(),
+            measurand: trial.wiring.feedback.measurand.clone(),
             cycle,
             time_seconds,
             cycles_due: self.cycles_due,
@@ -340,7 +342,11 @@ impl TimelineReader {
             syncs_seconds: Series::default(),
             lost_heartbeats: Vec::new(),
             temperature_silence: None,
-            position: place(&columns, &trial.wiring.measurand.rename(names::POSITION))?,
+            position: place(
+                &columns,
+                &trial.wiring.feedback.measurand.rename(names::POSITION),
+            )?,
+            own_position: place(&columns, &own_position)?,
             current: place(&columns, names::CURRENT)?,
             columns,
             events: Events::default(),

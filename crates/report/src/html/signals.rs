@@ -263,7 +263,7 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
 
 /// Steps and disturbances.
 fn sudden(trial: &Trial) -> Vec<Stretch> {
-    let symbol = shown_unit(trial.wiring.measurand.unit.symbol());
+    let symbol = shown_unit(trial.wiring.feedback.measurand.unit.symbol());
     let steps = trial.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);

@@ -109,9 +109,12 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let unit = shown_unit(page.own.trial.wiring.measurand.unit.symbol());
+        let unit = shown_unit(page.own.trial.wiring.feedback.measurand.unit.symbol());
         let mut left = vec![self.plot(
-            &format!("{} ({unit})", page.own.trial.wiring.measurand.title()),
+            &format!(
+                "{} ({unit})",
+                page.own.trial.wiring.feedback.measurand.title()
+            ),
             "position",
             2.2,
         )?];

@@ -59,7 +59,7 @@ impl Drawing {
     /// The actuator's drawing; other plants have none.
     fn new(trial: &Trial) -> Option<Self> {
         let mechanics = trial.plant.actuator()?.mechanics;
-        let is_length = trial.wiring.measurand.unit == Unit::Millimetres;
+        let is_length = trial.wiring.feedback.measurand.unit == Unit::Millimetres;
         is_length.then_some(Self {
             wire: 1e3 * mechanics.wire_length_metres,
             inner: 1e3 * mechanics.inner_pulley_radius_metres,

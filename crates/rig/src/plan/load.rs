@@ -228,9 +228,8 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
     if database.plant_messages(drive).next().is_none() {
         return Vec::new();
     }
-    let name = wiring.loop_among_several();
     let names = OnceCell::new();
-    let make = || SignalNames::new(database, &wiring.nodes, name);
+    let make = || SignalNames::new(database, wiring);
     SignalNames::objections(trial, || names.get_or_init(make))
 }
 

@@ -38,7 +38,7 @@ struct ListedSignal<'a> {
     of_loop: Option<&'a str>,
     /// The name that no other signal has: `message.signal`.
     path: String,
-    signal: &'a str,
+    signal: String,
     unit: &'a str,
     /// The node.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -54,14 +54,14 @@ struct ListedSignal<'a> {
 }
 
 impl<'a> ListedSignal<'a> {
-    fn of(of_loop: Option<&'a str>, message: &'a Message, signal: &'a Signal) -> Self {
+    fn of(one: Option<&'a ControlLoop>, message: &'a Message, signal: &'a Signal) -> Self {
         let coding = &signal.coding;
         let physical = |raw: i64| raw as f64 * coding.factor + coding.offset;
         let labels = signal.labels.iter();
         Self {
-            of_loop,
+            of_loop: one.map(ControlLoop::name),
             path: format!("{}.{}", message.name, signal.name),
-            signal: &signal.name,
+            signal: one.map_or_else(|| signal.name.clone(), |one| one.name_of(message, signal)),
             unit: &signal.unit,
             sender: message.sender.as_deref(),
             message: &message.name,
@@ -139,14 +139,18 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
     let several = loops.iter().filter(|_| loops.len() > 1);
     let of_loops = several.flat_map(|one| {
         let own = messages().filter(|message| one.owns(&message.name));
-        own.map(|message| (Some(one.name()), message))
+        let own =
+            own.flat_map(|message| message.signals.iter().map(move |signal| (message, signal)));
+        own.chain(one.followed())
+            .map(move |(message, signal)| (Some(one), message, signal))
     });
     let is_shared = |message: &&Message| loops.len() < 2 || owner(message).is_none();
-    let shared = messages().filter(is_shared).map(|message| (None, message));
-    let signals = shared.chain(of_loops).flat_map(|(of_loop, message)| {
+    let shared = messages().filter(is_shared).flat_map(|message| {
         let signals = message.signals.iter();
-        signals.map(move |signal| ListedSignal::of(of_loop, message, signal))
+        signals.map(move |signal| (None, message, signal))
     });
+    let signals = shared.chain(of_loops);
+    let signals = signals.map(|(one, message, signal)| ListedSignal::of(one, message, signal));
     signals.collect()
 }
 
@@ -160,7 +164,13 @@ fn table(signals: &[ListedSignal<'_>]) -> String {
     for signal in signals {
         let range = signal.range();
         let sender = signal.sender.unwrap_or("–");
-        let cells = [signal.signal, signal.unit, sender, signal.message, &range];
+        let cells = [
+            signal.signal.as_str(),
+            signal.unit,
+            sender,
+            signal.message,
+            &range,
+        ];
         let of_loop = has_loops.then(|| signal.of_loop.unwrap_or("all"));
         table.add_row(of_loop.into_iter().chain(cells));
     }

@@ -253,7 +253,7 @@ impl<'text> Reader<'_, 'text> {
         let mut tree: DeTable<'text> = section.into_iter().collect();
         let drive = node.filter(|node| node.part == Part::Drive);
         let wiring = drive.map(|node| self.rig.wiring_of(&node.name));
-        let measurand = wiring.as_ref().map(|one| one.measurand.clone());
+        let measurand = wiring.as_ref().map(|one| one.sensor.measurand.clone());
         let measurand = measurand.unwrap_or_default();
         if let Some(wiring) = &wiring {
             let units = InUnit {

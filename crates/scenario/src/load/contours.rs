@@ -53,7 +53,10 @@ pub(super) fn read_contours(
 
 /// The unit of a loop.
 fn unit_of(name: &str, rig: &Rig) -> Unit {
-    rig.wiring_of(rig.drive_of_loop(name)).measurand.unit
+    rig.wiring_of(rig.drive_of_loop(name))
+        .feedback
+        .measurand
+        .unit
 }
 
 /// Gives the limits of a contour the names that they have in millimetres. A distance is of loops of one unit.

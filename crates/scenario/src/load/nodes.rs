@@ -16,12 +16,12 @@ use super::{Reading, build, none_of, read_models};
 use crate::check;
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError, Source};
-use crate::meant_or_known;
 use crate::outside::Outside;
 use crate::own::is_name;
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, LOOPS_MAX, NODES_MAX, NodeKind, Rig, RigNode};
 use crate::rig::{ObjectAddress, RealDrive};
 use crate::table;
+use crate::{meant_or_known, nearest};
 
 /// What the file is for people.
 pub(super) const KIND: &str = "rig file";
@@ -572,8 +572,10 @@ impl Check<'_> {
         }
         // A loop without a drive was found by the schema: it is probably the one. So is one that has another loop's drive.
         let is_said = is_one_in_two || self.rig.loops.values().any(|one| one.drives.is_empty());
+        let is_followed = |drive: &str| self.rig.loops.values().any(|one| one.followed() == drive);
         for drive in self.of_kind(NodeKind::Drive) {
-            if !led.contains_key(drive) && !is_said {
+            let is_watched = is_followed(drive) && !self.rig.node[drive].external;
+            if !led.contains_key(drive) && !is_watched && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
                 let label = format!(
                     "name it in `outputs` of a loop, as in outputs = [\"{drive}.{CURRENT}\"]"
@@ -621,12 +623,20 @@ impl Check<'_> {
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
         let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
         let path = format!("loop.{name}.feedback");
-        // Without a drive there is nothing to follow, which is said.
+        // Without a drive there is nothing to lead, which is said.
         let first = drives.first()?;
-        if first != node {
+        let drives = Vec::from_iter(self.of_kind(NodeKind::Drive));
+        // One that is commanded and is no drive is said.
+        if !drives.contains(&node) && first == node {
+            return None;
+        }
+        if !drives.contains(&node) {
             let message =
-                format!("the loop `{name}` follows `{feedback}`, which is not of its first drive");
-            let label = format!("write \"{first}.{}\"", self.signal_of(first));
+                format!("the loop `{name}` follows `{feedback}`, which no drive measures");
+            let label = match nearest(node, drives.iter().copied()) {
+                Some(meant) => format!("did you mean \"{meant}.{}\"?", self.signal_of(meant)),
+                None => format!("write \"{first}.{}\"", self.signal_of(first)),
+            };
             return Some(self.document.problem(&path, message, label));
         }
         let measured = self.signal_of(node);

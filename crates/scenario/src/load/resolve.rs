@@ -215,7 +215,7 @@ fn resolve(
     let mut loops = Vec::new();
     for one in tables {
         let wiring = rig.wiring_of(rig.drive_of_loop(&one.name));
-        let measurand = wiring.measurand.clone();
+        let measurand = wiring.feedback.measurand.clone();
         let mut reader = TrialReader {
             document: document.with_root(one.tree),
             factors: &one.factors,

@@ -143,7 +143,7 @@ impl<'text> Selector<'_, 'text> {
         let wiring = self.rig.wiring_of(self.drive(name));
         let units = InUnit {
             source: &self.scenario.source,
-            measurand: &wiring.measurand,
+            measurand: &wiring.feedback.measurand,
             of_loop: name,
         };
         let factors = units.rename(&mut tables)?;

@@ -1,6 +1,6 @@
 //! What is on the bench: the nodes on the bus by name, the plants that they move, and the loops that the controller closes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -15,7 +15,7 @@ use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{self, I2t, PlantModel};
 use crate::port::{Measurand, Unit};
-use crate::wiring::{LedBy, LoopOfRig, Plausible, Wiring};
+use crate::wiring::{LedBy, LoopOfRig, Measured, Plausible, Wiring};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
@@ -87,11 +87,20 @@ impl Rig {
         drive.map_or("", String::as_str)
     }
 
-    /// Adds what stands for each drive of a loop besides its first one; see [`RigLoop::led_by`].
+    /// Adds what stands for each drive of a loop besides its first one, and for one that is followed and in no loop; see
+    /// [`RigLoop::led_by`].
     pub(crate) fn add_led_drives(&mut self) {
         let mut led = Vec::new();
+        let is_led = |drive: &str| {
+            let mut drives = self.loops.values().flat_map(|one| &one.drives);
+            drives.any(|led| led == drive)
+        };
+        let mut only_followed = BTreeSet::new();
         for (name, one) in &self.loops {
-            led.extend(one.drives.iter().skip(1).map(|drive| {
+            let followed = one.followed().to_owned();
+            let is_new = !is_led(&followed) && only_followed.insert(followed.clone());
+            let followed = is_new.then_some(&followed).into_iter();
+            led.extend(one.drives.iter().skip(1).chain(followed).map(|drive| {
                 let of_drive = RigLoop {
                     feedback: format!("{drive}.position"),
                     outputs: vec![format!("{drive}.current")],
@@ -109,9 +118,11 @@ impl Rig {
     fn led_by(&self, drive: &str) -> Option<LedBy> {
         let leader = self.loops.get(drive)?.led_by.as_deref()?;
         let drives = &self.loops.get(leader)?.drives;
+        let place = drives.iter().position(|other| other == drive);
         Some(LedBy {
             first: self.node.get(drives.first()?)?.node_id,
-            place: drives.iter().position(|other| other == drive)?,
+            // One that is only followed stands behind all that the law commands.
+            place: place.unwrap_or(drives.len()),
         })
     }
 
@@ -169,10 +180,10 @@ impl Rig {
             plant: self.plant_of(drive).unwrap_or_default().to_owned(),
             input: amplifier_port(node).unwrap_or_default(),
             output: name_of(sensor.port.as_deref()).unwrap_or_default(),
-            measurand: node.measurand(),
-            position_min: sensor.min.unwrap_or_default(),
-            position_max: sensor.max,
-            position_increment: sensor.position_increment,
+            sensor: node.measured(),
+            feedback: self
+                .followed_by(drive)
+                .map_or_else(Measured::default, |(_, node)| node.measured()),
             fan: name_of(outputs.port(FAN_OUTPUT)),
             load: name_of(outputs.port(LOAD_OUTPUT)),
             outputs: outputs
@@ -198,11 +209,22 @@ impl Rig {
     fn nodes_of(&self, drive: &str, node_id: u8) -> LoopNodes {
         let named = |(name, node): (&str, &RigNode), part| Node::new(name, node.node_id, part);
         let controller = self.controller().map(|node| named(node, Part::Controller));
+        let drive_node = Node::new(drive, node_id, Part::Drive);
+        let followed = self.followed_by(drive).map(|node| named(node, Part::Drive));
         LoopNodes {
             controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
-            drive: Node::new(drive, node_id, Part::Drive),
+            followed: followed.unwrap_or_else(|| drive_node.clone()),
+            drive: drive_node,
             io: self.io_of(drive).map(|node| named(node, Part::Io)),
         }
+    }
+
+    /// The drive whose signal the loop of a drive follows.
+    fn followed_by(&self, drive: &str) -> Option<(&str, &RigNode)> {
+        let own = self.loops.get(self.loop_of(drive));
+        let followed = own.map_or(drive, RigLoop::followed);
+        let (name, node) = self.node.get_key_value(followed)?;
+        Some((name, node))
     }
 
     /// The loop whose first drive this is; empty for no drive of this rig.
@@ -221,7 +243,9 @@ impl Rig {
         let amplifier = node.and_then(|node| node.amplifier.as_ref());
         LoopOfRig {
             name: name.clone(),
-            measurand: node.map(RigNode::measurand).unwrap_or_default(),
+            measurand: (self.node.get(one.followed()))
+                .map(RigNode::measurand)
+                .unwrap_or_default(),
             current: amplifier.map(Amplifier::range).unwrap_or_default(),
             led_by: self.led_by(&drive),
             drive,
@@ -481,6 +505,17 @@ impl RigNode {
         sensor.map(Sensor::measurand).unwrap_or_default()
     }
 
+    /// What its sensor gives.
+    fn measured(&self) -> Measured {
+        let sensor = self.sensor.clone().unwrap_or_default();
+        Measured {
+            measurand: sensor.measurand(),
+            min: sensor.min.unwrap_or_default(),
+            max: sensor.max,
+            increment: sensor.position_increment,
+        }
+    }
+
     /// The keys of an external drive that it has.
     pub(crate) fn keys_of_external(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
@@ -645,6 +680,11 @@ impl Outputs {
 }
 
 impl RigLoop {
+    /// The drive whose signal it follows.
+    pub(crate) fn followed(&self) -> &str {
+        self.feedback.split('.').next().unwrap_or_default()
+    }
+
     /// Puts in the drives of its outputs.
     pub(crate) fn name_drives(&mut self) {
         let drive = |output: &String| output.split('.').next().unwrap_or_default().to_owned();
@@ -657,11 +697,11 @@ impl RigLoop {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "RigLoop")]
 pub struct RigLoop {
-    /// The signal that follows the set-point, as in `"drive.position"`.
+    /// The signal that follows the set-point, as in `"drive.position"`: of any drive, whether the loop moves it, another one, or
+    /// none.
     #[schemars(length(min = 1, max = 200))]
     pub feedback: String,
-    /// The currents of the drives that move it, in the order in which its law commands them, as in `"drive.current"`. The loop
-    /// follows the first one's position.
+    /// The currents of the drives that move it, in the order in which its law commands them, as in `"drive.current"`.
     #[schemars(length(min = 1, max = 8))]
     pub outputs: Vec<String>,
     /// The drives of these outputs, put in by the loader.

@@ -217,7 +217,7 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
 /// Set-points lie within what the sensor of one of the loops gives.
 fn put_ranges(schema: &mut Value, rig: &Rig) {
     let ranges = rig.loops.keys();
-    let ranges = ranges.map(|name| rig.wiring_of(rig.drive_of_loop(name)).range());
+    let ranges = ranges.map(|name| rig.wiring_of(rig.drive_of_loop(name)).feedback.range());
     let hull = ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])]);
     let Some([min, max]) = hull else { return };
     for definition in entries(schema, OF_LOOPS) {

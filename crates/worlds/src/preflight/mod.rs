@@ -262,7 +262,7 @@ fn heat(
     let progress = ProgressReader::new(ramp.leading())?;
     let clock = ramp.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
-    let unit = &one.trial.wiring.measurand.unit;
+    let unit = &one.trial.wiring.sensor.measurand.unit;
     let mut heating = Heating::new(&drive, ramp.scenario_clock()?, unit);
     let mut is_enough = |capture: &Capture<'_>| {
         heating.follow(capture);
@@ -301,7 +301,7 @@ fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldE
 fn emulated(one: &ControlLoop) -> RealDrive {
     let wiring = &one.trial.wiring;
     let currents = wiring.current();
-    let [lowest, highest] = wiring.range();
+    let [lowest, highest] = wiring.sensor.range();
     let travel = highest - lowest;
     let plausible = &wiring.plausible;
     let drive = RigDrive {
@@ -315,7 +315,7 @@ fn emulated(one: &ControlLoop) -> RealDrive {
             ..CurrentObject::default()
         },
         position: PositionObject {
-            increments_per_unit: wiring.counts_per_unit(),
+            increments_per_unit: wiring.sensor.counts_per_unit(),
             resolution: travel / STEPS_OF_TRAVEL,
             ..PositionObject::default()
         },
