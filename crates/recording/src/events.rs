@@ -67,10 +67,8 @@ struct EventSignal {
     signal: SignalHandle,
     definition: Signal,
     kind: EventKind,
-    /// Whose it is, as a scenario of one drive names it.
+    /// Whose it is.
     node: String,
-    /// The same for people, who see all loops.
-    shown: String,
     /// The latest value, and the bits that it was made of.
     last: Option<f64>,
     last_bits: Option<u64>,
@@ -166,7 +164,7 @@ impl EventReader {
         else {
             return false;
         };
-        let (level, mut text) = describe(signal.kind, &signal.shown, value, &label);
+        let (level, mut text) = describe(signal.kind, &signal.node, value, &label);
         if signal.kind == EventKind::Command {
             text += &addressee(&stamped.frame, &self.words);
         }
@@ -255,15 +253,14 @@ fn emergency(node: &str, value: f64) -> Emergency {
 
 /// The signals that make events: commands of NMT, and of each node its state, its statusword and its emergencies.
 fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
-    let make = |message: &str, name: &str, kind, (node, role): (&str, &str)| {
+    let make = |message: &str, name: &str, kind, node: &str| {
         let message = database.message(message)?;
         let definition = message.signal(name)?;
         Some(EventSignal {
             signal: message.handle(definition),
             definition: definition.clone(),
             kind,
-            node: role.to_owned(),
-            shown: node.to_owned(),
+            node: node.to_owned(),
             last: None,
             last_bits: None,
             cause: cause(database, &message.name),
@@ -275,16 +272,10 @@ fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
             (names::TPDO1, names::STATUSWORD, EventKind::State),
             (names::EMERGENCY, "error_code", EventKind::Emergency),
         ];
-        services.map(|(service, signal, kind)| {
-            make(&names::message(node.0, service), signal, kind, node)
-        })
+        services
+            .map(|(service, signal, kind)| make(&names::message(node, service), signal, kind, node))
     });
-    let nmt = make(
-        "nmt_command",
-        "nmt_command",
-        EventKind::Command,
-        ("nmt", "nmt"),
-    );
+    let nmt = make("nmt_command", "nmt_command", EventKind::Command, "nmt");
     [nmt].into_iter().chain(of_nodes).flatten().collect()
 }
 

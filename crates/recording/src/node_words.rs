@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use rig::plan::{ControlLoop, Shared};
 use scenario::events::LoopWords;
-use scenario::node::{LoopNodes, Node, Part};
+use scenario::node::LoopNodes;
 
 /// The names of nodes that stand for their parts.
 const CONTROLLER: &str = "controller";
@@ -72,23 +72,19 @@ impl NodeWords {
         self.by_id.get(&id).map(String::as_str)
     }
 
-    /// All nodes, the own ones first, each with its name in a scenario of one drive.
-    pub(crate) fn nodes(&self) -> impl Iterator<Item = (&str, &str)> {
-        let own = self.nodes.all();
-        let role = |node: &Node| match node.part {
-            Part::Controller => CONTROLLER,
-            Part::Io => DISTURBANCE,
-            Part::Drive | Part::Bench => DRIVE,
-        };
-        let own = own.map(move |node| (node.name.as_str(), role(node)));
-        let is_other = |name: &&String| self.nodes.all().all(|node| node.name != **name);
-        let others = self.by_id.values().filter(is_other);
-        own.chain(others.map(|name| (name.as_str(), name.as_str())))
+    /// The names of all nodes, the own ones first.
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = &str> {
+        let own = self.nodes.all().map(|node| node.name.as_str());
+        let is_other = |name: &&str| self.nodes.all().all(|node| node.name != **name);
+        let others = self.by_id.values().map(String::as_str).filter(is_other);
+        own.chain(others)
     }
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use scenario::node::{Node, Part};
+
     use super::*;
 
     /// Two loops with a drive each, as one of them sees the bus.
@@ -119,14 +115,8 @@ pub(crate) mod tests {
         assert_eq!((y.drive(), y.module()), ("right", "right_io"));
         assert_eq!((y.of_node(0x13), y.of_node(0x14)), (Some("right"), None));
         assert_eq!(NodeWords::default().drive(), "the drive");
-        let roles = Vec::from_iter(y.nodes());
-        let expected = [
-            ("controller", "controller"),
-            ("right", "drive"),
-            ("right_io", "disturbance"),
-            ("left", "left"),
-            ("left_io", "left_io"),
-        ];
-        assert_eq!(roles, expected);
+        let names = Vec::from_iter(y.nodes());
+        let expected = ["controller", "right", "right_io", "left", "left_io"];
+        assert_eq!(names, expected);
     }
 }

@@ -229,7 +229,7 @@ fn add_metrics(schema: &mut Schema) {
 /// An emergency of a node, written as "drive 0x8130".
 #[derive(Clone, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub struct Emergency {
-    /// The node's name in the DBC.
+    /// The node's name on the rig.
     pub node: String,
     /// The error code (CiA 301, table 26).
     pub code: u16,
@@ -242,9 +242,6 @@ impl FromStr for Emergency {
         let (node, code) = text
             .split_once(" 0x")
             .ok_or("must be node and code, as in \"drive 0x8130\"")?;
-        if !["controller", "drive", "disturbance"].contains(&node) {
-            return Err("the node must be controller, drive or disturbance");
-        }
         let code = u16::from_str_radix(code, 16)
             .map_err(|_| "the code must have four hexadecimal digits")?;
         Ok(Self {

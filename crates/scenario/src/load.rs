@@ -3,7 +3,6 @@
 //! Syntax first, then keys, types and ranges against the schema, then what only makes sense together.
 
 mod contours;
-mod emergencies;
 mod expect;
 mod files;
 mod fmus;

@@ -13,8 +13,6 @@ const REACTION_SECONDS: f64 = 0.2;
 const REACTION_PERIODS: f64 = 5.0;
 /// A frame that is late by less, in periods, still comes in its cycle.
 const LATE_PERIODS: f64 = 0.5;
-/// The node that gives up the loop, and reports it, as a scenario names it.
-const CONTROLLER: &str = "controller";
 
 /// A stretch in which frames may be missing: those of a node, or of all.
 struct Touched {
@@ -58,8 +56,9 @@ impl ScenarioFaults {
             };
             faults.iter().any(acts)
         };
+        let controller = &one.nodes.controller.name;
         let emergencies = timeline.emergencies.iter();
-        let reports = emergencies.filter(|one| one.node == CONTROLLER);
+        let reports = emergencies.filter(|emergency| emergency.node == *controller);
         let reports = reports.map(|one| one.time_seconds);
         Self {
             reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),

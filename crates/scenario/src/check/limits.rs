@@ -4,7 +4,9 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Emergency, Limit};
 use crate::metrics::{METRICS, Metric};
+use crate::nearest::meant_or_known;
 use crate::trial::Trial;
+use crate::wiring::Wiring;
 
 /// Limits that can be met, on metrics that the scenario has.
 pub(super) fn limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
@@ -68,6 +70,27 @@ fn missing_for(metric: &Metric, trial: &Trial) -> Option<String> {
     Some(format!("{missing}{}", before.unwrap_or_default()))
 }
 
+/// What is wrong with an emergency that is demanded: it has another form, or is of no node.
+pub(super) fn emergency(
+    document: &Document<'_>,
+    path: &str,
+    text: &str,
+    wiring: &Wiring,
+) -> Option<Problem> {
+    match text.parse::<Emergency>() {
+        Err(reason) => {
+            let message = format!("\"{text}\" names no emergency");
+            Some(document.problem(path, message, reason))
+        }
+        Ok(Emergency { node, .. }) => {
+            let nodes = Vec::from_iter(wiring.node_names());
+            let message = format!("the rig has no node `{node}`");
+            let label = meant_or_known(&node, &nodes);
+            (!nodes.contains(&node.as_str())).then(|| document.problem(path, message, label))
+        }
+    }
+}
+
 /// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
 pub(crate) fn reactions(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let expect = &trial.expect;
@@ -86,11 +109,8 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial) -> Vec<Problem> 
         }
     }
     for (index, text) in expect.listed("emcy").iter().enumerate() {
-        if let Err(reason) = text.parse::<Emergency>() {
-            let message = format!("\"{text}\" names no emergency");
-            let path = format!("expect.emcy.{index}");
-            problems.push(document.problem(&path, message, reason));
-        }
+        let path = format!("expect.emcy.{index}");
+        problems.extend(emergency(document, &path, text, &trial.wiring));
     }
     for metric in METRICS.iter().filter(|metric| metric.needs_fault()) {
         if expect.of(metric.name).is_some()

@@ -2,13 +2,15 @@
 
 use std::collections::BTreeSet;
 
+use super::limits::emergency;
 use super::limits::limit_problem;
 use super::tables::read_beside;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::expect::{Demand, Emergency, Expected, Sequence, SignalCheck};
+use crate::expect::{Demand, Expected, Sequence, SignalCheck};
 use crate::table::{self, ReadTable};
 use crate::trial::Trial;
+use crate::wiring::Wiring;
 
 /// A window may end so much after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
 const END_SECONDS: f64 = 0.1;
@@ -28,7 +30,7 @@ pub(super) fn check(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
         let path = format!("expect.sequence.{index}");
         let window = (Some(sequence.from_seconds), sequence.until_seconds);
         problems.extend(window_problem(document, &path, window, duration_seconds));
-        problems.extend(events(document, &path, sequence));
+        problems.extend(events(document, &path, sequence, &trial.wiring));
         if !rows.insert(sequence.name.clone()) {
             let message = format!("there are two sequences \"{}\"", sequence.name);
             let name = format!("{path}.name");
@@ -100,11 +102,16 @@ fn demands(
 }
 
 /// Events that can be recognised, each with its time.
-fn events(document: &Document<'_>, path: &str, sequence: &Sequence) -> Vec<Problem> {
+fn events(
+    document: &Document<'_>,
+    path: &str,
+    sequence: &Sequence,
+    wiring: &Wiring,
+) -> Vec<Problem> {
     let mut problems = Vec::new();
     for (place, event) in sequence.event.iter().enumerate() {
         let path = format!("{path}.event.{place}");
-        problems.extend(event_problem(document, &path, event));
+        problems.extend(event_problem(document, &path, event, wiring));
         if place > 0 && event.within_milliseconds.is_none() {
             let message = format!("event {} of a sequence has no time limit", place + 1);
             let label = "`within_milliseconds` is missing";
@@ -118,7 +125,12 @@ fn events(document: &Document<'_>, path: &str, sequence: &Sequence) -> Vec<Probl
     problems
 }
 
-fn event_problem(document: &Document<'_>, path: &str, event: &Expected) -> Option<Problem> {
+fn event_problem(
+    document: &Document<'_>,
+    path: &str,
+    event: &Expected,
+    wiring: &Wiring,
+) -> Option<Problem> {
     let kinds = [&event.emcy, &event.text, &event.signal];
     let given = kinds.iter().filter(|kind| kind.is_some()).count();
     if given != 1 {
@@ -160,11 +172,7 @@ fn event_problem(document: &Document<'_>, path: &str, event: &Expected) -> Optio
         }
         Expected {
             emcy: Some(text), ..
-        } => {
-            let reason = text.parse::<Emergency>().err()?;
-            let message = format!("\"{text}\" names no emergency");
-            Some(document.problem(&format!("{path}.emcy"), message, reason))
-        }
+        } => emergency(document, &format!("{path}.emcy"), text, wiring),
         _ => None,
     }
 }

@@ -134,10 +134,7 @@ impl<'text> Selector<'_, 'text> {
                 tables.insert(key(section), kept);
             }
         }
-        if let Some(mut expect) = self.expect(name) {
-            if let DeValue::Table(limits) = expect.get_mut() {
-                self.name_emergencies(limits, name)?;
-            }
+        if let Some(expect) = self.expect(name) {
             tables.insert(key(EXPECT), expect);
         }
         let wiring = self.rig.wiring_of(self.drive(name));
