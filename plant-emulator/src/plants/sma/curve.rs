@@ -43,15 +43,35 @@ pub(super) struct Point {
     pub(super) fraction_per_kelvin: f64,
 }
 
+/// Eq. (2): `ξ = origin + amplitude / D`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Whole {
+    pub(super) sigmoid: Sigmoid,
+    pub(super) origin: f64,
+    pub(super) amplitude: f64,
+}
+
+impl Whole {
+    /// `ξ`.
+    #[inline]
+    pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
+        let part = self.amplitude / self.sigmoid.denominator(temperature_celsius);
+        (self.origin + part).clamp(0.0, 1.0)
+    }
+
+    /// `dξ/dT`.
+    fn fraction_per_kelvin(&self, temperature_celsius: f64) -> f64 {
+        let exponential = self.sigmoid.exponential(temperature_celsius);
+        let denominator = 1.0 + exponential;
+        let part = self.amplitude / denominator;
+        -part * self.sigmoid.slope * (exponential / denominator)
+    }
+}
+
 /// `ξ` over `T` from the last turn on, with `e` and `D` of a branch at `T`.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Curve {
-    /// Eq. (2): `ξ = origin + amplitude / D`.
-    Whole {
-        sigmoid: Sigmoid,
-        origin: f64,
-        amplitude: f64,
-    },
+    Whole(Whole),
     /// What leaves a turn `(T₁, ξ₁)`: `ξ = ξ₁ + amplitude (e − e₁) / D`.
     Part {
         sigmoid: Sigmoid,
@@ -72,17 +92,10 @@ impl Curve {
     #[inline]
     pub(super) fn at(&self, temperature_celsius: f64) -> Point {
         let (fraction, fraction_per_kelvin) = match self {
-            Self::Whole {
-                sigmoid,
-                origin,
-                amplitude,
-            } => {
-                let exponential = sigmoid.exponential(temperature_celsius);
-                let denominator = 1.0 + exponential;
-                let part = amplitude / denominator;
-                let slope = -part * sigmoid.slope * (exponential / denominator);
-                (origin + part, slope)
-            }
+            Self::Whole(whole) => (
+                whole.martensite_fraction(temperature_celsius),
+                whole.fraction_per_kelvin(temperature_celsius),
+            ),
             Self::Part {
                 sigmoid,
                 origin,

@@ -75,10 +75,13 @@ impl HeatBalance {
         &self,
         temperature_celsius: f64,
         heating: &Heating,
-        fraction_per_kelvin: f64,
+        fraction_per_kelvin: impl FnOnce() -> f64,
     ) -> f64 {
-        self.rate_kelvin_per_second(temperature_celsius, heating)
-            / (1.0 - self.latent_heat_kelvins * fraction_per_kelvin)
+        let rate = self.rate_kelvin_per_second(temperature_celsius, heating);
+        match self.latent_heat_kelvins {
+            0.0 => rate,
+            latent => rate / (1.0 - latent * fraction_per_kelvin()),
+        }
     }
 
     /// Inverse of the time constant of Eq. (1): `(h A + C) / (m cp)`.

@@ -10,7 +10,6 @@ mod validity;
 mod wire;
 
 use condition::Condition;
-use curve::Point;
 use heat::{HeatBalance, Heating};
 pub use phase::Branch;
 use phase::Transformation;
@@ -46,8 +45,8 @@ struct State {
     position_metres: f64,
     /// `ẋ`.
     velocity_metres_per_second: f64,
-    /// `ξ` and its slope at `T` on the present branch.
-    transformed: Point,
+    /// `ξ` at `T` on the present branch.
+    martensite_fraction: f64,
 }
 
 /// The actuator: wire, cooling element, pulley and load.
@@ -73,7 +72,7 @@ impl Actuator {
             temperature_celsius,
             position_metres: 0.0,
             velocity_metres_per_second: 0.0,
-            transformed: phase.at(temperature_celsius),
+            martensite_fraction: phase.at(temperature_celsius).martensite_fraction,
         };
         Self {
             heat,
@@ -162,7 +161,7 @@ impl Actuator {
     fn follow(&mut self, rate_kelvin_per_second: f64) {
         let temperature = self.state.temperature_celsius;
         if self.phase.follow(rate_kelvin_per_second, temperature) {
-            self.state.transformed = self.phase.at(temperature);
+            self.state.martensite_fraction = self.phase.at(temperature).martensite_fraction;
         }
     }
 
@@ -172,23 +171,40 @@ impl Actuator {
             .rate_kelvin_per_second(state.temperature_celsius, &acting.heating)
     }
 
-    /// The state one step later on the present branch; an impact on the stop is inelastic (PAPER E6).
+    /// The state one step later on the present branch.
     fn integrated<A: Borrow<Acting>>(
         &self,
         duration_seconds: f64,
         acting: impl Fn(f64) -> A,
+    ) -> State {
+        match self.phase.endless() {
+            Some(curve) => self.integrated_on(duration_seconds, acting, |celsius| {
+                curve.martensite_fraction(celsius)
+            }),
+            None => self.integrated_on(duration_seconds, acting, |celsius| {
+                self.phase.at(celsius).martensite_fraction
+            }),
+        }
+    }
+
+    /// The state one step later with this `ξ` over the temperature; an impact on the stop is inelastic (PAPER E6).
+    #[inline]
+    fn integrated_on<A: Borrow<Acting>>(
+        &self,
+        duration_seconds: f64,
+        acting: impl Fn(f64) -> A,
+        martensite_fraction: impl Fn(f64) -> f64,
     ) -> State {
         let state = [
             self.state.temperature_celsius,
             self.state.position_metres,
             self.state.velocity_metres_per_second,
         ];
-        let transformed = &self.state.transformed;
-        let at_start = self.derivative(&state, transformed, acting(0.0).borrow());
+        let fraction = self.state.martensite_fraction;
+        let at_start = self.derivative(&state, fraction, acting(0.0).borrow());
         let [temperature_celsius, position, velocity] =
             runge_kutta_4_from(state, at_start, duration_seconds, |time, state| {
-                let transformed = self.phase.at(state[0]);
-                self.derivative(state, &transformed, acting(time).borrow())
+                self.derivative(state, martensite_fraction(state[0]), acting(time).borrow())
             });
         let is_beyond = position < 0.0;
         let is_stopped = is_beyond || acting(0.0).borrow().condition.is_pulley_jammed;
@@ -196,7 +212,7 @@ impl Actuator {
             temperature_celsius,
             position_metres: if is_beyond { 0.0 } else { position },
             velocity_metres_per_second: if is_stopped { 0.0 } else { velocity },
-            transformed: self.phase.at(temperature_celsius),
+            martensite_fraction: martensite_fraction(temperature_celsius),
         }
     }
 
@@ -205,21 +221,20 @@ impl Actuator {
     fn derivative(
         &self,
         &[temperature, position, velocity]: &[f64; 3],
-        transformed: &Point,
+        martensite_fraction: f64,
         acting: &Acting,
     ) -> [f64; 3] {
-        let rate = self.heat.transforming_rate_kelvin_per_second(
-            temperature,
-            &acting.heating,
-            transformed.fraction_per_kelvin,
-        );
+        let rate =
+            self.heat
+                .transforming_rate_kelvin_per_second(temperature, &acting.heating, || {
+                    self.phase.fraction_per_kelvin(temperature)
+                });
         let tension = if acting.condition.is_wire_broken {
             0.0
         } else {
             let strain_factor = acting.condition.recoverable_strain_factor;
-            let fraction = transformed.martensite_fraction;
             self.mechanics
-                .tension_newtons(fraction, position, strain_factor)
+                .tension_newtons(martensite_fraction, position, strain_factor)
         };
         let acceleration = self.mechanics.acceleration(tension, velocity, &acting.load);
         let is_jammed = acting.condition.is_pulley_jammed;
@@ -239,7 +254,7 @@ impl Actuator {
     /// `ξ`, from 0 (austenite) to 1 (martensite).
     #[must_use]
     pub fn martensite_fraction(&self) -> f64 {
-        self.state.transformed.martensite_fraction
+        self.state.martensite_fraction
     }
 
     /// Turns of the temperature that found no room in the memory of the kinetics.

@@ -135,7 +135,7 @@ impl SmaPair {
             self.heat.transforming_rate_kelvin_per_second(
                 celsius[place],
                 &acting.heating[place],
-                transformed[place].fraction_per_kelvin,
+                || transformed[place].fraction_per_kelvin,
             )
         };
         let tension = |place: usize| {

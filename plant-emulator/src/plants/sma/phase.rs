@@ -2,7 +2,7 @@
 
 use scenario::plant::{self, Kinetics};
 
-use super::curve::{Curve, Point, Sigmoid};
+use super::curve::{Curve, Point, Sigmoid, Whole};
 use super::turns::{Turn, Turns};
 
 /// The branch of the hysteresis that the wire is on.
@@ -46,11 +46,11 @@ impl Transformation {
             ),
             branch: Branch::Heating,
             turns: Turns::none(),
-            curve: Curve::Whole {
+            curve: Curve::Whole(Whole {
                 sigmoid: heating,
                 origin: 0.0,
                 amplitude: 1.0,
-            },
+            }),
             next_turn_celsius: f64::INFINITY,
             runs_back: false,
             turns_not_remembered: 0,
@@ -67,13 +67,27 @@ impl Transformation {
     }
 
     /// `ξ` and `dξ/dT` on the present branch, behind a remembered turn those of the branch that continues there.
-    #[inline]
     pub(super) fn at(&self, temperature_celsius: f64) -> Point {
         if self.is_passed(temperature_celsius) {
             self.behind_turns(temperature_celsius)
         } else {
             self.curve.at(temperature_celsius)
         }
+    }
+
+    /// The curve of Eq. (2), where the wire passes no remembered turn on it.
+    #[inline]
+    pub(super) fn endless(&self) -> Option<&Whole> {
+        match &self.curve {
+            Curve::Whole(whole) if self.next_turn_celsius.is_infinite() => Some(whole),
+            _ => None,
+        }
+    }
+
+    /// `dξ/dT`, which only a wire with latent heat needs.
+    #[cold]
+    pub(super) fn fraction_per_kelvin(&self, temperature_celsius: f64) -> f64 {
+        self.at(temperature_celsius).fraction_per_kelvin
     }
 
     #[cold]
@@ -85,6 +99,7 @@ impl Transformation {
 
     /// Follows the sign of `dT/dt`; zero keeps the branch. The curves of both branches go through the place of a turn (PAPER E2).
     /// True on a turn.
+    #[inline]
     pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) -> bool {
         let branch = if rate_kelvin_per_second > 0.0 {
             Branch::Heating
@@ -97,6 +112,12 @@ impl Transformation {
         if branch == self.branch {
             return false;
         }
+        self.turn(branch, temperature_celsius);
+        true
+    }
+
+    #[cold]
+    fn turn(&mut self, branch: Branch, temperature_celsius: f64) {
         let turn = Turn {
             temperature_celsius,
             martensite_fraction: self.at(temperature_celsius).martensite_fraction,
@@ -104,7 +125,6 @@ impl Transformation {
         self.branch = branch;
         self.remember(turn);
         self.forget_passed(temperature_celsius);
-        true
     }
 
     fn remember(&mut self, turn: Turn) {
@@ -121,13 +141,19 @@ impl Transformation {
     }
 
     /// A turn that `T` reaches is forgotten, and with it the later one, which ended the loop that closes there.
+    #[inline]
     fn forget_passed(&mut self, temperature_celsius: f64) {
         while self.is_passed(temperature_celsius) {
-            self.turns.forget(self.turns_of_curve());
-            self.runs_back = false;
-            self.curve = self.curve();
-            self.next_turn_celsius = self.next_turn_celsius();
+            self.forget_last();
         }
+    }
+
+    #[cold]
+    fn forget_last(&mut self) {
+        self.turns.forget(self.turns_of_curve());
+        self.runs_back = false;
+        self.curve = self.curve();
+        self.next_turn_celsius = self.next_turn_celsius();
     }
 
     #[inline]
@@ -184,11 +210,11 @@ impl Transformation {
         let amplitude = turn.map_or(1.0, |turn| {
             (turn.martensite_fraction - origin) * sigmoid.denominator(turn.temperature_celsius)
         });
-        Curve::Whole {
+        Curve::Whole(Whole {
             sigmoid,
             origin,
             amplitude,
-        }
+        })
     }
 
     /// The branch `g` of Eq. (2), scaled so that it goes from the last turn `(T₁, ξ₁)` to the one before, `(T₂, ξ₂)`:
