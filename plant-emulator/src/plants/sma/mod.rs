@@ -72,7 +72,7 @@ impl Actuator {
             temperature_celsius,
             position_metres: 0.0,
             velocity_metres_per_second: 0.0,
-            martensite_fraction: phase.at(temperature_celsius).martensite_fraction,
+            martensite_fraction: phase.martensite_fraction(temperature_celsius),
         };
         Self {
             heat,
@@ -161,7 +161,7 @@ impl Actuator {
     fn follow(&mut self, rate_kelvin_per_second: f64) {
         let temperature = self.state.temperature_celsius;
         if self.phase.follow(rate_kelvin_per_second, temperature) {
-            self.state.martensite_fraction = self.phase.at(temperature).martensite_fraction;
+            self.state.martensite_fraction = self.phase.martensite_fraction(temperature);
         }
     }
 

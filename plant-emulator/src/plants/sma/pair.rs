@@ -7,7 +7,6 @@
 use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
 
 use super::condition::Condition;
-use super::curve::Point;
 use super::heat::{HeatBalance, Heating};
 use super::phase::Transformation;
 use super::turns_not_remembered;
@@ -95,13 +94,8 @@ impl SmaPair {
         }
     }
 
-    /// `ξ` and its slope of a wire at a temperature on its present branch.
-    fn transformed(&self, place: usize, celsius: f64) -> Point {
-        self.wires[place].phase.at(celsius)
-    }
-
-    /// `T` of a wire by its `ξ` at an angle; a slack one pulls nothing.
-    fn tension_newtons(&self, place: usize, martensite_fraction: f64, angle_radians: f64) -> f64 {
+    /// `T` of a wire at a temperature, an angle and on its present branch; a slack one pulls nothing.
+    fn tension_newtons(&self, place: usize, celsius: f64, angle_radians: f64) -> f64 {
         let wire = &self.wires[place];
         if wire.condition.is_wire_broken {
             return 0.0;
@@ -109,7 +103,7 @@ impl SmaPair {
         let contraction = self.middle + SIGNS[place] * self.radius * angle_radians;
         let factor = wire.condition.recoverable_strain_factor;
         self.mechanics
-            .tension_newtons(martensite_fraction, contraction, factor)
+            .tension_newtons(wire.phase.martensite_fraction(celsius), contraction, factor)
     }
 
     fn is_jammed(&self) -> bool {
@@ -130,17 +124,14 @@ impl SmaPair {
         acting: &Acting,
     ) -> [f64; 4] {
         let celsius = [flexor, extensor];
-        let transformed = [FLEXOR, EXTENSOR].map(|place| self.transformed(place, celsius[place]));
         let rate = |place: usize| {
             self.heat.transforming_rate_kelvin_per_second(
                 celsius[place],
                 &acting.heating[place],
-                || transformed[place].fraction_per_kelvin,
+                || self.wires[place].phase.fraction_per_kelvin(celsius[place]),
             )
         };
-        let tension = |place: usize| {
-            self.tension_newtons(place, transformed[place].martensite_fraction, angle)
-        };
+        let tension = |place: usize| self.tension_newtons(place, celsius[place], angle);
         let pull = tension(FLEXOR) - tension(EXTENSOR) - acting.load * GRAVITY;
         let inertia = self.inertia + acting.load * self.radius * self.radius;
         let acceleration = (self.radius * pull - self.damping * speed) / inertia;
@@ -318,10 +309,8 @@ impl Plant for SmaPair {
 
     fn read(&self, outputs: &mut [f64]) {
         let celsius = |place: usize| self.wires[place].temperature_celsius;
-        let tension = |place: usize| {
-            let fraction = self.transformed(place, celsius(place)).martensite_fraction;
-            self.tension_newtons(place, fraction, self.angle_radians)
-        };
+        let tension =
+            |place: usize| self.tension_newtons(place, celsius(place), self.angle_radians);
         let turns = |place: usize| f64::from(self.wires[place].phase.turns_not_remembered());
         let values = [
             self.angle_radians.to_degrees(),

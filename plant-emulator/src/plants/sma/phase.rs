@@ -84,6 +84,15 @@ impl Transformation {
         }
     }
 
+    /// `ξ` on the present branch.
+    #[inline]
+    pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
+        match self.endless() {
+            Some(curve) => curve.martensite_fraction(temperature_celsius),
+            None => self.at(temperature_celsius).martensite_fraction,
+        }
+    }
+
     /// `dξ/dT`, which only a wire with latent heat needs.
     #[cold]
     pub(super) fn fraction_per_kelvin(&self, temperature_celsius: f64) -> f64 {
