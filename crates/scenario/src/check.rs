@@ -36,7 +36,7 @@ use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces
 pub(crate) use plant::{cooling, temperatures};
 
 /// Checks what is tried in a loop.
-pub(crate) fn trial(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::from_iter(laws(document, trial));
     problems.extend(drives_of_law(document, &trial.wiring));
@@ -61,7 +61,7 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     problems.extend(currents::of_law(document, trial));
     problems.extend(disturbances(document, trial));
     problems.extend(limits(document, trial));
-    problems.extend(signals::check(document, trial));
+    problems.extend(signals::check(document, trial, rig));
     problems.extend(requirements::of_limits(document, trial));
     problems
 }

@@ -193,13 +193,6 @@ impl Wiring {
         currents
     }
 
-    /// The nodes of its loop, and the drives of all others.
-    pub(crate) fn node_names(&self) -> impl Iterator<Item = &str> {
-        let own = self.nodes.all().map(|node| node.name.as_str());
-        let drives = self.loops.iter().map(|one| one.drive.as_str());
-        own.chain(drives.filter(|drive| *drive != self.nodes.drive.name))
-    }
-
     /// The name in its loop of what its own drive measures: with that of the drive where the loop follows another one.
     #[must_use]
     pub fn name_of_own(&self, measured: &str) -> String {

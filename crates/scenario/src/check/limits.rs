@@ -5,8 +5,8 @@ use crate::error::Problem;
 use crate::expect::{Emergency, Limit};
 use crate::metrics::{METRICS, Metric};
 use crate::nearest::meant_or_known;
+use crate::rig::nodes::Rig;
 use crate::trial::Trial;
-use crate::wiring::Wiring;
 
 /// Limits that can be met, on metrics that the scenario has.
 pub(super) fn limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
@@ -70,29 +70,29 @@ fn missing_for(metric: &Metric, trial: &Trial) -> Option<String> {
     Some(format!("{missing}{}", before.unwrap_or_default()))
 }
 
-/// What is wrong with an emergency that is demanded: it has another form, or is of no node.
+/// What is wrong with an emergency that is demanded: it has another form, or is of no node of the rig.
 pub(super) fn emergency(
     document: &Document<'_>,
     path: &str,
     text: &str,
-    wiring: &Wiring,
+    rig: &Rig,
 ) -> Option<Problem> {
     match text.parse::<Emergency>() {
         Err(reason) => {
             let message = format!("\"{text}\" names no emergency");
             Some(document.problem(path, message, reason))
         }
-        Ok(Emergency { node, .. }) => {
-            let nodes = Vec::from_iter(wiring.node_names());
+        Ok(Emergency { node, .. }) if !rig.node.contains_key(&node) => {
+            let nodes = Vec::from_iter(rig.node.keys().map(String::as_str));
             let message = format!("the rig has no node `{node}`");
-            let label = meant_or_known(&node, &nodes);
-            (!nodes.contains(&node.as_str())).then(|| document.problem(path, message, label))
+            Some(document.problem(path, message, meant_or_known(&node, &nodes)))
         }
+        Ok(_) => None,
     }
 }
 
 /// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
-pub(crate) fn reactions(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let expect = &trial.expect;
     let mut problems = Vec::new();
     let reactions = METRICS.iter().filter(|metric| metric.needs_fault());
@@ -110,7 +110,7 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial) -> Vec<Problem> 
     }
     for (index, text) in expect.listed("emcy").iter().enumerate() {
         let path = format!("expect.emcy.{index}");
-        problems.extend(emergency(document, &path, text, &trial.wiring));
+        problems.extend(emergency(document, &path, text, rig));
     }
     for metric in METRICS.iter().filter(|metric| metric.needs_fault()) {
         if expect.of(metric.name).is_some()

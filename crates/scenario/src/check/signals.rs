@@ -8,15 +8,15 @@ use super::tables::read_beside;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::expect::{Demand, Expected, Sequence, SignalCheck};
+use crate::rig::nodes::Rig;
 use crate::table::{self, ReadTable};
 use crate::trial::Trial;
-use crate::wiring::Wiring;
 
 /// A window may end so much after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
 const END_SECONDS: f64 = 0.1;
 
 /// Everything that is wrong with the checks on signals and the sequences.
-pub(super) fn check(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+pub(super) fn check(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::new();
     let mut rows = BTreeSet::new();
@@ -30,7 +30,7 @@ pub(super) fn check(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
         let path = format!("expect.sequence.{index}");
         let window = (Some(sequence.from_seconds), sequence.until_seconds);
         problems.extend(window_problem(document, &path, window, duration_seconds));
-        problems.extend(events(document, &path, sequence, &trial.wiring));
+        problems.extend(events(document, &path, sequence, rig));
         if !rows.insert(sequence.name.clone()) {
             let message = format!("there are two sequences \"{}\"", sequence.name);
             let name = format!("{path}.name");
@@ -102,16 +102,11 @@ fn demands(
 }
 
 /// Events that can be recognised, each with its time.
-fn events(
-    document: &Document<'_>,
-    path: &str,
-    sequence: &Sequence,
-    wiring: &Wiring,
-) -> Vec<Problem> {
+fn events(document: &Document<'_>, path: &str, sequence: &Sequence, rig: &Rig) -> Vec<Problem> {
     let mut problems = Vec::new();
     for (place, event) in sequence.event.iter().enumerate() {
         let path = format!("{path}.event.{place}");
-        problems.extend(event_problem(document, &path, event, wiring));
+        problems.extend(event_problem(document, &path, event, rig));
         if place > 0 && event.within_milliseconds.is_none() {
             let message = format!("event {} of a sequence has no time limit", place + 1);
             let label = "`within_milliseconds` is missing";
@@ -129,7 +124,7 @@ fn event_problem(
     document: &Document<'_>,
     path: &str,
     event: &Expected,
-    wiring: &Wiring,
+    rig: &Rig,
 ) -> Option<Problem> {
     let kinds = [&event.emcy, &event.text, &event.signal];
     let given = kinds.iter().filter(|kind| kind.is_some()).count();
@@ -172,7 +167,7 @@ fn event_problem(
         }
         Expected {
             emcy: Some(text), ..
-        } => emergency(document, &format!("{path}.emcy"), text, wiring),
+        } => emergency(document, &format!("{path}.emcy"), text, rig),
         _ => None,
     }
 }

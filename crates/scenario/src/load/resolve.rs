@@ -367,9 +367,9 @@ impl TrialReader<'_, '_> {
         };
         read_law(document, &outside, &mut trial.controller.own, &mut problems);
         trial.controller.scale(self.factors);
-        problems.extend(check::trial(document, &trial));
+        problems.extend(check::trial(document, &trial, self.rig));
         if self.has_all_faults {
-            problems.extend(check::reactions(document, &trial));
+            problems.extend(check::reactions(document, &trial, self.rig));
         }
         problems.extend(check::read_tables(document, &mut trial, self.read_file));
         problems.extend(check::read_courses(document, &mut trial, self.read_file));
