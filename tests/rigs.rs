@@ -682,6 +682,22 @@ fn a_loop_follows_what_another_drive_measures() {
     }
     let (code, stdout, stderr) = output(program(&["replay"]).arg(&runs[0]));
     assert_eq!(code, Some(0), "{stdout}{stderr}");
+
+    // Where the sensor that it follows is faulty, the truth is judged beside it, as of its own.
+    let truth = "true_position_degrees_max";
+    for (node, is_followed) in [("extensor", true), ("flexor", false)] {
+        let fault = format!(
+            "[[fault.sensor.offset]]\nnode = \"{node}\"\nfrom_seconds = 6.0\noffset_degrees = 0.1\n"
+        );
+        fs::write(&path, format!("{steps}\n{fault}")).unwrap();
+        let runs = folder.path().join(node);
+        let (code, _, stderr) = output(canrig(&runs, "simulate").arg(&path));
+        assert!(matches!(code, Some(0 | 1)), "{stderr}");
+        let verdict = verdict(&only_run(&runs));
+        let rows = verdict["metrics"].as_array().unwrap();
+        let is_there = |row: &Value| row["name"] == format!("angle.{truth}").as_str();
+        assert_eq!(rows.iter().any(is_there), is_followed, "{node}: {verdict}");
+    }
 }
 
 /// One drive pulls against a weight, and what it moves is measured by another one, which gets no current and is in no loop.

@@ -424,9 +424,9 @@ impl<'a> Evidence<'a> {
         silences.next()
     }
 
-    /// As the plant itself was; none where its sensor and it are sound, or it reports nothing of itself.
+    /// As the plant itself was; none where it and the sensor that the loop follows are sound, or it reports nothing of itself.
     pub(crate) fn of_the_truth(&self) -> Option<Self> {
-        let mut groups = self.trial.own_faults().map(|fault| fault.kind.group);
+        let mut groups = self.trial.faults_followed().map(|fault| fault.kind.group);
         if !groups.any(|group| [Group::Sensor, Group::Plant].contains(&group)) {
             return None;
         }

@@ -75,6 +75,13 @@ impl Trial {
         self.run.faults.iter().filter(is_own)
     }
 
+    /// The faults as its own would be if its drive were the one that it follows.
+    pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
+        let Wiring { nodes, plant, .. } = &self.wiring;
+        let is_own = |fault: &&Fault| fault.is_of_loop(nodes.followed.id, plant);
+        self.run.faults.iter().filter(is_own)
+    }
+
     /// The faults at its drive, and at the plant that the drive moves.
     #[must_use]
     pub fn drive_faults(&self) -> Faults {
