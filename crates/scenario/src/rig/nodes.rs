@@ -101,17 +101,32 @@ impl Rig {
             let is_new = !is_led(&followed) && only_followed.insert(followed.clone());
             let followed = is_new.then_some(&followed).into_iter();
             led.extend(one.drives.iter().skip(1).chain(followed).map(|drive| {
-                let of_drive = RigLoop {
-                    feedback: format!("{drive}.position"),
-                    outputs: vec![format!("{drive}.current")],
-                    drives: vec![drive.clone()],
-                    led_by: Some(name.clone()),
-                    identifiers: Identifiers::default(),
-                };
-                (drive.clone(), of_drive)
+                let own = self.loop_of_one(drive);
+                let drives = vec![drive.clone()];
+                let led_by = Some(name.clone());
+                (
+                    drive.clone(),
+                    RigLoop {
+                        drives,
+                        led_by,
+                        ..own
+                    },
+                )
             }));
         }
         self.loops.extend(led);
+    }
+
+    /// A loop of one drive, which follows what that measures; whose drives are not put in yet.
+    fn loop_of_one(&self, drive: &str) -> RigLoop {
+        let measurand = self.node.get(drive).map(RigNode::measurand);
+        RigLoop {
+            feedback: format!("{drive}.{}", measurand.unwrap_or_default().signal),
+            outputs: vec![format!("{drive}.current")],
+            drives: Vec::new(),
+            led_by: None,
+            identifiers: Identifiers::default(),
+        }
     }
 
     /// The law that leads a drive which is not the first one of its loop.
@@ -326,13 +341,7 @@ impl Rig {
             }
             rig.node.insert(drive.to_owned(), node);
         }
-        let led = RigLoop {
-            feedback: format!("{drive}.position"),
-            outputs: vec![format!("{drive}.current")],
-            drives: Vec::new(),
-            led_by: None,
-            identifiers: Identifiers::default(),
-        };
+        let led = self.loop_of_one(drive);
         // No loop has the name of a drive whose law leads it.
         let name = self.loop_of(drive);
         rig.loops.insert(name.to_owned(), led);

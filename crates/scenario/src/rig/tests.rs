@@ -62,6 +62,18 @@ fn a_rig_of_one_drive_alone_is_a_rig() {
     assert_eq!((read.node.len(), read.plant.len()), (2, 0));
 }
 
+/// Also one that measures no position.
+#[test]
+fn a_rig_of_one_drive_alone_follows_what_that_measures() {
+    let real = Rig::parse(&with(""), "rig.toml").unwrap();
+    let mut rig = real.clone();
+    let sensor = &mut rig.node.get_mut("drive").unwrap().sensor;
+    sensor.get_or_insert_default().signal = Some("speed".to_owned());
+    let alone = rig.of_one_drive("drive", &real.real_drive("drive").unwrap(), None);
+    let read = Rig::parse(&alone.to_toml(), "rig.toml").unwrap();
+    assert_eq!(read.loops.values().next().unwrap().feedback, "drive.speed");
+}
+
 #[test]
 fn an_object_is_index_and_sub_index() {
     let address = |text: &str| {
