@@ -30,4 +30,7 @@ pub enum ControllerError {
     /// No node's number.
     #[error("{0} is no node-ID")]
     NodeId(u8),
+    /// A loop follows a drive that is not there.
+    #[error("a loop follows the drive with node-ID {0}, which the controller does not lead")]
+    NotLed(u8),
 }

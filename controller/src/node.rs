@@ -111,11 +111,10 @@ impl ControllerNode {
             Ok(LeadingLaw::new(law, places))
         });
         let laws = laws.collect::<Result<_, ControllerError>>()?;
-        let places = Vec::from_iter(plans.iter().map(|plan| plan.drive.node_id().get()));
-        let loops = plans.into_iter().enumerate().map(|(place, plan)| {
+        let follows = plans.iter().map(|plan| followed_place(&plans, plan));
+        let follows = follows.collect::<Result<Vec<_>, _>>()?;
+        let loops = plans.into_iter().zip(follows).map(|(plan, follows)| {
             let view = plan.view;
-            let followed = view.wiring.nodes.followed.id;
-            let follows = places.iter().position(|id| *id == followed);
             let limits = plan.limits.map(|limits| {
                 LimitWatch::new(limits, sync_period).in_unit(&view.wiring.sensor.measurand.unit)
             });
@@ -133,7 +132,7 @@ impl ControllerNode {
                 trajectory: view.reference.trajectory(),
                 has_set_point: !view.reference.is_empty(),
                 sync_period,
-                follows: follows.unwrap_or(place),
+                follows,
                 has_position: false,
                 has_sample: false,
                 seen: Seen::default(),
@@ -175,6 +174,14 @@ fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, Controll
         laws.push((law, places.collect()));
     }
     Ok(laws)
+}
+
+/// The place of the loop whose drive measures what a loop follows.
+fn followed_place(plans: &[LoopPlan<'_>], of: &LoopPlan<'_>) -> Result<usize, ControllerError> {
+    let followed = of.view.wiring.nodes.followed.id;
+    let mut drives = plans.iter().map(|plan| plan.drive.node_id().get());
+    let place = drives.position(|drive| drive == followed);
+    place.ok_or(ControllerError::NotLed(followed))
 }
 
 /// The places of the loops that stand for the further drives of a loop, in their order.

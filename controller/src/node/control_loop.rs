@@ -100,11 +100,9 @@ impl ControlLoop {
             return Err((Cause::RigLimit, violation.to_string()));
         }
         // Nothing is wanted of a drive whose loop follows another one.
-        let wanted = match self.follows == place {
-            true => self.look(number, feedback.position).position,
-            false => f64::NAN,
-        };
-        let wanted = if self.has_set_point { wanted } else { f64::NAN };
+        let set_point = (self.follows == place).then(|| self.look(number, feedback.position));
+        let wanted = set_point.filter(|_| self.has_set_point);
+        let wanted = wanted.map_or(f64::NAN, |set_point| set_point.position);
         self.has_sample = self.is_plausible(feedback.position, wanted)?;
         if self.has_sample {
             self.missing = 0;

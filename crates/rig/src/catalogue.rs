@@ -9,7 +9,7 @@ use scenario::node::{LoopNodes, Node};
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, Measured, Wiring};
-use scenario::{CurrentRange, Identifiers, Objection, Trial};
+use scenario::{Identifiers, Objection, Trial};
 
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -47,14 +47,6 @@ pub(crate) struct Published {
     pub(crate) terms: Option<Vec<LawTerm>>,
     /// The outputs of its io node besides fan and load.
     pub(crate) outputs: Vec<IoOutput>,
-    /// What its drive measures.
-    pub(crate) sensor: Measured,
-    /// What it follows.
-    pub(crate) feedback: Measured,
-    /// What its drive can be commanded.
-    pub(crate) current: CurrentRange,
-    /// Its identifiers beside those that CiA 301 gives each node.
-    pub(crate) identifiers: Identifiers,
 }
 
 impl Catalogue {
@@ -101,19 +93,11 @@ impl Catalogue {
             },
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
-            sensor: trial.wiring.sensor.clone(),
-            feedback: trial.wiring.feedback.clone(),
-            current: trial.wiring.current(),
-            identifiers: trial.wiring.identifiers,
         };
-        let wiring = &trial.wiring;
         // A half-done entry is still right.
         let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_it = |frames: &&Arc<Frames>| {
-            frames.published == published
-                && frames.wiring.nodes == wiring.nodes
-                && frames.wiring.loop_among_several() == wiring.loop_among_several()
-        };
+        let is_it =
+            |frames: &&Arc<Frames>| frames.published == published && frames.wiring == trial.wiring;
         if let Some(frames) = known.iter().find(is_it) {
             return Arc::clone(frames);
         }
@@ -324,18 +308,13 @@ pub struct Frames {
 impl Frames {
     fn new(published: Published, trial: &Trial) -> Self {
         let wiring = &trial.wiring;
-        let nodes = &wiring.nodes;
-        let composer = Composer::new(&nodes.controller.name, nodes.controller.id);
+        let controller = &wiring.nodes.controller;
+        let composer = Composer::new(&controller.name, controller.id);
         let composer = match wiring.follows_itself() {
             true => composer,
-            false => published.with_followed(composer, &nodes.followed),
+            false => with_followed(composer, wiring),
         };
-        let composer = published.compose(
-            composer,
-            nodes,
-            wiring.loop_among_several(),
-            Player::Emulator,
-        );
+        let composer = published.compose(composer, wiring, Player::Emulator);
         let frames = Self::of_recording(Arc::new(composer.finish()), wiring);
         Self {
             published,
@@ -376,22 +355,28 @@ impl Published {
     pub(crate) fn compose(
         &self,
         composer: Composer,
-        nodes: &LoopNodes,
-        of_loop: &str,
+        wiring: &Wiring,
         player: Player<'_>,
     ) -> Composer {
+        let Wiring {
+            nodes,
+            sensor,
+            feedback,
+            identifiers,
+            ..
+        } = wiring;
         let is_emulated = matches!(player, Player::Emulator);
-        let rename = |name: &str| self.sensor.measurand.rename(name);
-        let unit = unit_of(&self.sensor, &rename, !matches!(player, Player::Real(_)));
+        let rename = |name: &str| sensor.measurand.rename(name);
+        let unit = unit_of(sensor, &rename, !matches!(player, Player::Real(_)));
         let unit = unit.as_ref();
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
         let composer = match player {
             Player::Real(real) => real.with_drive(composer, drive, unit),
             _ => {
-                let CurrentRange { rated, .. } = self.current;
+                let current = wiring.current();
                 let composer = composer.with_drive(drive, signals, None, unit);
-                composer.with_currents(drive.0, rated, self.current.largest())
+                composer.with_currents(drive.0, current.rated, current.largest())
             }
         };
         let composer = match &nodes.io {
@@ -402,23 +387,12 @@ impl Published {
             second_sdo,
             truth,
             terms,
-        } = self.identifiers;
+        } = *identifiers;
         let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
-        let rename = |name: &str| self.feedback.measurand.rename(name);
-        let unit = unit_of(&self.feedback, &rename, false);
+        let rename = |name: &str| feedback.measurand.rename(name);
+        let unit = unit_of(feedback, &rename, false);
+        let of_loop = wiring.loop_among_several();
         composer.with_terms(of_loop, terms, self.terms.as_deref(), unit.as_ref())
-    }
-
-    /// Adds the frames of the drive that the loop follows, which is another loop's: what is measured there, and that in truth.
-    fn with_followed(&self, composer: Composer, followed: &Node) -> Composer {
-        let rename = |name: &str| self.feedback.measurand.rename(name);
-        let unit = unit_of(&self.feedback, &rename, true);
-        composer.with_drive(
-            (&followed.name, followed.id),
-            Some(&[]),
-            None,
-            unit.as_ref(),
-        )
     }
 
     fn with_io(&self, composer: Composer, io: &Node) -> Composer {
@@ -435,6 +409,15 @@ impl Published {
         let first = self.outputs.first().map_or(0, |output| output.place);
         composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
     }
+}
+
+/// Adds the frames of the drive that a loop follows, which is another loop's: what is measured there, and that in truth.
+fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
+    let (followed, feedback) = (&wiring.nodes.followed, &wiring.feedback);
+    let rename = |name: &str| feedback.measurand.rename(name);
+    let unit = unit_of(feedback, &rename, true);
+    let node = (followed.name.as_str(), followed.id);
+    composer.with_drive(node, Some(&[]), None, unit.as_ref())
 }
 
 /// The unit of what a sensor gives, where it is not that of the shipped DBC.

@@ -267,7 +267,7 @@ fn compose(loops: &[ControlLoop]) -> Database {
             None => Player::Emulator,
         };
         let published = &one.frames.published;
-        published.compose(composer, &one.nodes, one.name(), player)
+        published.compose(composer, &one.trial.wiring, player)
     });
     composer.finish()
 }
@@ -282,6 +282,12 @@ fn place_of(wiring: &Wiring) -> LoopPlace {
         disturbance_node_id: wiring.nodes.io.as_ref().map(|io| io.id),
         truth_every_cycles: wiring.truth_every_cycles,
     }
+}
+
+/// Whether a message is that of a node for one of these services.
+fn is_of(node: &Node, services: &[&str], message: &str) -> bool {
+    let mut own = services.iter();
+    own.any(|service| names::message(&node.name, service) == message)
 }
 
 /// The beginning of the names of a loop's signals and metrics, by the loop's name.
@@ -454,9 +460,7 @@ impl ControlLoop {
     /// The name in the loop of a signal of one of its messages.
     #[must_use]
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
-        let drive = names::OF_DRIVE.iter();
-        let mut drive = drive.map(|service| names::message(&self.nodes.drive.name, service));
-        match drive.any(|own| own == message.name) {
+        match is_of(&self.nodes.drive, &names::OF_DRIVE, &message.name) {
             true => name_of_own(signal, &self.trial.wiring),
             false => signal.name.clone(),
         }
@@ -484,13 +488,11 @@ impl ControlLoop {
             io,
             ..
         } = &self.nodes;
-        let is_of = |node: &Node, services: &[&str]| {
-            let mut own = services.iter();
-            own.any(|service| names::message(&node.name, service) == message)
-        };
         let mut places = 0..names::TERMS_MAX;
-        is_of(drive, &names::OF_DRIVE)
-            || io.as_ref().is_some_and(|io| is_of(io, &names::OF_IO))
+        is_of(drive, &names::OF_DRIVE, message)
+            || io
+                .as_ref()
+                .is_some_and(|io| is_of(io, &names::OF_IO, message))
             || places.any(|place| names::terms(&controller.name, self.name(), place) == message)
     }
 
@@ -502,10 +504,7 @@ impl ControlLoop {
         let LoopNodes {
             drive, followed, ..
         } = &self.nodes;
-        [drive, followed].iter().any(|node| {
-            let mut truth = truth.iter();
-            truth.any(|service| names::message(&node.name, service) == message)
-        })
+        is_of(drive, &truth, message) || is_of(followed, &truth, message)
     }
 
     /// The terms of its law.

@@ -45,6 +45,14 @@ struct Alias {
     path: String,
 }
 
+/// The names of a signal.
+fn of_path(path: String, names: Vec<String>) -> impl Iterator<Item = Alias> {
+    names.into_iter().map(move |name| Alias {
+        name,
+        path: path.clone(),
+    })
+}
+
 /// All names of all signals.
 #[derive(Debug)]
 pub struct SignalNames {
@@ -87,11 +95,7 @@ impl SignalNames {
                     names.push(format!("{}.{object}", node.name));
                     names.push(object);
                 }
-                let alias = |name| Alias {
-                    name,
-                    path: path.clone(),
-                };
-                aliases.extend(names.into_iter().map(alias));
+                aliases.extend(of_path(path, names));
             }
         };
         for message in ["nmt_command", names::SYNC] {
@@ -116,10 +120,8 @@ impl SignalNames {
         terms.for_each(|message| add(message, Some(&nodes.controller)));
         aliases.extend(followed(database, wiring).flat_map(|(message, signal)| {
             let path = format!("{}.{}", message.name, signal.name);
-            [path.clone(), signal.name.clone()].map(|name| Alias {
-                name,
-                path: path.clone(),
-            })
+            let names = vec![path.clone(), signal.name.clone()];
+            of_path(path, names)
         }));
         let entries = |(part, sheet): &(Part, &DataSheet)| {
             let names = sheet

@@ -625,19 +625,16 @@ impl Check<'_> {
         let path = format!("loop.{name}.feedback");
         // Without a drive there is nothing to lead, which is said.
         let first = drives.first()?;
-        let drives = Vec::from_iter(self.of_kind(NodeKind::Drive));
-        // One that is commanded and is no drive is said.
-        if !drives.contains(&node) && first == node {
-            return None;
-        }
-        if !drives.contains(&node) {
+        if self.of_kind(NodeKind::Drive).all(|drive| drive != node) {
             let message =
                 format!("the loop `{name}` follows `{feedback}`, which no drive measures");
-            let label = match nearest(node, drives.iter().copied()) {
+            let label = match nearest(node, self.of_kind(NodeKind::Drive)) {
                 Some(meant) => format!("did you mean \"{meant}.{}\"?", self.signal_of(meant)),
                 None => format!("write \"{first}.{}\"", self.signal_of(first)),
             };
-            return Some(self.document.problem(&path, message, label));
+            // Of what it commands too, that is said.
+            let problem = || self.document.problem(&path, message, label);
+            return (first != node).then(problem);
         }
         let measured = self.signal_of(node);
         (signal != measured).then(|| {
