@@ -97,10 +97,10 @@ def furthest(ours, theirs):
     return max(abs(a - b) for a, b in zip(ours, theirs))
 
 
-def equal(what, ours, theirs, limit=LIMIT):
+def equal(what, ours, theirs, limit=LIMIT, moves=True):
     apart = furthest(ours, theirs)
     check(apart <= limit, f"{what}: {apart} apart")
-    check(max(theirs) - min(theirs) > 1e-6, f"{what}: nothing moves")
+    check((max(theirs) - min(theirs) > 1e-6) == moves, f"{what}: {'nothing' if moves else 'something'} moves")
     print(f"{what}: {len(ours)} values, at most {apart:.1e} apart")
 
 
@@ -418,8 +418,10 @@ def ours():
             again = play(table_, steps, inputs)
             emulated = emulator(plant, start, inputs)
             for name in outputs:
-                equal(f"{plant}, FMI {fmi}, {name}: FMPy and ours imported", again[name], theirs[name])
-                equal(f"{plant}, FMI {fmi}, {name}: FMPy and the emulator", emulated[name], theirs[name])
+                # The wire's kinetics that is exported by default remembers no turns, and so forgets none.
+                moves = not name.endswith("turns_not_remembered")
+                equal(f"{plant}, FMI {fmi}, {name}: FMPy and ours imported", again[name], theirs[name], moves=moves)
+                equal(f"{plant}, FMI {fmi}, {name}: FMPy and the emulator", emulated[name], theirs[name], moves=moves)
             wrong = next(iter(start))
             text = f"\"{wrong}\" = 1e6"
             tells(run("fmu-play", table(f"{plant}{fmi}-wrong", ports, text), code=3), f"variable `{wrong}` cannot start with 1000000")
