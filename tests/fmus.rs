@@ -151,6 +151,10 @@ pub(crate) fn cart(folder: &Path, marker: &str) -> PathBuf {
 
 /// The FMU of the cart with this library in it.
 fn write_cart(folder: &Path, marker: &str, library: &[u8]) {
+    write_cart_with(folder, marker, library, "A");
+}
+
+fn write_cart_with(folder: &Path, marker: &str, library: &[u8], unit_of_input: &'static str) {
     let variable = |name: &str, unit, role| ModelVariable {
         name: name.to_owned(),
         description: String::new(),
@@ -163,7 +167,7 @@ fn write_cart(folder: &Path, marker: &str, library: &[u8]) {
         description: marker.to_owned(),
         version: "1".to_owned(),
         variables: vec![
-            variable("current_amperes", "A", Role::Input(0.0)),
+            variable("current_amperes", unit_of_input, Role::Input(0.0)),
             variable("position_metres", "m", Role::Output),
             variable("speed_metres_per_second", "m/s", Role::Output),
             variable("mass_kilograms", "kg", number(2.4, Some(0.1), Some(10.0))),
@@ -240,6 +244,147 @@ fn an_fmu_plays_behind_a_drive_in_one_process_and_in_several_and_is_replayed_wit
         assert_eq!(code, Some(0), "{command}: {stdout}{stderr}");
     }
     assert!(fs::read(alone.join("verdict.json")).unwrap() == before);
+}
+
+/// Plays the cart with these changes to its rig and its scenario in one process and in several, and judges it again.
+fn played(folder: &Path, name: &str, rig: &[(&str, &str)], step: &[(&str, &str)]) -> PathBuf {
+    let changed = |text: &str, changes: &[(&str, &str)]| {
+        changes.iter().fold(text.to_owned(), |text, (of, by)| {
+            assert!(text.contains(of), "{of}");
+            text.replace(of, by)
+        })
+    };
+    fs::write(folder.join("rigs/cart.toml"), changed(RIG, rig)).unwrap();
+    fs::write(folder.join("step.toml"), changed(STEP, step)).unwrap();
+    let step = folder.join("step.toml");
+    let [alone, together] = ["alone", "together"].map(|world| folder.join(name).join(world));
+    let (code, stdout, stderr) = output(canrig(&together, "simulate").arg(&step));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let (code, stdout, stderr) = output(canrig(&alone, "run").arg(&step).args(LOCKSTEP));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    let [alone, together] = [alone, together].map(|runs| only_run(&runs));
+    for file in ["bus.log", "signals.csv", "verdict.json"] {
+        let read = |run: &Path| fs::read(run.join(file)).unwrap();
+        assert!(read(&alone) == read(&together), "{file}");
+    }
+    let (code, stdout, stderr) = output(
+        Command::new(env!("CARGO_BIN_EXE_canrig"))
+            .arg("replay")
+            .arg(&alone),
+    );
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    alone
+}
+
+#[test]
+fn an_amplifier_of_48_volts_moves_a_plant_as_one_of_an_ampere_does() {
+    let folder = tempfile::tempdir().unwrap();
+    cart(folder.path(), "");
+    let library = fs::read(folder.path().join("cart.so")).unwrap();
+    write_cart_with(folder.path(), "", &library, "");
+    let fault = "[[fault.amplifier.saturated]]\nfrom_seconds = 2.0\nuntil_seconds = 2.05\n";
+    let limits = "[[expect.signal]]\n";
+    let in_amperes = format!("{fault}current_amperes_max = 0.9\n{limits}");
+    let of_current = "[expect]\ncurrent_amperes_rms = { min = 0.01, max = 0.9 }\n";
+    let amperes = played(
+        folder.path(),
+        "amperes",
+        &[],
+        &[
+            ("[[expect.signal]]\n", &in_amperes),
+            ("[expect]\n", of_current),
+        ],
+    );
+    let in_volts = format!("{fault}voltage_volts_max = 43.2\n{limits}");
+    let of_voltage = "[expect]\nvoltage_volts_rms = { min = 0.48, max = 43.2 }\n";
+    let volts = played(
+        folder.path(),
+        "volts",
+        &[
+            (
+                "current_amperes = { variable = \"current_amperes\" }",
+                "voltage_volts = { variable = \"current_amperes\", factor = 48.0 }",
+            ),
+            (
+                "cart.current_amperes\", min = -1.0, max = 1.0",
+                "cart.voltage_volts\", rated = 48.0, min = -48.0, max = 48.0",
+            ),
+            ("lift.current", "lift.voltage"),
+        ],
+        &[
+            ("[[expect.signal]]\n", &in_volts),
+            ("[expect]\n", of_voltage),
+            (
+                "proportional_amperes_per_metre = 64.8",
+                "proportional_volts_per_metre = 3110.4",
+            ),
+            (
+                "integral_amperes_per_metre_second = 489.0",
+                "integral_volts_per_metre_second = 23472.0",
+            ),
+            (
+                "derivative_ampere_seconds_per_metre = 3.74",
+                "derivative_volt_seconds_per_metre = 179.52",
+            ),
+        ],
+    );
+    let read = |run: &Path, file: &str| fs::read_to_string(run.join(file)).unwrap();
+    // Thousandths of the rated value are the same ones, so the frames are.
+    let commands = |run: &Path| {
+        let log = read(run, "bus.log");
+        let is_command = |line: &&str| line.contains(" 210#");
+        let frames = log.lines().filter(is_command);
+        let data = frames.map(|line| line.rsplit('#').next().unwrap_or_default().to_owned());
+        Vec::from_iter(data)
+    };
+    let [of_amperes, of_volts] = [commands(&amperes), commands(&volts)];
+    assert_eq!(of_amperes.len(), of_volts.len());
+    let other = of_amperes.iter().zip(&of_volts).filter(|(a, b)| a != b);
+    assert!(other.count() < of_amperes.len() / 50);
+    for file in ["signals.csv", "frames.dbc", "verdict.json"] {
+        let [has, has_not] = [&volts, &amperes].map(|run| read(run, file));
+        assert!(
+            has.contains("voltage_volts") && !has.contains("amperes"),
+            "{file}"
+        );
+        assert!(
+            has_not.contains("current_amperes") && !has_not.contains("volts"),
+            "{file}"
+        );
+    }
+    assert!(read(&volts, "frames.dbc").contains("\"V\""));
+    names_of_a_current_are_refused(folder.path());
+}
+
+/// In a loop that commands a voltage, with the right ones.
+fn names_of_a_current_are_refused(folder: &Path) {
+    let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap();
+    for (wrong, right) in [
+        ("voltage_volts_max = 43.2", "write `voltage_volts_max`"),
+        (
+            "proportional_volts_per_metre",
+            "write `proportional_volts_per_metre`",
+        ),
+        ("voltage_volts_rms", "write `voltage_volts_rms`"),
+    ] {
+        let step = folder.join("step.toml");
+        let text = read("step.toml");
+        let of_current = wrong
+            .replace("voltage", "current")
+            .replace("volts", "amperes");
+        fs::write(&step, text.replace(wrong, &of_current)).unwrap();
+        let (code, _, stderr) = output(
+            Command::new(env!("CARGO_BIN_EXE_canrig"))
+                .arg("check")
+                .arg(&step),
+        );
+        assert_eq!(code, Some(3), "{stderr}");
+        assert!(
+            stderr.contains(right) && stderr.contains("commands a voltage"),
+            "{stderr}"
+        );
+        fs::write(&step, text).unwrap();
+    }
 }
 
 /// Whether a current was commanded, and the last command took it away: the drive of the plant that failed is not heard any more.

@@ -50,6 +50,7 @@ const PLANT_SIGNALS: &str = "drive_tpdo2";
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
 const MILLIMETRES: &str = "mm";
+const AMPERES: &str = "A";
 /// One count of a current of the shipped drive, whose rated current is 1 A, and what its comments say of that.
 const CURRENT_FACTOR: f64 = 0.001;
 const RATED: &str = "of 1 A";
@@ -80,15 +81,17 @@ pub struct PlantSignal {
     pub range: Range,
 }
 
-/// The unit of the positions of a loop, where it is not the millimetre.
-pub struct PositionUnit<'a> {
-    /// The unit as a DBC writes it.
+/// The units of a loop, where they are not millimetres and amperes.
+pub struct LoopUnits<'a> {
+    /// That of positions as a DBC writes it.
     pub symbol: &'a str,
+    /// That of commands.
+    pub command_symbol: &'a str,
     /// One count of the position of an emulated drive; `None` for an external one.
     pub resolution: Option<f64>,
     /// Whether the true position is a float in place of an integer.
     pub is_true_float: bool,
-    /// The name in this unit of a signal in millimetres.
+    /// The name in these units of a signal in millimetres or amperes.
     pub rename: &'a dyn Fn(&str) -> String,
 }
 
@@ -178,7 +181,7 @@ impl Composer {
         (name, node_id): (&str, u8),
         published: Option<&[PlantSignal]>,
         layout: Option<&ExternalFrames<'_>>,
-        unit: Option<&PositionUnit<'_>>,
+        unit: Option<&LoopUnits<'_>>,
     ) -> Self {
         let first = self.add_node(name, node_id, &OF_DRIVE);
         if let Some(layout) = layout {
@@ -190,36 +193,45 @@ impl Composer {
         self.drives.push(name.to_owned());
         if let Some(unit) = unit {
             let feedback = names::message(name, names::TPDO1);
+            let of_plant = published.unwrap_or_default();
+            let is_own = |signal: &Signal| of_plant.iter().all(|other| other.name != signal.name);
             for message in &mut self.messages[first..] {
                 let is_feedback = message.name == feedback;
-                unit.apply(message, is_feedback);
+                unit.apply(message, is_feedback, is_own);
             }
         }
         self
     }
 
-    /// The same with the currents of a drive in thousandths of its rated one, up to the largest.
+    /// The same with the currents of a drive, or what else it gives, in thousandths of the rated one, up to the largest. Names are as
+    /// `rename` has them.
     #[must_use]
-    pub fn with_currents(mut self, drive: &str, rated_amperes: f64, largest_amperes: f64) -> Self {
-        let factor = CURRENT_FACTOR * rated_amperes;
-        let most = largest_amperes.max(rated_amperes);
+    pub fn with_currents(
+        mut self,
+        drive: &str,
+        [rated, largest]: [f64; 2],
+        rename: &dyn Fn(&str) -> String,
+    ) -> Self {
+        let factor = CURRENT_FACTOR * rated;
+        let most = largest.max(rated);
         for (service, name, ends) in [
             (
                 names::TPDO1,
                 names::CURRENT,
-                [-32.768 * rated_amperes, 32.767 * rated_amperes],
+                [-32.768 * rated, 32.767 * rated],
             ),
             (names::RPDO1, names::TARGET_CURRENT, [-most, most]),
             (names::TRUTH, names::PLANT_CURRENT, [-most, most]),
         ] {
             let message = self.message_mut(drive, service).into_iter();
             let mut signals = message.flat_map(|message| &mut message.signals);
+            let name = rename(name);
             if let Some(signal) = signals.find(|signal| signal.name == name) {
                 let [minimum, maximum] = ends;
                 signal.coding.factor = factor;
                 signal.coding.scale = Scale::new(factor);
                 signal.coding.range = Some(Range { minimum, maximum });
-                let rated = format!("of {rated_amperes} A");
+                let rated = format!("of {rated} {}", signal.unit);
                 signal.comment = signal.comment.replace(RATED, &rated);
             }
         }
@@ -320,7 +332,7 @@ impl Composer {
         loop_name: &str,
         identifiers: [u16; TERMS_MAX],
         terms: Option<&[LawTerm]>,
-        unit: Option<&PositionUnit<'_>>,
+        unit: Option<&LoopUnits<'_>>,
     ) -> Self {
         let messages = match terms {
             Some(terms) => law::messages(terms),
@@ -332,7 +344,7 @@ impl Composer {
             message.raw_id = identifier.into();
             message.sender = Some(self.controller.clone());
             if let Some(unit) = unit {
-                unit.apply(&mut message, false);
+                unit.apply(&mut message, false, |_| true);
             }
             self.messages.push(message);
         }
@@ -376,9 +388,11 @@ impl Composer {
     }
 }
 
-impl PositionUnit<'_> {
-    fn apply(&self, message: &mut Message, is_feedback: bool) {
-        for signal in &mut message.signals {
+impl LoopUnits<'_> {
+    /// Gives these units to the signals of a message that have a loop's.
+    fn apply(&self, message: &mut Message, is_feedback: bool, is_own: impl Fn(&Signal) -> bool) {
+        let signals = message.signals.iter_mut();
+        for signal in signals.filter(|signal| is_own(signal)) {
             let coding = &mut signal.coding;
             if let Some(resolution) = self.resolution.filter(|_| is_feedback)
                 && signal.name == names::POSITION
@@ -391,8 +405,11 @@ impl PositionUnit<'_> {
                 (coding.kind, coding.range) = (Kind::Float32, None);
             }
             let name = (self.rename)(&signal.name);
-            if name != signal.name && signal.unit.starts_with(MILLIMETRES) {
-                signal.unit = signal.unit.replacen(MILLIMETRES, self.symbol, 1);
+            let of_unit = [(MILLIMETRES, self.symbol), (AMPERES, self.command_symbol)];
+            let of_unit = of_unit.into_iter();
+            let mut unit = of_unit.filter(|(shipped, _)| signal.unit.starts_with(shipped));
+            if let Some((shipped, own)) = unit.next().filter(|_| name != signal.name) {
+                signal.unit = signal.unit.replacen(shipped, own, 1);
                 signal.name = name;
             }
         }

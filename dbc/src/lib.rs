@@ -41,7 +41,7 @@ pub mod scenario_clock;
 mod write;
 
 pub use coding::{ByteOrder, Coding, Kind, Range};
-pub use compose::{Composer, ExternalFrames, PlantSignal, PositionUnit};
+pub use compose::{Composer, ExternalFrames, LoopUnits, PlantSignal};
 pub use data_sheets::{CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS};
 pub use database::{
     Database, Decoded, DecodedSignal, Message, MessageBuilder, Signal, SignalHandle,

@@ -66,8 +66,8 @@ impl DriveNode {
             }
         };
         let faulty = Faulty::new(sound, plan, of.clock.clone(), renew);
-        let drive = &of.trial.wiring.nodes.drive.name;
-        Ok(Self::Faulty(faulty, Truth::new(of.database, drive)?))
+        let truth = Truth::new(of.database, &of.trial.wiring)?;
+        Ok(Self::Faulty(faulty, truth))
     }
 
     pub(crate) fn is_faulty(&self) -> bool {

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing, names};
+use scenario::wiring::Wiring;
 
 use crate::drive::Drive;
 
@@ -25,9 +26,10 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    pub(crate) fn new(database: &Database, drive: &str) -> Result<Self, SignalMissing> {
-        let message = names::message(drive, names::TRUTH);
-        let signal = |name: &str| database.signal_of(&message, name);
+    pub(crate) fn new(database: &Database, wiring: &Wiring) -> Result<Self, SignalMissing> {
+        let message = names::message(&wiring.nodes.drive.name, names::TRUTH);
+        let measurand = &wiring.sensor.measurand;
+        let signal = |name: &str| database.signal_of(&message, &measurand.rename(name));
         Ok(Self {
             message: database
                 .builder(&message)

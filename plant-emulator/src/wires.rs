@@ -20,7 +20,7 @@ pub(crate) struct Published {
 pub(crate) struct Wires {
     /// The input that the amplifier drives.
     pub(crate) input: usize,
-    /// How many of the input's unit an ampere is.
+    /// How many of the input's unit one of the amplifier's is.
     pub(crate) input_per_ampere: f64,
     /// The output that the sensor reads.
     pub(crate) output: usize,
@@ -72,6 +72,7 @@ impl Wires {
             let factor = conversion("kilograms", &ports.inputs[place].unit)?;
             Some((place, factor))
         });
+        let command = wiring.sensor.measurand.command;
         let is_true_float = wiring.sensor.is_true_float();
         let true_steps = if is_true_float {
             1.0
@@ -80,7 +81,7 @@ impl Wires {
         };
         Ok(Self {
             input,
-            input_per_ampere: conversion("amperes", &ports.inputs[input].unit).unwrap_or(1.0),
+            input_per_ampere: conversion(command.word(), &ports.inputs[input].unit).unwrap_or(1.0),
             output,
             sensor_unit,
             counts_per_output: wiring.sensor.counts_per_unit() * units_per_output,

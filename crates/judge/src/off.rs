@@ -36,12 +36,13 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     let (state_at, word) = later(of_cycles, reports.statuswords.last())?;
     let of_cycles = latest(evidence, timeline.current());
     let current = later(of_cycles, reports.currents_amperes.last());
-    let (current_at, amperes) = current.unwrap_or((state_at, 0.0));
+    let (current_at, flowing) = current.unwrap_or((state_at, 0.0));
     let is_enabled = state(word) == Some(State::OperationEnabled);
     let own = evidence.own;
+    let measurand = &own.trial.wiring.sensor.measurand;
     let feedback = own.message(&own.nodes.drive, names::TPDO1).ok()?;
-    let step = feedback.signal(CURRENT)?.coding.factor;
-    let flows = amperes.abs() > CURRENT_STEPS_MAX * step.abs();
+    let step = feedback.signal(&measurand.rename(CURRENT))?.coding.factor;
+    let flows = flowing.abs() > CURRENT_STEPS_MAX * step.abs();
     let on_at = match (is_enabled, flows) {
         (false, false) => return Some(Metric::new(DRIVE_OFF, Ok(1.0), OFF).at(Some(state_at))),
         (true, false) => state_at,
@@ -62,7 +63,8 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
             "not enabled"
         };
         let remark = format!(
-            "{drive}: on {late:.3} s after the run, though its watches take {watch:.3} s ({enabled}, {amperes:.3} A)"
+            "{drive}: on {late:.3} s after the run, though its watches take {watch:.3} s ({enabled}, {flowing:.3} {})",
+            measurand.command.symbol()
         );
         return Some(Metric::new(DRIVE_OFF, Err(remark), OFF).at(Some(on_at)));
     }

@@ -39,9 +39,13 @@ impl TruthReader {
     pub(crate) fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = one.message(&one.nodes.drive, names::TRUTH).ok();
         let signals = message.map(|message| {
-            let signal = |name| one.database.signal_of(&message.name, name);
+            let measurand = &one.trial.wiring.sensor.measurand;
+            let signal = |name| {
+                one.database
+                    .signal_of(&message.name, &measurand.rename(name))
+            };
             Ok(TruthSignals {
-                current: signal("plant_current_amperes")?,
+                current: signal(names::PLANT_CURRENT)?,
                 peak_temperature: signal("plant_peak_temperature_celsius")?,
                 time: signal("plant_time_seconds")?,
             })

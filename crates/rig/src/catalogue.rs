@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use dbc::names::{self, POSITION, RPDO1, TERMS_MAX, TPDO1, TPDO2, TPDO3, TRUE_POSITION, message};
-use dbc::{Composer, Database, LawTerm, Message, PlantSignal, PositionUnit, Range, Signal};
+use dbc::{Composer, Database, LawTerm, LoopUnits, Message, PlantSignal, Range, Signal};
 use scenario::node::{LoopNodes, Node};
 use scenario::port::{Measurand, Port, Ports};
 use scenario::sweep::Sweep;
@@ -376,7 +376,7 @@ impl Published {
             _ => {
                 let current = wiring.current();
                 let composer = composer.with_drive(drive, signals, None, unit);
-                composer.with_currents(drive.0, current.rated, current.largest())
+                composer.with_currents(drive.0, [current.rated, current.largest()], &rename)
             }
         };
         let composer = match &nodes.io {
@@ -425,13 +425,14 @@ fn unit_of<'a>(
     measured: &'a Measured,
     rename: &'a dyn Fn(&str) -> String,
     is_emulated: bool,
-) -> Option<PositionUnit<'a>> {
+) -> Option<LoopUnits<'a>> {
     let unit = &measured.measurand.unit;
     let is_shipped = measured.measurand == Measurand::default()
         && measured.counts_per_unit() == unit.counts()
         && !measured.is_true_float();
-    (!is_shipped).then(|| PositionUnit {
+    (!is_shipped).then(|| LoopUnits {
         symbol: unit.symbol(),
+        command_symbol: measured.measurand.command.symbol(),
         resolution: is_emulated.then(|| 1.0 / measured.counts_per_unit()),
         is_true_float: measured.is_true_float(),
         rename,

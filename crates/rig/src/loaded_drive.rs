@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use dbc::names::{CURRENT, POSITION, TARGET_CURRENT};
-use dbc::{Coding, Composer, ExternalFrames, Kind, PositionUnit, Signal};
+use dbc::{Coding, Composer, ExternalFrames, Kind, LoopUnits, Signal};
 use scenario::Trial;
 use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
@@ -40,7 +40,7 @@ impl LoadedDrive {
         &self,
         composer: Composer,
         node: (&str, u8),
-        unit: Option<&PositionUnit<'_>>,
+        unit: Option<&LoopUnits<'_>>,
     ) -> Composer {
         let drive = &self.layout;
         let [statusword, controlword] = drive.words();

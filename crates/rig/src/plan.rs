@@ -444,7 +444,9 @@ impl ControlLoop {
     /// The database has none.
     pub fn target_current(&self) -> Result<SignalHandle, SignalMissing> {
         let command = names::message(&self.nodes.drive.name, names::RPDO1);
-        self.database.signal_of(&command, names::TARGET_CURRENT)
+        let measurand = &self.trial.wiring.sensor.measurand;
+        self.database
+            .signal_of(&command, &measurand.rename(names::TARGET_CURRENT))
     }
 
     /// The messages whose signals become columns, in their order.

@@ -106,14 +106,15 @@ impl Wired<'_> {
     fn amplifier(&self) -> Option<Objection> {
         let path = format!("node.{}.amplifier.port", self.drive);
         let name = &self.trial.wiring.input;
+        let command = self.trial.wiring.sensor.measurand.command;
         match self.find(&path, name, Direction::Input) {
             Err(objection) => Some(objection),
-            Ok(port) if conversion("amperes", &port.unit).is_some() => None,
+            Ok(port) if conversion(command.word(), &port.unit).is_some() => None,
             Ok(port) => {
                 let message = format!("an amplifier cannot drive `{}`", port.name);
                 let label = match port.unit.as_str() {
-                    "" => "a number without a unit, not amperes".to_owned(),
-                    unit => format!("it is in {unit}, not in amperes"),
+                    "" => format!("a number without a unit, not {}", command.word()),
+                    unit => format!("it is in {unit}, not in {}", command.word()),
                 };
                 Some(objection_at(path, message, label))
             }

@@ -16,7 +16,7 @@ use crate::controller::drives_led_by;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
-use crate::port::conversion;
+use crate::port::{Command, conversion};
 use crate::reference::{Chirp, Reference};
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
 use crate::run::Run;
@@ -40,6 +40,7 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Pr
     let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::from_iter(laws(document, trial));
     problems.extend(drives_of_law(document, &trial.wiring));
+    problems.extend(law_of_a_current(document, trial));
     problems.extend(gains_of_another_quantity(document, trial));
     problems.extend(pieces(
         document,
@@ -136,6 +137,22 @@ fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
         let label = format!("the loop has {}", drives(wiring.leads));
         document.source.problem(span, message, label)
     })
+}
+
+/// The laws of a wire know how a current heats it.
+fn law_of_a_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
+    let command = trial.wiring.feedback.measurand.command;
+    let controller = &trial.controller;
+    let law = match (&controller.sliding_mode, &controller.sliding_mode_paper) {
+        _ if command == Command::Current => None,
+        (Some(_), _) => Some("sliding_mode"),
+        (_, Some(_)) => Some("sliding_mode_paper"),
+        _ => None,
+    }?;
+    let span = document.key_span(&format!("controller.{law}"));
+    let message = format!("`{law}` commands a current");
+    let label = format!("the loop commands a {}", command.signal());
+    Some(document.source.problem(span, message, label))
 }
 
 /// The gains that `pid` has where none are written are a wire's, by the metre.

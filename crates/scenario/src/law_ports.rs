@@ -1,6 +1,6 @@
 //! What the ports of a law stand for. A law of one loop reads `position` and `set_point` and writes `current_amperes`. A law of all
-//! loops reads `LOOP.position_UNIT` and `LOOP.set_point_UNIT` and writes `DRIVE.current_amperes`. What else one writes is a term of its
-//! own, which is recorded.
+//! loops reads `LOOP.position_UNIT` and `LOOP.set_point_UNIT` and writes `DRIVE.current_amperes`, or what else the amplifier of the
+//! drive gives. To a law of one loop that is a current, too. What else one writes is a term of its own, which is recorded.
 
 use crate::nearest::meant_or_known;
 use crate::own::is_name;
@@ -221,7 +221,7 @@ pub fn terms_of<'a>(
     ports.outputs.iter().filter_map(|port| {
         let (owner, name) = port.name.split_once('.')?;
         let is_its = owner == of_loop.name || owner == of_loop.drive;
-        (is_its && amperes_of(name).is_none()).then_some((name, port))
+        (is_its && command_of(name, of_loop).is_none()).then_some((name, port))
     })
 }
 
@@ -279,7 +279,9 @@ fn owner<'a>(port: &'a Port, loops: &[LoopOfRig]) -> Result<(usize, &'a str), Wr
 fn reading(port: &Port, loops: &[LoopOfRig]) -> Result<Reading, WrongPort> {
     let (of_loop, name) = owner(port, loops)?;
     let one = &loops[of_loop];
-    let Measurand { signal, unit: own } = &one.measurand;
+    let Measurand {
+        signal, unit: own, ..
+    } = &one.measurand;
     let of_signal = name.strip_prefix(signal.as_str());
     let found = if let Some(unit) = of_signal.and_then(|rest| rest.strip_prefix('_')) {
         factor(own, unit).map(|factor| (Quantity::Position, factor))
@@ -302,7 +304,7 @@ fn reading(port: &Port, loops: &[LoopOfRig]) -> Result<Reading, WrongPort> {
 
 /// What a law can read of a loop, for people.
 fn readable(one: &LoopOfRig) -> String {
-    let Measurand { signal, unit } = &one.measurand;
+    let Measurand { signal, unit, .. } = &one.measurand;
     let name = &one.name;
     let position = format!("`{name}.{signal}_{unit}`");
     match one.led_by.is_some() {
@@ -330,14 +332,16 @@ fn factor(of_loop: &Unit, unit: &str) -> Option<f64> {
     conversion(of_loop.word(), unit)
 }
 
-/// How many amperes one is at a port with this name; none where it is no current.
-fn amperes_of(name: &str) -> Option<f64> {
-    conversion(name.strip_prefix(CURRENT)?, AMPERES)
+/// How many of the unit of a loop's commands one is at a port with this name; none where it is no command.
+fn command_of(name: &str, of_loop: &LoopOfRig) -> Option<f64> {
+    let command = of_loop.measurand.command;
+    let unit = name.strip_prefix(command.signal())?.strip_prefix('_')?;
+    conversion(unit, command.word())
 }
 
 fn writing(port: &Port, loops: &[LoopOfRig]) -> Result<Writing, WrongPort> {
     let (of_loop, name) = owner(port, loops)?;
-    Ok(match amperes_of(name) {
+    Ok(match command_of(name, &loops[of_loop]) {
         Some(factor) => Writing::Current { of_loop, factor },
         None => Writing::Term {
             of_loop,
@@ -361,7 +365,9 @@ fn each_drive_once(
             (Some(_), None) => {}
             (None, _) => {
                 let message = format!("the law does not command the drive `{drive}`");
-                let label = format!("it has no output `{drive}.{CURRENT}{AMPERES}`");
+                let command = one.measurand.command;
+                let (signal, unit) = (command.signal(), command.word());
+                let label = format!("it has no output `{drive}.{signal}_{unit}`");
                 return Err(wrong(message, label));
             }
             (Some((first, _)), Some((second, _))) => {

@@ -395,8 +395,10 @@ const NAMES_OF_SET_POINTS: [&str; 2] = ["set_point_millimetres", "error_millimet
 /// Beginnings of the names of gains, before the unit by one of which they are.
 pub(crate) const GAINS: [&str; 2] = ["amperes_per_", "ampere_seconds_per_"];
 
-/// What is recorded of a position.
-const NAMES_ON_THE_BUS: [&str; 3] = [
+/// What is recorded of a position and a current.
+const NAMES_ON_THE_BUS: [&str; 5] = [
+    "current_amperes",
+    "target_current_amperes",
     "position_millimetres",
     "true_position_millimetres",
     "reference_position_millimetres",
@@ -521,13 +523,107 @@ const SI_UNIT_VELOCITY: u16 = 0x60A9;
 /// By second, as an SI unit has it (CiA 303-2).
 const BY_SECOND: u32 = 0x0300;
 
-/// What a loop measures and controls: a signal in a unit.
+/// What an amplifier gives: a signal in a unit.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum Command {
+    /// A current, in amperes.
+    #[default]
+    Current,
+    /// A voltage, in volts.
+    Voltage,
+    /// A force, in newtons.
+    Force,
+    /// A torque, in newton metres.
+    Torque,
+}
+
+impl Command {
+    const ALL: [Self; 4] = [Self::Current, Self::Voltage, Self::Torque, Self::Force];
+
+    /// Name of the signal.
+    #[must_use]
+    pub fn signal(self) -> &'static str {
+        match self {
+            Self::Current => "current",
+            Self::Voltage => "voltage",
+            Self::Force => "force",
+            Self::Torque => "torque",
+        }
+    }
+
+    /// The word of its unit.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Current => "amperes",
+            Self::Voltage => "volts",
+            Self::Force => "newtons",
+            Self::Torque => "newton_metres",
+        }
+    }
+
+    /// Its unit as the DBC writes it.
+    #[must_use]
+    pub fn symbol(self) -> &'static str {
+        find(self.word()).map_or("", |known| known.symbol)
+    }
+
+    /// As the title of a plot.
+    #[must_use]
+    pub fn title(self) -> String {
+        title(self.signal())
+    }
+
+    /// What an amplifier gives that drives a port in this unit; none where no amplifier can.
+    #[must_use]
+    pub fn of_port(unit: &str) -> Option<Self> {
+        let mut all = Self::ALL.into_iter();
+        all.find(|command| conversion(command.word(), unit).is_some())
+    }
+
+    /// Names of the bench, which are those of a current, as they are for this command: `current_amperes` is `voltage_volts`.
+    #[must_use]
+    pub fn rename(self, word: &str) -> String {
+        Self::exchange(word, Self::Current, self)
+    }
+
+    /// The other way round.
+    #[must_use]
+    pub fn canonical(self, word: &str) -> String {
+        Self::exchange(word, self, Self::Current)
+    }
+
+    /// What is right where a name is that of another command.
+    pub(crate) fn corrected(self, name: &str) -> Option<String> {
+        let has = |word: &str| exchanged(name, word, "") != name;
+        let mut others = Self::ALL.into_iter().filter(|other| *other != self);
+        let other = others.find(|other| has(other.signal()) && has(other.word()))?;
+        Some(self.rename(&other.canonical(name)))
+    }
+
+    fn exchange(word: &str, from: Self, to: Self) -> String {
+        if from == to {
+            return word.to_owned();
+        }
+        let units = exchanged(word, from.word(), to.word());
+        let one = singular(from.word());
+        let units = exchanged(&units, &one, &singular(to.word()));
+        match units == word {
+            true => units,
+            false => exchanged(&units, from.signal(), to.signal()),
+        }
+    }
+}
+
+/// What a loop measures and controls, a signal in a unit, and what it commands.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Measurand {
     /// Name of the signal.
     pub signal: String,
     /// Its unit.
     pub unit: Unit,
+    /// What the amplifier of the loop's drive gives.
+    pub command: Command,
 }
 
 impl Default for Measurand {
@@ -543,14 +639,21 @@ impl Measurand {
         Self {
             signal: POSITION.to_owned(),
             unit,
+            command: Command::default(),
         }
+    }
+
+    /// The same of a loop with another command.
+    #[must_use]
+    pub fn commanding(self, command: Command) -> Self {
+        Self { command, ..self }
     }
 
     /// Names of the bench, which have the unit of a position, as they are for this signal: `position_millimetres` is
     /// `speed_revolutions_per_minute`.
     #[must_use]
     pub fn rename(&self, text: &str) -> String {
-        if self.is_canonical() || !text.contains(Unit::Millimetres.word()) {
+        if self.is_canonical() {
             return text.to_owned();
         }
         let words = text.split_inclusive(|c: char| !c.is_alphanumeric() && c != '_');
@@ -559,7 +662,7 @@ impl Measurand {
 
     /// Whether the names of the bench are its own.
     fn is_canonical(&self) -> bool {
-        self.unit == Unit::Millimetres && self.signal == POSITION
+        *self == Self::default()
     }
 
     /// Whether its name is also that of a key or a column of another meaning.
@@ -572,13 +675,10 @@ impl Measurand {
     /// In words, as the title of a plot.
     #[must_use]
     pub fn title(&self) -> String {
-        let words = self.signal.replace('_', " ");
-        let mut letters = words.chars();
-        let first = letters.next().into_iter().flat_map(char::to_uppercase);
-        first.chain(letters).collect()
+        title(&self.signal)
     }
 
-    /// What a name of the signal is for a position; other names stay.
+    /// What a name of the signals is for a position and a current; other names stay.
     #[must_use]
     pub fn as_position<'n>(&self, name: &'n str) -> &'n str {
         let mut known = NAMES_ON_THE_BUS.into_iter();
@@ -591,7 +691,7 @@ impl Measurand {
         let millimetres = Unit::Millimetres;
         let marked = exchanged(word, millimetres.word(), "{unit}");
         if marked == word {
-            return marked;
+            return self.command.rename(word);
         }
         let named = exchanged(&marked, POSITION, &self.signal);
         named.replace("{unit}", self.unit.word())
@@ -600,19 +700,20 @@ impl Measurand {
     /// As [`Measurand::rename`], for words with keys in them, among them gains of laws, which are by one of the unit.
     #[must_use]
     pub fn rename_keys(&self, text: &str) -> String {
-        let text = self.rename(text);
         if self.unit == Unit::Millimetres {
-            return text;
+            return self.rename(text);
         }
-        GAINS.into_iter().fold(text, |text, gain| {
+        let by_own_unit = GAINS.into_iter().fold(text.to_owned(), |text, gain| {
             let own = format!("{gain}{}", singular(self.unit.word()));
             text.replace(&format!("{gain}metre"), &own)
-        })
+        });
+        self.rename(&by_own_unit)
     }
 
     /// The other way round: as the bench calls it. What is no name of the signal stays as it is, whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
+        let name = &self.command.canonical(name);
         if self.is_canonical() || !name.contains(self.unit.word()) {
             return name.to_owned();
         }
@@ -621,8 +722,8 @@ impl Measurand {
             .filter(|metric| metric.is_in_unit_of_position());
         let metrics = metrics.map(|metric| metric.name);
         let mut names = KEYS_OF_POSITIONS.into_iter().chain(metrics);
-        let canonical = names.find(|known| self.rename(known) == name);
-        canonical.unwrap_or(name).to_owned()
+        let canonical = names.find(|known| self.rename(known) == *name);
+        canonical.map_or_else(|| name.clone(), str::to_owned)
     }
 }
 
@@ -630,6 +731,14 @@ impl fmt::Display for Unit {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(self.word())
     }
+}
+
+/// The name of a signal in words, as the title of a plot.
+fn title(signal: &str) -> String {
+    let words = signal.replace('_', " ");
+    let mut letters = words.chars();
+    let first = letters.next().into_iter().flat_map(char::to_uppercase);
+    first.chain(letters).collect()
 }
 
 /// A name with one of its words in place of another.
@@ -694,6 +803,33 @@ mod tests {
     }
 
     #[test]
+    fn names_take_the_command_of_their_loop() {
+        let turned = Measurand::position(Unit::Degrees).commanding(Command::Torque);
+        for (name, of_torque) in [
+            ("current_amperes_rms", "torque_newton_metres_rms"),
+            ("target_current_amperes", "target_torque_newton_metres"),
+            (
+                "current_ripple_amperes_rms",
+                "torque_ripple_newton_metres_rms",
+            ),
+        ] {
+            assert_eq!(turned.rename(name), of_torque);
+            assert_eq!(turned.canonical(of_torque), name);
+            assert_eq!(Command::Torque.corrected(name).unwrap(), of_torque);
+            assert_eq!(Command::Torque.corrected(of_torque), None);
+            assert_eq!(Command::Current.corrected(of_torque).unwrap(), name);
+            assert_eq!(Command::Current.corrected(name), None);
+        }
+        assert_eq!(
+            turned.rename_keys("`derivative_ampere_seconds_per_metre`"),
+            "`derivative_newton_metre_seconds_per_degree`"
+        );
+        assert_eq!(Command::of_port("milliamperes"), Some(Command::Current));
+        assert_eq!(Command::of_port("newton_metres"), Some(Command::Torque));
+        assert_eq!(Command::of_port("kilograms"), None);
+    }
+
+    #[test]
     fn names_take_the_unit_of_their_loop() {
         let degrees = Measurand::position(Unit::Degrees);
         let millimetres = Measurand::default();
@@ -721,6 +857,7 @@ mod tests {
         let temperature = Measurand {
             signal: "temperature".to_owned(),
             unit: Unit::Own("celsius".to_owned()),
+            ..Measurand::default()
         };
         for (name, of_temperature) in [
             ("position_millimetres", "temperature_celsius"),

@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::LoopNodes;
-use crate::port::{Measurand, Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in};
+use crate::port::{
+    Command, Measurand, Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in,
+};
 
 /// Outputs that a drive can publish: what fits TPDO2, beside the true position, and TPDO3.
 pub const RECORDED_MAX: usize = 6;
@@ -35,6 +37,15 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// The same in a loop with this command.
+    #[must_use]
+    pub fn commanding(self, command: Command) -> Self {
+        Self {
+            measurand: self.measurand.commanding(command),
+            ..self
+        }
+    }
+
     /// The lowest and the highest value, within which set-points lie.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {

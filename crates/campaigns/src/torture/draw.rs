@@ -119,6 +119,7 @@ impl Nodes {
                 (height * travels).into(),
             ),
             Value::Float(current) if key.contains("amperes") => {
+                let key = wiring.sensor.measurand.rename(&key);
                 (key, (current * wiring.current().max).into())
             }
             value => (key, value),

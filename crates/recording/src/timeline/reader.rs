@@ -347,7 +347,10 @@ impl TimelineReader {
                 &trial.wiring.feedback.measurand.rename(names::POSITION),
             )?,
             own_position: place(&columns, &own_position)?,
-            current: place(&columns, names::CURRENT)?,
+            current: place(
+                &columns,
+                &trial.wiring.sensor.measurand.rename(names::CURRENT),
+            )?,
             columns,
             events: Events::default(),
             emergencies: Occurrences::default(),

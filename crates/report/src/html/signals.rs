@@ -42,10 +42,11 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
         &error,
     );
     in_time.push(error_plot);
+    let command = timeline.measurand.command;
     in_time.push(of_signals(
         timeline,
-        "Current",
-        "A",
+        &command.title(),
+        command.symbol(),
         &[
             ("target_current_amperes", "commanded", Colour::Wanted),
             ("current_amperes", "measured", Colour::Measured),

@@ -109,19 +109,16 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let unit = shown_unit(page.own.trial.wiring.feedback.measurand.unit.symbol());
-        let mut left = vec![self.plot(
-            &format!(
-                "{} ({unit})",
-                page.own.trial.wiring.feedback.measurand.title()
-            ),
-            "position",
-            2.2,
-        )?];
+        let measurand = &page.own.trial.wiring.feedback.measurand;
+        let unit = shown_unit(measurand.unit.symbol());
+        let mut left =
+            vec![self.plot(&format!("{} ({unit})", measurand.title()), "position", 2.2)?];
         if has("error") {
             left.push(self.plot(&format!("Error ({unit})"), "error", 1.2)?);
         }
-        left.push(self.plot("Current (A)", "current", 1.2)?);
+        let command = measurand.command;
+        let commands = format!("{} ({})", command.title(), command.symbol());
+        left.push(self.plot(&commands, "current", 1.2)?);
         if has(groups::DISTURBANCE) {
             left.push(self.plot("Disturbance", groups::DISTURBANCE, 0.8)?);
         }

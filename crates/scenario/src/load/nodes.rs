@@ -42,9 +42,6 @@ fn an_input(output: &str) -> &'static str {
     }
 }
 
-/// The signal of a drive that a loop commands.
-const CURRENT: &str = "current";
-
 impl Rig {
     /// Whether a text is meant as a rig file.
     #[must_use]
@@ -578,7 +575,8 @@ impl Check<'_> {
             if !led.contains_key(drive) && !is_watched && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
                 let label = format!(
-                    "name it in `outputs` of a loop, as in outputs = [\"{drive}.{CURRENT}\"]"
+                    "name it in `outputs` of a loop, as in outputs = [\"{}\"]",
+                    self.command_of(drive)
                 );
                 problems.push(self.problem(&format!("node.{drive}"), message, label));
             }
@@ -606,18 +604,23 @@ impl Check<'_> {
     /// What a loop commands of a drive.
     fn output(&self, path: &str, drive: &str, output: &str) -> Option<Problem> {
         let is_drive = (self.rig.node.get(drive)).is_some_and(|node| node.kind == NodeKind::Drive);
-        let is_wrong = is_drive && output.strip_prefix(drive) != Some(".current");
-        is_wrong.then(|| {
+        let right = self.command_of(drive);
+        (is_drive && output != right).then(|| {
             let message = format!("`{output}` is no signal that a loop can command");
-            let label = format!("write \"{drive}.{CURRENT}\"");
+            let label = format!("write \"{right}\"");
             self.document.problem(path, message, label)
         })
     }
 
     /// The signal of a drive that a loop can follow.
     fn signal_of(&self, drive: &str) -> String {
-        let node = self.rig.node.get(drive);
-        node.map(RigNode::measurand).unwrap_or_default().signal
+        self.rig.measurand_of(drive).signal
+    }
+
+    /// The signal of a drive that a loop can command.
+    fn command_of(&self, drive: &str) -> String {
+        let command = self.rig.measurand_of(drive).command;
+        format!("{drive}.{}", command.signal())
     }
 
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {

@@ -80,6 +80,9 @@ impl InUnit<'_> {
     /// A name whose unit is that of another kind of loop.
     fn check(&self, key: &Spanned<DeString<'_>>) -> Result<(), Problem> {
         let (name, own): (&str, _) = (key.get_ref(), self.measurand);
+        if let Some(right) = own.command.corrected(name) {
+            return Err(self.wrong_command(key, &right));
+        }
         let unit = &own.unit;
         let has_unit = UNITS.iter().any(|unit| name.contains(unit)) || name.contains(unit.word());
         if !has_unit {
@@ -89,7 +92,13 @@ impl InUnit<'_> {
         let others = units.flat_map(|unit| {
             let position = Measurand::position(unit.clone());
             let signal = own.signal.clone();
-            [Measurand { signal, unit }, position]
+            let command = own.command;
+            let named = Measurand {
+                signal,
+                unit,
+                command,
+            };
+            [named, position.commanding(command)]
         });
         let wrong = others.filter(|other| other != own).find_map(|other| {
             let canonical = other.canonical(name);
@@ -108,17 +117,36 @@ impl InUnit<'_> {
         Err(self.source.problem(key.span(), message, label))
     }
 
-    /// Gains by the unit are to a law gains by the metre: it sees positions in the loop's unit, or in metres.
+    fn wrong_command(&self, key: &Spanned<DeString<'_>>, right: &str) -> Problem {
+        let command = self.measurand.command.signal();
+        let message = format!("the loop `{}` commands a {command}", self.of_loop);
+        self.source
+            .problem(key.span(), message, format!("write `{right}`"))
+    }
+
+    /// Gains by the unit are to a law gains by the metre: it sees positions in the loop's unit, or in metres. What a law commands is a
+    /// current to it.
     fn gains(
         &self,
         path: &str,
         value: &mut DeValue<'_>,
         factors: &mut Factors,
     ) -> Result<(), Problem> {
-        let DeValue::Table(table) = value else {
-            return Ok(());
+        let table = match value {
+            DeValue::Table(table) => table,
+            DeValue::Array(array) => {
+                let mut below = array.iter_mut();
+                return below.try_for_each(|one| self.gains(path, one.get_mut(), factors));
+            }
+            _ => return Ok(()),
         };
+        let command = self.measurand.command;
         for (mut key, mut below) in std::mem::take(table) {
+            let right = command.rename(key.get_ref());
+            if right != **key.get_ref() {
+                return Err(self.wrong_command(&key, &right));
+            }
+            *key.get_mut() = command.canonical(key.get_ref()).into();
             let name: &str = key.get_ref();
             let mut path = format!("{path}.{name}");
             if let Some((gain, unit, rest)) = self.gain(name) {
@@ -149,6 +177,7 @@ impl InUnit<'_> {
         let own = self.measurand.unit.of_laws();
         let (gain, _, rest) = self.gain(key.get_ref()).unwrap_or_default();
         let right = format!("{gain}{}{rest}", singular(own));
+        let right = self.measurand.command.rename(&right);
         let message = format!(
             "the gains of the loop `{}` are by the {}",
             self.of_loop,

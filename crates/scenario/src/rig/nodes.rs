@@ -14,7 +14,7 @@ use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{self, I2t, PlantModel};
-use crate::port::{Measurand, Unit};
+use crate::port::{Command, Measurand, Unit, unit_in};
 use crate::wiring::{LedBy, LoopOfRig, Measured, Plausible, Wiring};
 
 /// Node-ID of the controller of the shipped rig.
@@ -119,14 +119,22 @@ impl Rig {
 
     /// A loop of one drive, which follows what that measures; whose drives are not put in yet.
     fn loop_of_one(&self, drive: &str) -> RigLoop {
-        let measurand = self.node.get(drive).map(RigNode::measurand);
+        let Measurand {
+            signal, command, ..
+        } = self.measurand_of(drive);
         RigLoop {
-            feedback: format!("{drive}.{}", measurand.unwrap_or_default().signal),
-            outputs: vec![format!("{drive}.current")],
+            feedback: format!("{drive}.{signal}"),
+            outputs: vec![format!("{drive}.{}", command.signal())],
             drives: Vec::new(),
             led_by: None,
             identifiers: Identifiers::default(),
         }
+    }
+
+    /// What a drive measures and commands.
+    pub(crate) fn measurand_of(&self, drive: &str) -> Measurand {
+        let node = self.node.get(drive);
+        node.map(RigNode::measurand).unwrap_or_default()
     }
 
     /// The law that leads a drive which is not the first one of its loop.
@@ -198,7 +206,8 @@ impl Rig {
             sensor: node.measured(),
             feedback: self
                 .followed_by(drive)
-                .map_or_else(Measured::default, |(_, node)| node.measured()),
+                .map_or_else(Measured::default, |(_, node)| node.measured())
+                .commanding(node.command_of()),
             fan: name_of(outputs.port(FAN_OUTPUT)),
             load: name_of(outputs.port(LOAD_OUTPUT)),
             outputs: outputs
@@ -260,7 +269,8 @@ impl Rig {
             name: name.clone(),
             measurand: (self.node.get(one.followed()))
                 .map(RigNode::measurand)
-                .unwrap_or_default(),
+                .unwrap_or_default()
+                .commanding(node.map(RigNode::command_of).unwrap_or_default()),
             current: amplifier.map(Amplifier::range).unwrap_or_default(),
             led_by: self.led_by(&drive),
             drive,
@@ -357,7 +367,7 @@ impl Rig {
                 continue;
             };
             let CurrentRange { rated, min, max } = amplifier.range();
-            if amplifier.i2t.is_none() {
+            if amplifier.i2t.is_none() && node.command_of() == Command::Current {
                 notes.push(format!(
                     "`{name}` has no i2t: its amplifier may give its largest current for ever"
                 ));
@@ -507,18 +517,26 @@ pub struct RigNode {
 }
 
 impl RigNode {
-    /// What its sensor measures.
+    /// What its sensor measures, and what its amplifier gives.
     #[must_use]
     pub fn measurand(&self) -> Measurand {
         let sensor = self.sensor.as_ref();
-        sensor.map(Sensor::measurand).unwrap_or_default()
+        let measurand = sensor.map(Sensor::measurand).unwrap_or_default();
+        measurand.commanding(self.command_of())
+    }
+
+    /// What its amplifier gives: a current, where its port says nothing else.
+    pub(crate) fn command_of(&self) -> Command {
+        let port = self.amplifier.as_ref().and_then(|one| one.port.as_deref());
+        let command = port.and_then(|port| Command::of_port(unit_in(port)));
+        command.unwrap_or_default()
     }
 
     /// What its sensor gives.
     fn measured(&self) -> Measured {
         let sensor = self.sensor.clone().unwrap_or_default();
         Measured {
-            measurand: sensor.measurand(),
+            measurand: self.measurand(),
             min: sensor.min.unwrap_or_default(),
             max: sensor.max,
             increment: sensor.position_increment,
@@ -547,19 +565,21 @@ impl RigNode {
 #[serde(deny_unknown_fields, default)]
 #[schemars(rename = "RigAmplifier")]
 pub struct Amplifier {
-    /// The port that it drives, as in `"wire.current_amperes"`.
+    /// The port that it drives, as in `"wire.current_amperes"`, whose unit says what it gives: a current, in amperes; a voltage, in
+    /// volts; a force, in newtons; or a torque, in newton metres.
     #[schemars(length(min = 1, max = 200))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
-    /// The rated current (0x6075), in amperes, in thousandths of which commands and measured currents are; 1 if absent.
+    /// The rated current (0x6075) or what else it gives, in amperes or the other unit, in thousandths of which commands and what is
+    /// measured of them are; 1 if absent.
     #[schemars(range(min = 0.001, max = 1_000_000.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rated: Option<f64>,
-    /// The smallest current, in amperes: 0, or below it for an amplifier that drives both ways; 0 if absent.
+    /// The smallest current: 0, or below it for an amplifier that drives both ways; 0 if absent.
     #[schemars(range(min = -32_767_000.0, max = 0.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// The largest current, in amperes; the rated one if absent. It is at most 32.767 times that, as `min` is.
+    /// The largest current; the rated one if absent. It is at most 32.767 times that, as `min` is.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 32_767_000.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
@@ -567,7 +587,7 @@ pub struct Amplifier {
     #[schemars(range(min = 0, max = 24))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
-    /// Its I²t protection; none if absent.
+    /// Its I²t protection, of one that gives a current; none if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub i2t: Option<I2t>,
 }
@@ -710,7 +730,8 @@ pub struct RigLoop {
     /// none.
     #[schemars(length(min = 1, max = 200))]
     pub feedback: String,
-    /// The currents of the drives that move it, in the order in which its law commands them, as in `"drive.current"`.
+    /// The currents of the drives that move it, or what else their amplifiers give, in the order in which its law commands them, as in
+    /// `"drive.current"`.
     #[schemars(length(min = 1, max = 8))]
     pub outputs: Vec<String>,
     /// The drives of these outputs, put in by the loader.

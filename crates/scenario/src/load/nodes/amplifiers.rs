@@ -1,8 +1,9 @@
-//! What an amplifier can be commanded.
+//! What an amplifier can be commanded, and which ones have a protection or are somebody else's.
 
 use super::Check;
 use crate::current::COUNTS_MAX;
 use crate::error::Problem;
+use crate::port::Command;
 
 impl Check<'_> {
     /// Currents that 16 bits hold in thousandths of the rated one.
@@ -12,16 +13,31 @@ impl Check<'_> {
             let Some(amplifier) = &node.amplifier else {
                 continue;
             };
+            let command = node.command_of();
+            let is_current = command == Command::Current;
+            let path = format!("node.{name}.amplifier");
+            if !is_current && node.external {
+                let message = format!("`{name}` is external and would give a {}", command.signal());
+                let label = "the limits of a real drive are those of a current";
+                let path = format!("{path}.port");
+                problems.push(self.document.problem(&path, message, label));
+            }
+            if !is_current && amplifier.i2t.is_some() {
+                let message = format!("`{name}` gives a {}", command.signal());
+                let label = "i2t is the protection of an amplifier that gives a current";
+                problems.push(self.problem(&format!("{path}.i2t"), message, label));
+            }
             let range = amplifier.range();
+            let symbol = command.symbol();
             let most = COUNTS_MAX / range.counts_per_ampere();
             for (key, current) in [("min", range.min), ("max", range.max)] {
                 // A rated current of nothing was found by the schema.
                 if current.abs() <= most || range.rated <= 0.0 {
                     continue;
                 }
-                let path = format!("node.{name}.amplifier.{key}");
+                let path = format!("{path}.{key}");
                 let message = format!(
-                    "a command of {current} A does not fit its frame, which counts thousandths of {} A",
+                    "a command of {current} {symbol} does not fit its frame, which counts thousandths of {} {symbol}",
                     range.rated
                 );
                 // In milliamperes, as 0x6075 has it, so that what is written is enough.

@@ -18,7 +18,7 @@ impl Check<'_> {
         for (name, node, sensor) in drives {
             let path = |key: &str| format!("node.{name}.{key}");
             let measurand = node.measurand();
-            let Measurand { signal, unit } = &measurand;
+            let Measurand { signal, unit, .. } = &measurand;
             if !is_name(unit.word()) {
                 let message = format!("`{unit}` is no unit");
                 let label = "a word, as names of ports end in: degrees";
