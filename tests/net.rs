@@ -86,7 +86,7 @@ fn hold(name: &str, now: &[String]) {
 }
 
 /// Folders whose scenarios and rig files mistakes are made in.
-const MUTATED: [&str; 7] = [
+pub(crate) const MUTATED: [&str; 7] = [
     "crates/worlds/tests/data",
     "docs/examples",
     "scenarios",
@@ -97,7 +97,7 @@ const MUTATED: [&str; 7] = [
 ];
 
 /// Copies what a scenario can name, with its folders; the TOML files among it.
-fn copy_files(from: &Path, to: &Path, copied: &mut Vec<PathBuf>) {
+pub(crate) fn copy_files(from: &Path, to: &Path, copied: &mut Vec<PathBuf>) {
     fs::create_dir_all(to).unwrap();
     let mut paths = Vec::from_iter(
         fs::read_dir(from)

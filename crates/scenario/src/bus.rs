@@ -13,7 +13,7 @@ pub struct Bus {
     #[schemars(extend("enum" = [10, 20, 50, 125, 250, 500, 800, 1000]))]
     pub bitrate_kilobits_per_second: u32,
     /// Time between two SYNCs, a multiple of 0.1 ms.
-    #[schemars(range(min = 0.1, max = 100.0), extend("multipleOf" = 0.1))]
+    #[schemars(range(min = 0.1, max = 100.0), extend("x-multiple-of" = 0.1))]
     pub sync_period_milliseconds: f64,
 }
 

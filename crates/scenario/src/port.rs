@@ -322,6 +322,11 @@ const KNOWN: [Known; 31] = [
     known("litres_per_minute", "l/min", "flow", 1.0),
 ];
 
+/// Words of all units that names end in.
+pub fn known_units() -> impl Iterator<Item = &'static str> {
+    KNOWN.iter().map(|known| known.word)
+}
+
 fn find(word: &str) -> Option<&'static Known> {
     KNOWN.iter().find(|known| known.word == word)
 }
@@ -538,7 +543,7 @@ pub enum Command {
 }
 
 impl Command {
-    const ALL: [Self; 4] = [Self::Current, Self::Voltage, Self::Torque, Self::Force];
+    pub(crate) const ALL: [Self; 4] = [Self::Current, Self::Voltage, Self::Torque, Self::Force];
 
     /// Name of the signal.
     #[must_use]
@@ -606,8 +611,9 @@ impl Command {
             return word.to_owned();
         }
         let units = exchanged(word, from.word(), to.word());
-        let one = singular(from.word());
-        let units = exchanged(&units, &one, &singular(to.word()));
+        // A unit such as the newton metre holds another one.
+        let [one, other] = [from, to].map(|command| singular(command.word()) + "_seconds");
+        let units = exchanged(&units, &one, &other);
         match units == word {
             true => units,
             false => exchanged(&units, from.signal(), to.signal()),
@@ -700,30 +706,40 @@ impl Measurand {
     /// As [`Measurand::rename`], for words with keys in them, among them gains of laws, which are by one of the unit.
     #[must_use]
     pub fn rename_keys(&self, text: &str) -> String {
-        if self.unit == Unit::Millimetres {
-            return self.rename(text);
-        }
-        let by_own_unit = GAINS.into_iter().fold(text.to_owned(), |text, gain| {
-            let own = format!("{gain}{}", singular(self.unit.word()));
+        self.rename(&self.by_own_unit(text))
+    }
+
+    /// Name that a parameter of a law has in this loop: gains are by one of its unit, and currents are its command.
+    pub(crate) fn rename_of_law(&self, key: &str) -> String {
+        self.command.rename(&self.by_own_unit(key))
+    }
+
+    /// Gains by the metre as they are by one of this unit.
+    fn by_own_unit(&self, text: &str) -> String {
+        GAINS.into_iter().fold(text.to_owned(), |text, gain| {
+            let own = format!("{gain}{}", singular(self.unit.of_laws()));
             text.replace(&format!("{gain}metre"), &own)
-        });
-        self.rename(&by_own_unit)
+        })
     }
 
     /// The other way round: as the bench calls it. What is no name of the signal stays as it is, whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
-        let name = &self.command.canonical(name);
-        if self.is_canonical() || !name.contains(self.unit.word()) {
-            return name.to_owned();
+        let of_position = self.position_of(name).map(str::to_owned);
+        of_position.unwrap_or_else(|| self.command.canonical(name))
+    }
+
+    /// Name that the bench has for a name of the signal; `None` if it is none.
+    pub(crate) fn position_of(&self, name: &str) -> Option<&'static str> {
+        if !name.contains(self.unit.word()) {
+            return None;
         }
         let metrics = METRICS
             .iter()
             .filter(|metric| metric.is_in_unit_of_position());
         let metrics = metrics.map(|metric| metric.name);
         let mut names = KEYS_OF_POSITIONS.into_iter().chain(metrics);
-        let canonical = names.find(|known| self.rename(known) == *name);
-        canonical.map_or_else(|| name.clone(), str::to_owned)
+        names.find(|known| self.rename(known) == name)
     }
 }
 
@@ -823,6 +839,20 @@ mod tests {
         assert_eq!(
             turned.rename_keys("`derivative_ampere_seconds_per_metre`"),
             "`derivative_newton_metre_seconds_per_degree`"
+        );
+        let torque_by_force = Measurand::position(Unit::Own("newton_metres".to_owned()));
+        let torque_by_force = torque_by_force.commanding(Command::Force);
+        assert_eq!(
+            torque_by_force.canonical("position_newton_metres"),
+            "position_millimetres"
+        );
+        assert_eq!(
+            torque_by_force.rename_keys("proportional_amperes_per_metre"),
+            "proportional_newtons_per_newton_metre"
+        );
+        assert_eq!(
+            Command::Force.canonical("proportional_newtons_per_newton_metre"),
+            "proportional_amperes_per_newton_metre"
         );
         assert_eq!(Command::of_port("milliamperes"), Some(Command::Current));
         assert_eq!(Command::of_port("newton_metres"), Some(Command::Torque));

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::contour::Contours;
 use crate::fault;
@@ -37,6 +37,9 @@ pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
 /// What `[fault]` is checked against.
 pub(crate) static FAULTS: LazyLock<Value> = LazyLock::new(fault::described);
 
+/// The loader's keyword for numbers in steps. Editors would take `multipleOf` in binary fractions, of which 12.7 is no multiple of 0.1.
+pub(crate) const MULTIPLE_OF: &str = "x-multiple-of";
+
 pub(crate) use loops::on_rig;
 
 /// The schema of what is tried in a loop, where its set-points have this range: that of its sensor.
@@ -44,21 +47,8 @@ pub(crate) fn of_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, 
     if !wiring.feedback.is_other_travel() {
         return schema;
     }
-    let [min, max] = wiring.feedback.range();
     let mut schema = schema.into_owned();
-    for definition in entries(&schema, "Reference") {
-        let properties = &mut schema["definitions"][definition]["properties"];
-        for (key, range) in [
-            ("position_millimetres", [min, max]),
-            ("centre_millimetres", [min, max]),
-            ("amplitude_millimetres", [0.0, (max - min) / 2.0]),
-        ] {
-            if let Some(property) = properties.get_mut(key) {
-                property["minimum"] = range[0].into();
-                property["maximum"] = range[1].into();
-            }
-        }
-    }
+    loops::put_travel(&mut schema, Some(wiring.feedback.range()));
     Cow::Owned(schema)
 }
 
@@ -88,7 +78,34 @@ pub fn json_schema() -> String {
 /// The JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
 #[must_use]
 pub fn rig_json_schema() -> String {
-    format!("{:#}\n", schema_of::<Rig>())
+    let mut schema = RIG.clone();
+    let of_drives = RIG["definitions"]["DriveDefaults"]["properties"].as_object();
+    for key in of_drives.into_iter().flat_map(Map::keys) {
+        // The defaults have what is left out.
+        let property = &mut schema["definitions"]["RigNode"]["properties"][key];
+        *property = part_of(&RIG, property);
+    }
+    format!("{schema:#}\n")
+}
+
+/// A table, with the tables in it, of which any part may be written.
+pub(crate) fn part_of(root: &Value, table: &Value) -> Value {
+    let mut part = resolve(root, table).clone();
+    let Some(keywords) = part.as_object_mut() else {
+        return part;
+    };
+    keywords.remove("required");
+    if let Some(text) = table.get("description") {
+        keywords.insert("description".to_owned(), text.clone());
+    }
+    let properties = keywords.get_mut("properties");
+    let properties = properties.and_then(Value::as_object_mut);
+    for (_, property) in properties.into_iter().flatten() {
+        if resolve(root, property)["properties"].is_object() {
+            *property = part_of(root, property);
+        }
+    }
+    part
 }
 
 /// The schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.

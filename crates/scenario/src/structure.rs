@@ -10,7 +10,7 @@ use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::nearest::nearest;
 use crate::own::{self, Section};
-use crate::schema::resolve;
+use crate::schema::{MULTIPLE_OF, resolve};
 
 /// Everything in the document that the schema does not admit; `what` names the whole for people.
 pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
@@ -295,7 +295,7 @@ pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
             (None, None, most) => format!("must be at most {}", most.unwrap_or(f64::MAX)),
         });
     }
-    let unit = schema["multipleOf"].as_f64()?;
+    let unit = schema[MULTIPLE_OF].as_f64()?;
     let ratio = number / unit;
     let is_multiple = (ratio - libm::round(ratio)).abs() < 1e-9;
     (!is_multiple).then(|| format!("must be a multiple of {unit}"))

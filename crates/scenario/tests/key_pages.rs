@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
 
+use scenario::port::{Command, Measurand, Unit, known_units};
 use serde_json::{Map, Value};
 
 /// Tables that more properties than this refer to stand once, behind all others.
@@ -55,7 +56,10 @@ impl<'a> Page<'a> {
         };
         let mut children = Vec::new();
         self.text += "| key | value | meaning |\n|---|---|---|\n";
-        for (key, property) in properties.iter().filter(|(key, _)| !is_of_other_unit(key)) {
+        for (key, property) in properties.iter() {
+            if is_of_other_unit(key, properties) {
+                continue;
+            }
             let child = self.child(path, key, property);
             let section = child
                 .as_ref()
@@ -195,9 +199,17 @@ fn line(text: &str) -> String {
     text.replace('\n', " ").replace('|', "\\|")
 }
 
+/// Whether a table must have a key. One that has another name in another loop is only counted there.
 fn is_required(table: &Value, key: &str) -> bool {
-    let required = table["required"].as_array();
-    required.is_some_and(|keys| keys.iter().any(|one| one == key))
+    let mut required = table["required"].as_array().into_iter().flatten();
+    let is_counted = table["minProperties"].is_number() && is_of_loop(key);
+    required.any(|one| one == key) || is_counted
+}
+
+/// Whether a key has other names in other loops.
+fn is_of_loop(key: &str) -> bool {
+    let other = Measurand::position(Unit::Degrees).commanding(Command::Voltage);
+    other.rename(key) != key
 }
 
 /// The definition that a schema refers to.
@@ -255,19 +267,18 @@ fn range(property: &Value) -> String {
         let values: Vec<String> = values.iter().map(ToString::to_string).collect();
         parts.push(format!("one of {}", values.join(", ")));
     }
-    parts.extend(number("multipleOf").map(|step| format!("a multiple of {step}")));
+    parts.extend(number("x-multiple-of").map(|step| format!("a multiple of {step}")));
     parts.extend(number("maxLength").map(|most| format!("up to {most} characters")));
     parts.extend(number("maxItems").map(|most| format!("up to {most}")));
     parts.join("; ")
 }
 
-/// Whether a key stands for one in millimetres or by the metre.
-fn is_of_other_unit(key: &str) -> bool {
-    let is_of = |unit: &&str| key.ends_with(*unit) || key.contains(&format!("{unit}_"));
-    let units = ["_degrees", "_revolutions", "per_degree", "per_revolution"];
-    // The motor's own: turns of a pinion, revolutions by the minute.
-    let is_of_motor = key.starts_with("pinion") || key.contains("per_minute");
-    units.iter().any(is_of) && !is_of_motor
+/// Whether a key of a table is another one, in another unit.
+fn is_of_other_unit(key: &str, properties: &Map<String, Value>) -> bool {
+    let units = known_units().map(|unit| Measurand::position(Unit::Own(unit.to_owned())));
+    let units = Vec::from_iter(units);
+    let is_key = |own: &String| units.iter().any(|unit| unit.rename_keys(own) == key);
+    properties.keys().any(|own| own != key && is_key(own))
 }
 
 #[track_caller]
@@ -290,7 +301,7 @@ fn the_page_of_scenario_keys_is_that_of_the_schema() {
     let head = "# Scenario keys\n\n\
         This page is written from the schema that `canrig schema` prints. A scenario is a TOML file; [a scenario of your own](../tutorial/own-scenario.md) builds one, \
         and [rigs with several drives](../several-drives.md#the-scenario) says how a scenario names loops and nodes.\n\
-        The [metrics](metrics.md) page defines what each key of `[expect]` measures. Keys in millimetres end in the unit of the loop's sensor: `position_degrees` for `position_millimetres`, and a gain `per_degree` for one `per_metre`; a key in another unit is refused with the right one. A law of your own adds its table.\n\n\
+        The [metrics](metrics.md) page defines what each key of `[expect]` measures. Keys in millimetres end in the unit of the loop's sensor: `position_degrees` for `position_millimetres`, and a gain `per_degree` for one `per_metre`. Keys in amperes have the name of what its amplifier gives: `voltage_volts_rms` for `current_amperes_rms`. A key in another unit is refused with the right one. A law of your own adds its table.\n\n\
         \"Paper\" and the numbers of equations refer to Romano and Tannuri, \"New development on shape memory alloys actuators\": the wire and the sliding-mode law come from there. \"Assumed\" means that no source gives the value.";
     check("scenario-keys.md", head, &scenario::schema::json_schema());
 }
@@ -316,11 +327,9 @@ fn no_key_is_left_out() {
         let keys = tables
             .chain([schema])
             .filter_map(|table| table["properties"].as_object());
-        for key in keys
-            .flat_map(Map::keys)
-            .filter(|key| !is_of_other_unit(key))
-        {
-            assert!(pages.contains(&format!("| `{key}` |")), "{key}");
+        for (key, table) in keys.flat_map(|table| table.keys().map(move |key| (key, table))) {
+            let is_there = pages.contains(&format!("| `{key}` |"));
+            assert!(is_there || is_of_other_unit(key, table), "{key}");
         }
     }
 }

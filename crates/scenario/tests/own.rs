@@ -297,10 +297,10 @@ fn the_schema_describes_them() {
     let mut pendulum = pendulum.filter(|model| model["properties"].get("pivot").is_some());
     let pendulum = pendulum.next().unwrap();
     assert_eq!(pendulum["properties"]["length_metres"]["maximum"], 10.0);
-    assert_eq!(
-        schema["definitions"]["Controller"]["properties"]["relay"]["required"][0],
-        "current_amperes"
-    );
+    // A current, or what else the amplifier gives.
+    let relay = &schema["definitions"]["Controller"]["properties"]["relay"];
+    assert_eq!(relay["minProperties"], 1);
+    assert!(relay["properties"]["current_amperes"].is_object());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::nearest;
 use crate::rig::nodes::Rig;
-use crate::schema::resolve;
+use crate::schema::{MULTIPLE_OF, resolve};
 use crate::structure::broken_limit;
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
@@ -224,7 +224,7 @@ impl<'a> Checker<'a, '_> {
         let Some(schema) = self.key(path, key) else {
             return;
         };
-        if schema["enum"].is_array() || schema["multipleOf"].is_number() {
+        if schema["enum"].is_array() || schema[MULTIPLE_OF].is_number() {
             let message = format!("`{key}` admits some values only, so it cannot be drawn");
             self.report(&format!("{path}.key"), message, "use [[sweep.list]]");
             return;

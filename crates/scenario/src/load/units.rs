@@ -80,6 +80,9 @@ impl InUnit<'_> {
     /// A name whose unit is that of another kind of loop.
     fn check(&self, key: &Spanned<DeString<'_>>) -> Result<(), Problem> {
         let (name, own): (&str, _) = (key.get_ref(), self.measurand);
+        if own.position_of(name).is_some() {
+            return Ok(());
+        }
         if let Some(right) = own.command.corrected(name) {
             return Err(self.wrong_command(key, &right));
         }

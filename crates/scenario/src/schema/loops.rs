@@ -1,24 +1,27 @@
 //! The schema of scenarios, composed of those of their parts.
 
+use std::collections::BTreeSet;
+
 use serde_json::{Map, Value, json};
 
-use super::{HEADER, RIG, SECTIONS, SWEPT, entries, schema_of};
-use crate::contour::Contours;
+use super::{CONTOURS, HEADER, RIG, SECTIONS, SWEPT, entries, part_of, schema_of};
 use crate::fault;
 use crate::own;
 use crate::plant::PlantModel;
-use crate::port::Unit;
-use crate::rig::nodes::Rig;
+use crate::port::{Command, Measurand, Unit, conversion, known_units};
+use crate::rig::nodes::{NodeKind, Rig, RigNode};
 
 /// Tables whose entries say for which loop they are, and those that say for which node.
 const OF_LOOPS: &str = "Reference";
 const OF_NODES: &str = "Disturbance";
-/// Definitions with names of positions besides those of set-points and of faults of the sensor: limits, and laws with gains.
-const WITH_UNITS: [&str; 3] = ["Expect", "Pid", "PidPair"];
-/// What gains of laws are by.
-const PER_METRE: &str = "per_metre";
-/// A unit of a loop, whichever it is.
-const ANY_UNIT: &str = "[a-z][a-z0-9_]*";
+/// Tables whose entries have names that follow from what a loop measures and commands.
+const NAMED: [&str; 4] = [OF_LOOPS, "OpenLoop", "SensorFaults", "AmplifierFaults"];
+/// Tables that have such names themselves.
+const LIMITS: [&str; 2] = ["Expect", "Contour"];
+/// Units of loops that are proposed where no rig says which they are.
+const PROPOSED: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
+/// Pattern of a unit or a signal.
+const ANY_WORD: &str = "[a-z][a-z0-9_]*";
 /// What a loop's name is for.
 const ALL: &str = "all";
 
@@ -33,11 +36,18 @@ const PARTS: [(&str, &str); 5] = [
 
 /// The schema of scenarios on any rig.
 pub(super) fn of_scenario() -> Value {
+    of_loops(&PROPOSED.map(Measurand::position), None)
+}
+
+/// The schema of scenarios whose loops measure this, and whose set-points have this range.
+fn of_loops(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
     let mut schema = with_names(of_parts());
     fault::describe(&mut schema);
-    let mut schema = with_units(schema);
+    add_definitions(&mut schema, &CONTOURS);
+    put_travel(&mut schema, travel);
+    name_keys(&mut schema, measurands);
     let laws = properties(&schema, "Controller");
-    let limits = with_contours(&mut schema);
+    let limits = with_contours(&schema);
     let models = models(&mut schema);
     schema["properties"]["controller"] = json!({
         "description": "The laws: `[controller.LOOP.LAW]`, or `[controller.all.LAW]` for one law over all loops; `[controller.LAW]` where there is one loop.",
@@ -50,7 +60,7 @@ pub(super) fn of_scenario() -> Value {
         "description": "Limits: `[expect.LOOP]` for a loop, `[expect.all]` for each of them; those of the bus, and of the only loop, in `[expect]` itself.",
         "type": "object",
         "properties": limits,
-        "patternProperties": schema["definitions"]["Expect"]["patternProperties"],
+        "patternProperties": limits_or_loops(&schema),
         "additionalProperties": {"$ref": "#/definitions/Expect"},
     });
     schema["properties"]["plant"] = json!({
@@ -126,22 +136,17 @@ fn values(definition: &str) -> String {
     format!("{definition}Values")
 }
 
-/// The parts of a node, without how it is wired.
+/// The parts of a node, without how it is wired. The rig file has what is left out.
 fn rig_part(schema: &mut Value) -> Value {
-    let mut rig = schema_of::<Rig>();
     for (_, definition) in PARTS {
-        let properties = rig["definitions"][definition]["properties"].as_object_mut();
+        let mut part = part_of(&RIG, &reference(definition));
+        let properties = part["properties"].as_object_mut();
         properties.into_iter().for_each(|properties| {
             properties.retain(|key, _| key != "port" && key != "unit");
         });
-        // A value may be left out here which the rig file must have.
-        if let Some(definition) = rig["definitions"][definition].as_object_mut() {
-            definition.remove("required");
-        }
-        schema["definitions"][values(definition)] = rig["definitions"][definition].clone();
+        schema["definitions"][values(definition)] = part;
     }
-    add_definitions(schema, &rig);
-    let truth = rig["definitions"]["RigNode"]["properties"]["truth_every_cycles"].clone();
+    let truth = RIG["definitions"]["RigNode"]["properties"]["truth_every_cycles"].clone();
     let parts = PARTS.map(|(part, definition)| {
         let definition = reference(&values(definition));
         (part.to_owned(), definition)
@@ -153,7 +158,13 @@ fn rig_part(schema: &mut Value) -> Value {
 
 /// The schema of scenarios on a rig: with the names of its loops, plants and nodes.
 pub(crate) fn on_rig(rig: &Rig) -> Value {
-    let mut schema = of_scenario();
+    let drives = rig
+        .node
+        .values()
+        .filter(|node| node.kind == NodeKind::Drive);
+    let mut measurands = Vec::from_iter(drives.map(RigNode::measurand));
+    measurands.dedup();
+    let mut schema = of_loops(&measurands, travel(rig));
     for (section, definition) in [("controller", "Controller"), ("expect", "Expect")] {
         let below = &mut schema["properties"][section];
         let names = rig.loops.keys().map(String::as_str).chain([ALL]);
@@ -162,7 +173,6 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
         }
         below["default"] = json!({});
     }
-    put_ranges(&mut schema, rig);
     let plants = rig.plant.iter().map(|(name, plant)| {
         let definition = match plant.key() {
             "dc_motor" => reference("DcMotor"),
@@ -214,24 +224,11 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
     fmu
 }
 
-/// Set-points lie within what the sensor of one of the loops gives.
-fn put_ranges(schema: &mut Value, rig: &Rig) {
+/// What the sensors of the loops give: set-points lie within what that of one of them does.
+fn travel(rig: &Rig) -> Option<[f64; 2]> {
     let ranges = rig.loops.keys();
     let ranges = ranges.map(|name| rig.wiring_of(rig.drive_of_loop(name)).feedback.range());
-    let hull = ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])]);
-    let Some([min, max]) = hull else { return };
-    for definition in entries(schema, OF_LOOPS) {
-        let properties = schema["definitions"][definition]["properties"].as_object_mut();
-        for (key, property) in properties.into_iter().flatten() {
-            let range = match key.split('_').next() {
-                Some("position" | "centre") => [min, max],
-                Some("amplitude") => [0.0, (max - min) / 2.0],
-                _ => continue,
-            };
-            property["minimum"] = range[0].into();
-            property["maximum"] = range[1].into();
-        }
-    }
+    ranges.reduce(|one, other| [one[0].min(other[0]), one[1].max(other[1])])
 }
 
 fn reference(definition: &str) -> Value {
@@ -242,62 +239,121 @@ fn properties(schema: &Value, definition: &str) -> Value {
     schema["definitions"][definition]["properties"].clone()
 }
 
-/// Lets names of positions, and gains by the metre, end in the units of angles too. Which of them is right is said by the rig file,
-/// as is the range of set-points.
-fn with_units(mut schema: Value) -> Value {
-    let set_points = entries(&schema, OF_LOOPS);
-    let others = entries(&schema, "SensorFaults");
-    let others = others.into_iter().chain(WITH_UNITS.map(str::to_owned));
-    let with_units = Vec::from_iter(set_points.iter().cloned().chain(others));
-    let definitions = schema["definitions"].as_object_mut();
-    let definitions = definitions.into_iter().flatten();
-    for (name, definition) in definitions.filter(|(name, _)| with_units.contains(name)) {
-        let Some(properties) = definition["properties"].as_object_mut() else {
-            continue;
-        };
-        let names = Vec::from_iter(properties.keys().cloned());
-        let mut any_unit = Map::new();
-        for key in names {
-            let of_units = [
-                (Unit::Degrees, "per_degree"),
-                (Unit::Revolutions, "per_revolution"),
-            ];
-            let of_units = of_units.map(|(unit, per_unit)| match key.contains(PER_METRE) {
-                true => key.replacen(PER_METRE, per_unit, 1),
-                false => unit.rename(&key),
-            });
-            let mut property = properties[&key].clone();
-            if set_points.contains(name) && key.contains("millimetres") {
-                without_range(&mut property);
-                properties.insert(key.clone(), property.clone());
+/// Gives set-points this range; without one only the rig file says it.
+pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
+    for definition in entries(schema, OF_LOOPS) {
+        let properties = schema["definitions"][definition]["properties"].as_object_mut();
+        for (key, property) in properties.into_iter().flatten() {
+            let Some(keywords) = property.as_object_mut() else {
+                continue;
+            };
+            if !key.ends_with(Unit::Millimetres.word()) {
+                continue;
             }
-            if of_units[0] != key {
-                let by_any = key.replacen(PER_METRE, &format!("per_{ANY_UNIT}"), 1);
-                let by_any = by_any.replacen("millimetres", ANY_UNIT, 1);
-                any_unit.insert(format!("^{by_any}$"), property.clone());
+            keywords.retain(|keyword, _| keyword != "minimum" && keyword != "maximum");
+            if let Some([min, max]) = travel {
+                let [min, max] = match key.starts_with("amplitude") {
+                    true => [0.0, (max - min) / 2.0],
+                    false => [min, max],
+                };
+                property["minimum"] = min.into();
+                property["maximum"] = max.into();
             }
-            for other in of_units {
-                properties.entry(other).or_insert_with(|| property.clone());
-            }
-        }
-        if !any_unit.is_empty() {
-            definition["patternProperties"] = any_unit.into();
-        }
-        if let Some(required) = definition.get_mut("required").and_then(Value::as_array_mut) {
-            let has_unit =
-                |key: &Value| key.as_str().is_some_and(|key| key.contains("millimetres"));
-            required.retain(|key| !has_unit(key));
         }
     }
-    schema
 }
 
-fn without_range(property: &mut Value) {
-    for key in ["minimum", "maximum"] {
-        if let Some(property) = property.as_object_mut() {
-            property.remove(key);
+/// Gives keys the names that they have in these loops.
+fn name_keys(schema: &mut Value, measurands: &[Measurand]) {
+    let entries = NAMED.iter().flat_map(|table| entries(schema, table));
+    for definition in Vec::from_iter(entries.chain(LIMITS.map(str::to_owned))) {
+        let table = &mut schema["definitions"][definition];
+        name_keys_of(table, measurands, Measurand::rename);
+    }
+    let measurands = by_any_unit(measurands);
+    // Laws from outside stand in the table of the controller itself.
+    let laws = references(&schema["definitions"]["Controller"]).into_iter();
+    for definition in laws.chain(["Controller".to_owned()]) {
+        let table = &mut schema["definitions"][definition];
+        name_keys_of(table, &measurands, Measurand::rename_of_law);
+    }
+}
+
+/// The same loops, each once for every unit by which gains of its law can be.
+fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
+    let by_units = measurands.iter().flat_map(|measurand| {
+        let is_of_quantity = |unit: &&str| conversion(measurand.unit.of_laws(), unit).is_some();
+        let units = known_units().filter(is_of_quantity);
+        let units = units.map(|unit| Unit::Own(unit.to_owned()));
+        let others = units.map(|unit| Measurand {
+            unit,
+            ..measurand.clone()
+        });
+        [measurand.clone()].into_iter().chain(others)
+    });
+    by_units.collect()
+}
+
+/// Gives the keys of a table, and of those in it, the names that they have in these loops. Names in other loops match patterns: the
+/// rig file says which of them is right.
+fn name_keys_of(
+    table: &mut Value,
+    measurands: &[Measurand],
+    rename: fn(&Measurand, &str) -> String,
+) {
+    let Some(properties) = table.get_mut("properties").and_then(Value::as_object_mut) else {
+        return;
+    };
+    let any_loop = Command::ALL.map(|command| Measurand {
+        signal: ANY_WORD.to_owned(),
+        unit: Unit::Own(ANY_WORD.to_owned()),
+        command,
+    });
+    let mut patterns = Map::new();
+    let mut renamed = BTreeSet::new();
+    for (key, mut property) in std::mem::take(properties) {
+        name_keys_of(&mut property, measurands, rename);
+        let any_name = BTreeSet::from_iter(any_loop.iter().map(|any| rename(any, &key)));
+        if any_name.iter().all(|name| *name == key) {
+            properties.insert(key, property);
+            continue;
+        }
+        let mut other = property.clone();
+        // A default is in the unit of its own name.
+        other
+            .as_object_mut()
+            .and_then(|keywords| keywords.remove("default"));
+        for name in measurands.iter().map(|measurand| rename(measurand, &key)) {
+            let property = if name == key { &property } else { &other };
+            properties.insert(name, property.clone());
+        }
+        let any_name = Vec::from_iter(any_name).join("|");
+        patterns.insert(format!("^({any_name})$"), other);
+        renamed.insert(key);
+    }
+    if patterns.is_empty() {
+        return;
+    }
+    table["patternProperties"] = patterns.into();
+    if let Some(required) = table.get_mut("required").and_then(Value::as_array_mut) {
+        let count = required.len();
+        required.retain(|key| !key.as_str().is_some_and(|key| renamed.contains(key)));
+        // Under whichever name, what is required is there.
+        if required.len() < count {
+            table["minProperties"] = count.into();
         }
     }
+}
+
+/// A key of `[expect]` that is called like a limit in any unit may be a loop as well.
+fn limits_or_loops(schema: &Value) -> Value {
+    let limits = schema["definitions"]["Expect"]["patternProperties"].as_object();
+    let limits = limits.into_iter().flatten();
+    let either = limits.map(|(pattern, limit)| {
+        let either = json!({"anyOf": [limit, reference("Expect")]});
+        (pattern.clone(), either)
+    });
+    either.collect::<Map<_, _>>().into()
 }
 
 /// Lets entries name their loop or their node, and the scenario its rig.
@@ -333,11 +389,9 @@ fn with_names(mut schema: Value) -> Value {
 }
 
 /// The limits of one loop, and of several together.
-fn with_contours(schema: &mut Value) -> Value {
-    let contours = schema_of::<Contours>();
+fn with_contours(schema: &Value) -> Value {
     let mut limits = properties(schema, "Expect");
-    limits["contour"] = contours["properties"]["contour"].clone();
-    add_definitions(schema, &contours);
+    limits["contour"] = CONTOURS["properties"]["contour"].clone();
     limits
 }
 
@@ -347,12 +401,15 @@ fn models(schema: &mut Value) -> Value {
     own::describe_plants(&mut model["properties"]);
     add_definitions(schema, &model);
     let models = model["properties"].as_object().into_iter().flatten();
-    models.map(|(_, model)| without_null(model)).collect()
+    models.map(|(_, model)| values_of(model)).collect()
 }
 
-/// The table alone of one that may be absent.
-fn without_null(model: &Value) -> Value {
-    let mut model = model.clone();
+/// Other values for a model. The rig file has what is left out.
+fn values_of(model: &Value) -> Value {
+    let mut model = match model["properties"].is_object() {
+        true => part_of(model, model),
+        false => model.clone(),
+    };
     if let Some(model) = model.as_object_mut() {
         model.remove("default");
         model.remove("description");
