@@ -39,8 +39,9 @@ const FOLDERS: [&str; 12] = [
 ];
 /// What stands for something else in a path or a command.
 const PLACEHOLDERS: [&str; 6] = ["…", "*", "<", "NAME", "{", "[RUN"];
-/// Blocks of TOML that only a plant or law from outside makes whole: those of `your-plant.md` and `your-law.md`.
-const OWN_BLOCKS: usize = 5;
+/// Blocks of TOML that only a plant or law from outside makes whole: those of `your-plant.md` and `your-law.md`, and the library and the
+/// FMU of `laws-in-any-language.md`.
+const OWN_BLOCKS: usize = 7;
 
 struct Page {
     path: PathBuf,
@@ -295,6 +296,8 @@ fn every_scenario_loads() {
         ("several-drives", "feed_and_press.toml"),
         ("fmu", "motor_rig.toml"),
         ("fmu", "motor_step.toml"),
+        ("laws-in-any-language", "pid.py"),
+        ("laws-in-any-language", "pid_in_python.toml"),
     ] {
         let example = root().join("docs/examples").join(name);
         let page = Page::read(root().join(format!("docs/{page}.md")));
@@ -327,6 +330,10 @@ fn every_scenario_loads() {
                 "toml,fragment,fmu" => {
                     parts += 1;
                     merged("docs/examples/motor_step.toml", &block.text)
+                }
+                "toml,fragment,python" => {
+                    parts += 1;
+                    merged("docs/examples/pid_in_python.toml", &block.text)
                 }
                 "toml,fragment,own" => {
                     own += 1;

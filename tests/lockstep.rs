@@ -304,6 +304,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use runner::run::run;
     use worlds::Played;
     use worlds::disturbance_node::DisturbanceProducer;
+    use worlds::law_process::LawPlace;
     use worlds::lockstep::{play, simulate};
     use worlds::nodes::{controller_of, controller_views, plant_emulator};
     for name in ["fan.toml", "step.toml"] {
@@ -315,7 +316,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
             in_folder(&ahead),
             &Watch::default(),
             Vec::new(),
-            |_, capture| simulate(&source, capture).map(Played::in_virtual_time),
+            |_, capture| simulate(&source, None, capture).map(Played::in_virtual_time),
         )
         .unwrap();
         run(
@@ -326,7 +327,8 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
             |_, capture| {
                 let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
                 let mut bench = DisturbanceProducer::new(&source).unwrap();
-                let mut controller = controller_of(&controller_views(&source)).unwrap();
+                let mut controller =
+                    controller_of(&controller_views(&source), &LawPlace::of(&source)).unwrap();
                 let mut participants = [
                     Asked(Local::new("plant-emulator", &mut *plant_emulator)),
                     Asked(Local::new("bench", &mut bench)),
@@ -436,6 +438,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     use recording::capture::Watch;
     use runner::run::run;
     use worlds::Played;
+    use worlds::law_process::LawPlace;
     use worlds::nodes::{controller_of, controller_views, plant_emulator};
     let folder = tempfile::tempdir().unwrap();
     let source = plan(&crate::support::short_scenario(folder.path(), 1.0));
@@ -449,7 +452,8 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
             Vec::new(),
             |_, capture| {
                 let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
-                let mut controller = controller_of(&controller_views(&source)).unwrap();
+                let mut controller =
+                    controller_of(&controller_views(&source), &LawPlace::of(&source)).unwrap();
                 let mut bench =
                     worlds::disturbance_node::DisturbanceProducer::new(&source).unwrap();
                 let mut sleeper = Sleeper { sleeps, calls: 0 };

@@ -20,6 +20,7 @@ mod fmus;
 mod identify;
 mod kinetics;
 mod knowledge;
+mod laws;
 mod lockstep;
 mod long_runs;
 mod missed;

@@ -412,10 +412,13 @@ fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
 
 /// An FMU is a stranger's program: only the hidden worker process loads it.
 #[test]
-fn only_the_worker_loads_fmus() {
+fn only_workers_load_fmus_and_libraries() {
     for (package, _) in MAY_DEPEND_ON {
         must_not_name(package, "Instance::new(", |path| {
-            path.ends_with("fmu/src/worker/serve.rs")
+            path.ends_with("fmu/src/worker/serve.rs") || path.ends_with("worlds/src/law_worker.rs")
+        });
+        must_not_name(package, "LawLibrary::load(", |path| {
+            path.ends_with("worlds/src/law_worker.rs")
         });
     }
 }

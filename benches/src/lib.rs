@@ -5,6 +5,7 @@ use std::time::Duration;
 use canopen::{CanFrame, Node};
 use controller::catalogue;
 use controller::law::{AnyLaw, Cycle, LoopReads};
+use controller::process_law::Window;
 use gungraun::{Callgrind, EventKind, LibraryBenchmarkConfig};
 use plant_emulator::PlantEmulator;
 use plant_emulator::plant::CURRENT;
@@ -47,7 +48,7 @@ impl HeldLaw {
             reads,
             writes,
         } = &mut self;
-        law.step(cycle, &reads.values(), writes);
+        law.step(cycle, &Window::default(), &reads.values(), writes);
         self
     }
 }

@@ -1,7 +1,10 @@
 //! The command line.
 
+use std::ffi::OsString;
+use std::path::PathBuf;
+
 use clap::{CommandFactory, Parser, Subcommand};
-use platform::{private_bus, process};
+use platform::{keeper, private_bus, process};
 
 use crate::doctor::{DoctorArgs, doctor};
 use crate::eds::{EdsArgs, eds};
@@ -30,8 +33,10 @@ use runner::commands::report::{ReportArgs, report};
 use runner::commands::run::{RunArgs, run};
 use runner::commands::signals::{SignalsArgs, signals};
 use runner::commands::simulate::{SimulateArgs, simulate};
+use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::fmu_worker;
+use worlds::law_worker;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -184,6 +189,24 @@ pub(crate) enum Command {
         /// File descriptor of the channel to the plant
         channel: i32,
     },
+    /// The process that starts, keeps and ends the program of a law; runs start it
+    #[command(hide = true)]
+    ProgramKeeper {
+        /// File of what the program prints
+        #[arg(long)]
+        log: Option<PathBuf>,
+        /// The program and its arguments
+        #[arg(last = true)]
+        command: Vec<OsString>,
+    },
+    /// The process that alone loads the library or the FMU of a law; runs start it
+    #[command(hide = true)]
+    LawWorker {
+        /// The library, or the FMU
+        file: PathBuf,
+        /// The folder with the files of an FMU
+        folder: Option<PathBuf>,
+    },
     /// An FMU by itself, as CSV
     #[command(hide = true)]
     FmuPlay(PlayArgs),
@@ -226,6 +249,20 @@ pub(crate) fn execute(cli: Cli) -> Exit {
         Command::FmuPlay(args) => play(&args),
         Command::FmuWorker { channel } => {
             fmu_worker::serve(channel).map_or(Exit::BenchFailed, |()| Exit::Pass)
+        }
+        Command::LawWorker { file, folder } => match law_worker::serve(&file, folder.as_deref()) {
+            Ok(()) => Exit::Pass,
+            Err(error) => {
+                print_error(&error.to_string());
+                Exit::BenchFailed
+            }
+        },
+        Command::ProgramKeeper { log, command } => {
+            let told = keeper::keep(log, &command);
+            told.map_or(Exit::BenchFailed, |told| {
+                print(&told);
+                Exit::Pass
+            })
         }
         Command::Completions(args) => completions(&args, &mut Cli::command()),
         Command::Man(args) => man(&args, Cli::command()),

@@ -1,6 +1,8 @@
 //! `canrig node`: one node as a process of its own.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use canopen::Node;
@@ -20,6 +22,7 @@ use rig::plan::Plan;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::catalogue::catalogue;
+use worlds::law_process::LawPlace;
 use worlds::names::emulator_names;
 use worlds::nodes::{controller_of, controller_views, faulty_controller, plant_emulator};
 
@@ -35,6 +38,9 @@ pub(crate) struct NodeArgs {
     /// The plant that it emulates, where a scenario has several
     #[arg(long)]
     pub plant: Option<String>,
+    /// The folder in which the processes of the laws run
+    #[arg(long)]
+    pub laws_in: Option<PathBuf>,
     #[command(flatten)]
     pub host: HostArgs,
 }
@@ -107,10 +113,20 @@ fn plan_of(args: &NodeArgs) -> Result<Plan, Failure> {
 }
 
 /// The controller's process.
-fn hosted_controller(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
+fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failure> {
     let plan = plan_of(args)?;
     let views = controller_views(&plan);
-    let make = move || controller_of(&views);
+    let own = LawPlace::of(&plan);
+    // The scenario is the copy in the folder of the run.
+    let run = args.scenario.parent().map(Path::to_owned);
+    let place = LawPlace {
+        folder: args.laws_in.clone().unwrap_or(own.folder),
+        logs: run.filter(|_| args.laws_in.is_some()),
+        is_real_time: args.host.lockstep.is_none(),
+        late: Arc::clone(late),
+        ..own
+    };
+    let make = move || controller_of(&views, &place);
     faulty_controller(make, &plan, is_of_process(args)).map_err(Failure::of_plan)
 }
 
@@ -139,11 +155,12 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
     // Before the node: the worker of an FMU gets a priority where this thread has one. And before the bus: who enters a private one
     // loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
+    let late = Arc::default();
     let hosted = match args.role {
-        Role::Controller => hosted_controller(args),
+        Role::Controller => hosted_controller(args, &late),
         Role::PlantEmulator => hosted_emulator(args),
     };
-    match hosted.and_then(|mut node| run_node(&mut *node, args, fifo)) {
+    match hosted.and_then(|mut node| run_node(&mut *node, args, fifo, &late)) {
         Ok(()) => Exit::Pass,
         Err(Failure { exit, reason }) => {
             print_error(&reason);
@@ -156,13 +173,14 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
 type Fifo = Option<Result<(), scheduling::Refused>>;
 
 /// What the bench receives at the end.
-fn node_report(report: &RunReport, scheduling: &Scheduling) -> NodeReport {
+fn node_report(report: &RunReport, scheduling: &Scheduling, late: &AtomicU64) -> NodeReport {
     NodeReport {
         ticks: report.ticks,
         overruns: report.overruns,
         wake_up_lateness_microseconds: Quantiles::new(&report.lateness_nanoseconds, 1000),
         frames_dropped: report.frames_dropped,
         frames_delayed: report.frames_delayed,
+        late_answers: late.load(Ordering::Relaxed),
         refused: scheduling.refusals().map(ToString::to_string).collect(),
         sent: report.sent_frames().collect(),
         late: report
@@ -177,15 +195,25 @@ fn nanoseconds(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
-fn run_node(node: &mut dyn Node, args: &NodeArgs, fifo: Fifo) -> Result<(), Failure> {
-    let ended = run_on_bus(node, args, fifo);
+fn run_node(
+    node: &mut dyn Node,
+    args: &NodeArgs,
+    fifo: Fifo,
+    late: &AtomicU64,
+) -> Result<(), Failure> {
+    let ended = run_on_bus(node, args, fifo, late);
     if let Some(BusAddress::Embedded(socket)) = &args.host.bus {
         hub::remove_orphaned(socket);
     }
     ended
 }
 
-fn run_on_bus(node: &mut dyn Node, args: &NodeArgs, fifo: Fifo) -> Result<(), Failure> {
+fn run_on_bus(
+    node: &mut dyn Node,
+    args: &NodeArgs,
+    fifo: Fifo,
+    late: &AtomicU64,
+) -> Result<(), Failure> {
     let stop = StopSignal::from_parent().map_err(Failure::of_bus)?;
     let filters = match args.host.lockstep {
         None => node.filters(),
@@ -207,7 +235,7 @@ fn run_on_bus(node: &mut dyn Node, args: &NodeArgs, fifo: Fifo) -> Result<(), Fa
                 memory: scheduling::lock_memory(),
             };
             let (report, ended) = real_time::run_reporting(node, bus, &stop);
-            let report = node_report(&report, &scheduling);
+            let report = node_report(&report, &scheduling, late);
             print(&serde_json::to_string(&report).map_err(Failure::of_bus)?);
             Ok(ended?)
         }

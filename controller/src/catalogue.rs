@@ -13,8 +13,8 @@ use scenario::wiring::{LoopOfRig, Wiring};
 
 use crate::law::{AnyLaw, Law};
 use crate::laws::SHIPPED;
+use crate::process_law;
 use crate::terms::described;
-use crate::wired_law::wires;
 
 /// A law that a scenario can choose by the table that has its name.
 #[derive(Clone, Copy)]
@@ -138,6 +138,9 @@ pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError>
             return Err(LawError::NotExactlyOne(count));
         }
     };
+    if let Some(law) = controller.process_law() {
+        return Ok(AnyLaw::of_process(law, wiring));
+    }
     let own = OWN.get().map_or(&[][..], Vec::as_slice);
     let row = SHIPPED.iter().chain(own).find(|row| row.name == name);
     let row = row.ok_or_else(|| LawError::Unknown(name.to_owned()))?;
@@ -182,9 +185,12 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
         Some(first) if is_of_all && first.name != wiring.of_loop => return None,
         _ => {}
     }
+    if let Some(objection) = process_law::objection(controller, wiring) {
+        return Some(objection);
+    }
     let mut each = wiring.loops.iter();
     let of_each = |one: &LoopOfRig| check_terms(&law.terms_of(one));
-    let checked = wires(&law, wiring).and_then(|_| match is_of_all {
+    let checked = law.wires(wiring).and_then(|_| match is_of_all {
         true => each.try_for_each(of_each),
         false => check_terms(&law.terms(wiring)),
     });

@@ -16,6 +16,7 @@ pub(crate) enum Cause {
     OrderedAbout,
     NoBringUp,
     RigLimit,
+    LawFailed,
 }
 
 impl Cause {

@@ -30,6 +30,9 @@ pub enum ControllerError {
     /// No node's number.
     #[error("{0} is no node-ID")]
     NodeId(u8),
+    /// The process that plays a law cannot be started.
+    #[error("{0}")]
+    NoPlayer(String),
     /// A loop follows a drive that is not there.
     #[error("a loop follows the drive with node-ID {0}, which the controller does not lead")]
     NotLed(u8),

@@ -1,15 +1,18 @@
 //! What every control law is: constants, a state, ports, and a pure step.
 
 use std::fmt;
+use std::time::Duration;
 
 use dbc::LawTerm;
 pub use scenario::CurrentRange;
-use scenario::law_ports::{LOOP_INPUTS, loop_output, terms_of, terms_of_one};
+use scenario::law_ports::{LOOP_INPUTS, LawWires, WrongPort, loop_output, terms_of, terms_of_one};
 use scenario::own::Parameters;
 pub use scenario::port::{Port, Ports, Width};
+use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;
 use scenario::wiring::{LoopOfRig, Wiring};
 
+use crate::process_law::{NotStarted, Part, Player, StartPlayer, Window};
 use crate::terms::described;
 
 /// When a law steps.
@@ -129,20 +132,14 @@ struct Running<L: Law> {
     state: L::State,
 }
 
-/// A law with its memory, whichever it is.
-trait Step: fmt::Debug + Send {
-    fn objection(&self) -> Option<(&'static str, String)>;
-
-    fn step(&mut self, cycle: &Cycle, reads: &[f64], writes: &mut [f64]);
-}
-
-impl<L: Law> Step for Running<L> {
+impl<L: Law> Player for Running<L> {
     fn objection(&self) -> Option<(&'static str, String)> {
         self.law.objection()
     }
 
-    fn step(&mut self, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
+    fn step(&mut self, cycle: &Cycle, _: &Window, reads: &[f64], writes: &mut [f64]) -> bool {
         self.law.step(&mut self.state, cycle, reads, writes);
+        true
     }
 }
 
@@ -151,7 +148,11 @@ impl<L: Law> Step for Running<L> {
 pub struct AnyLaw {
     ports: Ports,
     drives: Option<usize>,
-    step: Box<dyn Step>,
+    /// The names of its ports begin with those of loops and drives.
+    names_loops: bool,
+    player: Box<dyn Player>,
+    /// What a process is to play that is not started.
+    part: Option<Part>,
 }
 
 impl AnyLaw {
@@ -162,11 +163,37 @@ impl AnyLaw {
         Self {
             ports: law.ports(),
             drives: L::DRIVES,
-            step: Box::new(Running {
+            names_loops: L::DRIVES.is_none(),
+            player: Box::new(Running {
                 state: law.start(),
                 law,
             }),
+            part: None,
         }
+    }
+
+    /// A law that a process plays for the drive that is wired like this.
+    #[must_use]
+    pub(crate) fn of_process(law: ProcessLaw, wiring: &Wiring) -> Self {
+        let (part, ports) = Part::of(law, wiring);
+        Self {
+            ports,
+            drives: Some(wiring.leads),
+            names_loops: true,
+            player: Box::new(NotStarted),
+            part: Some(part),
+        }
+    }
+
+    /// Starts the process of a law that a process plays.
+    ///
+    /// # Errors
+    /// There can be none.
+    pub(crate) fn start(&mut self, period: Duration, start: StartPlayer<'_>) -> Result<(), String> {
+        if let Some(part) = self.part.take() {
+            self.player = start(&Part { period, ..part })?;
+        }
+        Ok(())
     }
 
     /// What it reads and writes.
@@ -184,16 +211,25 @@ impl AnyLaw {
     /// What makes no physical sense of its parameters: the parameter, and why.
     #[must_use]
     pub fn objection(&self) -> Option<(&'static str, String)> {
-        self.step.objection()
+        self.player.objection()
+    }
+
+    /// What its ports stand for, at the drive that is wired like this.
+    pub(crate) fn wires(&self, wiring: &Wiring) -> Result<LawWires, WrongPort> {
+        match (self.drives, self.names_loops) {
+            (None, _) => LawWires::of_all(&self.ports, &wiring.loops),
+            (Some(_), true) => LawWires::of_all(&self.ports, &wiring.led_loops()),
+            (Some(_), false) => LawWires::of_one(&self.ports, &wiring.feedback.measurand.unit),
+        }
     }
 
     /// The terms that it publishes for the loop of a drive.
     #[must_use]
     pub fn terms(&self, wiring: &Wiring) -> Vec<LawTerm> {
-        match (self.drives, wiring.own_loop()) {
-            (Some(_), _) => terms_of_one(&self.ports).map(described).collect(),
-            (None, Some(own)) => self.terms_of(own),
-            (None, None) => Vec::new(),
+        match (self.names_loops, wiring.own_loop()) {
+            (false, _) => terms_of_one(&self.ports).map(described).collect(),
+            (true, Some(own)) => self.terms_of(own),
+            (true, None) => Vec::new(),
         }
     }
 
@@ -202,9 +238,21 @@ impl AnyLaw {
         terms_of(&self.ports, of_loop).map(described).collect()
     }
 
-    /// Writes what acts from the next cycle on. Allocates nothing.
-    pub fn step(&mut self, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
-        self.step.step(cycle, reads, writes);
+    /// Writes what acts from the next cycle on; false where there is no answer in time. Allocates nothing.
+    pub fn step(
+        &mut self,
+        cycle: &Cycle,
+        window: &Window,
+        reads: &[f64],
+        writes: &mut [f64],
+    ) -> bool {
+        self.player.step(cycle, window, reads, writes)
+    }
+
+    /// Why it cannot go on.
+    #[must_use]
+    pub fn failure(&self) -> Option<&str> {
+        self.player.failure()
     }
 }
 
@@ -273,7 +321,7 @@ mod tests {
                         scenario_time_seconds: f64::from(u16::try_from(cycle).unwrap()) * 1e-3,
                         period_seconds: 1e-3,
                     };
-                    law.step(&cycle, &reads.values(), &mut writes);
+                    law.step(&cycle, &Window::default(), &reads.values(), &mut writes);
                     prop_assert!(writes.iter().all(|value| value.is_finite()), "{writes:?}");
                     let mut currents = writes[..drives].iter();
                     prop_assert!(currents.all(|it| (0.0..=1.0).contains(it)));

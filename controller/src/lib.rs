@@ -23,6 +23,7 @@ pub mod node;
 pub mod nominal_model;
 pub mod observer;
 mod plausibility;
+pub mod process_law;
 pub mod reference_filter;
 mod terms;
 #[cfg(test)]

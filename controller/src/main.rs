@@ -9,6 +9,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use controller::ControllerNode;
+use controller::process_law::no_player;
 use miette::IntoDiagnostic;
 use platform::bus::BusAddress;
 use platform::stop::StopSignal;
@@ -63,7 +64,7 @@ fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
     let loops = loops
         .iter()
         .map(|(view, real, eds)| (view, real.as_ref().map(|real| (real, *eds))));
-    ControllerNode::of_loops(loops).into_diagnostic()
+    ControllerNode::of_loops(loops, &no_player).into_diagnostic()
 }
 
 fn run(address: &BusAddress, mut node: ControllerNode) -> miette::Result<()> {

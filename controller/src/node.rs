@@ -33,6 +33,7 @@ use crate::catalogue;
 use crate::error::ControllerError;
 use crate::law::AnyLaw;
 use crate::plausibility::Plausibility;
+use crate::process_law::{StartPlayer, no_player};
 use crate::terms;
 use crate::wired_law::{Seen, WiredLaw};
 use control_loop::ControlLoop;
@@ -58,16 +59,17 @@ impl ControllerNode {
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
     pub fn new(view: &ControllerView) -> Result<Self, ControllerError> {
-        Self::of_loops([(view, None)])
+        Self::of_loops([(view, None)], &no_player)
     }
 
     /// As [`ControllerNode::new`], for several loops, each with a drive of its own: an emulated one, or a real one with its EDS,
-    /// whose limits it obeys.
+    /// whose limits it obeys. `start` starts the processes that play laws.
     ///
     /// # Errors
     /// As [`ControllerNode::new`].
     pub fn of_loops<'a>(
         loops: impl IntoIterator<Item = (&'a ControllerView, Option<(&'a RealDrive, &'a str)>)>,
+        start: StartPlayer<'_>,
     ) -> Result<Self, ControllerError> {
         let mut plans = Vec::new();
         let mut io_nodes = Vec::new();
@@ -80,10 +82,14 @@ impl ControllerNode {
                 io_nodes.push(NodeId::new(io.id).ok_or(ControllerError::NodeId(io.id))?);
             }
         }
-        Self::leading(plans, io_nodes)
+        Self::leading(plans, io_nodes, start)
     }
 
-    fn leading(plans: Vec<LoopPlan<'_>>, io_nodes: Vec<NodeId>) -> Result<Self, ControllerError> {
+    fn leading(
+        plans: Vec<LoopPlan<'_>>,
+        io_nodes: Vec<NodeId>,
+        start: StartPlayer<'_>,
+    ) -> Result<Self, ControllerError> {
         let view = plans[0].view;
         let own_id = view.wiring.nodes.controller.id;
         let own_id = NodeId::new(own_id).ok_or(ControllerError::NodeId(own_id))?;
@@ -91,7 +97,11 @@ impl ControllerNode {
         // All are begun at once, when the last is ready.
         let bring_up = plans.iter().map(|plan| plan.timeouts.bring_up());
         let bring_up = bring_up.max().unwrap_or_default();
-        let laws = laws_of(&plans)?;
+        let mut laws = laws_of(&plans)?;
+        for (law, _) in &mut laws {
+            let started = law.start(sync_period, start);
+            started.map_err(ControllerError::NoPlayer)?;
+        }
         let mut terms = vec![Vec::new(); plans.len()];
         for (law, places) in &laws {
             for place in places {

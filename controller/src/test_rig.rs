@@ -7,6 +7,7 @@ use scenario::wiring::Wiring;
 use crate::catalogue::law;
 use crate::law::{Cycle, LoopReads};
 use crate::nominal_model::NominalModel;
+use crate::process_law::Window;
 
 /// Cycle of the rig.
 pub(crate) const PERIOD_SECONDS: f64 = 1e-3;
@@ -77,7 +78,7 @@ pub(crate) fn run(
             scenario_time_seconds: time_seconds,
             ..CYCLE
         };
-        law.step(&cycle, &reads.values(), &mut writes);
+        law.step(&cycle, &Window::default(), &reads.values(), &mut writes);
         let outputs = law.ports().outputs.iter();
         rows.push(Row {
             time_seconds,

@@ -1,12 +1,13 @@
 //! A law that is wired to the loops of a rig: what it reads of them, where its currents go, and the objects of its terms.
 
 use canopen::ObjectDictionary;
-use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading, Writing, WrongPort};
+use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading, Writing};
 use scenario::port::Port;
 use scenario::wiring::Wiring;
 
 use crate::error::ControllerError;
 use crate::law::{AnyLaw, CurrentRange, Cycle};
+use crate::process_law::Window;
 use crate::terms::TermObjects;
 
 /// What a loop brings to a cycle of a law, in the order of the [`Quantity`]s.
@@ -47,7 +48,7 @@ impl WiredLaw {
         dictionary: &ObjectDictionary,
     ) -> Result<Self, ControllerError> {
         let ports = law.ports();
-        let wires = wires(&law, wiring)?;
+        let wires = law.wires(wiring)?;
         let readings = wires.inputs.iter().map(|reading| Reading {
             of_loop: places[reading.of_loop],
             ..*reading
@@ -83,20 +84,28 @@ impl WiredLaw {
         places
     }
 
-    /// A step of the law on what is seen of the loops, whose terms go into the dictionary. Allocates nothing.
+    /// A step of the law on what is seen of the loops, whose terms go into the dictionary; false where it does not answer in time.
+    /// Allocates nothing.
     pub(crate) fn step<'a>(
         &mut self,
         cycle: &Cycle,
+        window: &Window,
         seen: impl Fn(usize) -> &'a Seen,
         dictionary: &mut ObjectDictionary,
-    ) {
+    ) -> bool {
         for (value, reading) in self.reads.iter_mut().zip(&self.readings) {
             *value = seen(reading.of_loop)[reading.quantity as usize] * reading.factor;
         }
-        self.law.step(cycle, &self.reads, &mut self.writes);
+        let is_in_time = (self.law).step(cycle, window, &self.reads, &mut self.writes);
         for terms in &self.terms {
             terms.store(dictionary, &self.writes);
         }
+        is_in_time
+    }
+
+    /// The law.
+    pub(crate) fn law(&self) -> &AnyLaw {
+        &self.law
     }
 
     /// The commands after the latest step, each with the place of its loop; what is no current at all is none.
@@ -110,14 +119,6 @@ impl WiredLaw {
             };
             (wire.place, wire.drive.limited(current))
         })
-    }
-}
-
-/// What the ports of a law stand for, at the drive that is wired like this.
-pub(crate) fn wires(law: &AnyLaw, wiring: &Wiring) -> Result<LawWires, WrongPort> {
-    match law.drives() {
-        Some(_) => LawWires::of_one(law.ports(), &wiring.feedback.measurand.unit),
-        None => LawWires::of_all(law.ports(), &wiring.loops),
     }
 }
 

@@ -27,6 +27,27 @@ impl Pid {
         self.config.proportional_amperes_per_metre * (weighted - state.position.latest())
     }
 
+    /// The current before it is limited to what the drive can be commanded, and the velocity of the filtered position.
+    pub fn wanted_amperes(
+        &self,
+        state: &mut State,
+        cycle: &Cycle,
+        reads: &LoopReads,
+    ) -> (f64, f64) {
+        let LoopReads {
+            position,
+            set_point,
+        } = reads;
+        state.position.measure(*position);
+        let pole = self.config.derivative_filter_radians_per_second;
+        let velocity = state.position.velocity(pole, cycle.period_seconds);
+        let error = set_point.position - state.position.latest();
+        let current = self.proportional(state, set_point) + state.integral_amperes
+            - self.config.derivative_ampere_seconds_per_metre * velocity;
+        self.integrate(state, error, current, cycle.period_seconds);
+        (current, velocity)
+    }
+
     /// Integrates the error unless that would push the command further beyond its limit (conditional integration).
     fn integrate(&self, state: &mut State, error: f64, command: f64, period_seconds: f64) {
         let CurrentRange { min, max, .. } = self.current;
@@ -60,17 +81,9 @@ impl Law for Pid {
     }
 
     fn step(&self, state: &mut State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]) {
-        let LoopReads {
-            position,
-            set_point,
-        } = LoopReads::of(reads);
-        state.position.measure(position);
-        let pole = self.config.derivative_filter_radians_per_second;
-        let velocity = state.position.velocity(pole, cycle.period_seconds);
-        let error = set_point.position - state.position.latest();
-        let current = self.proportional(state, &set_point) + state.integral_amperes
-            - self.config.derivative_ampere_seconds_per_metre * velocity;
-        self.integrate(state, error, current, cycle.period_seconds);
+        let reads = LoopReads::of(reads);
+        let set_point = reads.set_point;
+        let (current, velocity) = self.wanted_amperes(state, cycle, &reads);
         writes.copy_from_slice(&[
             self.current.limited(current),
             set_point.position,

@@ -16,6 +16,7 @@ impl Application for Controller {
     fn on_reset(&mut self, services: &mut Services, _: NmtCommand) {
         if self.phase == Phase::Off {
             self.search(services);
+            self.check_laws(services);
         } else {
             let text = "the controller was reset over the bus".to_owned();
             self.fail(services, None, Cause::OrderedAbout, text);
@@ -192,6 +193,16 @@ impl Controller {
         for law in &mut self.laws {
             law.lead(services, &mut self.loops, number);
         }
+        self.check_laws(services);
+    }
+
+    /// Goes no further with a law that cannot.
+    fn check_laws(&mut self, services: &mut Services) {
+        let mut laws = self.laws.iter();
+        let failure = laws.find_map(|law| law.law().failure().map(str::to_owned));
+        if let Some(text) = failure {
+            self.fail(services, None, Cause::LawFailed, text);
+        }
     }
 
     /// Ends the previous cycle of all loops and begins the next, at its SYNC.
@@ -218,6 +229,7 @@ impl Controller {
         if let Some((node_id, (cause, text))) = failure {
             self.fail(services, Some(node_id), cause, text);
         }
+        self.check_laws(services);
     }
 
     /// What may be an answer of a drive to what its bring-up asked.

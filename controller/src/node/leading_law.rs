@@ -4,8 +4,12 @@ use canopen::Services;
 use canopen::cia402::Command as DriveCommand;
 
 use super::control_loop::ControlLoop;
-use crate::law::Cycle;
+use crate::law::{AnyLaw, Cycle};
+use crate::process_law::Window;
 use crate::wired_law::WiredLaw;
+
+/// Part of a period that a law has answered before the next SYNC, which it never delays.
+const ANSWER_SHARE: u32 = 10;
 
 /// A law with the loops that it leads.
 #[derive(Debug)]
@@ -29,6 +33,11 @@ impl LeadingLaw {
         }
     }
 
+    /// The law.
+    pub(super) fn law(&self) -> &AnyLaw {
+        self.law.law()
+    }
+
     /// Whether the last position of the cycle has come, and the law has not stepped on it yet.
     fn is_due(&self, loops: &[ControlLoop]) -> bool {
         let mut waits_for = self.waits_for.iter();
@@ -40,7 +49,9 @@ impl LeadingLaw {
         if !self.is_due(loops) {
             return;
         }
-        self.step(services, loops, number);
+        if !self.step(services, loops, number, true) {
+            return;
+        }
         let controlword = DriveCommand::EnableOperation.controlword();
         for (place, current_amperes) in self.law.currents_amperes() {
             let drive = &mut loops[place].drive;
@@ -48,8 +59,14 @@ impl LeadingLaw {
         }
     }
 
-    /// One step of the law, on the positions of the cycle that have come.
-    fn step(&mut self, services: &mut Services, loops: &mut [ControlLoop], number: u64) {
+    /// One step of the law, on the positions of the cycle that have come; false if it does not answer in time.
+    fn step(
+        &mut self,
+        services: &mut Services,
+        loops: &mut [ControlLoop],
+        number: u64,
+        is_waited_for: bool,
+    ) -> bool {
         self.has_stepped = true;
         for place in &self.places {
             let one = &mut loops[*place];
@@ -57,19 +74,34 @@ impl LeadingLaw {
                 one.look(number, f64::NAN);
             }
         }
-        self.step_on_seen(services, loops);
+        self.step_on_seen(services, loops, is_waited_for)
     }
 
-    fn step_on_seen(&mut self, services: &mut Services, loops: &[ControlLoop]) {
+    fn step_on_seen(
+        &mut self,
+        services: &mut Services,
+        loops: &[ControlLoop],
+        is_waited_for: bool,
+    ) -> bool {
         let Some(first) = self.places.first().map(|place| &loops[*place]) else {
-            return;
+            return false;
         };
         let cycle = Cycle {
             scenario_time_seconds: first.scenario_time_seconds,
             period_seconds: first.sync_period.as_secs_f64(),
         };
+        let now = services.now();
+        let next_sync = services.next_sync().unwrap_or(now + first.sync_period);
+        let window = Window {
+            now,
+            until: match is_waited_for {
+                true => next_sync.saturating_sub(first.sync_period / ANSWER_SHARE),
+                false => now,
+            },
+        };
         let seen = |place: usize| &loops[place].seen;
-        self.law.step(&cycle, seen, services.dictionary_mut());
+        self.law
+            .step(&cycle, &window, seen, services.dictionary_mut())
     }
 
     /// Ends a cycle, before the loops do, and lives through so many that were skipped, so that the law's model keeps pace with the
@@ -82,7 +114,7 @@ impl LeadingLaw {
         skipped: u64,
     ) {
         if !self.has_stepped {
-            self.step(services, loops, number);
+            self.step(services, loops, number, false);
         }
         let missing_max = self.waits_for.iter().map(|place| loops[*place].missing_max);
         let missing_max = missing_max.max().unwrap_or_default();
@@ -90,7 +122,7 @@ impl LeadingLaw {
             for place in &self.places {
                 loops[*place].look(number + passed, f64::NAN);
             }
-            self.step_on_seen(services, loops);
+            self.step_on_seen(services, loops, false);
         }
         self.has_stepped = false;
     }

@@ -1,5 +1,6 @@
 //! The controller against a drive of the test's own, in virtual time on a bus without delays.
 
+mod played;
 mod several;
 
 use canopen::cia402::{OptionCodes, State, StateMachine, Status};
@@ -791,7 +792,7 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     view.wiring.nodes.followed.id = node_id;
     view.wiring.nodes.io = io.map(|id| RigNode::new("module", id, Part::Io));
     let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
-    bus.controller = ControllerNode::of_loops(loops).unwrap();
+    bus.controller = ControllerNode::of_loops(loops, &no_player).unwrap();
     let node = NodeId::new(node_id).unwrap();
     let dictionary = eds::parse(dbc::DRIVE_EDS, node.get()).unwrap().dictionary;
     bus.drive = Some(Device::new(node, dictionary, TestDrive::default()).unwrap());

@@ -226,7 +226,7 @@ pub fn play_one<T>(
     let fault = |error: &(dyn Error + 'static)| NoResult::of(error);
     let clock = plan.scenario_clock().map_err(|error| fault(&error))?;
     let mut capture = Capture::in_memory(clock, watch);
-    let ended = lockstep::simulate(plan, &mut capture).map(Played::in_virtual_time);
+    let ended = lockstep::simulate(plan, None, &mut capture).map(Played::in_virtual_time);
     if let Err(error) = &ended
         && let machine @ NoResult::Machine(_) = fault(error)
     {

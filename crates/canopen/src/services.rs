@@ -195,6 +195,12 @@ impl Services {
         self.sync.set_missing_tolerated(count);
     }
 
+    /// When the next SYNC is due that this node produces.
+    #[must_use]
+    pub fn next_sync(&self) -> Option<Duration> {
+        self.sync_producer.next_deadline()
+    }
+
     /// SYNC deadlines that this producer let pass.
     #[must_use]
     pub fn sync_overruns(&self) -> u64 {

@@ -64,7 +64,7 @@ pub enum Fault {
     #[error("its library cannot be loaded: {0}")]
     Library(String),
     /// A function is missing.
-    #[error("its library has no function `{0}`, which FMI asks for")]
+    #[error("its library has no function `{0}`, which it must have")]
     Symbol(String),
     /// A function did not do what it is for.
     #[error("{function} {outcome}{}{}", at(*.time_seconds), said(.log))]

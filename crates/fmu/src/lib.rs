@@ -9,6 +9,8 @@
 //!
 //! The other way round, [`export`] makes FMUs of plants: their description, and the C functions of FMI round them.
 //!
+//! A [`LawLibrary`] is a control law in a shared library, which only a worker loads, too.
+//!
 //! It does not know: buses, nodes, how a process is started, what time it is. Only here, beside `platform`, code is `unsafe`:
 //! an FMU's functions are C.
 
@@ -27,3 +29,4 @@ pub use archive::{Archive, Unpacked};
 pub use description::Description;
 pub use error::{Fault, FmuError};
 pub use instance::{Configuration, Instance, StartValue};
+pub use library::law::{LawLibrary, LawSetup};

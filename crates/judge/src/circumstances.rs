@@ -23,13 +23,15 @@ pub struct Circumstances {
 }
 
 impl Circumstances {
-    /// Whether a node of canrig's was done with each of its cycles in real time before the next one.
+    /// Whether a node of canrig's was done with each of its cycles in real time before the next one, and no law kept it waiting.
     pub(crate) fn is_punctual(&self, node: Part) -> bool {
         let report = match node {
             Part::Controller => &self.reports[0],
             _ => &self.reports[1],
         };
-        let is_punctual = |report: &NodeReport| report.ticks > 0 && report.overruns == 0;
+        let is_punctual = |report: &NodeReport| {
+            report.ticks > 0 && report.overruns == 0 && report.late_answers == 0
+        };
         report.as_ref().is_some_and(is_punctual)
     }
 }

@@ -132,13 +132,18 @@ impl Timing {
                 overruns,
                 frames_dropped,
                 frames_delayed,
+                late_answers,
                 ..
             } = report;
             let delayed = match frames_delayed {
                 0 => String::new(),
                 frames => format!(", {frames} frames delayed by a full queue of the bus"),
             };
-            format!("{name}: {overruns} overruns, {frames_dropped} frames dropped{delayed}")
+            let late = match late_answers {
+                0 => String::new(),
+                cycles => format!(", no answer of a law in time in {cycles} cycles"),
+            };
+            format!("{name}: {overruns} overruns, {frames_dropped} frames dropped{delayed}{late}")
         });
         losses.collect::<Vec<_>>().join("; ")
     }

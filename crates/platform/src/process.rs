@@ -15,7 +15,7 @@ use rustix::net::SocketType;
 use rustix::net::sockopt::socket_type;
 use rustix::process::{
     Pid, Resource, Rlimit, Signal, getpid, getppid, getrlimit, kill_process,
-    set_parent_process_death_signal, setrlimit,
+    set_parent_process_death_signal, setrlimit, setsid,
 };
 
 use crate::stop::OF_TERMINAL;
@@ -50,6 +50,22 @@ pub fn myself() -> io::Result<Command> {
     // SAFETY: the closure makes system calls only and allocates nothing.
     unsafe { command.pre_exec(prepare) };
     Ok(command)
+}
+
+/// Gives the process of a command a session and a group of its own, where no terminal reaches it; the signals that end a process end
+/// it. It is killed when the thread that spawned it ends.
+pub(crate) fn in_own_session(command: &mut Command) {
+    let prepare = move || {
+        setsid()?;
+        set_parent_process_death_signal(Some(Signal::KILL))?;
+        for signal in OF_TERMINAL.into_iter().chain([libc::SIGTERM]) {
+            // SAFETY: signal is async-signal-safe.
+            unsafe { libc::signal(signal, libc::SIG_DFL) };
+        }
+        Ok(())
+    };
+    // SAFETY: the closure makes system calls only and allocates nothing.
+    unsafe { command.pre_exec(prepare) };
 }
 
 /// Fewer files than a run needs may be open at once.

@@ -197,7 +197,8 @@ pub(crate) fn end_at_once_after_nothing() {
     AT_ONCE_EVENT.store(-1, Ordering::Relaxed);
 }
 
-fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
+/// From now on these signals do nothing.
+pub(crate) fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
     signals
         .iter()
         .try_for_each(|signal| set_handler(*signal, libc::SIG_IGN))

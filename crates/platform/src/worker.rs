@@ -28,7 +28,7 @@ pub struct Channel {
 }
 
 impl Channel {
-    fn new(socket: OwnedFd) -> Self {
+    pub(crate) fn new(socket: OwnedFd) -> Self {
         Self {
             socket,
             patience: None,
@@ -151,7 +151,7 @@ impl Drop for Worker {
 }
 
 /// How a process ended, in words.
-fn how(status: ExitStatus) -> String {
+pub(crate) fn how(status: ExitStatus) -> String {
     let name = |signal| match signal {
         libc::SIGSEGV => " (SIGSEGV: it used memory that is not its own)",
         libc::SIGABRT => " (SIGABRT: it gave up)",

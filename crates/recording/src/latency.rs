@@ -71,6 +71,9 @@ pub struct NodeReport {
     /// Frames that waited for room in the full queue of the bus (ENOBUFS) before they were sent.
     #[serde(default)]
     pub frames_delayed: u64,
+    /// Cycles in which the process of a law did not answer in time.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub late_answers: u64,
     /// What the system refused: priority, locked memory.
     pub refused: Vec<String>,
     /// The frames that the node sent, by identifier. The world takes them out into the run's own list.
@@ -80,6 +83,11 @@ pub struct NodeReport {
     /// clock. The world takes them out into the run's stalls.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub late: Vec<[u64; 2]>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_none(number: &u64) -> bool {
+    *number == 0
 }
 
 impl NodeReport {
@@ -96,6 +104,7 @@ impl NodeReport {
             wake_up_lateness_microseconds: lateness.worst(other.wake_up_lateness_microseconds),
             frames_dropped: self.frames_dropped + other.frames_dropped,
             frames_delayed: self.frames_delayed + other.frames_delayed,
+            late_answers: self.late_answers + other.late_answers,
             refused: self.refused.into_iter().chain(new).collect(),
             sent: self.sent.into_iter().chain(other.sent).collect(),
             late: self.late.into_iter().chain(other.late).collect(),

@@ -26,7 +26,7 @@ pub fn write_plan(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
 /// # Errors
 /// A file cannot be written.
 pub fn write_scenario(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
-    link_fmus(folder, plan, "")?;
+    link_files(folder, plan, "")?;
     files_of(plan).try_for_each(|(name, text)| folder.ensure(name, text.as_bytes()))
 }
 
@@ -46,13 +46,13 @@ pub fn write_sheets(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
 /// # Errors
 /// A file cannot be written.
 pub fn write_tables(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
-    link_fmus(folder, plan, place)?;
+    link_files(folder, plan, place)?;
     let mut tables = plan.shared.tables.iter();
     tables.try_for_each(|(name, text)| folder.write(&format!("{place}/{name}"), text.as_bytes()))
 }
 
-/// FMUs are not copied: beside the hash of each, a link leads to where it is, so that the nodes find it.
-fn link_fmus(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
+/// Programs of laws and FMUs are not copied: beside the hash of each, a link leads to where it is, so that the nodes find it.
+fn link_files(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
     let hashes = plan.shared.tables.keys();
     let mut files = hashes.filter_map(|name| name.strip_suffix(HASH_SUFFIX));
     files.try_for_each(|file| match plan.shared.beside.place(file).canonicalize() {

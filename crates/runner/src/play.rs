@@ -20,6 +20,7 @@ use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
 use report::viewer::{ViewerAddress, Viewers};
 use rig::plan::Plan;
+use worlds::law_process::started_by;
 use worlds::{Played, WorldError};
 
 /// Scenarios and what to do with their results.
@@ -271,6 +272,9 @@ fn play_one(
         listener.on_event(&RunEvent::Note(format!(
             "note: this is the scenario as it stands; `canrig sweep {path}` plays its {runs} runs"
         )));
+    }
+    for started in started_by(plan) {
+        listener.on_event(&RunEvent::Note(started));
     }
     listener.on_event(&RunEvent::Began {
         duration_seconds: shared.run.duration_seconds,

@@ -5,6 +5,7 @@ mod fault;
 mod limits;
 mod pieces;
 mod plant;
+mod process_laws;
 mod requirements;
 mod signals;
 mod sweep;
@@ -23,6 +24,7 @@ use crate::run::Run;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
 
+pub(crate) use process_laws::read_files;
 pub(crate) use signals::read_courses;
 pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;

@@ -1,11 +1,13 @@
 //! The `[controller]` table: which law, with which gains. Fields are the law's `Config`, units last.
 
 use std::any::Any;
+use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::own::{self, Own, Parameters, defaults};
+use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
 /// The control law; exactly one of these tables.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -26,6 +28,15 @@ pub struct Controller {
     /// A current profile without feedback.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub open_loop: Option<OpenLoop>,
+    /// A program in any language.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub program: Option<Program>,
+    /// A function of a shared library behind `canrig_law.h`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub library: Option<Library>,
+    /// An FMU of FMI 2.0 or 3.0 for co-simulation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fmu: Option<FmuLaw>,
     /// The table of a law from outside, under its own name.
     #[serde(flatten, skip_deserializing)]
     #[schemars(skip)]
@@ -65,6 +76,25 @@ impl Controller {
         }
     }
 
+    /// The law, where a process of its own plays it.
+    #[must_use]
+    pub fn process_law(&self) -> Option<ProcessLaw> {
+        let program = self.program.as_ref().map(ProcessLaw::from);
+        let library = self.library.as_ref().map(ProcessLaw::from);
+        let fmu = self.fmu.as_ref().map(ProcessLaw::from);
+        program.or(library).or(fmu)
+    }
+
+    /// Gives the file of a library or an FMU, which lies beside the scenario, its path.
+    pub(crate) fn place_files(&mut self, scenario: &Path) {
+        let library = self.library.iter_mut().map(|law| &mut law.file);
+        let fmu = self.fmu.iter_mut().map(|law| &mut law.file);
+        for file in library.chain(fmu) {
+            let path = scenario.with_file_name(&*file);
+            *file = path.to_string_lossy().into_owned();
+        }
+    }
+
     /// Multiplies parameters of the law by these factors, which stand with their paths, such as `pid.proportional_amperes_per_metre`.
     pub(crate) fn scale(&mut self, factors: &[(String, f64)]) {
         if factors.is_empty() {
@@ -94,6 +124,9 @@ impl Controller {
             of(&self.pid),
             of(&self.pid_pair),
             of(&self.open_loop),
+            of(&self.program),
+            of(&self.library),
+            of(&self.fmu),
         ]
     }
 }
@@ -301,14 +334,22 @@ impl Default for PidPair {
     }
 }
 
-/// The laws whose tables the format has, each with how many drives it leads.
-const LAWS: [(&str, usize); 5] = [
-    ("sliding_mode", 1),
-    ("sliding_mode_paper", 1),
-    ("pid", 1),
-    ("pid_pair", 2),
-    ("open_loop", 1),
+/// The laws whose tables the format has, each with how many drives it leads; `None` where its ports say so.
+const LAWS: [(&str, Option<usize>); 8] = [
+    ("sliding_mode", Some(1)),
+    ("sliding_mode_paper", Some(1)),
+    ("pid", Some(1)),
+    ("pid_pair", Some(2)),
+    ("open_loop", Some(1)),
+    ("program", None),
+    ("library", None),
+    ("fmu", None),
 ];
+
+/// Whether a process of its own plays a law, by the name of its table.
+pub(crate) fn is_process_law(law: &str) -> bool {
+    ["program", "library", "fmu"].contains(&law)
+}
 
 /// Whether the format has the table of a law; those of others are registered.
 #[must_use]
@@ -321,7 +362,7 @@ pub fn is_of_format(law: &str) -> bool {
 pub fn drives_led_by(law: &str) -> Option<usize> {
     let of_format = LAWS.iter().find(|(name, _)| *name == law);
     match of_format {
-        Some((_, drives)) => Some(*drives),
+        Some((_, drives)) => *drives,
         None => own::drives_led_by(law),
     }
 }

@@ -26,9 +26,10 @@ pub(crate) fn hash_line(folder: &Path, file: &str) -> io::Result<String> {
     let line = format!("{}  {name}\n", hash_of(open_file(&path)?)?);
     let text = format!("{file}{HASH_SUFFIX}");
     match read_text(&folder.join(&text), TEXT_BYTES_MAX) {
-        Ok(stated) if hash_in(&stated) != hash_in(&line) => Err(io::Error::other(format!(
-            "it is not the file that {text} says; remove that, if this one is meant"
-        ))),
+        Ok(stated) if hash_in(&stated) != hash_in(&line) => Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            format!("it is not the file that {text} says; remove that, if this one is meant"),
+        )),
         _ => Ok(line),
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::nearest::meant_or_known;
 use crate::own::is_name;
-use crate::port::{Measurand, Port, Ports, Unit, conversion};
+use crate::port::{Direction, Measurand, Port, Ports, Unit, conversion};
 use crate::wiring::LoopOfRig;
 
 const AMPERES: &str = "amperes";
@@ -148,6 +148,24 @@ impl LawWires {
                 Err(wrong(message, label))
             }
         }
+    }
+
+    /// What a port of a law that names loops and drives stands for, beside which loop.
+    ///
+    /// # Errors
+    /// It stands for nothing.
+    pub fn of_port(port: &Port, loops: &[LoopOfRig]) -> Result<Self, WrongPort> {
+        let none = Self::default();
+        Ok(match port.direction {
+            Direction::Input => Self {
+                inputs: vec![reading(port, loops)?],
+                ..none
+            },
+            Direction::Output => Self {
+                outputs: vec![writing(port, loops)?],
+                ..none
+            },
+        })
     }
 
     fn found(

@@ -39,6 +39,7 @@ pub mod overrides;
 pub mod own;
 pub mod plant;
 pub mod port;
+pub mod process_law;
 pub mod profile;
 pub mod reference;
 pub mod registration;

@@ -182,6 +182,19 @@ impl Wiring {
         self.loops.iter().find(|one| one.name == self.of_loop)
     }
 
+    /// Its loop, and behind it those that stand for the further drives that its law leads, in their order.
+    #[must_use]
+    pub fn led_loops(&self) -> Vec<LoopOfRig> {
+        let place = |one: &LoopOfRig| match one.led_by {
+            Some(by) if by.first == self.nodes.drive.id => Some(by.place),
+            _ => (one.name == self.of_loop).then_some(0),
+        };
+        let led = self.loops.iter();
+        let mut led = Vec::from_iter(led.filter(|one| place(one).is_some()).cloned());
+        led.sort_by_key(place);
+        led
+    }
+
     /// What the amplifier of its drive can be commanded.
     #[must_use]
     pub fn current(&self) -> CurrentRange {

@@ -184,7 +184,7 @@ fn what_the_bench_does_not_have_is_named() {
         "",
         &[
             "unknown control law `fuzzy`",
-            "known here: open_loop, pid, pid_pair, relay, sliding_mode, sliding_mode_paper;",
+            "known here: fmu, library, open_loop, pid, pid_pair, program, relay, sliding_mode, sliding_mode_paper;",
         ],
     );
     refused(

@@ -10,6 +10,7 @@ use scenario::{Objection, Trial};
 use rig::catalogue::Catalogue;
 
 use crate::fmu_plant::{self, FmuPlant};
+use crate::law_worker;
 
 /// Every plant and every law that a scenario may choose. Plants and laws from outside are registered before it is first used.
 #[must_use]
@@ -24,7 +25,8 @@ pub fn catalogue() -> &'static Catalogue {
 }
 
 fn law_objection(trial: &Trial) -> Option<Objection> {
-    laws::objection(&trial.controller, &trial.wiring)
+    let objection = laws::objection(&trial.controller, &trial.wiring);
+    objection.or_else(|| law_worker::objection(trial.controller.fmu.as_ref()?))
 }
 
 fn plant_objection(trial: &Trial) -> Option<Objection> {

@@ -14,8 +14,10 @@ use tokio::process::{Child, ChildStdin, Command};
 use tokio::time::timeout;
 
 use crate::error::{Doing, WorldError};
+use crate::law_process::{folder_of, indented, more_patience};
 use crate::names::{CONTROLLER, PLANT_EMULATOR};
 use recording::run_folder::RunFolder;
+use rig::plan::Plan;
 
 /// Lines of a log that a message shows.
 const LOG_TAIL_LINES: usize = 12;
@@ -35,6 +37,8 @@ pub(super) struct NodeProcess {
     /// The node stops when this pipe ends, so it stops too when this process is killed.
     lifeline: Option<ChildStdin>,
     log: PathBuf,
+    /// How long its orderly end may take, in wall time.
+    end_patience: Duration,
     /// A fault of the scenario has killed it.
     is_killed_by_fault: bool,
 }
@@ -44,6 +48,7 @@ impl NodeProcess {
     /// standard output is its report; `side_channel` is handed on.
     pub(super) fn spawn(
         name: &str,
+        plan: &Plan,
         folder: &RunFolder,
         bus: Option<&BusAddress>,
         side_channel: Option<OwnedFd>,
@@ -64,6 +69,11 @@ impl NodeProcess {
             .args(role)
             .arg("--scenario")
             .arg(folder.scenario());
+        let mut end_patience = END_PATIENCE;
+        if name == CONTROLLER {
+            command.arg("--laws-in").arg(folder_of(plan));
+            end_patience += more_patience(plan)[1];
+        }
         if let Some(bus) = bus {
             command.arg("--bus").arg(bus.to_string());
         }
@@ -82,6 +92,7 @@ impl NodeProcess {
             child,
             lifeline,
             log,
+            end_patience,
             is_killed_by_fault: false,
         })
     }
@@ -159,7 +170,7 @@ impl NodeProcess {
     async fn end(&mut self, when: &str) -> Result<(), WorldError> {
         // It may be suspended still; one that has ended already is reported below.
         let _ = self.suspend(false);
-        match timeout(END_PATIENCE, self.child.wait()).await {
+        match timeout(self.end_patience, self.child.wait()).await {
             Ok(Ok(status)) if status.success() => {
                 self.remove_empty_log();
                 Ok(())
@@ -174,7 +185,7 @@ impl NodeProcess {
                 let _ = self.child.kill().await;
                 Err(WorldError::NoStop {
                     name: self.name.clone(),
-                    patience: END_PATIENCE,
+                    patience: self.end_patience,
                 })
             }
         }
@@ -213,12 +224,7 @@ impl NodeProcess {
             .into_owned();
         let lines: Vec<&str> = text.lines().collect();
         let tail = &lines[lines.len().saturating_sub(LOG_TAIL_LINES)..];
-        (!tail.is_empty()).then(|| {
-            tail.iter()
-                .map(|line| format!("    {line}"))
-                .collect::<Vec<_>>()
-                .join("\n")
-        })
+        (!tail.is_empty()).then(|| indented(&tail.join("\n")))
     }
 
     /// A node that had nothing to say leaves no file.

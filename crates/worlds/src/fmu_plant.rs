@@ -35,17 +35,7 @@ pub(crate) fn more_patience(plan: &Plan) -> Duration {
 
 /// What is wrong with the table of an FMU, or with the FMU.
 pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
-    let read = || {
-        let in_file = |fault| Misfit {
-            place: "file".to_owned(),
-            fault,
-        };
-        let opened = Opened::find(Path::new(&fmu.file)).map_err(|error| in_file(error.fault))?;
-        let archive = &opened.archive;
-        archive.runs_here().map_err(in_file)?;
-        wiring(fmu, &instance(fmu), archive.description())
-    };
-    let Misfit { place, fault } = read().err()?;
+    let Misfit { place, fault } = wiring_of(fmu).err()?;
     let name = Path::new(&fmu.file).file_name().unwrap_or(OsStr::new(""));
     let name = name.to_string_lossy();
     Some(Objection {
@@ -223,6 +213,31 @@ impl Drop for FmuPlant {
             let _ = remote.end();
         }
     }
+}
+
+/// The files of an FMU.
+///
+/// # Errors
+/// It cannot be unpacked.
+pub(crate) fn unpacked(file: &str) -> Result<Arc<Unpacked>, String> {
+    let opened = Opened::find(Path::new(file));
+    let unpacked = opened.and_then(|opened| opened.unpacked());
+    unpacked.map_err(|error| error.to_string())
+}
+
+/// What a table makes of an FMU.
+///
+/// # Errors
+/// It cannot be read, does not run here, or does not fit the table.
+pub(crate) fn wiring_of(fmu: &Fmu) -> Result<table::Wiring, Misfit> {
+    let in_file = |fault| Misfit {
+        place: "file".to_owned(),
+        fault,
+    };
+    let opened = Opened::find(Path::new(&fmu.file)).map_err(|error| in_file(error.fault))?;
+    let archive = &opened.archive;
+    archive.runs_here().map_err(in_file)?;
+    wiring(fmu, &instance(fmu), archive.description())
 }
 
 /// An FMU whose description was read. The cases of a sweep share it, and, while one of them plays, its files.

@@ -23,6 +23,8 @@ pub mod disturbance_node;
 mod error;
 mod fmu_plant;
 pub mod fmu_worker;
+pub mod law_process;
+pub mod law_worker;
 mod listeners;
 pub mod lockstep;
 pub mod names;

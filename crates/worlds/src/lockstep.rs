@@ -1,6 +1,7 @@
 //! Virtual time: the coordinator moves the nodes, in this process or in others.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::time::Duration;
 
 use canopen::CanFrame;
@@ -14,6 +15,7 @@ use crate::bus_model::faults::{BusFaults, Seat};
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
+use crate::law_process::LawPlace;
 use crate::names::{self, BENCH, CONTROLLER};
 use crate::nodes;
 use crate::played::End;
@@ -73,23 +75,31 @@ impl<'a> Role<'a> {
     }
 }
 
-/// Runs the scenario in this process.
+/// Runs the scenario in this process; `logs` is the folder in which is kept what the processes of its laws print.
 ///
 /// # Errors
 /// The bench failed, or the recording cannot be written.
-pub fn simulate(plan: &Plan, capture: &mut Capture<'_>) -> Result<End, WorldError> {
-    let played = play_here(plan, capture);
+pub fn simulate(
+    plan: &Plan,
+    logs: Option<&Path>,
+    capture: &mut Capture<'_>,
+) -> Result<End, WorldError> {
+    let laws = LawPlace {
+        logs: logs.map(Path::to_owned),
+        ..LawPlace::of(plan)
+    };
+    let played = play_here(plan, laws, capture);
     played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))
 }
 
-fn play_here(plan: &Plan, capture: &mut Capture<'_>) -> Result<End, WorldError> {
+fn play_here(plan: &Plan, laws: LawPlace, capture: &mut Capture<'_>) -> Result<End, WorldError> {
     let mut emulators = Vec::new();
     for name in names::emulator_names(&plan.loops) {
         emulators.push((name, nodes::plant_emulator(plan, name)?));
     }
     let mut bench = DisturbanceProducer::new(plan)?;
     let views = nodes::controller_views(plan);
-    let make = move || nodes::controller_of(&views);
+    let make = move || nodes::controller_of(&views, &laws);
     let mut controller = nodes::faulty_controller(make, plan, |_| false)?;
     let emulators = emulators.iter_mut();
     let mut emulators =

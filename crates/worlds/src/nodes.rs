@@ -10,6 +10,7 @@ use plant_emulator::{DriveOf, InvalidEmulator, catalogue};
 use scenario::ControllerView;
 
 use crate::error::WorldError;
+use crate::law_process::LawPlace;
 use crate::names::{CONTROLLER, emulator_name};
 use rig::loaded_drive::LoadedDrive;
 use rig::plan::Plan;
@@ -66,16 +67,16 @@ pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
     views.collect()
 }
 
-/// The manager with the laws of these loops.
+/// The manager with the laws of these loops; processes of laws run in that place.
 ///
 /// # Errors
 /// A controller cannot be set up.
-pub fn controller_of(loops: &[LoopView]) -> Result<ControllerNode, WorldError> {
+pub fn controller_of(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNode, WorldError> {
     let loops = loops.iter().map(|LoopView { view, real_drive }| {
         let real = real_drive.as_deref();
         (view, real.map(|drive| (&drive.real, drive.eds.as_str())))
     });
-    ControllerNode::of_loops(loops).map_err(|error| WorldError::Node {
+    ControllerNode::of_loops(loops, &|part| laws.start(part)).map_err(|error| WorldError::Node {
         name: CONTROLLER.to_owned(),
         reason: error.to_string(),
     })

@@ -16,6 +16,7 @@ use crate::coordinator::CoordinatorError;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::WorldError;
 use crate::fmu_plant::more_patience;
+use crate::law_process;
 use crate::lockstep::{self, Role};
 use crate::names::{self, BENCH, CONTROLLER};
 use crate::played::{End, Played};
@@ -162,14 +163,14 @@ fn play(
             name: name.to_owned(),
             source,
         })?;
-        let process = NodeProcess::spawn(name, folder, address.as_ref(), Some(theirs))?;
+        let process = NodeProcess::spawn(name, plan, folder, address.as_ref(), Some(theirs))?;
         processes.push(process);
         channels.push((name, ours));
     }
     let mut processes = Processes::new(processes);
     let played = (|| -> Result<End, WorldError> {
         let mut remotes = Vec::new();
-        let patience = ANSWER_PATIENCE + more_patience(plan);
+        let patience = ANSWER_PATIENCE + more_patience(plan) + law_process::more_patience(plan)[0];
         for (name, channel) in channels {
             let remote = Remote::accept_within(name, channel, patience);
             remotes.push(remote.map_err(CoordinatorError::from)?);

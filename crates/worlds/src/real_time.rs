@@ -14,6 +14,7 @@ use crate::child::NodeProcess;
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
 use crate::fmu_plant::more_patience;
+use crate::law_process;
 use crate::names::{BENCH, CONTROLLER, DRIVE, emulator_names};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
@@ -162,7 +163,7 @@ fn start_nodes(
     let controller = (plan.loops.iter())
         .all(|one| one.is_ours(Part::Controller))
         .then_some(CONTROLLER);
-    let spawn = |name| NodeProcess::spawn(name, folder, Some(connection.address()), None);
+    let spawn = |name| NodeProcess::spawn(name, plan, folder, Some(connection.address()), None);
     let processes = emulators.chain(controller).map(spawn);
     Ok(Processes::new(processes.collect::<Result<_, _>>()?))
 }
@@ -301,7 +302,9 @@ impl Run<'_, '_> {
                 ProcessAction::Resume => controller.suspend(false)?,
                 ProcessAction::Start => {
                     let address = self.connection.address();
-                    *controller = NodeProcess::spawn(CONTROLLER, self.folder, Some(address), None)?;
+                    let (plan, folder) = (self.plan, self.folder);
+                    *controller =
+                        NodeProcess::spawn(CONTROLLER, plan, folder, Some(address), None)?;
                     self.stalls.watch(controller);
                 }
             }
@@ -334,5 +337,7 @@ fn start_patience(plan: &Plan) -> Duration {
     let drives = plan.loops.iter();
     let drives = drives.filter_map(|one| one.real_drive.as_ref());
     let bring_ups = drives.map(|drive| drive.real.timeouts.bring_up() + ENABLE_PATIENCE);
-    bring_ups.fold(START_PATIENCE, Duration::max) + more_patience(plan)
+    bring_ups.fold(START_PATIENCE, Duration::max)
+        + more_patience(plan)
+        + law_process::more_patience(plan)[0]
 }

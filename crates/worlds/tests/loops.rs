@@ -23,7 +23,7 @@ fn simulated(plan: &Plan) -> Frames {
     let watch = Watch::default();
     let clock = plan.scenario_clock().unwrap();
     let mut capture = Capture::in_memory(clock, &watch);
-    assert_eq!(simulate(plan, &mut capture).unwrap(), End::Completed);
+    assert_eq!(simulate(plan, None, &mut capture).unwrap(), End::Completed);
     capture.finish().unwrap().0
 }
 
@@ -56,7 +56,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         let clock = plan.scenario_clock().unwrap();
         let mut capture = Capture::in_memory(clock, &watch);
         // A fault of the scenario is seen to its end.
-        let end = simulate(&plan, &mut capture).unwrap();
+        let end = simulate(&plan, None, &mut capture).unwrap();
         assert_eq!(end, End::Completed);
         let (frames, _) = capture.finish().unwrap();
         let timelines = decode(&frames, &plan).unwrap();

@@ -26,7 +26,7 @@ fn bus_with(tables: [&str; 2]) -> Bus {
         view.wiring.identifiers = Identifiers::new(1, node_id.get(), number);
     }
     let plans = views.iter().map(|view| LoopPlan::emulated(view).unwrap());
-    let controller = ControllerNode::leading(plans.collect(), vec![DISTURBANCE]);
+    let controller = ControllerNode::leading(plans.collect(), vec![DISTURBANCE], &no_player);
     Bus {
         controller: controller.unwrap(),
         second: Some(drive(SECOND)),

@@ -18,6 +18,7 @@ use runner::lines::EventLines;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
 use runner::scenarios;
+use worlds::law_process::started_by;
 
 /// Why a sweep did not come to its end.
 #[derive(Debug, thiserror::Error)]
@@ -81,6 +82,7 @@ pub fn sweep(args: &SweepArgs) -> Exit {
 
 fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, SweepError> {
     let cases = SweepCases::new(plan)?;
+    started_by(plan).iter().for_each(|line| print_error(line));
     if args.plan {
         let cores = args.threads.unwrap_or(1);
         let estimate = Estimate::probe(&cases, cores)?;

@@ -24,6 +24,7 @@ use runner::play::ValueArgs;
 use runner::run::RUNS;
 use runner::run::{RunPlace, run};
 use runner::scenarios;
+use worlds::law_process::started_by;
 use worlds::{Played, lockstep};
 
 /// Failing cases that are shrunk; more of them have the same cause more often than not.
@@ -81,6 +82,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::CannotStart;
     }
+    started_by(&plan).iter().for_each(|line| print_error(line));
     if args.plan {
         return print_estimate(args, &cases);
     }
@@ -289,7 +291,7 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     let judged = caught(|| {
         let judged = run(&plan, place, &watch, taps, |own, capture| {
             own.path().clone_into(&mut folder.borrow_mut());
-            lockstep::simulate(&plan, capture).map(Played::in_virtual_time)
+            lockstep::simulate(&plan, Some(own.path()), capture).map(Played::in_virtual_time)
         });
         Ok(judged.map(|_| ()))
     });

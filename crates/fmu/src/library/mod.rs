@@ -3,6 +3,7 @@
 //! What cannot be checked is that a stranger's functions do what FMI says. Only a worker process loads them.
 #![expect(unsafe_code, reason = "an FMU's functions are C")]
 
+pub(crate) mod law;
 mod log;
 mod python;
 mod three;

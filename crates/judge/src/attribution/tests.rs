@@ -418,7 +418,7 @@ fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
 /// A node of canrig's that missed cycles although its loop was done with each in time was not run in them.
 #[test]
 fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
-    let too_many = |overruns, nodes: &[&str]| {
+    let too_many = |overruns, late_answers, nodes: &[&str]| {
         let mut cycles = vec![Cycle::Served; 100];
         cycles[40..45].fill(Cycle::WithoutSync);
         let plan = setup(100, &[], nodes);
@@ -426,6 +426,7 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
         let report = NodeReport {
             ticks: 95,
             overruns,
+            late_answers,
             ..NodeReport::default()
         };
         let circumstances = Circumstances {
@@ -435,9 +436,11 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
         let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
         attribution.cycles().too_many(1.0, 0).len()
     };
-    assert_eq!(too_many(0, &[]), 0);
-    assert_eq!(too_many(1, &[]), 1);
-    assert_eq!(too_many(0, &["controller"]), 1);
+    assert_eq!(too_many(0, 0, &[]), 0);
+    assert_eq!(too_many(1, 0, &[]), 1);
+    // A law kept it waiting.
+    assert_eq!(too_many(0, 1, &[]), 1);
+    assert_eq!(too_many(0, 0, &["controller"]), 1);
 }
 
 #[test]

@@ -133,6 +133,7 @@ impl Plan {
         let varied = self.loops.iter().zip(scenario.loops);
         let varied = varied.map(|(base, one)| base.varied(one));
         let mut plan = Self::of_loops(scenario.run, varied.collect());
+        plan.shared.beside = beside;
         plan.shared.contours = scenario.contours;
         plan.shared.rig = Arc::new(scenario.rig);
         Ok(plan)

@@ -43,10 +43,10 @@ impl Testbed for OneProcess {
     fn play(
         &self,
         plan: &Plan,
-        _folder: &RunFolder,
+        folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
-        lockstep::simulate(plan, capture).map(Played::in_virtual_time)
+        lockstep::simulate(plan, Some(folder.path()), capture).map(Played::in_virtual_time)
     }
 }
 

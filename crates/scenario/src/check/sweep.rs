@@ -5,8 +5,11 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::sync::LazyLock;
 
-use serde_json::Value;
+use serde_json::{Value, json};
+use toml::Spanned;
+use toml::de::DeValue;
 
 use crate::document::Document;
 use crate::error::Problem;
@@ -17,6 +20,8 @@ use crate::structure::broken_limit;
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
+/// What is known of a number under the user's own key.
+static NUMBER: LazyLock<Value> = LazyLock::new(|| json!({"type": "number"}));
 /// Tables of the format itself, which are not swept.
 const NOT_SWEPT: [&str; 2] = ["schema", "sweep"];
 /// Checks, which are not swept either: their names in the verdict hold their windows and limits.
@@ -109,6 +114,9 @@ impl<'a> Keys<'a> {
                 // A table without a default is a choice, such as that of the law, which a number does not make.
                 Some("object") if document.has(&path) || property.get("default").is_some() => {
                     self.collect(root, schema, document, &key, &path);
+                    if schema["additionalProperties"].is_object() {
+                        self.collect_own(document, &key, &path);
+                    }
                 }
                 Some("array") => {
                     let items = resolve(root, &schema["items"]);
@@ -118,6 +126,17 @@ impl<'a> Keys<'a> {
                     }
                 }
                 _ => {}
+            }
+        }
+    }
+
+    /// Collects the numbers of a table whose keys are the user's own.
+    fn collect_own(&mut self, document: &Document<'_>, key: &str, path: &str) {
+        for name in document.keys(path) {
+            let value = document.spanned(&format!("{path}.{name}"));
+            let value = value.map(Spanned::get_ref);
+            if let Some(DeValue::Float(_) | DeValue::Integer(_)) = value {
+                self.0.entry(format!("{key}.{name}")).or_insert(&NUMBER);
             }
         }
     }

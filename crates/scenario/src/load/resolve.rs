@@ -221,6 +221,7 @@ fn resolve(
             factors: &one.factors,
             rig: &rig,
             rig_path: &files.path,
+            scenario_path: Path::new(&files.name),
             run: run.as_ref(),
             has_all_faults,
             read_file: &mut *read_file,
@@ -325,6 +326,7 @@ struct TrialReader<'a, 'text> {
     factors: &'a [(String, f64)],
     rig: &'a Rig,
     rig_path: &'a Path,
+    scenario_path: &'a Path,
     run: Option<&'a Arc<Run>>,
     /// False where some of the faults could not be read.
     has_all_faults: bool,
@@ -373,6 +375,14 @@ impl TrialReader<'_, '_> {
         }
         problems.extend(check::read_tables(document, &mut trial, self.read_file));
         problems.extend(check::read_courses(document, &mut trial, self.read_file));
+        let is_recorded = matches!(self.asked.reading, Reading::Recorded);
+        problems.extend(check::read_files(
+            document,
+            &trial.controller,
+            is_recorded,
+            self.read_file,
+        ));
+        trial.controller.place_files(self.scenario_path);
         let objections = (self.asked.objections)(&trial).into_iter();
         problems.extend(objections.map(|objection| objection.problem(document)));
         none_of(problems, Some(trial))

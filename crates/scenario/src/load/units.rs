@@ -3,6 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
+use crate::controller::is_process_law;
 use crate::error::{Problem, Source};
 use crate::metrics::METRICS;
 use crate::own::leads_all;
@@ -43,8 +44,10 @@ impl InUnit<'_> {
             } else if section == LAW
                 && let DeValue::Table(laws) = value.get_mut()
             {
-                // A law of all loops states the units in the names of its ports.
-                let mut of_loop = laws.iter_mut().filter(|(law, _)| !leads_all(law.get_ref()));
+                // A law of all loops, or in a process of its own, states the units in the names of its ports.
+                let mut of_loop = laws
+                    .iter_mut()
+                    .filter(|(law, _)| !leads_all(law.get_ref()) && !is_process_law(law.get_ref()));
                 of_loop.try_for_each(|(name, law)| {
                     self.gains(name.get_ref(), law.get_mut(), &mut factors)
                 })?;

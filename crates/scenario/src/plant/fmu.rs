@@ -48,7 +48,7 @@ impl Fmu {
 }
 
 /// Start values by the whole names of their variables.
-fn whole_names<'de, D: Deserializer<'de>>(
+pub(crate) fn whole_names<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<BTreeMap<String, Value>, D::Error> {
     fn flatten(table: Table, above: &str, into: &mut BTreeMap<String, Value>) {

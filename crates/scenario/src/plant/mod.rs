@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::current::CurrentRange;
 use crate::own::{self, Own, Parameters, defaults};
 pub use dc_motor::DcMotor;
+pub(crate) use fmu::whole_names;
 pub use fmu::{Fmu, FmuPort};
 pub use sma::{Heat, Kinetics, Mechanics, Phase, SMA_FAULTS, Sma, StressStrain};
 pub use sma_pair::SmaPair;

@@ -1,0 +1,272 @@
+//! Laws that a process of its own plays: their ports follow from their tables, and whoever makes the controller brings the process.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+use scenario::controller::Controller;
+use scenario::law_ports::{LawWires, Writing, WrongPort};
+use scenario::port::{Port, Ports};
+use scenario::process_law::{PlayedPort, Plays, ProcessLaw};
+use scenario::wiring::{LoopOfRig, Wiring};
+use scenario::{CurrentRange, Objection};
+use toml::Value;
+
+use crate::law::Cycle;
+
+/// The time in which a law may answer, by the clock of the node.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Window {
+    /// The present.
+    pub now: Duration,
+    /// The latest time of an answer; `now` if nobody waits for it, since a cycle without a position commands nothing.
+    pub until: Duration,
+}
+
+/// What a process plays. Names in its own loop are without that of the loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// What plays it.
+    pub plays: Plays,
+    /// The name of its loop among several; empty for an only loop.
+    pub of_loop: String,
+    /// Names of what it reads.
+    pub reads: Vec<String>,
+    /// Names of what it commands.
+    pub writes: Vec<String>,
+    /// Names of what it writes besides.
+    pub terms: Vec<String>,
+    /// The variables of an FMU by these names.
+    pub variables: BTreeMap<String, String>,
+    /// Smallest and largest command of each of `writes`, in its unit.
+    pub ranges: Vec<[f64; 2]>,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, Value>,
+    /// Time between two cycles.
+    pub period: Duration,
+}
+
+/// A law with its memory: here, or in a process.
+pub trait Player: fmt::Debug + Send {
+    /// Writes what acts from the next cycle on. False if there is no answer in time: then nothing is written. Allocates nothing.
+    fn step(&mut self, cycle: &Cycle, window: &Window, reads: &[f64], writes: &mut [f64]) -> bool;
+
+    /// Why it cannot go on.
+    fn failure(&self) -> Option<&str> {
+        None
+    }
+
+    /// What makes no physical sense of its parameters: the parameter, and why.
+    fn objection(&self) -> Option<(&'static str, String)> {
+        None
+    }
+}
+
+/// The player of a law whose process is not started: it answers nothing.
+#[derive(Debug)]
+pub(crate) struct NotStarted;
+
+impl Player for NotStarted {
+    fn step(&mut self, _: &Cycle, _: &Window, _: &[f64], _: &mut [f64]) -> bool {
+        false
+    }
+}
+
+/// Starts the process that plays a part; the reason where there can be none.
+pub type StartPlayer<'a> = &'a dyn Fn(&Part) -> Result<Box<dyn Player>, String>;
+
+/// For a controller that starts no processes.
+///
+/// # Errors
+/// Always.
+pub fn no_player(part: &Part) -> Result<Box<dyn Player>, String> {
+    Err(format!(
+        "the law is played by `{}`, a process, and only `canrig` starts one",
+        part.plays
+    ))
+}
+
+impl Part {
+    /// The part of a law in the loop that is wired like this, and its ports, whose names have those of loops and drives.
+    pub(crate) fn of(law: ProcessLaw, wiring: &Wiring) -> (Self, Ports) {
+        let name = |port: &PlayedPort| name_in_loop(&port.signal, wiring).to_owned();
+        let named = |ports: &[PlayedPort]| ports.iter().map(name).collect();
+        let all = [&law.reads, &law.writes, &law.terms].into_iter().flatten();
+        let variables = all.filter_map(|port| Some((name(port), port.variable.clone()?)));
+        let part = Self {
+            of_loop: wiring.loop_among_several().to_owned(),
+            reads: named(&law.reads),
+            writes: named(&law.writes),
+            terms: named(&law.terms),
+            variables: variables.collect(),
+            ranges: (law.writes.iter())
+                .map(|write| range_of(write, wiring))
+                .collect(),
+            plays: law.plays,
+            parameters: law.parameters,
+            period: Duration::ZERO,
+        };
+        let outputs = law.writes.iter().map(|port| output(port, wiring));
+        let terms = law.terms.iter();
+        let terms = terms.map(|term| Port::term(&whole_name(&term.signal, wiring)));
+        let ports = Ports {
+            inputs: law.reads.iter().map(|port| input(port, wiring)).collect(),
+            outputs: outputs.chain(terms).collect(),
+        };
+        (part, ports)
+    }
+}
+
+const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+fn input(port: &PlayedPort, wiring: &Wiring) -> Port {
+    Port::input(&whole_name(&port.signal, wiring), ANY)
+}
+
+/// A command, which the amplifier limits.
+fn output(port: &PlayedPort, wiring: &Wiring) -> Port {
+    Port::output(&whole_name(&port.signal, wiring), ANY)
+}
+
+/// Smallest and largest command of a drive, in the unit of the port.
+fn range_of(port: &PlayedPort, wiring: &Wiring) -> [f64; 2] {
+    let loops = wiring.led_loops();
+    match LawWires::of_port(&output(port, wiring), &loops).map(|wires| wires.outputs) {
+        Ok(outputs) if let [Writing::Current { of_loop, factor }] = outputs[..] => {
+            let CurrentRange { min, max, .. } = loops[of_loop].current;
+            [min / factor, max / factor]
+        }
+        _ => ANY,
+    }
+}
+
+/// A signal with its loop or drive.
+fn whole_name(signal: &str, wiring: &Wiring) -> String {
+    match signal.contains('.') {
+        true => signal.to_owned(),
+        false => format!("{}.{signal}", wiring.of_loop),
+    }
+}
+
+/// A signal as the process knows it: one of its own loop by its name alone.
+fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
+    match signal.split_once('.') {
+        Some((owner, name)) if owner == wiring.of_loop || owner == wiring.nodes.drive.name => name,
+        _ => signal,
+    }
+}
+
+/// What is wrong with a port of a law that a process plays, at its place.
+pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
+    let law = controller.process_law()?;
+    let loops = wiring.led_loops();
+    let found = |key: &str, ports: &[PlayedPort], is_command: bool| {
+        let mut ports = ports.iter().enumerate();
+        ports.find_map(|(place, port)| {
+            let wrong = match key {
+                "reads" => LawWires::of_port(&input(port, wiring), &loops).err(),
+                _ => wrong_output(&output(port, wiring), &loops, is_command),
+            };
+            let WrongPort { message, label } = wrong?;
+            let place = port.variable.clone().unwrap_or_else(|| place.to_string());
+            Some(Objection {
+                path: format!("controller.{}.{key}.{place}", controller.law_name()),
+                message,
+                label,
+                help: None,
+            })
+        })
+    };
+    found("reads", &law.reads, false)
+        .or_else(|| found("writes", &law.writes, true))
+        .or_else(|| found("terms", &law.terms, false))
+}
+
+/// What is wrong with an output, which is to be a command, or a term of the law's own loop.
+fn wrong_output(port: &Port, loops: &[LoopOfRig], is_command: bool) -> Option<WrongPort> {
+    let name = &port.name;
+    let writing = match LawWires::of_port(port, loops) {
+        Ok(wires) => wires.outputs.into_iter().next()?,
+        Err(wrong) => return Some(wrong),
+    };
+    let (message, label) = match (writing, is_command) {
+        (Writing::Current { .. }, true) | (Writing::Term { of_loop: 0, .. }, false) => return None,
+        (Writing::Current { .. }, false) => (
+            format!("`{name}` is a command, not a term"),
+            "what the law commands stands in `writes`".to_owned(),
+        ),
+        (Writing::Term { of_loop, .. }, true) => {
+            let right = loops[of_loop].measurand.command.rename("current_amperes");
+            (
+                format!("`{name}` is no command of a drive"),
+                format!("a command is `{right}`; what else the law writes stands in `terms`"),
+            )
+        }
+        (Writing::Term { .. }, false) => (
+            format!("the term `{name}` is of another drive"),
+            "a term is the loop's own: its name alone".to_owned(),
+        ),
+    };
+    Some(WrongPort { message, label })
+}
+
+#[cfg(test)]
+mod tests {
+    use scenario::port::{Command, Measurand, Unit};
+    use scenario::process_law::Program;
+
+    use super::*;
+
+    #[test]
+    fn a_command_has_the_name_and_the_unit_of_its_amplifier() {
+        let written = |command: Command, name: &str| {
+            let one = LoopOfRig {
+                name: "x".to_owned(),
+                drive: "drive".to_owned(),
+                measurand: Measurand::position(Unit::Millimetres).commanding(command),
+                current: CurrentRange {
+                    rated: 4.0,
+                    min: -2.0,
+                    max: 4.0,
+                },
+                led_by: None,
+            };
+            let wiring = Wiring {
+                of_loop: "x".to_owned(),
+                loops: vec![one],
+                ..Wiring::default()
+            };
+            let program = Program {
+                command: vec!["law".to_owned()],
+                reads: vec!["position_metres".to_owned()],
+                writes: vec![name.to_owned()],
+                terms: vec!["x.sum".to_owned()],
+                parameters: BTreeMap::new(),
+            };
+            let (part, _) = Part::of(ProcessLaw::from(&program), &wiring);
+            let controller = Controller {
+                program: Some(program),
+                ..Controller::default()
+            };
+            (part, objection(&controller, &wiring))
+        };
+        let (part, wrong) = written(Command::Current, "x.current_milliamperes");
+        assert_eq!(wrong.map(|wrong| wrong.message), None);
+        assert_eq!(part.ranges, [[-2000.0, 4000.0]]);
+        assert_eq!(
+            (&part.writes[0], &part.terms[0]),
+            (&"current_milliamperes".to_owned(), &"sum".to_owned())
+        );
+        let (part, wrong) = written(Command::Voltage, "voltage_volts");
+        assert_eq!(wrong.map(|wrong| wrong.message), None);
+        assert_eq!(part.ranges, [[-2.0, 4.0]]);
+        let (_, wrong) = written(Command::Voltage, "current_amperes");
+        let wrong = wrong.unwrap();
+        assert_eq!(wrong.path, "controller.program.writes.0");
+        assert!(
+            wrong.label.starts_with("a command is `voltage_volts`"),
+            "{}",
+            wrong.label
+        );
+    }
+}

@@ -1,0 +1,242 @@
+//! A control law in a shared library: the functions of `include/canrig_law.h` behind safe ones.
+
+use std::alloc::{Layout, alloc_zeroed, dealloc, handle_alloc_error};
+use std::ffi::{CStr, CString, c_char, c_double, c_int, c_void};
+use std::path::Path;
+use std::ptr::NonNull;
+
+use libloading::os::unix::Library;
+
+use super::{function, open, text};
+use crate::error::Fault;
+
+/// Alignment of the law's memory: that of `max_align_t`.
+const ALIGNMENT: usize = 16;
+const BYTES_MAX: usize = 1 << 30;
+const WHY_BYTES: usize = 256;
+
+type Bytes = unsafe extern "C" fn(*const Setup) -> usize;
+type Init = unsafe extern "C" fn(*mut c_void, *const Setup, *mut c_char) -> c_int;
+type Step = unsafe extern "C" fn(
+    *mut c_void,
+    c_double,
+    c_double,
+    *const c_double,
+    *mut c_double,
+    *mut c_double,
+) -> c_int;
+
+/// `canrig_law_setup`.
+#[repr(C)]
+struct Setup {
+    version: u32,
+    reads_count: u32,
+    writes_count: u32,
+    terms_count: u32,
+    parameters_count: u32,
+    reserved: u32,
+    reads: *const *const c_char,
+    writes: *const *const c_char,
+    terms: *const *const c_char,
+    parameters: *const *const c_char,
+    parameter_values: *const c_double,
+    mins: *const c_double,
+    maxs: *const c_double,
+    period_seconds: c_double,
+    seed: u64,
+}
+
+/// What a scenario says of a law.
+#[derive(Clone, Debug, Default)]
+pub struct LawSetup {
+    /// Names of what it reads.
+    pub reads: Vec<String>,
+    /// Names of what it commands.
+    pub writes: Vec<String>,
+    /// Names of what it writes besides.
+    pub terms: Vec<String>,
+    /// Lowest and highest command of each of `writes`.
+    pub ranges: Vec<[f64; 2]>,
+    /// Its parameters.
+    pub parameters: Vec<(String, f64)>,
+    /// Time between two cycles.
+    pub period_seconds: f64,
+    /// The seed of the run.
+    pub seed: u64,
+}
+
+/// Texts for C, and the pointers to them.
+struct Names {
+    _texts: Vec<CString>,
+    pointers: Vec<*const c_char>,
+}
+
+impl Names {
+    fn of<'a>(names: impl IntoIterator<Item = &'a String>) -> Result<Self, Fault> {
+        let texts = names.into_iter().map(|name| text(name));
+        let texts = texts.collect::<Result<Vec<_>, _>>()?;
+        let pointers = texts.iter().map(|text| text.as_ptr()).collect();
+        Ok(Self {
+            _texts: texts,
+            pointers,
+        })
+    }
+
+    fn count(&self) -> Result<u32, Fault> {
+        let count = u32::try_from(self.pointers.len());
+        count.map_err(|error| Fault::Table(error.to_string()))
+    }
+}
+
+/// Memory of a law.
+struct Memory {
+    start: NonNull<u8>,
+    layout: Layout,
+}
+
+impl Memory {
+    fn new(bytes: usize) -> Result<Self, Fault> {
+        if bytes > BYTES_MAX {
+            let reason = format!("canrig_law_bytes wants {bytes} bytes (limit {BYTES_MAX})");
+            return Err(Fault::Table(reason));
+        }
+        let layout = Layout::from_size_align(bytes.max(1), ALIGNMENT);
+        let layout = layout.map_err(|error| Fault::Table(error.to_string()))?;
+        // SAFETY: the layout has a size above 0.
+        let start = unsafe { alloc_zeroed(layout) };
+        let start = NonNull::new(start).unwrap_or_else(|| handle_alloc_error(layout));
+        Ok(Self { start, layout })
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        // SAFETY: it was allocated with this layout.
+        unsafe { dealloc(self.start.as_ptr(), self.layout) };
+    }
+}
+
+/// A law of a library, with its memory. For a worker process only: it runs a stranger's code.
+pub struct LawLibrary {
+    step: Step,
+    memory: Memory,
+    writes: usize,
+    terms: usize,
+    reads: usize,
+    // What the law was given stays where it is, and the library is closed last.
+    _setup: Box<Setup>,
+    _names: [Names; 4],
+    _numbers: [Vec<f64>; 3],
+    _library: Library,
+}
+
+impl LawLibrary {
+    /// Loads a library and prepares its law.
+    ///
+    /// # Errors
+    /// It cannot be loaded, lacks a function, or its law does not take the setup.
+    pub fn load(path: &Path, setup: &LawSetup) -> Result<Self, Fault> {
+        let library = open(path)?;
+        // SAFETY: the header gives the functions these types, and the library is closed last.
+        let (bytes, init, step) = unsafe {
+            (
+                function::<Bytes>(&library, "canrig_law_bytes")?,
+                function::<Init>(&library, "canrig_law_init")?,
+                function::<Step>(&library, "canrig_law_step")?,
+            )
+        };
+        let parameters = setup.parameters.iter();
+        let names = [
+            Names::of(&setup.reads)?,
+            Names::of(&setup.writes)?,
+            Names::of(&setup.terms)?,
+            Names::of(parameters.clone().map(|(name, _)| name))?,
+        ];
+        let ranges = setup.ranges.iter();
+        let numbers = [
+            parameters.map(|(_, value)| *value).collect(),
+            ranges.clone().map(|range| range[0]).collect(),
+            ranges.map(|range| range[1]).collect::<Vec<_>>(),
+        ];
+        let given = Box::new(Setup {
+            version: 1,
+            reads_count: names[0].count()?,
+            writes_count: names[1].count()?,
+            terms_count: names[2].count()?,
+            parameters_count: names[3].count()?,
+            reserved: 0,
+            reads: names[0].pointers.as_ptr(),
+            writes: names[1].pointers.as_ptr(),
+            terms: names[2].pointers.as_ptr(),
+            parameters: names[3].pointers.as_ptr(),
+            parameter_values: numbers[0].as_ptr(),
+            mins: numbers[1].as_ptr(),
+            maxs: numbers[2].as_ptr(),
+            period_seconds: setup.period_seconds,
+            seed: setup.seed,
+        });
+        // SAFETY: the setup is valid as long as the law, and so are all pointers in it.
+        let memory = Memory::new(unsafe { bytes(&raw const *given) })?;
+        let mut why = [0; WHY_BYTES];
+        let state = memory.start.as_ptr().cast();
+        // SAFETY: the memory has as many bytes as the law asked for, `why` as many as the header says.
+        let status = unsafe { init(state, &raw const *given, why.as_mut_ptr()) };
+        if status != 0 {
+            why[WHY_BYTES - 1] = 0;
+            // SAFETY: it ends with 0 at the latest at its last byte.
+            let why = unsafe { CStr::from_ptr(why.as_ptr()) }.to_string_lossy();
+            let reason = format!("canrig_law_init returned {status}: {why}");
+            return Err(Fault::Table(reason));
+        }
+        Ok(Self {
+            step,
+            memory,
+            reads: setup.reads.len(),
+            writes: setup.writes.len(),
+            terms: setup.terms.len(),
+            _setup: given,
+            _names: names,
+            _numbers: numbers,
+            _library: library,
+        })
+    }
+
+    /// A step of the law.
+    ///
+    /// # Errors
+    /// It cannot go on.
+    ///
+    /// # Panics
+    /// There are not as many values as in the setup.
+    pub fn step(
+        &mut self,
+        time_seconds: f64,
+        period_seconds: f64,
+        reads: &[f64],
+        writes: &mut [f64],
+    ) -> Result<(), Fault> {
+        let counts = (reads.len(), writes.len());
+        assert_eq!(
+            counts,
+            (self.reads, self.writes + self.terms),
+            "the setup's"
+        );
+        let (writes, terms) = writes.split_at_mut(self.writes);
+        let state = self.memory.start.as_ptr().cast();
+        // SAFETY: there are as many values as the law was told.
+        let status = unsafe {
+            (self.step)(
+                state,
+                time_seconds,
+                period_seconds,
+                reads.as_ptr(),
+                writes.as_mut_ptr(),
+                terms.as_mut_ptr(),
+            )
+        };
+        match status {
+            0 => Ok(()),
+            status => Err(Fault::Table(format!("canrig_law_step returned {status}"))),
+        }
+    }
+}

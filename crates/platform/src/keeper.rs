@@ -1,0 +1,258 @@
+//! The keeper of a program: a process of this program that starts it, keeps its output, and ends it with all that it started, also
+//! when canrig was killed.
+
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::process::ExitStatusExt;
+use std::path::PathBuf;
+use std::process::{Command, ExitStatus, Stdio};
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{OFlags, fcntl_setfl};
+use rustix::io::Errno;
+use rustix::pipe::{PipeFlags, pipe_with};
+use rustix::process::{
+    Pid, PidfdFlags, Signal, WaitOptions, getpid, kill_process, kill_process_group, pidfd_open,
+    set_child_subreaper, waitpid,
+};
+
+use crate::clock::monotonic;
+use crate::process::in_own_session;
+use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
+use crate::stop::{OF_TERMINAL, ignore};
+use crate::worker::how;
+
+/// The hidden subcommand that keeps a program.
+pub const SUBCOMMAND: &str = "program-keeper";
+
+/// Time that a program has to end once it is asked to, and once it got SIGTERM.
+pub(crate) const STOP_PATIENCE: Duration = Duration::from_secs(3);
+pub(crate) const TERM_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Most output of a program that is kept.
+const LOG_BYTES_MAX: u64 = 16 << 20;
+/// Most of its end that is told.
+const TOLD_BYTES_MAX: usize = 2_000;
+const TOLD_LINES_MAX: usize = 12;
+const PART_BYTES: usize = 64 << 10;
+
+/// Starts a program, keeps its output in a file, and waits for its end: by itself, or when standard input ends. Returns how it ended,
+/// after the words "the program", and in the lines behind it the end of the output.
+///
+/// # Errors
+/// The system refuses what it needs.
+pub fn keep(log: Option<PathBuf>, command: &[OsString]) -> io::Result<String> {
+    ignore(&OF_TERMINAL)?;
+    ignore(&[libc::SIGTERM])?;
+    set_child_subreaper(Some(getpid()))?;
+    let (output, theirs) = pipe_with(PipeFlags::CLOEXEC)?;
+    fcntl_setfl(&output, OFlags::NONBLOCK)?;
+    let mut log = Log::new(log);
+    let how = match start(command, theirs) {
+        Ok(program) => {
+            let status = wait(program, &output, &mut log)?;
+            end_descendants();
+            while log.take(&output) {}
+            how(status)
+        }
+        Err(error) => format!("cannot be started: {error}"),
+    };
+    log.finish()?;
+    Ok(format!("{how}\n{}", log.end()))
+}
+
+fn start(command: &[OsString], output: OwnedFd) -> io::Result<Pid> {
+    let [program, arguments @ ..] = command else {
+        return Err(io::Error::other("no program is named"));
+    };
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::null());
+    command.stdout(output.try_clone()?).stderr(output);
+    in_own_session(&mut command);
+    if has_fifo() {
+        with_fifo(&mut command, WORKER_PRIORITY);
+    }
+    // It is waited for below.
+    Ok(Pid::from_child(&command.spawn()?))
+}
+
+/// Waits for the program's end; asks for it when standard input ends.
+fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus> {
+    let handle = pidfd_open(program, PidfdFlags::empty())?;
+    let mut signals = [(STOP_PATIENCE, Signal::TERM), (TERM_PATIENCE, Signal::KILL)].into_iter();
+    // The next signal, and its time.
+    let mut next: Option<(Duration, Signal)> = None;
+    let (mut is_wanted, mut is_open) = (true, true);
+    loop {
+        let timeout = next.map(|(time, _)| time.saturating_sub(monotonic()));
+        let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());
+        let of_handle = handle.as_fd();
+        let stdin = rustix::stdio::stdin();
+        // A descriptor that has ended stays readable, so the program's own takes its place.
+        let mut fds = [
+            of_handle,
+            if is_wanted { stdin } else { of_handle },
+            if is_open { output.as_fd() } else { of_handle },
+        ]
+        .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN));
+        match poll(&mut fds, timeout.as_ref()) {
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(errno) => return Err(errno.into()),
+        }
+        let [has_ended, has_input, has_output] = fds.map(|fd| !fd.revents().is_empty());
+        if is_open && has_output {
+            is_open = log.take(output);
+        }
+        if has_ended {
+            let waited = waitpid(Some(program), WaitOptions::empty())?;
+            let status = waited.map_or(0, |(_, status)| status.as_raw());
+            return Ok(ExitStatus::from_raw(status));
+        }
+        if is_wanted && has_input && !matches!(rustix::io::read(stdin, &mut [0; 64]), Ok(1..)) {
+            is_wanted = false;
+            next = signals
+                .next()
+                .map(|(time, signal)| (monotonic() + time, signal));
+        }
+        if let Some((_, signal)) = next.filter(|(time, _)| *time <= monotonic()) {
+            // One that has ended meanwhile is seen above.
+            let _ = kill_process_group(program, signal);
+            next = signals
+                .next()
+                .map(|(time, signal)| (monotonic() + time, signal));
+        }
+    }
+}
+
+/// Kills all that the program started and left, whose parent is this process since the program's end.
+fn end_descendants() {
+    loop {
+        for child in children() {
+            let _ = kill_process(child, Signal::KILL);
+        }
+        match waitpid(None, WaitOptions::empty()) {
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(_) => return,
+        }
+    }
+}
+
+/// Processes whose parent is this one.
+fn children() -> Vec<Pid> {
+    let own = getpid().as_raw_nonzero().to_string();
+    let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let is_child = |number: &i32| {
+        let stat = fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
+        // The name of the program before may hold anything.
+        let fields = stat.rsplit(") ").next().unwrap_or_default();
+        fields.split(' ').nth(1) == Some(own.as_str())
+    };
+    let numbers = numbers.filter(is_child);
+    numbers.filter_map(Pid::from_raw).collect()
+}
+
+/// The output of a program.
+struct Log {
+    path: Option<PathBuf>,
+    file: Option<File>,
+    written: u64,
+    dropped: u64,
+    end: Vec<u8>,
+}
+
+impl Log {
+    fn new(path: Option<PathBuf>) -> Self {
+        Self {
+            path,
+            file: None,
+            written: 0,
+            dropped: 0,
+            end: Vec::new(),
+        }
+    }
+
+    /// Takes a part of what is there; false at the end.
+    fn take(&mut self, output: &OwnedFd) -> bool {
+        let mut part = [0; PART_BYTES];
+        match rustix::io::read(output, &mut part) {
+            Ok(length @ 1..) => {
+                self.put(&part[..length]);
+                true
+            }
+            Err(Errno::INTR) => true,
+            // There is no more of a program that has ended.
+            Ok(_) | Err(_) => false,
+        }
+    }
+
+    fn put(&mut self, part: &[u8]) {
+        self.end.extend_from_slice(part);
+        let too_many = self.end.len().saturating_sub(TOLD_BYTES_MAX);
+        self.end.drain(..too_many);
+        let room = LOG_BYTES_MAX.saturating_sub(self.written);
+        let kept = part.len().min(usize::try_from(room).unwrap_or(usize::MAX));
+        let kept = &part[..kept];
+        if self.file.is_none() && self.written == 0 {
+            self.file = self.path.as_ref().and_then(|path| {
+                // A link to a file of the law may have this name.
+                let _ = fs::remove_file(path);
+                File::create_new(path).ok()
+            });
+        }
+        let is_kept = match &mut self.file {
+            Some(file) => file.write_all(kept).is_ok(),
+            None => true,
+        };
+        let kept = if is_kept { kept.len() as u64 } else { 0 };
+        self.written += kept;
+        self.dropped += part.len() as u64 - kept;
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        match (&mut self.file, self.dropped) {
+            (Some(file), dropped @ 1..) => writeln!(file, "\n({dropped} bytes more are not kept)"),
+            _ => Ok(()),
+        }
+    }
+
+    /// Last lines.
+    fn end(&self) -> String {
+        let text = String::from_utf8_lossy(&self.end);
+        let lines = Vec::from_iter(text.trim().lines());
+        lines[lines.len().saturating_sub(TOLD_LINES_MAX)..].join("\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_output_is_kept_up_to_its_limit_and_its_end_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("law.log");
+        let mut log = Log::new(Some(path.clone()));
+        log.finish().unwrap();
+        assert!(!path.exists());
+        let line = [b'x'; 1023];
+        for number in 0..20_000 {
+            log.put(format!("{number}\n").as_bytes());
+            log.put(&line);
+        }
+        log.finish().unwrap();
+        let kept = fs::read(&path).unwrap();
+        let limit = usize::try_from(LOG_BYTES_MAX).unwrap();
+        assert_eq!(&kept[..2], b"0\n");
+        let text = String::from_utf8_lossy(&kept[limit..]).into_owned();
+        assert_eq!(
+            text,
+            format!("\n({} bytes more are not kept)\n", log.dropped)
+        );
+        assert!(log.end().contains("19999"));
+        assert!(log.end().len() <= TOLD_BYTES_MAX);
+    }
+}

@@ -1,0 +1,350 @@
+//! What canrig and a program say to each other, byte by byte: version 1 of the protocol of seats, as `docs/reference/seats.md` has it.
+//!
+//! A message is one packet of a `SOCK_SEQPACKET` socket: a header of 16 bytes, and what its kind adds. Numbers are little-endian, times
+//! are nanoseconds, and reserved bytes are sent as 0 and not looked at. A law has a *port seat*: numbers in, numbers out.
+
+/// Longest message.
+pub const MESSAGE_BYTES_MAX: usize = 128 << 10;
+/// The version that is spoken.
+pub const VERSION: u8 = 1;
+/// The number of HELLO: `CRIG` in its bytes.
+pub const MAGIC: u32 = 0x4749_5243;
+/// A time that does not come.
+pub const NEVER: u64 = u64::MAX;
+/// In `a` of STEP: some value that is read is missing, and not a number.
+pub const IS_MISSING: u8 = 1;
+/// In `a` of DONE: the program has stopped.
+pub const STOPPED: u8 = 1;
+/// In `a` of DONE and VALUES: the program cannot go on; a text follows that says why.
+pub const FAILED: u8 = 2;
+/// The seat of a law, in HELLO.
+pub const PORT_SEAT: u8 = 1;
+
+const HEADER_BYTES: usize = 16;
+const HELLO_BYTES: usize = 8 + NAME_BYTES;
+const NAME_BYTES: usize = 32;
+/// Longest text of a failure.
+const TEXT_BYTES_MAX: usize = 1_024;
+
+/// What a message is.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[repr(u8)]
+pub enum Kind {
+    /// The program introduces itself.
+    Hello = 1,
+    /// canrig says what it plays.
+    Welcome = 2,
+    /// The program is ready for what comes, or has stopped.
+    Done = 4,
+    /// canrig asks it to stop.
+    Stop = 5,
+    /// canrig gives what a law reads in a cycle.
+    Step = 6,
+    /// The program gives what a law writes.
+    Values = 7,
+}
+
+/// What every message begins with.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct Header {
+    /// What it is, as a [`Kind`] has it.
+    pub kind: u8,
+    /// What its kind makes of it.
+    pub a: u8,
+    /// Items that follow.
+    pub count: u16,
+    /// Number of a question, and of its answer.
+    pub number: u32,
+    /// Nanoseconds.
+    pub time: u64,
+}
+
+impl Header {
+    /// A header of this kind.
+    #[must_use]
+    pub fn of(kind: Kind) -> Self {
+        Self {
+            kind: kind as u8,
+            ..Self::default()
+        }
+    }
+
+    /// Begins a message with it.
+    pub fn begin(&self, message: &mut Vec<u8>) {
+        message.clear();
+        message.extend_from_slice(&[self.kind, self.a]);
+        message.extend_from_slice(&self.count.to_le_bytes());
+        message.extend_from_slice(&self.number.to_le_bytes());
+        message.extend_from_slice(&self.time.to_le_bytes());
+    }
+
+    /// The header of a message, and what follows.
+    ///
+    /// # Errors
+    /// The message is too short for one.
+    pub fn split(message: &[u8]) -> Result<(Self, &[u8]), Misread> {
+        let Some((header, body)) = message.split_first_chunk::<HEADER_BYTES>() else {
+            return Err(Misread::new(
+                message.len(),
+                format!("a message has {HEADER_BYTES} bytes at least, and this one ends here"),
+            ));
+        };
+        let [kind, a, c0, c1, n0, n1, n2, n3, time @ ..] = *header;
+        let header = Self {
+            kind,
+            a,
+            count: u16::from_le_bytes([c0, c1]),
+            number: u32::from_le_bytes([n0, n1, n2, n3]),
+            time: u64::from_le_bytes(time),
+        };
+        Ok((header, body))
+    }
+}
+
+/// What is wrong with a message: the first byte that is, and why.
+#[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
+#[error("byte {byte}: {what}")]
+pub struct Misread {
+    byte: usize,
+    what: String,
+}
+
+impl Misread {
+    fn new(byte: usize, what: String) -> Self {
+        Self { byte, what }
+    }
+}
+
+/// The header and the body of a message of a kind.
+fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misread> {
+    let (header, body) = Header::split(message)?;
+    if header.kind != kind as u8 {
+        let name = format!("{kind:?}").to_uppercase();
+        let what = format!("kind {}, where {name} is {}", header.kind, kind as u8);
+        return Err(Misread::new(0, what));
+    }
+    Ok((header, body))
+}
+
+/// Checks the HELLO of a program.
+///
+/// # Errors
+/// It is none, or takes another seat or version.
+pub fn read_hello(message: &[u8]) -> Result<(), Misread> {
+    let (Header { a, number, .. }, body) = split_of(message, Kind::Hello)?;
+    let seat = body.first().copied().unwrap_or_default();
+    let length = HEADER_BYTES + HELLO_BYTES;
+    let end = message.len();
+    let (byte, what) = if a != VERSION {
+        (1, format!("version {a}, where {VERSION} is spoken"))
+    } else if number != MAGIC {
+        (4, format!("0x{number:08X}, not 0x{MAGIC:08X}"))
+    } else if end < length {
+        let what = format!("HELLO has {length} bytes, and this one ends here");
+        (end, what)
+    } else if seat != PORT_SEAT {
+        let what = format!("seat {seat}, and a law's is {PORT_SEAT}");
+        (HEADER_BYTES, what)
+    } else {
+        return Ok(());
+    };
+    Err(Misread::new(byte, what))
+}
+
+/// HELLO at a port seat.
+pub fn write_hello(message: &mut Vec<u8>, name: &str) {
+    let header = Header {
+        a: VERSION,
+        number: MAGIC,
+        ..Header::of(Kind::Hello)
+    };
+    header.begin(message);
+    let mut body = [0; HELLO_BYTES];
+    body[0] = PORT_SEAT;
+    let name = &name.as_bytes()[..name.len().min(NAME_BYTES - 1)];
+    body[8..8 + name.len()].copy_from_slice(name);
+    message.extend_from_slice(&body);
+}
+
+/// WELCOME at a port seat: what the law reads, writes and was given, as JSON.
+pub fn write_welcome(message: &mut Vec<u8>, seed: u64, json: &[u8]) {
+    let header = Header {
+        a: VERSION,
+        ..Header::of(Kind::Welcome)
+    };
+    header.begin(message);
+    // The bit rates, and behind the seed the node-ID, are a bus seat's.
+    message.extend_from_slice(&[0; 8]);
+    message.extend_from_slice(&seed.to_le_bytes());
+    message.extend_from_slice(&[0; 8]);
+    message.extend_from_slice(json);
+}
+
+/// The JSON of a WELCOME, and the seed.
+///
+/// # Errors
+/// It is none.
+pub fn read_welcome(message: &[u8]) -> Result<(&[u8], u64), Misread> {
+    let (_, body) = split_of(message, Kind::Welcome)?;
+    let seed = body.get(8..16).and_then(|seed| seed.first_chunk());
+    match (seed, body.get(24..)) {
+        (Some(seed), Some(json)) => Ok((json, u64::from_le_bytes(*seed))),
+        _ => {
+            let what = "WELCOME has 40 bytes and JSON, and this one ends here".to_owned();
+            Err(Misread::new(message.len(), what))
+        }
+    }
+}
+
+/// DONE: the program is ready, or has stopped.
+pub fn write_done(message: &mut Vec<u8>, number: u32, a: u8) {
+    let header = Header {
+        a,
+        number,
+        time: NEVER,
+        ..Header::of(Kind::Done)
+    };
+    header.begin(message);
+    // A bus seat says here how far it came.
+    message.extend_from_slice(&[0; 8]);
+}
+
+/// The body of an answer, or the text of a program that cannot go on.
+pub type Told<'a> = Result<&'a [u8], String>;
+
+/// What a program answers to WELCOME (DONE) or to STEP (VALUES), by the number of the question.
+///
+/// # Errors
+/// It is no such answer.
+pub fn read_answer(message: &[u8], kind: Kind, number: u32) -> Result<Told<'_>, Misread> {
+    let (header, body) = split_of(message, kind)?;
+    if header.number != number {
+        let what = format!("number {}, and {number} was asked", header.number);
+        return Err(Misread::new(4, what));
+    }
+    match header.a {
+        0 => Ok(Ok(body)),
+        FAILED => {
+            let text = &body[..body.len().min(TEXT_BYTES_MAX)];
+            Ok(Err(String::from_utf8_lossy(text).into_owned()))
+        }
+        a => {
+            let what = format!("{a}, which is neither 0 nor {FAILED}");
+            Err(Misread::new(1, what))
+        }
+    }
+}
+
+/// A message of numbers: STEP or VALUES.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "a message has less than 65 536 numbers"
+)]
+pub fn write_numbers(message: &mut Vec<u8>, header: Header, before: Option<f64>, numbers: &[f64]) {
+    let count = numbers.len() as u16;
+    Header { count, ..header }.begin(message);
+    for number in before.iter().chain(numbers) {
+        message.extend_from_slice(&number.to_le_bytes());
+    }
+}
+
+/// The numbers of a body, as far as they are whole.
+pub fn numbers(body: &[u8]) -> impl ExactSizeIterator<Item = f64> {
+    let number = |bytes: &[u8; 8]| f64::from_le_bytes(*bytes);
+    body.as_chunks::<8>().0.iter().map(number)
+}
+
+/// The VALUES that answer the STEP of a number.
+///
+/// # Errors
+/// They are none, or not as many.
+pub fn read_values<'a>(message: &'a [u8], number: u32, count: usize) -> Result<Told<'a>, Misread> {
+    let told = read_answer(message, Kind::Values, number)?;
+    let stated = u16::from_le_bytes([message[2], message[3]]);
+    match &told {
+        Ok(body) if usize::from(stated) != count || body.len() != 8 * count => {
+            let bytes = body.len();
+            let what = format!("{stated} values in {bytes} bytes, where the law writes {count}");
+            Err(Misread::new(2, what))
+        }
+        _ => Ok(told),
+    }
+}
+
+/// A failure that a program tells, as VALUES or DONE.
+pub fn write_failure(message: &mut Vec<u8>, header: Header, text: &str) {
+    Header {
+        a: FAILED,
+        ..header
+    }
+    .begin(message);
+    let end = text.floor_char_boundary(TEXT_BYTES_MAX);
+    message.extend_from_slice(&text.as_bytes()[..end]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hello_has_these_bytes() {
+        let mut message = Vec::new();
+        write_hello(&mut message, "pid");
+        let head = [1, 1, 0, 0, b'C', b'R', b'I', b'G', 0, 0, 0, 0, 0, 0, 0, 0];
+        let seat = [1, 0, 0, 0, 0, 0, 0, 0];
+        assert_eq!(&message[..27], [&head[..], &seat, b"pid"].concat());
+        assert_eq!(message.len(), 56);
+        assert_eq!(read_hello(&message), Ok(()));
+    }
+
+    #[test]
+    fn what_is_no_hello_is_named_with_its_byte() {
+        let mut hello = Vec::new();
+        write_hello(&mut hello, "pid");
+        for (place, said) in [
+            (0, "byte 0: kind 99, where HELLO is 1"),
+            (1, "byte 1: version 99, where 1 is spoken"),
+            (5, "byte 4: 0x47496343, not 0x47495243"),
+            (16, "byte 16: seat 99, and a law's is 1"),
+        ] {
+            let mut wrong = hello.clone();
+            wrong[place] = 99;
+            assert_eq!(read_hello(&wrong).unwrap_err().to_string(), said);
+        }
+        assert!(read_hello(&hello[..50]).is_err());
+        assert!(read_hello(b"GET / HTTP/1.1").is_err());
+    }
+
+    #[test]
+    fn an_answer_is_that_of_its_number() {
+        let mut message = Vec::new();
+        let header = Header {
+            number: 7,
+            ..Header::of(Kind::Values)
+        };
+        write_numbers(&mut message, header, None, &[1.5, -2.0]);
+        assert_eq!(message.len(), 32);
+        let body = read_values(&message, 7, 2).unwrap().unwrap();
+        assert_eq!(Vec::from_iter(numbers(body)), [1.5, -2.0]);
+        for (number, count, said) in [
+            (6, 2, "byte 4: number 7, and 6 was asked"),
+            (8, 2, "byte 4: number 7, and 8 was asked"),
+            (7, 3, "byte 2: 2 values in 16 bytes, where the law writes 3"),
+        ] {
+            let error = read_values(&message, number, count).unwrap_err();
+            assert_eq!(error.to_string(), said);
+        }
+        write_failure(&mut message, header, "no gain");
+        let failed = read_values(&message, 7, 2).unwrap();
+        assert_eq!(failed, Err("no gain".to_owned()));
+    }
+
+    #[test]
+    fn a_welcome_carries_its_json_behind_the_seed() {
+        let mut message = Vec::new();
+        write_welcome(&mut message, 5, b"{}");
+        assert_eq!(message[24], 5);
+        assert_eq!(read_welcome(&message).unwrap(), (&b"{}"[..], 5));
+        assert!(read_welcome(&message[..30]).is_err());
+    }
+}

@@ -1,0 +1,144 @@
+//! Finds the files of laws that a process of its own plays: where they may lie, and their hashes.
+
+use std::env;
+use std::io;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+
+use toml::Value;
+
+use crate::controller::Controller;
+use crate::document::Document;
+use crate::error::Problem;
+use crate::fingerprint::HASH_SUFFIX;
+use crate::process_law::Plays;
+use crate::table::{ReadTable, is_inside_folder};
+
+const OUTSIDE: &str = "no absolute path, no `..`: it lies in the scenario's folder, or below it";
+
+/// Finds the files of a law that a process plays, and puts their hashes among what was read. A recording may lack file and hash.
+pub(crate) fn read_files(
+    document: &Document<'_>,
+    controller: &Controller,
+    is_recorded: bool,
+    read_file: ReadTable<'_>,
+) -> Vec<Problem> {
+    let Some(law) = controller.process_law() else {
+        return Vec::new();
+    };
+    let name = controller.law_name();
+    let mut files = Files {
+        document,
+        is_recorded,
+        read_file,
+    };
+    let mut problems = Vec::new();
+    match &law.plays {
+        Plays::Command(words) => {
+            for (place, word) in words.iter().enumerate() {
+                let path = format!("controller.{name}.command.{place}");
+                problems.extend(match place {
+                    0 => files.program(&path, word),
+                    _ => files.argument(&path, word),
+                });
+            }
+        }
+        Plays::Library(file) | Plays::Fmu(file) => {
+            let path = format!("controller.{name}.file");
+            problems.extend(files.required(&path, file));
+        }
+    }
+    for (parameter, value) in &law.parameters {
+        if !is_finite(value) {
+            let path = format!("controller.{name}.parameters.{parameter}");
+            let message = format!("the parameter `{parameter}` cannot be handed on");
+            let label = "numbers that are finite, truths, texts, and lists and tables of them";
+            problems.push(document.problem(&path, message, label));
+        }
+    }
+    problems
+}
+
+/// Whether a value is the same in JSON.
+fn is_finite(value: &Value) -> bool {
+    match value {
+        Value::Float(number) => number.is_finite(),
+        Value::Datetime(_) => false,
+        Value::Array(values) => values.iter().all(is_finite),
+        Value::Table(values) => values.values().all(is_finite),
+        Value::String(_) | Value::Integer(_) | Value::Boolean(_) => true,
+    }
+}
+
+struct Files<'a, 'b> {
+    document: &'a Document<'b>,
+    is_recorded: bool,
+    read_file: ReadTable<'a>,
+}
+
+impl Files<'_, '_> {
+    /// The first word of a command.
+    fn program(&mut self, path: &str, word: &str) -> Option<Problem> {
+        if word.contains('/') {
+            return self.required(path, word);
+        }
+        if self.is_recorded || is_on_path(word) {
+            return None;
+        }
+        let message = format!("no program `{word}` is on PATH");
+        let label = format!("one beside the scenario is written `./{word}`");
+        Some(self.document.problem(path, message, label))
+    }
+
+    /// A word that may be a file.
+    fn argument(&mut self, path: &str, word: &str) -> Option<Problem> {
+        match self.hash(word) {
+            Ok(()) if self.is_recorded || is_inside_folder(word) => None,
+            Ok(()) => Some(self.wrong(path, word, OUTSIDE)),
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                Some(self.wrong(path, word, &error.to_string()))
+            }
+            // It is no file.
+            Err(_) => None,
+        }
+    }
+
+    /// A file that must be there.
+    fn required(&mut self, path: &str, file: &str) -> Option<Problem> {
+        if !is_inside_folder(file) {
+            return Some(self.wrong(path, file, OUTSIDE));
+        }
+        match self.hash(file) {
+            Err(error) if !self.is_recorded => Some(match error.kind() {
+                io::ErrorKind::NotFound => {
+                    self.wrong(path, file, "there is no such file beside the scenario")
+                }
+                _ => self.wrong(path, file, &error.to_string()),
+            }),
+            _ => None,
+        }
+    }
+
+    fn hash(&mut self, file: &str) -> io::Result<()> {
+        let read = (self.read_file)(&format!("{file}{HASH_SUFFIX}"));
+        match read {
+            Err(_) if self.is_recorded => Ok(()),
+            read => read.map(drop),
+        }
+    }
+
+    fn wrong(&self, path: &str, file: &str, label: &str) -> Problem {
+        let message = format!("`{file}` cannot be a file of the law");
+        self.document.problem(path, message, label)
+    }
+}
+
+/// Whether a program is found by its name alone.
+fn is_on_path(name: &str) -> bool {
+    let is_program = |path: &Path| {
+        let metadata = path.metadata();
+        metadata.is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0)
+    };
+    let folders = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&folders).any(|folder| is_program(&folder.join(name)))
+}

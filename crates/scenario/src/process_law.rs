@@ -1,0 +1,189 @@
+//! Laws that a process of its own plays: a program, or canrig's worker that loads a shared library or an FMU.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Serialize};
+use toml::Value;
+
+use crate::plant::whole_names;
+
+/// A law that a program plays, in any language. It gets what the law reads in each cycle, and answers what it writes.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Program {
+    /// The program and its arguments, without a shell. The program is searched on `PATH`; one with a `/` in its name is a file in the
+    /// scenario's folder or below it, where the program runs.
+    #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 4096)))]
+    pub command: Vec<String>,
+    /// What it reads: `position_millimetres`, `set_point_millimetres`, and that with `_per_second` or `_per_second_squared`, in any
+    /// unit of the quantity. A name may begin with that of the loop and a dot.
+    #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 200)))]
+    pub reads: Vec<String>,
+    /// What it commands: `current_amperes` or what else the drive's amplifier gives, as in `voltage_volts`, and
+    /// `DRIVE.current_amperes` of each further drive of the loop.
+    #[schemars(length(min = 1, max = 8), inner(length(min = 1, max = 200)))]
+    pub writes: Vec<String>,
+    /// What it writes besides, to be recorded: names that end in their units.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = 8), inner(length(min = 1, max = 200)))]
+    pub terms: Vec<String>,
+    /// Its parameters, which `--set` and `[sweep]` reach.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(schema_with = "values")]
+    pub parameters: BTreeMap<String, Value>,
+}
+
+/// A law that a function of a shared library plays, behind `canrig_law.h`.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Library {
+    /// The library, in the scenario's folder or below it.
+    #[schemars(length(min = 1, max = 4096))]
+    pub file: String,
+    /// What it reads, as in `[controller.program]`.
+    #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 200)))]
+    pub reads: Vec<String>,
+    /// What it commands, as in `[controller.program]`.
+    #[schemars(length(min = 1, max = 8), inner(length(min = 1, max = 200)))]
+    pub writes: Vec<String>,
+    /// What it writes besides, as in `[controller.program]`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = 8), inner(length(min = 1, max = 200)))]
+    pub terms: Vec<String>,
+    /// Its parameters: numbers.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(length(max = 1000))]
+    pub parameters: BTreeMap<String, f64>,
+}
+
+/// A law that an FMU plays.
+#[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct FmuLaw {
+    /// The FMU, in the scenario's folder or below it.
+    #[schemars(length(min = 1, max = 4096))]
+    pub file: String,
+    /// Its inputs, each with what it reads, as in `[controller.program]`: `y = "position_millimetres"`.
+    #[schemars(length(min = 1, max = 64))]
+    pub reads: BTreeMap<String, String>,
+    /// Its outputs that are commands, as in `[controller.program]`: `u = "current_amperes"`.
+    #[schemars(length(min = 1, max = 8))]
+    pub writes: BTreeMap<String, String>,
+    /// Its outputs that are recorded besides.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(length(max = 8))]
+    pub terms: BTreeMap<String, String>,
+    /// Start values by the names of its variables, in the FMU's units: numbers, truths or texts.
+    #[serde(
+        default,
+        deserialize_with = "whole_names",
+        skip_serializing_if = "BTreeMap::is_empty"
+    )]
+    #[schemars(schema_with = "values")]
+    pub parameters: BTreeMap<String, Value>,
+}
+
+/// The schema of whatever a program takes.
+fn values(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({"type": "object", "additionalProperties": {}})
+}
+
+/// A law that a process of its own plays, whichever it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProcessLaw {
+    /// What plays it.
+    pub plays: Plays,
+    /// What it reads.
+    pub reads: Vec<PlayedPort>,
+    /// What it commands.
+    pub writes: Vec<PlayedPort>,
+    /// What it writes besides.
+    pub terms: Vec<PlayedPort>,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, Value>,
+}
+
+/// What plays a law.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Plays {
+    /// A program with its arguments.
+    Command(Vec<String>),
+    /// The functions of a shared library.
+    Library(String),
+    /// An FMU.
+    Fmu(String),
+}
+
+/// A port of a law that a process plays.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlayedPort {
+    /// The variable of an FMU that it is.
+    pub variable: Option<String>,
+    /// The signal as it is written, which may begin with the name of a loop or a drive.
+    pub signal: String,
+}
+
+impl fmt::Display for Plays {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Command(words) => formatter.write_str(&words.join(" ")),
+            Self::Library(file) | Self::Fmu(file) => formatter.write_str(file),
+        }
+    }
+}
+
+fn listed(signals: &[String]) -> Vec<PlayedPort> {
+    let port = |signal: &String| PlayedPort {
+        variable: None,
+        signal: signal.clone(),
+    };
+    signals.iter().map(port).collect()
+}
+
+fn mapped(signals: &BTreeMap<String, String>) -> Vec<PlayedPort> {
+    let port = |(variable, signal): (&String, &String)| PlayedPort {
+        variable: Some(variable.clone()),
+        signal: signal.clone(),
+    };
+    signals.iter().map(port).collect()
+}
+
+impl From<&Program> for ProcessLaw {
+    fn from(law: &Program) -> Self {
+        Self {
+            plays: Plays::Command(law.command.clone()),
+            reads: listed(&law.reads),
+            writes: listed(&law.writes),
+            terms: listed(&law.terms),
+            parameters: law.parameters.clone(),
+        }
+    }
+}
+
+impl From<&Library> for ProcessLaw {
+    fn from(law: &Library) -> Self {
+        let parameters = law.parameters.iter();
+        let parameters = parameters.map(|(name, value)| (name.clone(), (*value).into()));
+        Self {
+            plays: Plays::Library(law.file.clone()),
+            reads: listed(&law.reads),
+            writes: listed(&law.writes),
+            terms: listed(&law.terms),
+            parameters: parameters.collect(),
+        }
+    }
+}
+
+impl From<&FmuLaw> for ProcessLaw {
+    fn from(law: &FmuLaw) -> Self {
+        Self {
+            plays: Plays::Fmu(law.file.clone()),
+            reads: mapped(&law.reads),
+            writes: mapped(&law.writes),
+            terms: mapped(&law.terms),
+            parameters: law.parameters.clone(),
+        }
+    }
+}

@@ -1,0 +1,368 @@
+//! Laws that a process plays: `[controller.program]`, and canrig's own worker for `[controller.library]` and `[controller.fmu]`.
+//!
+//! The process has a port seat ([`platform::seat`]). In virtual time it is waited for; in real time an answer that does not come in
+//! time is late, and counted.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use controller::law::Cycle;
+use controller::process_law::{self, Player, Window};
+use fmu::Unpacked;
+use platform::clock::Clock;
+use platform::program::{END_PATIENCE, Order, Program, Received, START_PATIENCE};
+use platform::seat::{
+    Header, IS_MISSING, Kind, MESSAGE_BYTES_MAX, numbers, read_answer, read_hello, read_values,
+    write_numbers, write_welcome,
+};
+use rig::plan::Plan;
+use scenario::node::Part;
+use scenario::process_law::{Plays, ProcessLaw};
+use serde_json::json;
+
+use crate::fmu_plant;
+use crate::law_worker;
+
+/// Cycles in a row without an answer in time after which a law is given up.
+const LATE_IN_A_ROW_MAX: u32 = 20;
+/// Waits without an answer after which a process is dead in virtual time. Where the machine stands still, that is one wait.
+const WAITS_MAX: u32 = 100;
+const WAIT: Duration = Duration::from_millis(100);
+/// Time that a process which closed its channel has to end.
+const CLOSED_PATIENCE: Duration = Duration::from_secs(10);
+/// Said of a process that does not end then.
+const CLOSED: &str = "closed its channel";
+
+/// Where the processes of laws run, and how time passes there.
+#[derive(Clone, Debug)]
+pub struct LawPlace {
+    /// Their working directory: the folder of the scenario.
+    pub folder: PathBuf,
+    /// The folder of what they print; it is not kept if `None`.
+    pub logs: Option<PathBuf>,
+    /// Answers may be late.
+    pub is_real_time: bool,
+    /// The seed of the run.
+    pub seed: u64,
+    /// Number of cycles without an answer in time.
+    pub late: Arc<AtomicU64>,
+}
+
+impl LawPlace {
+    /// The place of a plan in virtual time.
+    #[must_use]
+    pub fn of(plan: &Plan) -> Self {
+        Self {
+            folder: folder_of(plan),
+            logs: None,
+            is_real_time: false,
+            seed: plan.shared.run.seed,
+            late: Arc::default(),
+        }
+    }
+
+    /// Starts the process of a law. What goes wrong with it is a failure of the law.
+    ///
+    /// # Errors
+    /// The system refuses it.
+    pub(crate) fn start(&self, part: &process_law::Part) -> Result<Box<dyn Player>, String> {
+        let mut unpacked = None;
+        let command = match &part.plays {
+            Plays::Command(words) => words.clone(),
+            Plays::Library(file) => law_worker::command(file, None)?,
+            Plays::Fmu(file) => {
+                let files = unpacked.insert(fmu_plant::unpacked(file)?);
+                law_worker::command(file, Some(files.folder()))?
+            }
+        };
+        let clock = match self.is_real_time {
+            true => "real",
+            false => "virtual",
+        };
+        let log = self.logs.as_ref().map(|logs| logs.join(log_name(part)));
+        let program = Program::start(&Order {
+            command: &command,
+            folder: &self.folder,
+            log: log.as_deref(),
+            environment: &[
+                ("CANRIG_CLOCK", clock.to_owned()),
+                ("CANRIG_SEED", self.seed.to_string()),
+            ],
+        });
+        let program = program.map_err(|error| {
+            let words = &part.plays;
+            format!("no process for the law `{words}` can be started: {error}")
+        })?;
+        let mut law = LawProcess {
+            who: who(part),
+            outputs: [&part.writes[..], &part.terms].concat(),
+            program,
+            _unpacked: unpacked,
+            is_gone: false,
+            clock: Clock::start(),
+            is_real_time: self.is_real_time,
+            ahead: Duration::MAX,
+            asked: 0,
+            answered: 0,
+            message: Vec::with_capacity(MESSAGE_BYTES_MAX),
+            answer: vec![0; MESSAGE_BYTES_MAX],
+            late: Arc::clone(&self.late),
+            late_in_a_row: 0,
+            failure: None,
+        };
+        if let Err(why) = law.meet(part, self.seed) {
+            law.fail(&why);
+        }
+        Ok(Box::new(law))
+    }
+}
+
+/// The folder of a plan's scenario.
+#[must_use]
+pub fn folder_of(plan: &Plan) -> PathBuf {
+    let folder = plan.shared.beside.scenario().parent();
+    let folder = folder.filter(|folder| *folder != Path::new(""));
+    folder.unwrap_or(Path::new(".")).to_owned()
+}
+
+/// How much longer than others a controller with these laws may take until it is there, and for its end.
+pub(crate) fn more_patience(plan: &Plan) -> [Duration; 2] {
+    let mut laws = plan.loops.iter().map(|one| &one.trial.controller);
+    match laws.any(|law| law.process_law().is_some()) {
+        true => [3 * START_PATIENCE + CLOSED_PATIENCE, END_PATIENCE],
+        false => [Duration::ZERO; 2],
+    }
+}
+
+/// What is started for the laws of a plan, a line each.
+#[must_use]
+pub fn started_by(plan: &Plan) -> Vec<String> {
+    let ours = plan.loops.iter();
+    let ours = ours.filter(|one| one.is_ours(Part::Controller));
+    let laws = ours.filter_map(|one| one.trial.controller.process_law());
+    let folder = folder_of(plan);
+    let line = |law: ProcessLaw| format!("law: starts `{}` in {}", law.plays, folder.display());
+    laws.map(line).collect()
+}
+
+fn log_name(part: &process_law::Part) -> String {
+    match part.of_loop.as_str() {
+        "" => "law.log".to_owned(),
+        name => format!("{name}.law.log"),
+    }
+}
+
+fn who(part: &process_law::Part) -> String {
+    let words = &part.plays;
+    match part.of_loop.as_str() {
+        "" => format!("the law's process `{words}`"),
+        name => format!("the process `{words}` of the law of `{name}`"),
+    }
+}
+
+/// A law that a process plays.
+#[derive(Debug)]
+struct LawProcess {
+    who: String,
+    /// Names of what it writes.
+    outputs: Vec<String>,
+    program: Program,
+    /// The files of an FMU, which its process has open.
+    _unpacked: Option<Arc<Unpacked>>,
+    /// It closed its end of the channel.
+    is_gone: bool,
+    clock: Clock,
+    is_real_time: bool,
+    /// By how much its clock is ahead of the node's time: the least that was seen, since the node's is never later than the present.
+    ahead: Duration,
+    /// Number of the latest question, and of the latest one that was answered.
+    asked: u32,
+    answered: u32,
+    message: Vec<u8>,
+    answer: Vec<u8>,
+    late: Arc<AtomicU64>,
+    late_in_a_row: u32,
+    failure: Option<String>,
+}
+
+impl LawProcess {
+    /// Waits for the process, and tells it its part.
+    fn meet(&mut self, part: &process_law::Part, seed: u64) -> Result<(), String> {
+        let wrong = |error: std::io::Error| format!("cannot be reached: {error}");
+        if !self.program.accept().map_err(wrong)? {
+            return Err(match self.program.ended(Duration::ZERO) {
+                Some(ended) => ended_words(&ended),
+                None => format!("did not come to its seat in {} s", START_PATIENCE.as_secs()),
+            });
+        }
+        let hello = self.first_answer()?;
+        read_hello(hello).map_err(|wrong| format!("spoke what is no HELLO: {wrong}"))?;
+        let mut welcome = json!({
+            "reads": part.reads,
+            "writes": part.writes,
+            "terms": part.terms,
+            "ranges": part.ranges,
+            "parameters": part.parameters,
+            "period_seconds": part.period.as_secs_f64(),
+        });
+        if !part.variables.is_empty() {
+            welcome["variables"] = json!(part.variables);
+        }
+        write_welcome(&mut self.message, seed, welcome.to_string().as_bytes());
+        self.program.send(&self.message).map_err(wrong)?;
+        let ready = read_answer(self.first_answer()?, Kind::Done, 0)
+            .map_err(|wrong| format!("answered WELCOME with what is no answer: {wrong}"))?;
+        ready.map(drop).map_err(|text| format!("gave up: {text}"))
+    }
+
+    /// A message before the first cycle.
+    fn first_answer(&mut self) -> Result<&[u8], String> {
+        let received = self.program.receive(&mut self.answer, START_PATIENCE);
+        match received.map_err(|error| format!("cannot be reached: {error}"))? {
+            Received::Message(length) => Ok(&self.answer[..length]),
+            Received::Nothing => Err(format!("was not ready in {} s", START_PATIENCE.as_secs())),
+            Received::Closed => Err(match self.program.ended(CLOSED_PATIENCE) {
+                Some(ended) => ended_words(&ended),
+                None => CLOSED.to_owned(),
+            }),
+        }
+    }
+
+    fn fail(&mut self, what: &str) {
+        self.failure = Some(format!("{} {what}", self.who));
+    }
+
+    /// Rest of a window.
+    fn left(&mut self, window: &Window) -> Duration {
+        let own = self.clock.now();
+        self.ahead = self.ahead.min(own.saturating_sub(window.now));
+        (window.until + self.ahead).saturating_sub(own)
+    }
+
+    fn ask(&mut self, cycle: &Cycle, reads: &[f64]) {
+        self.asked = self.asked.wrapping_add(1);
+        let time = Duration::try_from_secs_f64(cycle.scenario_time_seconds);
+        let time = time.unwrap_or_default().as_nanos();
+        let header = Header {
+            a: match reads.iter().any(|value| value.is_nan()) {
+                true => IS_MISSING,
+                false => 0,
+            },
+            number: self.asked,
+            time: u64::try_from(time).unwrap_or(u64::MAX),
+            ..Header::of(Kind::Step)
+        };
+        let period = Some(cycle.period_seconds);
+        write_numbers(&mut self.message, header, period, reads);
+        self.is_gone |= self.program.send(&self.message).is_err();
+    }
+
+    /// Waits for the answer; false if there is none in time, or there will be none.
+    fn wait(&mut self, window: &Window, writes: &mut [f64]) -> bool {
+        let mut waits = 0;
+        while !self.is_gone {
+            let patience = match self.is_real_time {
+                true => self.left(window),
+                false => WAIT,
+            };
+            match self.program.receive(&mut self.answer, patience) {
+                Ok(Received::Message(length)) => {
+                    if let Some(is_answer) = self.take(length, writes) {
+                        return is_answer;
+                    }
+                }
+                Ok(Received::Nothing) if self.is_real_time => return false,
+                Ok(Received::Nothing) if waits < WAITS_MAX => waits += 1,
+                Ok(Received::Nothing) => {
+                    let seconds = (WAITS_MAX * WAIT).as_secs();
+                    self.fail(&format!("did not answer in {seconds} s"));
+                    return false;
+                }
+                Ok(Received::Closed) | Err(_) => self.is_gone = true,
+            }
+        }
+        // In real time it is seen in one of the next cycles how it ended.
+        let patience = match self.is_real_time {
+            true => self.left(window),
+            false => CLOSED_PATIENCE,
+        };
+        match self.program.ended(patience) {
+            Some(ended) => self.fail(&ended_words(&ended)),
+            None if self.is_real_time => {}
+            None => self.fail(CLOSED),
+        }
+        false
+    }
+
+    /// Whether a message is the answer; `None` for that to an earlier question, which comes late.
+    fn take(&mut self, length: usize, writes: &mut [f64]) -> Option<bool> {
+        self.answered = self.answered.wrapping_add(1);
+        let told = read_values(&self.answer[..length], self.answered, writes.len());
+        let what = match told {
+            Ok(Ok(body)) => match numbers(body).position(|value| !value.is_finite()) {
+                _ if self.answered != self.asked => return None,
+                None => {
+                    let values = writes.iter_mut().zip(numbers(body));
+                    values.for_each(|(write, value)| *write = value);
+                    return Some(true);
+                }
+                Some(place) => {
+                    let value = numbers(body).nth(place).unwrap_or(f64::NAN);
+                    format!("answered {value} for `{}`", self.outputs[place])
+                }
+            },
+            Ok(Err(text)) => format!("gave up: {text}"),
+            Err(wrong) => format!("answered what is no answer: {wrong}"),
+        };
+        self.fail(&what);
+        Some(false)
+    }
+}
+
+/// How it ended, and what it printed last.
+fn ended_words((how, output): &(String, String)) -> String {
+    match output.as_str() {
+        "" => how.clone(),
+        output => format!("{how}; the end of its output:\n{}", indented(output)),
+    }
+}
+
+/// Lines as they stand below a message.
+pub(crate) fn indented(output: &str) -> String {
+    let lines = output.lines().map(|line| format!("    {line}"));
+    Vec::from_iter(lines).join("\n")
+}
+
+impl Player for LawProcess {
+    fn step(&mut self, cycle: &Cycle, window: &Window, reads: &[f64], writes: &mut [f64]) -> bool {
+        if self.failure.is_some() {
+            return false;
+        }
+        self.ask(cycle, reads);
+        if self.is_real_time && window.until <= window.now {
+            return false;
+        }
+        let is_in_time = self.wait(window, writes);
+        match is_in_time {
+            true => self.late_in_a_row = 0,
+            false => {
+                self.late.fetch_add(1, Ordering::Relaxed);
+                self.late_in_a_row += 1;
+            }
+        }
+        if self.late_in_a_row >= LATE_IN_A_ROW_MAX && self.failure.is_none() {
+            let what = match self.is_gone {
+                true => CLOSED.to_owned(),
+                false => format!("did not answer in time in {LATE_IN_A_ROW_MAX} cycles in a row"),
+            };
+            self.fail(&what);
+        }
+        is_in_time
+    }
+
+    fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+}

@@ -1,0 +1,230 @@
+//! The process that alone loads the shared library or the FMU of a law: `canrig law-worker`, at the same seat as any program.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::io;
+use std::path::{Path, absolute};
+
+use fmu::table::{self, Misfit};
+use fmu::unit::Conversion;
+use fmu::{FmuError, Instance, LawLibrary, LawSetup};
+use platform::program::Seat;
+use scenario::Objection;
+use scenario::plant::{Fmu, FmuPort};
+use scenario::process_law::FmuLaw;
+use serde::Deserialize;
+use toml::Value;
+
+use crate::fmu_plant::wiring_of;
+
+/// The hidden subcommand that serves.
+const SUBCOMMAND: &str = "law-worker";
+/// This program, as a process knows itself.
+const MYSELF: &str = "/proc/self/exe";
+
+/// The command that loads a shared library, or an FMU whose files are in a folder. It runs elsewhere.
+///
+/// # Errors
+/// This process has no folder any more.
+pub(crate) fn command(file: &str, folder: Option<&Path>) -> Result<Vec<String>, String> {
+    let mut command = [MYSELF, SUBCOMMAND].map(str::to_owned).to_vec();
+    for path in [Path::new(file)].into_iter().chain(folder) {
+        let path = absolute(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        command.push(path.to_string_lossy().into_owned());
+    }
+    Ok(command)
+}
+
+/// What is wrong with the FMU of a law, by what it says of itself.
+pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
+    let ports = [
+        ("reads", &law.reads, true),
+        ("writes", &law.writes, false),
+        ("terms", &law.terms, false),
+    ];
+    let variables = ports.iter().flat_map(|(_, ports, _)| ports.iter());
+    let variables = variables.map(|(variable, signal)| (signal.clone(), variable.clone()));
+    let name = Path::new(&law.file).file_name().unwrap_or(OsStr::new(""));
+    let name = name.to_string_lossy();
+    let objection = |place: String, what: String| Objection {
+        path: format!("controller.fmu.{place}"),
+        message: format!("{name} cannot be this law: {what}"),
+        label: "by what the FMU says of itself".to_owned(),
+        help: Some(format!(
+            "`canrig fmu {}` lists what it has and needs",
+            law.file
+        )),
+    };
+    let table = table_of(&law.file, variables.collect(), law.parameters.clone());
+    let wiring = match wiring_of(&table) {
+        Ok(wiring) => wiring,
+        Err(Misfit { place, fault }) => {
+            return Some(objection(place_in_law(&place, law), fault.to_string()));
+        }
+    };
+    let is_input = |variable: &String| wiring.configuration.inputs.contains(variable);
+    ports.into_iter().find_map(|(key, ports, is_read)| {
+        let wrong = ports
+            .keys()
+            .find(|variable| is_input(variable) != is_read)?;
+        let what = match is_read {
+            true => format!("variable `{wrong}` is no input, so it reads nothing"),
+            false => format!("variable `{wrong}` is an input, so it writes nothing"),
+        };
+        Some(objection(format!("{key}.{wrong}"), what))
+    })
+}
+
+/// A place in the table that a plant would have, in that of the law.
+fn place_in_law(place: &str, law: &FmuLaw) -> String {
+    if let Some(start) = place.strip_prefix("start.") {
+        return format!("parameters.{start}");
+    }
+    let signal = place.strip_prefix("ports.");
+    let signal = signal.map(|signal| signal.strip_suffix(".variable").unwrap_or(signal));
+    let tables = [
+        ("reads", &law.reads),
+        ("writes", &law.writes),
+        ("terms", &law.terms),
+    ];
+    let found = tables.into_iter().find_map(|(key, ports)| {
+        let mut ports = ports.iter();
+        let (variable, _) = ports.find(|(_, own)| Some(own.as_str()) == signal)?;
+        Some(format!("{key}.{variable}"))
+    });
+    found.unwrap_or_else(|| "file".to_owned())
+}
+
+/// The table of a plant that is the same FMU with ports of these names.
+fn table_of(
+    file: &str,
+    variables: BTreeMap<String, String>,
+    parameters: BTreeMap<String, Value>,
+) -> Fmu {
+    let port = |variable| FmuPort {
+        variable,
+        factor: None,
+        offset: None,
+        range: None,
+    };
+    let ports = variables.into_iter();
+    Fmu {
+        file: file.to_owned(),
+        start: parameters,
+        ports: ports
+            .map(|(name, variable)| (name, port(variable)))
+            .collect(),
+        ..Fmu::default()
+    }
+}
+
+/// What WELCOME says.
+#[derive(Deserialize)]
+struct Welcome {
+    reads: Vec<String>,
+    writes: Vec<String>,
+    terms: Vec<String>,
+    ranges: Vec<[f64; 2]>,
+    parameters: BTreeMap<String, Value>,
+    #[serde(default)]
+    variables: BTreeMap<String, String>,
+    period_seconds: f64,
+}
+
+/// Takes the seat that the environment names, loads a law, and plays it until it is asked to stop. For a process of its own only: it
+/// runs a stranger's code.
+///
+/// # Errors
+/// There is no seat, or canrig speaks another protocol.
+pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
+    let mut seat = Seat::join("law-worker")?;
+    let (welcome, seed) = seat.welcome()?;
+    let welcome: Welcome = serde_json::from_slice(welcome)?;
+    let loaded = match folder {
+        None => of_library(file, &welcome, seed),
+        Some(folder) => of_fmu(file, folder, &welcome),
+    };
+    let outputs = welcome.writes.len() + welcome.terms.len();
+    seat.play(loaded, welcome.reads.len(), outputs)
+}
+
+/// A law that was loaded: time, period, what it reads, what it writes.
+type Loaded = Box<dyn FnMut(f64, f64, &[f64], &mut [f64]) -> Result<(), String>>;
+
+fn of_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, String> {
+    let parameters = welcome.parameters.iter();
+    let number = |value: &Value| {
+        value
+            .as_float()
+            .or(value.as_integer().map(|whole| whole as f64))
+    };
+    let setup = LawSetup {
+        reads: welcome.reads.clone(),
+        writes: welcome.writes.clone(),
+        terms: welcome.terms.clone(),
+        ranges: welcome.ranges.clone(),
+        parameters: parameters
+            .filter_map(|(name, value)| Some((name.clone(), number(value)?)))
+            .collect(),
+        period_seconds: welcome.period_seconds,
+        seed,
+    };
+    let mut law = LawLibrary::load(file, &setup).map_err(|fault| fault.to_string())?;
+    Ok(Box::new(move |time, period, reads, writes| {
+        let stepped = law.step(time, period, reads, writes);
+        stepped.map_err(|fault| fault.to_string())
+    }))
+}
+
+/// An FMU takes what is read at the start of a period, steps to its end, and its outputs there are the commands of this cycle. A value
+/// that is missing stays what it was.
+fn of_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, String> {
+    let name = file.to_string_lossy();
+    let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
+    let wiring = wiring_of(&table_of(&name, variables, parameters));
+    let wiring = wiring.map_err(|misfit| misfit.fault.to_string())?;
+    let words = |error: FmuError| error.fault.to_string();
+    let instance = Instance::new(folder, file, &wiring.configuration).map_err(words)?;
+    let mut instance = Terminated(Some(instance));
+    let inputs = places(&wiring.inputs, welcome.reads.iter());
+    let outputs = places(&wiring.outputs, welcome.writes.iter().chain(&welcome.terms));
+    let mut set = vec![0.0; wiring.inputs.len()];
+    let mut seen = vec![0.0; wiring.outputs.len()];
+    Ok(Box::new(move |time, period, reads, writes| {
+        for (read, (place, conversion)) in reads.iter().zip(&inputs) {
+            if !read.is_nan() {
+                set[*place] = conversion.back(*read);
+            }
+        }
+        let instance = instance.0.as_mut().expect("it lives as long as its law");
+        instance.advance(time + period, &set).map_err(words)?;
+        instance.read(&mut seen).map_err(words)?;
+        for (write, (place, conversion)) in writes.iter_mut().zip(&outputs) {
+            *write = conversion.of(seen[*place]);
+        }
+        Ok(())
+    }))
+}
+
+/// An FMU that is terminated at its end, as FMI wants it: some write their files then. What one says of it comes too late for anybody.
+struct Terminated(Option<Instance>);
+
+impl Drop for Terminated {
+    fn drop(&mut self) {
+        if let Some(instance) = self.0.take() {
+            let _ = instance.terminate();
+        }
+    }
+}
+
+/// The places of ports by their names, with their conversions.
+fn places<'a>(
+    ports: &[table::Port],
+    names: impl Iterator<Item = &'a String>,
+) -> Vec<(usize, Conversion)> {
+    let place = |name: &String| {
+        let place = ports.iter().position(|port| port.name == *name)?;
+        Some((place, ports[place].conversion))
+    };
+    names.filter_map(place).collect()
+}
