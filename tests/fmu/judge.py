@@ -1,4 +1,4 @@
-"""FMPy as the oracle: `judge.py CANRIG WORK`. WORK holds Heater.fmu, Spring.fmu and the folder of awkward."""
+"""FMPy as the oracle: `judge.py CANRIG WORK`. WORK holds Heater.fmu, Spring.fmu, Gain2.fmu, Gain3.fmu and the folder of awkward."""
 import json
 import shutil
 import subprocess
@@ -457,6 +457,53 @@ def emulator(plant, start, inputs):
     return dict(zip(names, map(list, columns)))
 
 
+def laws():
+    """The controllers of pythonfmu and pythonfmu3 beside the same law as a program: no exporter adds a delay."""
+    (work / "gain.py").write_text("""import canrig.law
+
+@canrig.law.register
+class Gain:
+    def __init__(self, setup):
+        self.gain = setup.parameters.gain
+
+    def step(self, cycle, x):
+        error = x.set_point_millimetres - x.position_millimetres
+        return {"current_amperes": self.gain * error, "seen_millimetres": x.position_millimetres}
+""")
+    of_fmu = """reads = { y = "position_millimetres", r = "set_point_millimetres" }
+writes = { u = "current_amperes" }
+terms = { seen = "seen_millimetres" }
+parameters = { gain = 0.06 }"""
+    tables = {
+        "program": """[controller.program]
+command = ["python3", "gain.py"]
+reads = ["position_millimetres", "set_point_millimetres"]
+writes = ["current_amperes"]
+terms = ["seen_millimetres"]
+parameters = { gain = 0.06 }""",
+        "pythonfmu": f"[controller.fmu]\nfile = \"Gain2.fmu\"\n{of_fmu}",
+        "pythonfmu3": f"[controller.fmu]\nfile = \"Gain3.fmu\"\n{of_fmu}",
+    }
+    logs = {}
+    for name, law in tables.items():
+        path = work / f"law-{name}.toml"
+        path.write_text(f"""schema = 1
+rig = "dc_motor"
+name = "a gain"
+duration_seconds = 1.0
+{law}
+[[reference.step]]
+at_seconds = 0.2
+position_millimetres = 10.0
+""")
+        runs = [judged(path, world)[1] for world in WORLDS]
+        same(f"{name} as a law in one process and in several", runs)
+        logs[name] = (runs[0] / "bus.log").read_bytes()
+    for name in ["pythonfmu", "pythonfmu3"]:
+        check(logs[name] == logs["program"], f"{name}: another bus.log than that of the program")
+    print("pythonfmu and pythonfmu3 as laws: the bytes of the same law as a program")
+
+
 heater()
 spring()
 awkward()
@@ -466,4 +513,5 @@ cost()
 heater_behind_a_drive()
 awkward_behind_a_drive()
 motor_behind_a_drive()
+laws()
 print(f"{checked} checks")
