@@ -726,3 +726,183 @@ fn a_drive_that_is_only_followed_gets_no_current() {
     let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&path));
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 }
+
+/// Two motors on one bus, and a third that no drive moves; how the two drives are wired is left open.
+fn two_motors_and_a_third([a, b]: [&str; 2], feedback: [&str; 2]) -> String {
+    let drive = |name: &str, node_id: u8, moves: &str, measures: &str, more: &str| {
+        format!(
+            "[node.{name}]\nkind = \"drive\"\nnode_id = {node_id}\namplifier = {{ port = \"{moves}.current_amperes\", min = -1.0 }}\n\
+             sensor = {{ port = \"{measures}.position_metres\", {SENSOR} }}\n{more}"
+        )
+    };
+    let of_loop = |name: &str, follows: &str| {
+        format!(
+            "[loop.{name}]\nfeedback = \"{follows}.position\"\noutputs = [\"{name}.current\"]\n"
+        )
+    };
+    [
+        "schema = 1\nname = \"motors\"\n[bus]\nsync_period_milliseconds = 2.0\n\
+         [plant.left.dc_motor]\n[plant.right.dc_motor]\nload_kilograms = 0.4\n[plant.third.dc_motor]\n\
+         [node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+         [node.weight]\nkind = \"io\"\nnode_id = 20\n\
+         outputs = { added_load_grams = \"left.added_load_kilograms\", current_milliamperes = \"third.current_amperes\" }\n\
+         [node.fan]\nkind = \"io\"\nnode_id = 21\noutputs = { convection_factor = \"left.convection_factor\" }\n",
+        &drive("a", 16, "left", a, "record = [\"winding_temperature_celsius\"]\n"),
+        &drive("b", 17, "right", b, "record = [\"third.position_metres\"]\n"),
+        &of_loop("a", feedback[0]),
+        &of_loop("b", feedback[1]),
+    ]
+    .concat()
+}
+
+const MOTORS: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"motors\"\nduration_seconds = 2.5\n\
+    [controller.all.pid]\nproportional_amperes_per_metre = 311.0\nintegral_amperes_per_metre_second = 5086.0\n\
+    derivative_ampere_seconds_per_metre = 7.01\nset_point_weight = 1.0\nderivative_filter_radians_per_second = 500.0\n\
+    [[reference.ramp]]\nloop = \"a\"\nfrom_seconds = 0.1\nuntil_seconds = 0.6\nposition_millimetres = 10.0\n\
+    [[reference.ramp]]\nloop = \"b\"\nfrom_seconds = 0.1\nuntil_seconds = 0.6\nposition_millimetres = 20.0\n\
+    [[disturbance.load]]\nat_seconds = 1.0\nadded_grams = 300.0\n\
+    [[disturbance.fan]]\nfrom_seconds = 1.5\nuntil_seconds = 2.0\nconvection_factor = 3.0\n\
+    [[disturbance.output]]\nname = \"current_milliamperes\"\nat_seconds = 1.0\nvalue = 400.0\n\
+    [expect.all]\nsteady_state_error_millimetres = { max = 0.02 }\n";
+
+/// Time and value of each filled cell of a column of `signals.csv`.
+fn column(run: &Path, name: &str) -> Vec<(String, String)> {
+    let signals = fs::read_to_string(run.join("signals.csv")).unwrap();
+    let mut lines = signals.lines();
+    let header = lines.next().unwrap();
+    let place = header.split(',').position(|cell| cell == name);
+    let place = place.unwrap_or_else(|| panic!("{name}: {header}"));
+    let cells = lines.map(|line| {
+        let cells = Vec::from_iter(line.split(','));
+        (cells[1].to_owned(), cells[place].to_owned())
+    });
+    cells.filter(|(_, cell)| !cell.is_empty()).collect()
+}
+
+/// One drive moves what the other one measures, and the other way round; an io node acts on two plants, two act on one, and a plant
+/// that no drive moves is seen in the frames of one.
+#[test]
+fn nodes_are_wired_to_any_plant() {
+    let folder = tempfile::tempdir().unwrap();
+    let played = |name: &str, measured: [&str; 2], feedback: [&str; 2]| {
+        let folder = folder.path().join(name);
+        fs::create_dir_all(&folder).unwrap();
+        let rig = two_motors_and_a_third(measured, feedback);
+        fs::write(folder.join("rig.toml"), rig).unwrap();
+        let path = folder.join("motors.toml");
+        fs::write(&path, MOTORS).unwrap();
+        let [alone, together] = in_both_worlds(&folder, &path);
+        for file in ["bus.log", "signals.csv", "verdict.json"] {
+            let read = |run: &Path| fs::read(run.join(file)).unwrap();
+            assert!(read(&alone) == read(&together), "{name}: {file}");
+        }
+        let (code, stdout, stderr) = output(program(&["replay"]).arg(&alone));
+        assert_eq!(code, Some(0), "{stdout}{stderr}");
+        together
+    };
+    let straight = played("straight", ["left", "right"], ["a", "b"]);
+    let crossed = played("crossed", ["right", "left"], ["b", "a"]);
+    // The same loops over other wires.
+    for name in [
+        "a.position_millimetres",
+        "b.position_millimetres",
+        "b.third_position_metres",
+    ] {
+        let values = |run: &Path| {
+            let cells = column(run, name).into_iter();
+            Vec::from_iter(cells.map(|(_, value)| value.parse::<f64>().unwrap()))
+        };
+        // Their commands come at other places of the cycle.
+        let (one, other) = (values(&straight), values(&crossed));
+        let apart = one
+            .iter()
+            .zip(&other)
+            .map(|(one, other)| (one - other).abs());
+        let apart = apart.fold(0.0, f64::max);
+        assert!(
+            one.len() > 1000 && one.len() == other.len() && apart < 0.02,
+            "{name}: {apart}"
+        );
+    }
+    // The third motor stands until its current flows.
+    let third = column(&straight, "b.third_position_metres");
+    let at = |seconds: f64| {
+        let mut cells = third
+            .iter()
+            .map(|(time, value)| [time, value].map(|cell| cell.parse::<f64>().unwrap()));
+        cells.find(|[time, _]| *time >= seconds).unwrap()[1]
+    };
+    assert!(at(0.9).abs() < 1e-6, "{}", at(0.9));
+    assert!(at(2.4) > 5e-3, "{}", at(2.4));
+}
+
+/// What two io nodes could be meant by is asked for; what is wired to nothing is refused at its place.
+#[test]
+fn an_output_that_two_io_nodes_have_needs_the_name_of_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = two_motors_and_a_third(["left", "right"], ["a", "b"]);
+    let rig = rig.replace(
+        "convection_factor = \"left.",
+        "added_load_grams = \"right.added_load_kilograms\", convection_factor = \"left.",
+    );
+    fs::write(folder.path().join("rig.toml"), &rig).unwrap();
+    let path = folder.path().join("motors.toml");
+    fs::write(&path, MOTORS).unwrap();
+    let (code, _, stderr) = output(program(&["check"]).arg(&path));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("`node` is missing; known are: fan, weight"),
+        "{stderr}"
+    );
+    fs::write(
+        &path,
+        MOTORS.replace("added_grams", "node = \"fan\"\nadded_grams"),
+    )
+    .unwrap();
+    let (code, stdout, stderr) = output(canrig(&folder.path().join("runs"), "simulate").arg(&path));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+}
+
+/// A number without a unit is measured in percent, or in a word of the rig's own.
+#[test]
+fn a_number_without_a_unit_has_the_word_of_its_sensor() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = |unit: &str, max: f64| {
+        format!(
+            "schema = 1\nname = \"wire\"\n[plant.wire.sma]\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n\
+             [node.drive]\nkind = \"drive\"\nnode_id = 16\namplifier.port = \"wire.current_amperes\"\n\
+             sensor = {{ port = \"wire.martensite_fraction\", signal = \"martensite\", unit = \"{unit}\", min = 0.0, max = {max:?}, resolution_bits = 8 }}\n\
+             [loop.transformed]\nfeedback = \"drive.martensite\"\noutputs = [\"drive.current\"]\n"
+        )
+    };
+    let play = |unit: &str, of_one: f64| {
+        let folder = folder.path().join(unit);
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("rig.toml"), rig(unit, of_one)).unwrap();
+        let path = folder.join("heat.toml");
+        // More current makes less martensite, so that only a law with a sign of its own could hold it.
+        let text = format!(
+            "schema = 1\nrig = \"rig.toml\"\nname = \"heat\"\nduration_seconds = 8.0\n\
+             [[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.8\n\
+             [[reference.hold]]\nat_seconds = 0.0\nmartensite_{unit} = {:?}\n\
+             [expect]\ntracking_error_{unit}_rms = {{ max = {:?} }}\n\
+             [[expect.signal]]\nname = \"true_martensite_{unit}\"\nfrom_seconds = 7.0\nstays = {{ min = 0.0, max = {:?} }}\n",
+            0.5 * of_one,
+            of_one,
+            0.2 * of_one
+        );
+        fs::write(&path, text).unwrap();
+        let [_, run] = in_both_worlds(&folder, &path);
+        metric(&verdict(&run), &format!("tracking_error_{unit}_rms")) / of_one
+    };
+    let (percent, fraction) = (play("percent", 100.0), play("fraction", 1.0));
+    assert!((percent - fraction).abs() < 1e-3, "{percent} {fraction}");
+    let file = folder.path().join("wrong.toml");
+    fs::write(&file, rig("celsius", 1.0)).unwrap();
+    let (code, _, stderr) = output(program(&["check"]).arg(&file));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(
+        stderr.contains("write unit = \"percent\", or a word of yours"),
+        "{stderr}"
+    );
+}

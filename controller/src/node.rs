@@ -78,7 +78,7 @@ impl ControllerNode {
                 Some((real, eds)) => LoopPlan::real(view, real, eds)?,
                 None => LoopPlan::emulated(view)?,
             });
-            if let Some(io) = &view.wiring.nodes.io {
+            for io in &view.wiring.nodes.io {
                 io_nodes.push(NodeId::new(io.id).ok_or(ControllerError::NodeId(io.id))?);
             }
         }

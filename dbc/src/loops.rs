@@ -16,8 +16,6 @@ pub struct LoopPlace {
     pub number: u8,
     /// Node-ID of its drive.
     pub drive_node_id: u8,
-    /// Node-ID of the disturbance module of its plant, where there is one.
-    pub disturbance_node_id: Option<u8>,
     /// The drive publishes the truth about its plant in every so many cycles.
     pub truth_every_cycles: u8,
 }
@@ -34,7 +32,6 @@ impl LoopPlace {
     pub const SHIPPED: Self = Self {
         number: 0,
         drive_node_id: 0x10,
-        disturbance_node_id: Some(0x11),
         truth_every_cycles: 1,
     };
 

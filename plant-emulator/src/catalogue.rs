@@ -133,18 +133,19 @@ pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
         database,
         clock: &ScenarioClock::new(database, ["drive"])?,
     };
-    emulator_of(trial.plant.name(), &[only])
+    emulator_of(&[only])
 }
 
-/// The emulator of a plant with these drives, all of which choose the same one; errors call it `name`.
+/// The emulator of the plants that are emulated together with that of one of these drives.
 ///
 /// # Errors
-/// As [`emulator`], and a port that the plant has not.
-pub fn emulator_of(name: &str, drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
-    let first = drives.first().map(|drive| drive.trial);
-    let first = first.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))?;
-    let emulator = PlantEmulator::of(name, plant(first)?, drives)?;
-    Ok(Box::new(emulator))
+/// As [`emulator`], and a port that the plants have not.
+pub fn emulator_of(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
+    let plants = drives.first().map(|drive| drive.trial.on_each_plant());
+    let plants = plants.unwrap_or_default().into_iter();
+    let plants = plants.map(|trial| Ok((trial.wiring.plant.clone(), plant(&trial)?)));
+    let plants = plants.collect::<Result<Vec<_>, InvalidEmulator>>()?;
+    Ok(Box::new(PlantEmulator::of(plants, drives)?))
 }
 
 fn row_of(trial: &Trial) -> Result<&'static PlantRow, InvalidEmulator> {
@@ -173,10 +174,10 @@ mod tests {
 
     /// The frames of the drive that moves a plant.
     fn database(trial: &Trial) -> Database {
-        let ports = ports(trial).unwrap();
+        let ports = Ports::joined([(&*trial.wiring.plant, ports(trial).unwrap())]);
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();
         let signals = recorded.map(|(_, port)| PlantSignal {
-            name: port.name.clone(),
+            name: port.own_name().to_owned(),
             unit: port.symbol.clone(),
             comment: port.comment.clone(),
             resolution: 1.0 / port.steps_per_unit,

@@ -13,7 +13,6 @@ use crate::InvalidEmulator;
 use crate::clocked_plant::ClockedPlant;
 use crate::data_sheet::{dictionary, node_id};
 use crate::drive::{self, Drive};
-use crate::plant::Ports;
 use crate::truth::Truth;
 use crate::wires::Wires;
 
@@ -168,7 +167,6 @@ pub(crate) struct Parts {
 impl Parts {
     pub(crate) fn new(
         plant: &ClockedPlant,
-        ports: &Ports,
         wires: Wires,
         of: &DriveOf<'_>,
     ) -> Result<Self, InvalidEmulator> {
@@ -184,7 +182,7 @@ impl Parts {
         if let Some(code) = wrong_identity.and_then(|fault| fault.whole("product_code")) {
             set_product_code(&mut objects, code);
         }
-        drive::declare(&mut objects, plant, ports, &wires);
+        drive::declare(&mut objects, plant, &wires);
         let presets = trial.presets().into_iter().chain(place.presets());
         presets.for_each(|preset| objects.preset(&preset));
         Ok(Self {

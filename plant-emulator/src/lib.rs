@@ -12,6 +12,7 @@
 #![warn(missing_docs)]
 
 pub mod amplifier;
+mod assembly;
 pub mod catalogue;
 mod clocked_plant;
 mod data_sheet;
@@ -45,10 +46,10 @@ use disturbance::DisturbanceModule;
 pub use drive_node::DriveOf;
 use drive_node::{DriveNode, Parts};
 pub use objects::MissingObject;
-use plant::{InvalidPlant, Plant};
+use plant::{InvalidPlant, Plant, Ports};
 use scenario::Trial;
 use scenario::wiring::{IoOutput, RECORDED_MAX};
-use wires::Wires;
+use wires::{IoWires, Wires};
 
 /// TPDO1, RPDO1 to TPDO4, RPDO4 (CiA 301, 7.3.5).
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
@@ -113,17 +114,17 @@ pub enum InvalidEmulator {
     Signal(#[from] SignalMissing),
 }
 
-/// The drives of a plant with the plant that they are wired to, and the disturbance modules that act on it.
+/// Plants that nodes connect, mostly one, with the drives that are wired to them and the io nodes that act on them.
 ///
-/// The plant follows the emulator's own time; see [`drive`]. In a scenario with faults the node of a drive may fail; the
+/// The plants follow the emulator's own time; see [`drive`]. In a scenario with faults the node of a drive may fail; the
 /// plant lives on and publishes the truth about itself.
 #[derive(Debug)]
 pub struct PlantEmulator {
-    /// What errors call the plant.
+    /// What errors call the plants.
     name: String,
     /// In the order of their node-IDs.
     drives: Vec<DriveNode>,
-    /// Which of them has the plant in hand.
+    /// Which of them has the plants in hand.
     holder: usize,
     modules: Vec<Module>,
     /// Node-IDs of drives and modules.
@@ -132,14 +133,11 @@ pub struct PlantEmulator {
     manager: u8,
 }
 
-/// A disturbance module, and the inputs of the plant on which it acts.
+/// An io node, and the inputs of the plants on which it acts.
 #[derive(Debug)]
 struct Module {
     device: Device<DisturbanceModule>,
-    fan: Option<usize>,
-    /// How many of the port's unit a kilogram is.
-    load: Option<(usize, f64)>,
-    outputs: Vec<IoOutput>,
+    wires: IoWires,
 }
 
 impl PlantEmulator {
@@ -156,22 +154,26 @@ impl PlantEmulator {
             database,
             clock: &ScenarioClock::new(database, ["drive"])?,
         };
-        Self::of(P::name(), plant, &[only])
+        Self::of(vec![(trial.wiring.plant.clone(), plant)], &[only])
     }
 
-    /// The emulator of a plant with these drives; errors call the plant `name`.
+    /// The emulator of plants, each with its name, and of these drives.
     ///
     /// # Errors
-    /// A port that the plant has not, or a data sheet that does not suit.
+    /// A port that the plants have not, or a data sheet that does not suit.
     pub fn of(
-        name: &str,
-        plant: Box<dyn Plant>,
+        plants: Vec<(String, Box<dyn Plant>)>,
         drives: &[DriveOf<'_>],
     ) -> Result<Self, InvalidEmulator> {
         let manager = drives.first().map(|of| of.trial.wiring.nodes.controller.id);
         let manager = manager.unwrap_or_default();
-        let ports = plant.ports();
-        let mut in_hand = ClockedPlant::new(plant);
+        let of_plants = plants
+            .iter()
+            .map(|(name, plant)| (name.as_str(), plant.ports()));
+        let ports = Ports::joined(of_plants);
+        let names = plants.iter().map(|(name, _)| name.as_str());
+        let name = Vec::from_iter(names).join(" and ");
+        let mut in_hand = ClockedPlant::new(assembly::of(plants));
         let mut sorted = Vec::from_iter(drives);
         sorted.sort_by_key(|drive| drive.place.drive_node_id);
         let (mut nodes, mut modules, mut node_ids) = (Vec::new(), Vec::new(), Vec::new());
@@ -179,25 +181,24 @@ impl PlantEmulator {
         for of in sorted {
             let wires = Wires::new(&ports, &of.trial.wiring)?;
             node_ids.push(of.place.drive_node_id);
-            if let Some(id) = of.place.disturbance_node_id
-                && !node_ids.contains(&id)
-            {
-                node_ids.push(id);
-                modules.push(Module {
-                    device: disturbance(id, &wires.outputs, manager)?,
-                    fan: wires.fan,
-                    load: wires.load,
-                    outputs: wires.outputs.clone(),
-                });
+            for io in &of.trial.wiring.io {
+                if !node_ids.contains(&io.node.id) {
+                    node_ids.push(io.node.id);
+                    let wires = IoWires::new(&ports, io);
+                    modules.push(Module {
+                        device: disturbance(io.node.id, &wires.others, manager)?,
+                        wires,
+                    });
+                }
             }
-            parts.push((Parts::new(&in_hand, &ports, wires, of)?, of));
+            parts.push((Parts::new(&in_hand, wires, of)?, of));
         }
         for (parts, of) in parts {
             let plant = std::mem::replace(&mut in_hand, ClockedPlant::none());
             nodes.push(DriveNode::new(parts, plant, of)?);
         }
         Ok(Self {
-            name: name.to_owned(),
+            name,
             drives: nodes,
             holder: 0,
             modules,
@@ -273,14 +274,9 @@ impl PlantEmulator {
         let Some(holder) = self.drives.get_mut(self.holder) else {
             return;
         };
-        for Module {
-            device,
-            fan,
-            load,
-            outputs,
-        } in &self.modules
-        {
+        for Module { device, wires } in &self.modules {
             let module = device.application();
+            let IoWires { fan, load, others } = wires;
             if let Some(input) = fan {
                 holder
                     .drive_mut()
@@ -290,7 +286,7 @@ impl PlantEmulator {
                 let load = module.added_load_kilograms() * factor;
                 holder.drive_mut().disturb(now, *input, load);
             }
-            for output in outputs {
+            for output in others {
                 let value = module.steps(output.place) / output.steps_per_unit;
                 let value = value * output.factor;
                 holder.drive_mut().disturb(now, output.input, value);

@@ -1,13 +1,15 @@
 //! Which ports of a plant a drive is wired to: their places, found once.
 
 use scenario::port::{Port, Ports, conversion};
-use scenario::wiring::{IoOutput, RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
+use scenario::wiring::{IoOutput, IoWiring, RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
 
 use crate::InvalidEmulator;
 
 /// An output that a drive publishes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Published {
+    /// What the drive calls it.
+    pub(crate) name: String,
     /// Its place.
     pub(crate) output: usize,
     pub(crate) steps_per_unit: f64,
@@ -34,12 +36,32 @@ pub(crate) struct Wires {
     pub(crate) is_true_float: bool,
     /// What TPDO2 and TPDO3 hold.
     pub(crate) published: Vec<Published>,
-    /// The input on which the fan of its io node acts.
+}
+
+/// The ports of one io node.
+#[derive(Clone, Debug)]
+pub(crate) struct IoWires {
+    /// The input on which its fan acts.
     pub(crate) fan: Option<usize>,
-    /// The input on which the load acts, and how many of the port's unit a kilogram is.
+    /// The input on which its load acts, and how many of the port's unit a kilogram is.
     pub(crate) load: Option<(usize, f64)>,
-    /// The other outputs of the io node.
-    pub(crate) outputs: Vec<IoOutput>,
+    /// Its other outputs.
+    pub(crate) others: Vec<IoOutput>,
+}
+
+impl IoWires {
+    pub(crate) fn new(ports: &Ports, wiring: &IoWiring) -> Self {
+        let place = |name: &Option<String>| ports.input(name.as_deref()?);
+        let load = place(&wiring.load).and_then(|place| {
+            let factor = conversion("kilograms", &ports.inputs[place].unit)?;
+            Some((place, factor))
+        });
+        Self {
+            fan: place(&wiring.fan),
+            load,
+            others: wiring.others(ports),
+        }
+    }
 }
 
 impl Wires {
@@ -64,14 +86,6 @@ impl Wires {
         if recorded.len() > RECORDED_MAX {
             return Err(InvalidEmulator::TooManyOutputs(recorded.len()));
         }
-        let place = |name: &Option<String>| {
-            let name = name.as_deref()?;
-            ports.input(name)
-        };
-        let load = place(&wiring.load).and_then(|place| {
-            let factor = conversion("kilograms", &ports.inputs[place].unit)?;
-            Some((place, factor))
-        });
         let command = wiring.sensor.measurand.command;
         let is_true_float = wiring.sensor.is_true_float();
         let true_steps = if is_true_float {
@@ -88,17 +102,15 @@ impl Wires {
             true_steps_per_output: true_steps * units_per_output,
             is_true_float,
             published: (recorded.into_iter())
-                .map(|(output, port)| published(output, port))
+                .map(|(output, port)| published(output, port, wiring))
                 .collect(),
-            fan: place(&wiring.fan),
-            load,
-            outputs: wiring.io_outputs(ports),
         })
     }
 }
 
-fn published(output: usize, port: &Port) -> Published {
+fn published(output: usize, port: &Port, wiring: &Wiring) -> Published {
     Published {
+        name: wiring.name_of_recorded(port),
         output,
         steps_per_unit: port.steps_per_unit,
         is_signed: port.range[0] < 0.0,
@@ -127,7 +139,6 @@ mod tests {
         };
         let wires = Wires::new(&ports, &wiring).unwrap();
         assert_eq!((wires.sensor_unit, wires.counts_per_output), (1.0, 1e3));
-        assert_eq!((wires.fan, wires.load), (None, None));
         let fails = |wiring: &Wiring| Wires::new(&ports, wiring).unwrap_err().to_string();
         let wrong = Wiring {
             input: "flexor_current".to_owned(),

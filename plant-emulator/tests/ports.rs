@@ -74,8 +74,8 @@ fn scenario(input: &str) -> Trial {
     scenario.sensor.span = 180.0;
     scenario.sensor.resolution_bits = 20;
     scenario.wiring = Wiring {
-        input: format!("{input}_current_amperes"),
-        output: "angle_degrees".to_owned(),
+        input: format!("arm.{input}_current_amperes"),
+        output: "arm.angle_degrees".to_owned(),
         sensor: Measured {
             measurand: Measurand::position(Unit::Degrees),
             min: -90.0,
@@ -91,7 +91,6 @@ fn emulator(arm: Arm, scenarios: &[Trial; 2]) -> Result<PlantEmulator, InvalidEm
     let place = |number, drive_node_id| LoopPlace {
         number,
         drive_node_id,
-        disturbance_node_id: None,
         truth_every_cycles: 1,
     };
     let [left, right] = scenarios;
@@ -104,7 +103,7 @@ fn emulator(arm: Arm, scenarios: &[Trial; 2]) -> Result<PlantEmulator, InvalidEm
         clock: &clock,
     };
     let drives = [drive(right, place(1, 0x12)), drive(left, place(0, 0x10))];
-    PlantEmulator::of("arm", Box::new(arm), &drives)
+    PlantEmulator::of(vec![("arm".to_owned(), Box::new(arm))], &drives)
 }
 
 /// An emulator whose drives are enabled and have these currents, and the last position of each.
@@ -205,6 +204,6 @@ fn a_drive_that_is_wired_to_nothing_is_refused() {
     let error = emulator(Arm::sound(), &["left", "middle"].map(scenario)).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the plant has no port `middle_current_amperes`"
+        "the plant has no port `arm.middle_current_amperes`"
     );
 }

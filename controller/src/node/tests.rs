@@ -790,7 +790,8 @@ fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let mut view = view(&tables);
     view.wiring.nodes.drive.id = node_id;
     view.wiring.nodes.followed.id = node_id;
-    view.wiring.nodes.io = io.map(|id| RigNode::new("module", id, Part::Io));
+    let io = io.map(|id| RigNode::new("module", id, Part::Io));
+    view.wiring.nodes.io = io.into_iter().collect();
     let loops = [(&view, Some((real, dbc::DRIVE_EDS)))];
     bus.controller = ControllerNode::of_loops(loops, &no_player).unwrap();
     let node = NodeId::new(node_id).unwrap();

@@ -315,13 +315,12 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
         && !io_node_drives_current(evidence)
 }
 
-/// Whether the last command to the io node lets a current flow.
+/// Whether the last command to an io node lets a current flow.
 fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     let one = evidence.own;
-    let io = one.nodes.io.as_ref();
-    let message = io.and_then(|io| one.message(io, names::RPDO1).ok());
-    let mut currents = message
-        .into_iter()
+    let io = one.nodes.io.iter();
+    let messages = io.filter_map(|io| one.message(io, names::RPDO1).ok());
+    let mut currents = messages
         .flat_map(|message| &message.signals)
         .filter(|signal| signal.unit.ends_with('A'));
     currents.any(|signal| {

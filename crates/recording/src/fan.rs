@@ -1,44 +1,53 @@
-//! Whether the scenario's disturbances reach a module on the bus.
+//! Whether the scenario's disturbances reach an io node on the bus.
+
+use std::collections::BTreeMap;
 
 use canopen::CanFrame;
 use dbc::names;
 use rig::plan::ControlLoop;
 
-/// Looks for the heartbeat of the fan and load module and for its commands.
+/// Looks for the heartbeats of the io nodes that disturb a loop, and for the commands to them.
 pub(crate) struct FanReader {
-    /// `None` without an io node.
-    ids: Option<[u32; 2]>,
-    has_heartbeat: bool,
-    has_command: bool,
+    /// By identifier, whether such a frame came.
+    seen: BTreeMap<u32, bool>,
+    /// An io node is not in the database.
+    is_one_missing: bool,
 }
 
 impl FanReader {
     pub(crate) fn new(one: &ControlLoop) -> Self {
-        let io = one.nodes.io.as_ref();
-        let id = |service| Some(one.message(io?, service).ok()?.raw_id);
-        let ids = id(names::HEARTBEAT).zip(id(names::RPDO1));
-        Self {
-            ids: ids.map(|(heartbeat, command)| [heartbeat, command]),
-            has_heartbeat: false,
-            has_command: false,
+        let disturbance = &one.trial.disturbance;
+        let fans = disturbance.fan.iter().map(|one| &one.node);
+        let loads = disturbance.load.iter().map(|one| &one.node);
+        let outputs = disturbance.output.iter().map(|one| &one.node);
+        let mut reader = Self {
+            seen: BTreeMap::new(),
+            is_one_missing: false,
+        };
+        for node in fans.chain(loads).chain(outputs) {
+            for service in [names::HEARTBEAT, names::RPDO1] {
+                match one.database.message(&names::message(node, service)) {
+                    Some(message) => drop(reader.seen.insert(message.raw_id, false)),
+                    None => reader.is_one_missing = true,
+                }
+            }
         }
+        reader
     }
 
     /// The identifiers of the messages that it reads.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
-        self.ids.into_iter().flatten()
+        self.seen.keys().copied()
     }
 
     pub(crate) fn on_frame(&mut self, frame: &CanFrame) {
-        let Some([heartbeat, command]) = self.ids else {
-            return;
-        };
-        self.has_heartbeat |= frame.raw_id() == heartbeat;
-        self.has_command |= frame.raw_id() == command;
+        if let Some(seen) = self.seen.get_mut(&frame.raw_id()) {
+            *seen = true;
+        }
     }
 
-    /// The module is there and gets its commands.
+    /// The io nodes are there and get their commands.
     pub(crate) fn has_fan(&self) -> bool {
-        self.has_heartbeat && self.has_command
+        !self.is_one_missing && self.seen.values().all(|seen| *seen)
     }
 }

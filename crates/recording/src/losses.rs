@@ -9,7 +9,7 @@ use scenario::node::{LoopNodes, Part};
 
 use crate::events::{Event, Events, Level};
 use crate::identifiers::ByIdentifier;
-use crate::node_words::NodeWords;
+use crate::node_words::{NodeWords, module};
 use crate::occurrences::Notes;
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
@@ -72,7 +72,7 @@ pub(crate) struct LossReader {
 impl LossReader {
     pub(crate) fn new(one: &ControlLoop, words: &NodeWords) -> Self {
         let scenario = &one.trial;
-        let (controller, drive, module) = (words.controller(), words.drive(), words.module());
+        let (controller, drive) = (words.controller(), words.drive());
         let LoopNodes {
             controller: leader,
             drive: led,
@@ -95,9 +95,12 @@ impl LossReader {
         let heartbeats = [
             (heartbeat(leader), controller, Some(Part::Controller)),
             (heartbeat(led), drive, Some(Part::Drive)),
-            (io.as_ref().and_then(heartbeat), module, None),
-        ]
-        .map(|(message, from, node)| (message, format!("heartbeat from {from}"), None, node));
+        ];
+        let io_nodes = io.iter().map(|io| (heartbeat(io), module(io), None));
+        let heartbeats = heartbeats
+            .into_iter()
+            .chain(io_nodes)
+            .map(|(message, from, node)| (message, format!("heartbeat from {from}"), None, node));
         let regular = cyclic.into_iter().chain(heartbeats);
         let watched = regular.filter_map(|(message, what, limit, heartbeat_of)| {
             let message = message?;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use rig::plan::{ControlLoop, Shared};
 use scenario::events::LoopWords;
-use scenario::node::LoopNodes;
+use scenario::node::{LoopNodes, Node};
 
 /// The names of nodes that stand for their parts.
 const CONTROLLER: &str = "controller";
@@ -59,14 +59,6 @@ impl NodeWords {
         }
     }
 
-    /// The own io node, within a sentence.
-    pub(crate) fn module(&self) -> &str {
-        match self.nodes.io.as_ref().map(|io| io.name.as_str()) {
-            None | Some(DISTURBANCE) => "the disturbance module",
-            Some(name) => name,
-        }
-    }
-
     /// The name of a node.
     pub(crate) fn of_node(&self, id: u8) -> Option<&str> {
         self.by_id.get(&id).map(String::as_str)
@@ -78,6 +70,14 @@ impl NodeWords {
         let is_other = |name: &&str| self.nodes.all().all(|node| node.name != **name);
         let others = self.by_id.values().map(String::as_str).filter(is_other);
         own.chain(others)
+    }
+}
+
+/// An io node, within a sentence.
+pub(crate) fn module(io: &Node) -> &str {
+    match io.name.as_str() {
+        DISTURBANCE => "the disturbance module",
+        name => name,
     }
 }
 
@@ -93,7 +93,7 @@ pub(crate) mod tests {
             controller: Node::new(CONTROLLER, 1, Part::Controller),
             drive: Node::new(drive, id, Part::Drive),
             followed: Node::new(drive, id, Part::Drive),
-            io: Some(Node::new(&format!("{drive}_io"), id + 0x10, Part::Io)),
+            io: vec![Node::new(&format!("{drive}_io"), id + 0x10, Part::Io)],
         };
         let all = [("x_1", nodes("left", 0x12)), ("y", nodes("right", 0x13))];
         let (_, of_own) = all.iter().find(|(name, _)| *name == own).unwrap();
@@ -112,7 +112,7 @@ pub(crate) mod tests {
     #[test]
     fn a_node_has_one_name_whichever_loop_sees_it() {
         let y = of_two_loops("y");
-        assert_eq!((y.drive(), y.module()), ("right", "right_io"));
+        assert_eq!((y.drive(), module(&y.nodes.io[0])), ("right", "right_io"));
         assert_eq!((y.of_node(0x13), y.of_node(0x14)), (Some("right"), None));
         assert_eq!(NodeWords::default().drive(), "the drive");
         let names = Vec::from_iter(y.nodes());

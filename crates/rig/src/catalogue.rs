@@ -45,8 +45,8 @@ pub(crate) struct Published {
     pub(crate) signals: Vec<PlantSignal>,
     /// The terms of its law; `None` for those of the shipped DBC.
     pub(crate) terms: Option<Vec<LawTerm>>,
-    /// The outputs of its io node besides fan and load.
-    pub(crate) outputs: Vec<IoOutput>,
+    /// The outputs besides fan and load of each io node of its wiring.
+    pub(crate) outputs: Vec<Vec<IoOutput>>,
 }
 
 impl Catalogue {
@@ -110,23 +110,36 @@ impl Catalogue {
     fn signals(&self, trial: &Trial) -> Option<Vec<PlantSignal>> {
         let ports = self.ports(trial)?;
         let recorded = trial.wiring.recorded(&ports).ok()?;
-        let signals = recorded.into_iter().map(|(_, port)| signal_of(port));
+        let signals = recorded
+            .into_iter()
+            .map(|(_, port)| signal_of(port, trial.wiring.name_of_recorded(port)));
         Some(signals.collect())
     }
 
-    /// The ports of a scenario's plant; `None` where they are not known here.
+    /// The ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` where they are not known here.
     #[must_use]
     pub fn ports(&self, trial: &Trial) -> Option<Ports> {
+        let plants = trial.on_each_plant();
+        let of_plants = plants.iter().map(|one| {
+            let plant = one.wiring.plant.as_str();
+            Some((plant, self.ports_of_plant(one)?))
+        });
+        Some(Ports::joined(of_plants.collect::<Option<Vec<_>>>()?))
+    }
+
+    /// The ports of a loop's own plant; `None` where they are not known here.
+    pub(crate) fn ports_of_plant(&self, trial: &Trial) -> Option<Ports> {
         (self.find_ports?)(trial)
     }
 
-    /// The outputs of the io node of a scenario's plant, besides fan and load.
-    fn outputs(&self, trial: &Trial) -> Vec<IoOutput> {
-        if trial.wiring.outputs.is_empty() {
-            return Vec::new();
+    /// The outputs besides fan and load of each io node of a loop's wiring.
+    fn outputs(&self, trial: &Trial) -> Vec<Vec<IoOutput>> {
+        let nodes = trial.wiring.io.iter();
+        if nodes.clone().all(|io| io.outputs.is_empty()) {
+            return vec![Vec::new(); nodes.len()];
         }
         let ports = self.ports(trial).unwrap_or_default();
-        trial.wiring.io_outputs(&ports)
+        nodes.map(|io| io.others(&ports)).collect()
     }
 
     /// What is wrong with a disturbance by another output: a value that it cannot have.
@@ -134,6 +147,8 @@ impl Catalogue {
         let outputs = self.outputs(trial);
         let mut changes = trial.disturbance.output.iter().enumerate();
         changes.find_map(|(index, change)| {
+            let mut nodes = trial.wiring.io.iter().zip(&outputs);
+            let (_, outputs) = nodes.find(|(io, _)| io.node.name == change.node)?;
             let output = outputs.iter().find(|one| one.name == change.name)?;
             let [min, max] = output.range;
             let (name, symbol) = (&output.name, &output.symbol);
@@ -151,11 +166,13 @@ impl Catalogue {
     #[must_use]
     pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
         let frames = self.frames(trial);
-        let plant = (self.plant_objection)(trial);
+        let plants = trial.on_each_plant();
+        let mut fmus = plants.iter().filter(|one| is_wired_fmu(one));
         // What is wrong with an FMU stands in the rig file, and hides its signals.
-        if is_wired_fmu(trial) && plant.is_some() {
+        if fmus.any(|one| (self.plant_objection)(one).is_some()) {
             return Vec::new();
         }
+        let plant = (self.plant_objection)(trial);
         let mut objections = SignalNames::objections(trial, || frames.names());
         objections.extend(plant);
         objections.extend((self.law_objection)(trial));
@@ -164,12 +181,12 @@ impl Catalogue {
         objections
     }
 
-    /// What is wrong with the FMU of a rig's plant, at its place in the rig file, or with what a sweep makes of it, at its place in
-    /// the scenario.
-    pub(crate) fn fmu_objection(&self, trial: &Trial, sweep: Option<&Sweep>) -> Option<Objection> {
-        if !is_wired_fmu(trial) {
-            return None;
-        }
+    /// What is wrong with a plant, at its place in the rig file, or with what a sweep makes of an FMU, at its place in the scenario.
+    pub(crate) fn objection_to_plant(
+        &self,
+        trial: &Trial,
+        sweep: Option<&Sweep>,
+    ) -> Option<Objection> {
         let Some(objection) = (self.plant_objection)(trial) else {
             return swept_fmu::objection(trial, sweep?, self.plant_objection);
         };
@@ -227,7 +244,7 @@ pub struct ColumnMessage<'a> {
 }
 
 /// The messages of a loop whose signals become columns, in their order. Where it follows another drive, that one's position has
-/// the loop's name of it, and what its own drive measures is called after the drive.
+/// the loop's name of it, and what its own drive measures is called after the drive. Outputs of several io nodes are called after these.
 pub fn columns<'a>(
     database: &'a Database,
     wiring: &'a Wiring,
@@ -240,16 +257,18 @@ pub fn columns<'a>(
     } = &wiring.nodes;
     let is_feedback = [drive, followed_node].map(|node| message(&node.name, TPDO1));
     let of_drive = [TPDO1, RPDO1, TPDO2, TPDO3].map(|service| message(&drive.name, service));
-    let of_drive = of_drive.into_iter().map(|name| (name, true));
+    let of_drive = of_drive.into_iter().map(move |name| (name, Some(drive)));
     let name = wiring.loop_among_several();
     let of_law = (0..TERMS_MAX).map(move |place| names::terms(&controller.name, name, place));
-    let of_io = io.iter().map(|io| message(&io.name, RPDO1));
-    let others = of_law.chain(of_io).map(|name| (name, false));
-    let own = of_drive.chain(others).filter_map(move |(name, is_drive)| {
+    let of_law = of_law.map(|name| (name, None));
+    let of_io = io.iter().map(|io| (message(&io.name, RPDO1), Some(io)));
+    let own = of_drive.chain(of_law).chain(of_io);
+    let own = own.filter_map(move |(name, node)| {
         let message = database.message(&name)?;
-        let name_of = |signal| match is_drive {
-            true => name_of_own(signal, wiring),
-            false => signal.name.clone(),
+        let name_of = |signal: &Signal| match node {
+            Some(node) if node == drive => name_of_own(signal, wiring),
+            Some(node) if io.len() > 1 => format!("{}.{}", node.name, signal.name),
+            _ => signal.name.clone(),
         };
         let signals = message
             .signals
@@ -379,10 +398,11 @@ impl Published {
                 composer.with_currents(drive.0, [current.rated, current.largest()], &rename)
             }
         };
-        let composer = match &nodes.io {
-            Some(io) if !composer.has_node(io.id) => self.with_io(composer, io),
-            _ => composer,
-        };
+        let io = wiring.io.iter().zip(&self.outputs);
+        let own = io.filter(|(io, _)| nodes.io.contains(&io.node));
+        let composer = own.fold(composer, |composer, (io, outputs)| {
+            with_io(composer, &io.node, outputs)
+        });
         let Identifiers {
             second_sdo,
             truth,
@@ -394,21 +414,22 @@ impl Published {
         let of_loop = wiring.loop_among_several();
         composer.with_terms(of_loop, terms, self.terms.as_deref(), unit.as_ref())
     }
+}
 
-    fn with_io(&self, composer: Composer, io: &Node) -> Composer {
-        let outputs = self.outputs.iter().map(|output| PlantSignal {
-            name: output.name.clone(),
-            unit: output.symbol.clone(),
-            comment: output.comment.clone(),
-            resolution: 1.0 / output.steps_per_unit,
-            range: Range {
-                minimum: output.range[0],
-                maximum: output.range[1],
-            },
-        });
-        let first = self.outputs.first().map_or(0, |output| output.place);
-        composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
-    }
+/// Adds the frames of an io node with these outputs besides fan and load.
+fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
+    let first = outputs.first().map_or(0, |output| output.place);
+    let outputs = outputs.iter().map(|output| PlantSignal {
+        name: output.name.clone(),
+        unit: output.symbol.clone(),
+        comment: output.comment.clone(),
+        resolution: 1.0 / output.steps_per_unit,
+        range: Range {
+            minimum: output.range[0],
+            maximum: output.range[1],
+        },
+    });
+    composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
 }
 
 /// Adds the frames of the drive that a loop follows, which is another loop's: what is measured there, and that in truth.
@@ -457,11 +478,11 @@ fn signals_of_the_wire() -> Vec<PlantSignal> {
     wire.collect()
 }
 
-/// A port as the bus has it.
-fn signal_of(port: &Port) -> PlantSignal {
+/// A port as the bus has it, under this name.
+fn signal_of(port: &Port, name: String) -> PlantSignal {
     let [minimum, maximum] = port.range;
     PlantSignal {
-        name: port.name.clone(),
+        name,
         unit: port.symbol.clone(),
         comment: port.comment.clone(),
         resolution: 1.0 / port.steps_per_unit,

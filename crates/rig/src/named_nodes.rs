@@ -33,7 +33,7 @@ impl NodeSheet {
 pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
     let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(of_loop));
     let drives = plan.loops.iter().map(|one| one.nodes.drive.id);
-    let io_nodes = plan.loops.iter().filter_map(|one| one.nodes.io.as_ref());
+    let io_nodes = plan.loops.iter().flat_map(|one| &one.nodes.io);
     let mut servers = Vec::new();
     for id in drives.chain(io_nodes.map(|node| node.id)) {
         if !servers.contains(&id) {
@@ -55,7 +55,7 @@ fn sheet(node: &Node, eds: &str, own: &OwnValues) -> NodeSheet {
     }
 }
 
-fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
+fn of_loop(one: &ControlLoop) -> Vec<NodeSheet> {
     let drive = &one.nodes.drive;
     let drive_sheet = match &one.real_drive {
         // The maker's, who says nothing of this rig.
@@ -74,19 +74,20 @@ fn of_loop(one: &ControlLoop) -> impl Iterator<Item = NodeSheet> + use<> {
             sheet(drive, DRIVE_EDS, &own)
         }
     };
-    let outputs = one.io_outputs().iter().map(|output| AnalogueOutput {
-        place: output.place,
-        name: output.name.clone(),
-        at_rest: output.raw(output.at_rest),
+    let io_sheets = one.nodes.io.iter().map(|io| {
+        let outputs = one.io_outputs(io).iter().map(|output| AnalogueOutput {
+            place: output.place,
+            name: output.name.clone(),
+            at_rest: output.raw(output.at_rest),
+        });
+        let eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
+        let own = OwnValues {
+            presets: vec![data_sheets::watch_of_io(one.nodes.controller.id)],
+            unit: None,
+        };
+        sheet(io, &eds, &own)
     });
-    let io_eds = data_sheets::with_outputs(DISTURBANCE_EDS, &Vec::from_iter(outputs));
-    let io = one.nodes.io.as_ref();
-    let own = OwnValues {
-        presets: vec![data_sheets::watch_of_io(one.nodes.controller.id)],
-        unit: None,
-    };
-    let io_sheet = io.map(|io| sheet(io, &io_eds, &own));
-    [drive_sheet].into_iter().chain(io_sheet)
+    [drive_sheet].into_iter().chain(io_sheets).collect()
 }
 
 /// The nodes of a bench as tools know them.

@@ -135,13 +135,12 @@ impl Plan {
             return Err(no_such_node(name, &Vec::from_iter(known)));
         }
         let plan = self.recorded_external(names);
-        let real_fan = |one: &ControlLoop| one.is_external(Part::Io) && one.is_ours(Part::Drive);
-        if let Some(one) = plan.loops.iter().find(|one| real_fan(one)) {
-            let io = one.nodes.io.as_ref();
-            let io = io.map_or("", |node| node.name.as_str());
-            let drive = &one.nodes.drive.name;
+        let emulated = plan.loops.iter().filter(|one| one.is_ours(Part::Drive));
+        let mut io_nodes = emulated.flat_map(|one| one.nodes.io.iter().map(move |io| (one, io)));
+        if let Some((one, io)) = io_nodes.find(|(one, io)| one.external.has(io)) {
             return Err(format!(
-                "--external {io} needs --external {drive}: a real fan cannot cool an emulated wire"
+                "--external {} needs --external {}: a real fan cannot cool an emulated wire",
+                io.name, one.nodes.drive.name
             ));
         }
         Ok(plan.composed())
@@ -279,7 +278,6 @@ fn place_of(wiring: &Wiring) -> LoopPlace {
     LoopPlace {
         number: u8::try_from(number).unwrap_or(u8::MAX),
         drive_node_id: wiring.nodes.drive.id,
-        disturbance_node_id: wiring.nodes.io.as_ref().map(|io| io.id),
         truth_every_cycles: wiring.truth_every_cycles,
     }
 }
@@ -344,10 +342,11 @@ impl ControlLoop {
         !self.is_external(part)
     }
 
-    /// Whether an io node acts on the plant: the emulator's, or a real one.
-    #[must_use]
-    pub fn has_io(&self) -> bool {
-        self.is_ours(Part::Drive) || self.is_external(Part::Io)
+    /// The io nodes of the loop that are on the bus: the emulator's, or real ones.
+    pub fn io_on_bus(&self) -> impl Iterator<Item = &Node> {
+        let is_emulated = self.is_ours(Part::Drive);
+        let io = self.nodes.io.iter();
+        io.filter(move |io| is_emulated || self.external.has(io))
     }
 
     /// Refuses a fault of the scenario that would happen to an external node.
@@ -492,9 +491,7 @@ impl ControlLoop {
         } = &self.nodes;
         let mut places = 0..names::TERMS_MAX;
         is_of(drive, &names::OF_DRIVE, message)
-            || io
-                .as_ref()
-                .is_some_and(|io| is_of(io, &names::OF_IO, message))
+            || io.iter().any(|io| is_of(io, &names::OF_IO, message))
             || places.any(|place| names::terms(&controller.name, self.name(), place) == message)
     }
 
@@ -516,10 +513,13 @@ impl ControlLoop {
         messages.flat_map(|message| &message.signals)
     }
 
-    /// The outputs of the io node of its plant besides fan and load; none of a recording.
+    /// The outputs of an io node besides fan and load; none of a recording.
     #[must_use]
-    pub fn io_outputs(&self) -> &[IoOutput] {
-        &self.frames.published.outputs
+    pub fn io_outputs(&self, node: &Node) -> &[IoOutput] {
+        let mut nodes = self.trial.wiring.io.iter();
+        let place = nodes.position(|io| io.node == *node);
+        let outputs = place.and_then(|place| self.frames.published.outputs.get(place));
+        outputs.map_or(&[], Vec::as_slice)
     }
 
     /// All names of all signals.

@@ -1,7 +1,7 @@
 //! Whether the drives and io nodes of a rig file are wired to ports that its plants have.
 
-use scenario::port::{Direction, Port, Ports, Unit, conversion, unit_in};
-use scenario::wiring::RECORDED_MAX;
+use scenario::port::{Direction, Port, Ports, Unit, conversion, own_name, plant_of_port, unit_in};
+use scenario::wiring::{IoWiring, RECORDED_MAX};
 use scenario::{Objection, Scenario, Trial, nearest};
 
 use crate::catalogue::Catalogue;
@@ -27,54 +27,57 @@ fn of_loop(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Ob
     if rig.node.get(drive)?.external {
         return None;
     }
-    let plant = rig.plant_of(drive)?;
-    if let Some(objection) = catalogue.fmu_objection(one, scenario.sweep.as_ref()) {
+    rig.plant_of(drive)?;
+    let plants = one.on_each_plant();
+    let unsound = |one: &Trial| catalogue.objection_to_plant(one, scenario.sweep.as_ref());
+    if let Some(objection) = plants.iter().find_map(|one| unsound(one)) {
         return Some(objection);
     }
-    let ports = catalogue.ports(one)?;
+    let of_plants = plants.iter().map(|one| {
+        let plant = one.wiring.plant.as_str();
+        Some((plant, catalogue.ports_of_plant(one)?))
+    });
+    let of_plants = of_plants.collect::<Option<Vec<_>>>()?;
+    let mut unsound = of_plants.iter();
+    if let Some(objection) = unsound.find_map(|(plant, ports)| plant_objection(plant, ports)) {
+        return Some(objection);
+    }
+    let ports = Ports::joined(of_plants);
     let wired = Wired {
         drive,
-        io: rig.io_of(drive).map(|(name, _)| name),
-        plant,
         ports: &ports,
         trial: one,
     };
     wired
-        .plant_objection()
-        .or_else(|| wired.amplifier())
+        .amplifier()
         .or_else(|| wired.sensor())
-        .or_else(|| wired.io())
+        .or_else(|| one.wiring.io.iter().find_map(|io| wired.io(io)))
         .or_else(|| wired.record())
 }
 
-/// The drive of a loop, its plant and the io node that acts on it.
+/// Ports that a plant cannot have.
+fn plant_objection(plant: &str, ports: &Ports) -> Option<Objection> {
+    let count = ports.inputs.len() + ports.outputs.len();
+    let at_plant = |message: String, label: String| {
+        Some(objection_at(format!("plant.{plant}"), message, label))
+    };
+    if count > PORTS_MAX {
+        let message = format!("the plant `{plant}` has {count} ports");
+        return at_plant(message, format!("at most {PORTS_MAX}"));
+    }
+    let (port, reason) = ports.flaw()?;
+    let message = format!("the port `{}` of the plant `{plant}` {reason}", port.name);
+    at_plant(message, "this plant".to_owned())
+}
+
+/// The drive of a loop, and the ports of the plants that are emulated with it.
 struct Wired<'a> {
     drive: &'a str,
-    io: Option<&'a str>,
-    plant: &'a str,
     ports: &'a Ports,
     trial: &'a Trial,
 }
 
 impl Wired<'_> {
-    /// Ports that a plant cannot have.
-    fn plant_objection(&self) -> Option<Objection> {
-        let Ports { inputs, outputs } = self.ports;
-        let count = inputs.len() + outputs.len();
-        let at_plant = |message: String, label: String| {
-            let path = format!("plant.{}", self.plant);
-            Some(objection_at(path, message, label))
-        };
-        let plant = self.plant;
-        if count > PORTS_MAX {
-            let message = format!("the plant `{plant}` has {count} ports");
-            return at_plant(message, format!("at most {PORTS_MAX}"));
-        }
-        let (port, reason) = self.ports.flaw()?;
-        let message = format!("the port `{}` of the plant `{plant}` {reason}", port.name);
-        at_plant(message, "this plant".to_owned())
-    }
-
     /// The port of this name, which goes this way.
     fn find(&self, path: &str, name: &str, direction: Direction) -> Result<&Port, Objection> {
         let [right, wrong] = match direction {
@@ -84,19 +87,22 @@ impl Wired<'_> {
         if let Some(port) = right.iter().find(|port| port.name == name) {
             return Ok(port);
         }
-        let names = || right.iter().map(|port| port.name.as_str());
+        let (plant, own) = (plant_of_port(name).unwrap_or_default(), own_name(name));
+        let of_plant = right
+            .iter()
+            .filter(|port| plant_of_port(&port.name) == Some(plant));
+        let names = || of_plant.clone().map(Port::own_name);
         let listed = Vec::from_iter(names().take(LISTED_MAX)).join(", ");
-        let plant = self.plant;
         if let Some(other) = wrong.iter().find(|port| port.name == name) {
             let message = format!(
-                "the port `{plant}.{name}` is an {}, and an {direction} is needed here",
+                "the port `{name}` is an {}, and an {direction} is needed here",
                 other.direction
             );
             let label = format!("{direction}s of `{plant}`: {listed}");
             return Err(objection_at(path.to_owned(), message, label));
         }
-        let message = format!("the plant `{plant}` has no port `{name}`");
-        let label = match nearest(name, names()) {
+        let message = format!("the plant `{plant}` has no port `{own}`");
+        let label = match nearest(own, names()) {
             Some(meant) => format!("did you mean \"{plant}.{meant}\"?"),
             None => format!("{direction}s of `{plant}`: {listed}"),
         };
@@ -111,7 +117,7 @@ impl Wired<'_> {
             Err(objection) => Some(objection),
             Ok(port) if conversion(command.word(), &port.unit).is_some() => None,
             Ok(port) => {
-                let message = format!("an amplifier cannot drive `{}`", port.name);
+                let message = format!("an amplifier cannot drive `{}`", port.own_name());
                 let label = match port.unit.as_str() {
                     "" => format!("a number without a unit, not {}", command.word()),
                     unit => format!("it is in {unit}, not in {}", command.word()),
@@ -134,13 +140,14 @@ impl Wired<'_> {
         let fitting = Unit::of_port(&port.unit);
         let message = format!(
             "`{}` cannot be measured in {}",
-            port.name, wiring.sensor.measurand.unit
+            port.own_name(),
+            wiring.sensor.measurand.unit
         );
         let units = fitting.iter().map(|unit| format!("unit = \"{unit}\""));
-        let label = match Vec::from_iter(units).join(" or ") {
-            none if none.is_empty() => "it has no unit".to_owned(),
-            units => format!("write {units}"),
-        };
+        let mut label = format!("write {}", Vec::from_iter(units).join(" or "));
+        if port.unit.is_empty() {
+            label += ", or a word of yours, as in unit = \"fraction\"";
+        }
         let path = format!("node.{}.sensor.unit", self.drive);
         Some(objection_at(path, message, label))
     }
@@ -150,7 +157,7 @@ impl Wired<'_> {
         let wiring = &self.trial.wiring;
         let [min, max] = wiring.sensor.range();
         let [lowest, highest] = port.range.map(|end| end * factor);
-        let (name, unit) = (&port.name, &wiring.sensor.measurand.unit);
+        let (name, unit) = (port.own_name(), &wiring.sensor.measurand.unit);
         let is_wider = lowest < min - RANGE_TOLERANCE || highest > max + RANGE_TOLERANCE;
         let objection = |message: String, label: String| {
             let path = format!("node.{}.sensor", self.drive);
@@ -170,16 +177,15 @@ impl Wired<'_> {
         }
     }
 
-    /// Fan and load of the io node that acts on the plant.
-    fn io(&self) -> Option<Objection> {
-        let io = self.io?;
-        let wiring = &self.trial.wiring;
+    /// The outputs of an io node.
+    fn io(&self, io: &IoWiring) -> Option<Objection> {
+        let node = &io.node.name;
         for (key, name, unit) in [
-            ("convection_factor", &wiring.fan, ""),
-            ("added_load_grams", &wiring.load, "kilograms"),
+            ("convection_factor", &io.fan, ""),
+            ("added_load_grams", &io.load, "kilograms"),
         ] {
             let Some(name) = name else { continue };
-            let path = format!("node.{io}.outputs.{key}");
+            let path = format!("node.{node}.outputs.{key}");
             let port = match self.find(&path, name, Direction::Input) {
                 Ok(port) => port,
                 Err(objection) => return Some(objection),
@@ -190,15 +196,14 @@ impl Wired<'_> {
                 } else {
                     "a mass"
                 };
-                let message = format!("`{key}` is {wanted}, and `{name}` is none");
+                let message = format!("`{key}` is {wanted}, and `{}` is none", port.own_name());
                 let label = format!("it is in {}", port.unit);
                 return Some(objection_at(path, message, label));
             }
         }
-        wiring
-            .outputs
+        io.outputs
             .iter()
-            .find_map(|(output, port)| self.output(io, output, port))
+            .find_map(|(output, port)| self.output(node, output, port))
     }
 
     /// Another output of the io node.
@@ -208,7 +213,7 @@ impl Wired<'_> {
             Ok(port) => port,
             Err(objection) => return Some(objection),
         };
-        let own = unit_in(output);
+        let (name, own) = (port.own_name(), unit_in(output));
         if !own.is_empty() && conversion(own, &port.unit).is_none() {
             let message = format!("`{output}` is in {own}, and `{name}` is not");
             let label = match port.unit.as_str() {
@@ -233,7 +238,7 @@ impl Wired<'_> {
                 match self.find(&path, name, Direction::Output) {
                     Ok(port) if port.has_range() => None,
                     Ok(port) => {
-                        let message = format!("`{}` cannot be published", port.name);
+                        let message = format!("`{}` cannot be published", port.own_name());
                         Some(objection_at(path, message, "it has no range".to_owned()))
                     }
                     Err(objection) => Some(objection),
@@ -248,12 +253,12 @@ impl Wired<'_> {
             let (count, drive) = (recorded.len(), self.drive);
             let message = format!(
                 "`{drive}` would publish {count} outputs of `{}`: {} bits",
-                self.plant,
+                wiring.plant,
                 count * BITS
             );
             let label = format!("its frames have room for {}", RECORDED_MAX * BITS);
             let names = recorded.iter().take(RECORDED_MAX);
-            let names = names.map(|(_, port)| format!("\"{}\"", port.name));
+            let names = names.map(|(_, port)| format!("\"{}\"", port.own_name()));
             let path = match wiring.record {
                 Some(_) => path,
                 None => format!("node.{drive}"),
@@ -280,6 +285,9 @@ fn objection_at(path: String, message: String, label: String) -> Objection {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
+    use scenario::node::{Node, Part};
     use scenario::port::Measurand;
 
     use super::*;
@@ -302,31 +310,29 @@ mod tests {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let mut scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         scenario.wiring = Wiring {
-            input: "current_amperes".to_owned(),
-            output: "angle_degrees".to_owned(),
+            plant: "joint".to_owned(),
+            input: "joint.current_amperes".to_owned(),
+            output: "joint.angle_degrees".to_owned(),
             sensor: Measured {
                 measurand: Measurand::position(Unit::Degrees),
                 min: -60.0,
                 max: Some(60.0),
                 increment: None,
             },
-            fan: None,
-            load: None,
             ..Wiring::default()
         };
         change(&mut scenario.wiring);
+        let joined = Ports::joined([("joint", ports.clone())]);
         let wired = Wired {
             drive: "motor",
-            io: Some("module"),
-            plant: "joint",
-            ports,
+            ports: &joined,
             trial: &scenario,
         };
-        let found = wired
-            .plant_objection()
+        let mut io = scenario.wiring.io.iter();
+        let found = plant_objection("joint", ports)
             .or_else(|| wired.amplifier())
             .or_else(|| wired.sensor())
-            .or_else(|| wired.io())
+            .or_else(|| io.find_map(|io| wired.io(io)))
             .or_else(|| wired.record());
         found.map(|found| format!("{}: {}: {}", found.path, found.message, found.label))
     }
@@ -344,7 +350,10 @@ mod tests {
     #[test]
     fn what_is_wired_wrongly_is_named_with_what_would_be_right() {
         let set = |field: fn(&mut Wiring) -> &mut String, name: &'static str| {
-            found(&ports(), move |wiring| *field(wiring) = name.to_owned()).unwrap()
+            found(&ports(), move |wiring| {
+                *field(wiring) = format!("joint.{name}")
+            })
+            .unwrap()
         };
         assert_eq!(
             set(|wiring| &mut wiring.input, "curent_amperes"),
@@ -369,8 +378,12 @@ mod tests {
             "node.motor.sensor.unit: `angle_degrees` cannot be measured in millimetres: write unit = \"degrees\" or unit = \"revolutions\""
         );
         assert_eq!(
-            found(&ports(), |wiring| wiring.load =
-                Some("brake_newtons".to_owned()))
+            found(&ports(), |wiring| wiring.io.push(IoWiring {
+                node: Node::new("module", 0x11, Part::Io),
+                fan: None,
+                load: Some("joint.brake_newtons".to_owned()),
+                outputs: BTreeMap::new(),
+            }))
             .unwrap(),
             "node.module.outputs.added_load_grams: `added_load_grams` is a mass, and `brake_newtons` is none: it is in newtons"
         );
@@ -384,7 +397,7 @@ mod tests {
             ports
         };
         let in_millimetres = |wiring: &mut Wiring, min: f64, max: Option<f64>| {
-            wiring.output = "slide_metres".to_owned();
+            wiring.output = "joint.slide_metres".to_owned();
             wiring.sensor.measurand.unit = Unit::Millimetres;
             (wiring.sensor.min, wiring.sensor.max) = (min, max);
         };

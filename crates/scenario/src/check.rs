@@ -14,12 +14,13 @@ mod tables;
 mod tests;
 
 use crate::controller::drives_led_by;
+use crate::disturbance::Disturbance;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::port::{Command, conversion};
 use crate::reference::{Chirp, Reference};
-use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Outputs, Rig};
 use crate::run::Run;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
@@ -62,7 +63,7 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Pr
         ));
     }
     problems.extend(currents::of_law(document, trial));
-    problems.extend(disturbances(document, trial));
+    problems.extend(disturbances(document, trial, rig));
     problems.extend(limits(document, trial));
     problems.extend(signals::check(document, trial, rig));
     problems.extend(requirements::of_limits(document, trial));
@@ -225,33 +226,34 @@ fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
         .collect()
 }
 
-/// Disturbances for which the io node of the plant has no output.
-fn outputs_of_nobody(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
-    let (disturbance, wiring) = (&trial.disturbance, &trial.wiring);
+/// Disturbances for which no io node has an output.
+fn outputs_of_nobody(
+    document: &Document<'_>,
+    disturbance: &Disturbance,
+    rig: &Rig,
+) -> Vec<Problem> {
     let mut problems = Vec::new();
-    for (kind, is_there, is_wired, output) in [
-        (
-            "fan",
-            !disturbance.fan.is_empty(),
-            wiring.fan.is_some(),
-            FAN_OUTPUT,
-        ),
-        (
-            "load",
-            !disturbance.load.is_empty(),
-            wiring.load.is_some(),
-            LOAD_OUTPUT,
-        ),
-    ] {
-        if is_there && !is_wired {
+    let has = |node: &str, output: &str| match node {
+        "" => rig.io_with(output).next().is_some(),
+        node => rig.io_with(output).any(|name| name == node),
+    };
+    let fan = disturbance.fan.first().map(|one| &one.node);
+    let load = disturbance.load.first().map(|one| &one.node);
+    for (kind, node, output) in [("fan", fan, FAN_OUTPUT), ("load", load, LOAD_OUTPUT)] {
+        if node.is_some_and(|node| !has(node, output)) {
             let message = format!("no io node has a {kind} at this plant");
             let label = format!("its outputs have no `{output}`");
             problems.push(document.problem(&format!("disturbance.{kind}.0"), message, label));
         }
     }
-    let known = Vec::from_iter(wiring.outputs.keys().map(String::as_str));
+    let outputs = rig.node.values().flat_map(|node| &node.outputs);
+    let known = Vec::from_iter(
+        outputs
+            .flat_map(Outputs::others)
+            .map(|(name, _)| name.as_str()),
+    );
     for (index, output) in disturbance.output.iter().enumerate() {
-        if known.contains(&output.name.as_str()) {
+        if has(&output.node, &output.name) {
             continue;
         }
         let path = format!("disturbance.output.{index}.name");
@@ -265,18 +267,22 @@ fn outputs_of_nobody(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     problems
 }
 
-fn disturbances(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
+fn disturbances(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let pieces = disturbance_pieces(trial);
     let mut problems = order(document, "disturbance", &pieces, trial.run.duration_seconds);
     for (index, pair) in trial.disturbance.fan.windows(2).enumerate() {
         let (first, second) = (&pair[0], &pair[1]);
-        if first.from_seconds < second.from_seconds && second.from_seconds < first.until_seconds {
+        let is_same = first.node == second.node;
+        if is_same
+            && first.from_seconds < second.from_seconds
+            && second.from_seconds < first.until_seconds
+        {
             let path = format!("disturbance.fan.{}.from_seconds", index + 1);
             let label = format!("the one before blows until {} s", first.until_seconds);
             problems.push(document.problem(&path, "two fans blow at a time", label));
         }
     }
-    problems.extend(outputs_of_nobody(document, trial));
+    problems.extend(outputs_of_nobody(document, &trial.disturbance, rig));
     let Some(load_kilograms) = trial.plant.load_kilograms() else {
         return problems;
     };

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What disturbs the plant; each is commanded over the bus to the disturbance node 0x11.
+/// What disturbs the plant; each is commanded over the bus to an io node.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Disturbance {
@@ -24,6 +24,9 @@ pub struct Disturbance {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "DisturbanceOutput")]
 pub struct Output {
+    /// The io node; needed where several have this output, or the rig has several loops.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub node: String,
     /// Its name among the `outputs` of the io node.
     #[schemars(length(min = 1, max = 64))]
     pub name: String,
@@ -42,6 +45,9 @@ pub struct Output {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fan {
+    /// The io node; needed where several have this output, or the rig has several loops.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub node: String,
     /// When the fan starts.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
@@ -57,6 +63,9 @@ pub struct Fan {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Load {
+    /// The io node; needed where several have this output, or the rig has several loops.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub node: String,
     /// When the load changes.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,

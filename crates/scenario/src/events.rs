@@ -77,7 +77,7 @@ pub struct LoopWords {
     pub drive: String,
 }
 
-/// What the disturbance node is commanded at one time.
+/// What an io node is commanded at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisturbanceCommand {
     /// From when.
@@ -316,6 +316,22 @@ impl Trial {
 }
 
 impl Disturbance {
+    /// Those that one io node is commanded, of several loops.
+    #[must_use]
+    pub fn at_node<'a>(node: &str, of_loops: impl IntoIterator<Item = &'a Self>) -> Self {
+        let mut all = Self::default();
+        for of_loop in of_loops {
+            let Self { fan, load, output } = of_loop.clone();
+            all.fan
+                .extend(fan.into_iter().filter(|one| one.node == node));
+            all.load
+                .extend(load.into_iter().filter(|one| one.node == node));
+            all.output
+                .extend(output.into_iter().filter(|one| one.node == node));
+        }
+        all
+    }
+
     /// What the disturbance node is commanded, in the order of time, one entry per instant; nothing before the first entry.
     #[must_use]
     pub fn commands(&self) -> Vec<DisturbanceCommand> {

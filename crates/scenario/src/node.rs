@@ -47,12 +47,12 @@ pub struct LoopNodes {
     pub drive: Node,
     /// The drive whose signal it follows: mostly its own.
     pub followed: Node,
-    /// The io node that acts on its plant.
-    pub io: Option<Node>,
+    /// The io nodes whose commands are recorded in it: those whose first drive its own is.
+    pub io: Vec<Node>,
 }
 
 impl LoopNodes {
-    /// Its nodes in the order controller, drive, io node.
+    /// Its nodes in the order controller, drive, io nodes.
     pub fn all(&self) -> impl Iterator<Item = &Node> {
         [&self.controller, &self.drive].into_iter().chain(&self.io)
     }
@@ -72,7 +72,7 @@ impl Default for LoopNodes {
             controller: Node::new("controller", CONTROLLER_NODE_ID, Part::Controller),
             followed: drive.clone(),
             drive,
-            io: Some(Node::new("disturbance", 0x11, Part::Io)),
+            io: vec![Node::new("disturbance", 0x11, Part::Io)],
         }
     }
 }

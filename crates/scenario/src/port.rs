@@ -177,6 +177,12 @@ impl Port {
         }
     }
 
+    /// Its name without that of its plant.
+    #[must_use]
+    pub fn own_name(&self) -> &str {
+        own_name(&self.name)
+    }
+
     /// The reason why it cannot be a port of a plant, as the end of a sentence.
     fn flaw(&self) -> Option<&'static str> {
         let [min, max] = self.range;
@@ -222,6 +228,20 @@ pub struct Ports {
 }
 
 impl Ports {
+    /// The ports of plants that are emulated together, each as `PLANT.PORT`, in the order of these plants.
+    #[must_use]
+    pub fn joined<'a>(plants: impl IntoIterator<Item = (&'a str, Self)>) -> Self {
+        let mut all = Self::default();
+        for (plant, mut ports) in plants {
+            for port in ports.inputs.iter_mut().chain(&mut ports.outputs) {
+                port.name = format!("{plant}.{}", port.name);
+            }
+            all.inputs.append(&mut ports.inputs);
+            all.outputs.append(&mut ports.outputs);
+        }
+        all
+    }
+
     /// The place of an input.
     #[must_use]
     pub fn input(&self, name: &str) -> Option<usize> {
@@ -244,6 +264,18 @@ impl Ports {
     pub fn output(&self, name: &str) -> Option<usize> {
         self.outputs.iter().position(|port| port.name == name)
     }
+}
+
+/// The plant of a port that is called `PLANT.PORT`.
+#[must_use]
+pub fn plant_of_port(port: &str) -> Option<&str> {
+    port.split_once('.').map(|(plant, _)| plant)
+}
+
+/// The name of a port without that of its plant.
+#[must_use]
+pub fn own_name(port: &str) -> &str {
+    port.split_once('.').map_or(port, |(_, name)| name)
 }
 
 /// The finest of 1, 2 and 5 times a power of ten whose steps over a range fit 16 bits; 1 where the range is none.
@@ -282,6 +314,9 @@ const fn known(word: &'static str, symbol: &'static str, of: &'static str, size:
     }
 }
 
+/// What a number without a unit may be: 100 percent are 1.
+const SHARE: &str = "share";
+
 /// Units that names end in.
 const KNOWN: [Known; 31] = [
     known("metres", "m", "length", 1.0),
@@ -306,7 +341,7 @@ const KNOWN: [Known; 31] = [
     known("kelvins", "K", "temperature difference", 1.0),
     known("seconds", "s", "time", 1.0),
     known("hertz", "Hz", "frequency", 1.0),
-    known("percent", "%", "share", 1.0),
+    known("percent", "%", SHARE, 1e-2),
     known("litres", "l", "volume", 1.0),
     known("metres_per_second", "m/s", "speed", 1.0),
     known("millimetres_per_second", "mm/s", "speed", 1e-3),
@@ -372,14 +407,21 @@ pub fn symbol_of(word: &str) -> &str {
     find(word).map_or(word, |known| known.symbol)
 }
 
-/// What one of the unit `from` is in the unit `to`; none where they are of different kinds.
+/// What one of the unit `from` is in the unit `to`; none where they are of different kinds. A number without a unit is a share, or one
+/// of a unit that only its user knows.
 #[must_use]
 pub fn conversion(from: &str, to: &str) -> Option<f64> {
     if from == to {
         return Some(1.0);
     }
-    let (from, to) = (find(from)?, find(to)?);
-    (from.of == to.of).then_some(from.size / to.size)
+    let kind = |word: &str| match word {
+        "" => Some((SHARE, 1.0)),
+        word => find(word).map(|known| (known.of, known.size)),
+    };
+    match (kind(from), kind(to)) {
+        (Some((from, size)), Some((to, other))) => (from == to).then_some(size / other),
+        _ => (from.is_empty() || to.is_empty()).then_some(1.0),
+    }
 }
 
 /// Keys besides those of metrics that have the unit of a position.
@@ -473,8 +515,13 @@ impl Unit {
         let fits = |unit: &Self| conversion(port_unit, unit.word()).is_some();
         let known = [Self::Millimetres, Self::Degrees, Self::Revolutions];
         let mut fitting = Vec::from_iter(known.into_iter().filter(fits));
-        if fitting.is_empty() && !port_unit.is_empty() {
-            fitting.push(Self::Own(port_unit.to_owned()));
+        if fitting.is_empty() {
+            let own = if port_unit.is_empty() {
+                "percent"
+            } else {
+                port_unit
+            };
+            fitting.push(Self::Own(own.to_owned()));
         }
         fitting
     }
@@ -815,7 +862,12 @@ mod tests {
         assert_eq!(Unit::of_port("radians"), [Unit::Degrees, Unit::Revolutions]);
         let celsius = Unit::Own("celsius".to_owned());
         assert_eq!(Unit::of_port("celsius"), [celsius]);
-        assert_eq!(Unit::of_port(""), []);
+        let percent = Unit::Own("percent".to_owned());
+        assert_eq!(Unit::of_port(""), [percent]);
+        assert_eq!(conversion("", "percent"), Some(100.0));
+        assert_eq!(conversion("", "fraction"), Some(1.0));
+        assert_eq!(conversion("", "celsius"), None);
+        assert_eq!(conversion("celsius", "fraction"), None);
     }
 
     #[test]

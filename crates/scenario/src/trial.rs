@@ -1,5 +1,7 @@
 //! What is tried in one loop, on which drive and plant.
 
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use canopen::object_dictionary::Preset;
@@ -36,6 +38,8 @@ pub struct Trial {
     pub expect: Expect,
     /// The plant that its drive moves; the controller never sees its parameters.
     pub plant: PlantModel,
+    /// The other plants that are emulated together with it, by name: those that nodes connect with it.
+    pub plants_beside: BTreeMap<String, PlantModel>,
     /// The sensor of its drive.
     pub sensor: Sensor,
     /// The amplifier of its drive.
@@ -66,6 +70,26 @@ impl Trial {
     /// The facts of the run, to be changed for this loop alone.
     pub fn run_mut(&mut self) -> &mut Run {
         Arc::make_mut(&mut self.run)
+    }
+
+    /// The same on each of the plants that are emulated together, its own among them, in the order of their names.
+    pub fn on_each_plant(&self) -> Vec<Cow<'_, Self>> {
+        let on = |(name, plant): (&String, &PlantModel)| {
+            let mut other = self.clone();
+            (other.plant, other.wiring.plant) = (plant.clone(), name.clone());
+            Cow::Owned(other)
+        };
+        let mut all = Vec::from_iter(self.plants_beside.iter().map(on));
+        all.push(Cow::Borrowed(self));
+        all.sort_by(|left, right| left.wiring.plant.cmp(&right.wiring.plant));
+        all
+    }
+
+    /// Whether one of the plants that are emulated together is an FMU.
+    #[must_use]
+    pub fn has_fmu(&self) -> bool {
+        let mut plants = self.plants_beside.values().chain([&self.plant]);
+        plants.any(|plant| plant.fmu.is_some())
     }
 
     /// The faults of its loop: those at its drive and plant, and those at no other drive.

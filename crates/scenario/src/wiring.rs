@@ -7,9 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
-use crate::node::LoopNodes;
+use crate::node::{LoopNodes, Node};
 use crate::port::{
-    Command, Measurand, Port, Ports, Unit, conversion, steps_for, symbol_of, unit_in,
+    Command, Measurand, Port, Ports, Unit, conversion, own_name, plant_of_port, steps_for,
+    symbol_of, unit_in,
 };
 
 /// Outputs that a drive can publish: what fits TPDO2, beside the true position, and TPDO3.
@@ -95,23 +96,21 @@ pub struct Wiring {
     pub nodes: LoopNodes,
     /// The name of the plant that it moves; empty where no rig file says any.
     pub plant: String,
-    /// The input of the plant that its amplifier drives; the plant's first one if empty.
+    /// The name of the first of the plants that are emulated together with it.
+    pub emulated_with: String,
+    /// The input that its amplifier drives, as `PLANT.PORT`; the first one if empty.
     pub input: String,
-    /// The output of the plant that its sensor reads; the plant's first one if empty.
+    /// The output that its sensor reads, of the same plant or another one; the first one if empty.
     pub output: String,
     /// What its own sensor gives.
     pub sensor: Measured,
     /// What its loop follows: the same, or what the sensor of another drive gives.
     pub feedback: Measured,
-    /// The inputs of the plant on which the fan and the load of its io node act.
-    pub fan: Option<String>,
-    /// As `fan`, for the load.
-    pub load: Option<String>,
-    /// The other outputs of its io node by name, each with the input of the plant that it drives.
-    pub outputs: BTreeMap<String, String>,
+    /// The io nodes that act on the plants that are emulated together.
+    pub io: Vec<IoWiring>,
     /// The drive publishes the truth about its plant in every so many cycles.
     pub truth_every_cycles: u8,
-    /// The outputs of the plant that it publishes; those that are its own where nothing is said.
+    /// The outputs that it publishes, each as `PLANT.PORT`; those that are its own where nothing is said.
     pub record: Option<Vec<String>>,
     /// The inputs that other drives drive on the same plant, and whether one of them comes first.
     pub beside: Vec<String>,
@@ -145,13 +144,12 @@ impl Default for Wiring {
         Self {
             nodes: LoopNodes::default(),
             plant: String::new(),
+            emulated_with: String::new(),
             input: String::new(),
             output: String::new(),
             sensor: Measured::default(),
             feedback: Measured::default(),
-            fan: Some("convection_factor".to_owned()),
-            load: Some("added_load_kilograms".to_owned()),
-            outputs: BTreeMap::new(),
+            io: Vec::new(),
             truth_every_cycles: 1,
             record: None,
             beside: Vec::new(),
@@ -250,29 +248,8 @@ impl Wiring {
         }
     }
 
-    /// Where the other outputs of its io node stand among all: behind fan and load, where it has one of them.
-    #[must_use]
-    pub fn first_output(&self) -> usize {
-        match self.fan.is_some() || self.load.is_some() {
-            true => FAN_AND_LOAD,
-            false => 0,
-        }
-    }
-
-    /// The other outputs of its io node, in the order in which they stand; what fits no port of the plant is left out.
-    #[must_use]
-    pub fn io_outputs(&self, ports: &Ports) -> Vec<IoOutput> {
-        let places = self.first_output()..;
-        let outputs = self.outputs.iter().zip(places);
-        let wired = outputs.filter_map(|((name, port), place)| {
-            let input = ports.input(port)?;
-            IoOutput::new(name, place, input, &ports.inputs[input])
-        });
-        wired.collect()
-    }
-
     /// The outputs that the drive publishes: those that the rig file names, else those that are its own. Where a plant has one
-    /// drive, all are, less what its sensor reads. Where it has several, those are a drive's whose names begin like that of its
+    /// drive, all of that plant are, less what its sensor reads. Where it has several, those are a drive's whose names begin like that of its
     /// input, and all that are nobody's are the first one's. What has no range is not published, nor what only a rig file asks for.
     ///
     /// # Errors
@@ -291,11 +268,23 @@ impl Wiring {
         Ok(ports.collect())
     }
 
+    /// What a port that the drive publishes is called: as its plant calls it, and with the name of that in front where it is another one.
+    #[must_use]
+    pub fn name_of_recorded(&self, port: &Port) -> String {
+        match plant_of_port(&port.name) {
+            Some(plant) if plant != self.plant => port.name.replace('.', "_"),
+            _ => port.own_name().to_owned(),
+        }
+    }
+
     fn own_outputs(&self, ports: &Ports) -> Vec<usize> {
         let measured = self.measured(ports);
         let driven = self.driven(ports).map(|place| &ports.inputs[place]);
         let own = driven.map_or("", |port| beginning(&port.name));
+        let of_driven = driven.map(|port| plant_of_port(&port.name).unwrap_or_default());
+        let plant = of_driven.unwrap_or(&self.plant);
         let is_own = |port: &Port| match beginning(&port.name) {
+            _ if plant_of_port(&port.name).unwrap_or_default() != plant => false,
             _ if self.beside.is_empty() => true,
             name if name == own => true,
             name => !self.is_second && self.beside.iter().all(|other| beginning(other) != name),
@@ -305,6 +294,42 @@ impl Wiring {
             .filter(|(_, port)| port.is_published && port.has_range() && is_own(port))
             .filter(|(place, _)| Some(*place) != measured);
         own.map(|(place, _)| place).collect()
+    }
+}
+
+/// The outputs of an io node, each with the input that it drives, as `PLANT.PORT`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IoWiring {
+    /// The io node.
+    pub node: Node,
+    /// The input on which its fan acts.
+    pub fan: Option<String>,
+    /// The input on which its load acts.
+    pub load: Option<String>,
+    /// The other ones by name.
+    pub outputs: BTreeMap<String, String>,
+}
+
+impl IoWiring {
+    /// Where the other outputs stand among all: behind fan and load, where there is one of them.
+    #[must_use]
+    pub fn first_output(&self) -> usize {
+        match self.fan.is_some() || self.load.is_some() {
+            true => FAN_AND_LOAD,
+            false => 0,
+        }
+    }
+
+    /// The other outputs in the order in which they stand; what fits no port is left out.
+    #[must_use]
+    pub fn others(&self, ports: &Ports) -> Vec<IoOutput> {
+        let places = self.first_output()..;
+        let outputs = self.outputs.iter().zip(places);
+        let wired = outputs.filter_map(|((name, port), place)| {
+            let input = ports.input(port)?;
+            IoOutput::new(name, place, input, &ports.inputs[input])
+        });
+        wired.collect()
     }
 }
 
@@ -364,9 +389,9 @@ impl IoOutput {
     }
 }
 
-/// The first word of a name.
-fn beginning(name: &str) -> &str {
-    name.split('_').next().unwrap_or_default()
+/// The first word of the name of a port.
+fn beginning(port: &str) -> &str {
+    own_name(port).split('_').next().unwrap_or_default()
 }
 
 /// What a measured position can be: one that cannot is no position, and too many in a row end the run. Positions are in the

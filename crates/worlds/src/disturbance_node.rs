@@ -8,6 +8,7 @@ use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
 use dbc::SignalMissing;
 use dbc::names::{ADDED_LOAD, CONVECTION_FACTOR, RPDO1, message as message_name};
 use rig::plan::{ControlLoop, Plan};
+use scenario::disturbance::Disturbance;
 use scenario::fault::Faults;
 use scenario::node::Part;
 
@@ -40,11 +41,10 @@ impl DisturbanceProducer {
     /// There is no loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let mut frames = Vec::new();
-        for one in &plan.loops {
-            // On a bus without the module its identifier may be somebody else's.
-            if one.has_io() {
-                frames.extend(disturbances(one)?);
-            }
+        let loops = plan.loops.iter();
+        // On a bus without an io node its identifier may be somebody else's.
+        for (one, io) in loops.flat_map(|one| one.io_on_bus().map(move |io| (one, io))) {
+            frames.extend(disturbances(plan, one, io)?);
         }
         frames.extend(stop_orders(&plan.shared.run.faults));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
@@ -137,24 +137,30 @@ fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
     })
 }
 
-/// The RPDOs of the disturbance module.
-fn disturbances(one: &ControlLoop) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
-    let (disturbance, database) = (&one.trial.disturbance, &one.database);
+/// The RPDOs of an io node of a loop.
+fn disturbances(
+    plan: &Plan,
+    one: &ControlLoop,
+    io: &scenario::node::Node,
+) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
+    let of_loops = plan.loops.iter().map(|one| &one.trial.disturbance);
+    let (disturbance, database) = (Disturbance::at_node(&io.name, of_loops), &one.database);
     let commands = disturbance.commands();
-    let Some(io) = one.nodes.io.as_ref().filter(|_| !commands.is_empty()) else {
+    if commands.is_empty() {
         return Ok(Vec::new());
-    };
+    }
     let outputs = message_name(&io.name, RPDO1);
-    let wiring = &one.trial.wiring;
+    let mut wirings = one.trial.wiring.io.iter();
+    let wiring = wirings.find(|wiring| wiring.node == *io);
     let require = |is_wired: bool, name| {
         let signal = is_wired.then(|| database.signal_of(&outputs, name));
         signal.transpose()
     };
-    let has_both = wiring.first_output() > 0;
+    let has_both = wiring.is_some_and(|wiring| wiring.first_output() > 0);
     let convection_factor = require(has_both, CONVECTION_FACTOR)?;
     let added_load = require(has_both, ADDED_LOAD)?;
     let others = one
-        .io_outputs()
+        .io_outputs(io)
         .iter()
         .map(|output| Ok((output, database.signal_of(&outputs, &output.name)?)));
     let others = others.collect::<Result<Vec<_>, SignalMissing>>()?;

@@ -26,8 +26,7 @@ const KEPT_MAX: usize = 16;
 
 /// How much longer than others the drives of these loops may take until they are there.
 pub(crate) fn more_patience(plan: &Plan) -> Duration {
-    let mut plants = plan.loops.iter().map(|one| &one.trial.plant);
-    match plants.any(|plant| plant.fmu.is_some()) {
+    match plan.loops.iter().any(|one| one.trial.has_fmu()) {
         true => LOAD_PATIENCE,
         false => Duration::ZERO,
     }

@@ -20,11 +20,11 @@ pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> V
     names
 }
 
-/// The name of the participant that emulates a plant: the plant's where there are several.
+/// The name of the participant that emulates a loop's plant: that of the first plant that it emulates, where there are several loops.
 #[must_use]
 pub fn emulator_name(one: &ControlLoop) -> &str {
     match one.loop_name() {
-        Some(_) => &one.trial.wiring.plant,
+        Some(_) => &one.trial.wiring.emulated_with,
         None => PLANT_EMULATOR,
     }
 }

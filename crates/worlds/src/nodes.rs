@@ -15,26 +15,20 @@ use crate::names::{CONTROLLER, emulator_name};
 use rig::loaded_drive::LoadedDrive;
 use rig::plan::Plan;
 
-/// A plant with all drives that move it: those of the loops whose emulator has this name.
+/// The emulator of this name: plants with the drives of all loops that it emulates.
 ///
 /// # Errors
 /// The plant cannot be emulated.
 pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldError> {
     let drives = plan.loops.iter().filter(|one| emulator_name(one) == name);
     let clock = plan.scenario_clock()?;
-    // The participant of a rig's only plant has no name of its own, but the plant has.
-    let plant = drives
-        .clone()
-        .next()
-        .map(|one| one.trial.wiring.plant.as_str());
-    let plant = plant.filter(|plant| !plant.is_empty()).unwrap_or(name);
     let drives = drives.map(|one| DriveOf {
         trial: &one.trial,
         place: one.place,
         database: &one.database,
         clock: &clock,
     });
-    let made = catalogue::emulator_of(plant, &Vec::from_iter(drives));
+    let made = catalogue::emulator_of(&Vec::from_iter(drives));
     made.map_err(|error| no_emulator(name, error))
 }
 

@@ -4,7 +4,6 @@ use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::pdo::WaitingPdo;
 use canopen::{AbortCode, ObjectDictionary};
-use scenario::port::Ports;
 use scenario::wiring::RECORDED_MAX;
 
 use crate::clocked_plant::ClockedPlant;
@@ -67,7 +66,7 @@ impl Objects {
             false => DataType::Integer32,
         };
         let signals = wires.published.iter().zip(PLANT_SIGNALS);
-        let signals = signals.map(|(one, index)| Ok((at(index, data_type(one))?, *one)));
+        let signals = signals.map(|(one, index)| Ok((at(index, data_type(one))?, one.clone())));
         Ok(Self {
             controlword: at(cia402::CONTROLWORD, DataType::Unsigned16)?,
             statusword: at(cia402::STATUSWORD, DataType::Unsigned16)?,
@@ -196,20 +195,11 @@ pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), 
 
 /// Puts the published outputs of the plant into the dictionary of the shipped data sheet, and those for which TPDO2 has no room into a
 /// TPDO3.
-pub(crate) fn declare(
-    dictionary: &mut ObjectDictionary,
-    plant: &ClockedPlant,
-    ports: &Ports,
-    wires: &Wires,
-) {
+pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, wires: &Wires) {
     let published = &wires.published;
     for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
         let entry = match published.get(place) {
-            Some(signal) => {
-                let port = ports.outputs.get(signal.output);
-                let name = port.map_or("", |port| &port.name);
-                object(index, name, data_type(signal), raw(signal, plant))
-            }
+            Some(signal) => object(index, &signal.name, data_type(signal), raw(signal, plant)),
             None if place < SIGNALS_IN_TPDO2 => {
                 object(index, "reserved", DataType::Unsigned16, [0; 2])
             }

@@ -1,6 +1,5 @@
 //! A small manager with a clock of its own: it plays the bus and the controller for the emulator.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use canopen::cia402::State;
@@ -8,7 +7,7 @@ use canopen::{AbortCode, CanFrame, Node, Progress};
 use plant_emulator::PlantEmulator;
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
-use scenario::{Run, Trial};
+use scenario::Trial;
 
 pub(crate) const DRIVE: u16 = 0x10;
 pub(crate) const DISTURBANCE: u16 = 0x11;
@@ -20,30 +19,10 @@ pub(crate) fn milliseconds(number: u64) -> Duration {
     Duration::from_millis(number)
 }
 
-/// A scenario with the default plant.
+/// A scenario on the actuator of the paper.
 pub(crate) fn scenario() -> Trial {
-    Trial {
-        run: Arc::new(Run {
-            name: "nodes".to_owned(),
-            seed: 42,
-            duration_seconds: 1.0,
-            ..Run::default()
-        }),
-        controller: scenario::controller::Controller::default(),
-        reference: scenario::reference::Reference::default(),
-        disturbance: scenario::disturbance::Disturbance::default(),
-        expect: scenario::expect::Expect::default(),
-        plant: scenario::plant::PlantModel::default(),
-        sensor: scenario::plant::Sensor::default(),
-        amplifier: scenario::plant::Amplifier {
-            i2t: Some(scenario::plant::I2t {
-                continuous: 0.9,
-                peak_square_seconds: 1.9,
-            }),
-            ..scenario::plant::Amplifier::default()
-        },
-        wiring: scenario::wiring::Wiring::default(),
-    }
+    let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"nodes\"\nseed = 42\nduration_seconds = 1.0\n[controller.open_loop]\n";
+    Trial::parse(text, "nodes.toml", |_| unreachable!("no table")).expect("it is valid")
 }
 
 /// The content of TPDO1.

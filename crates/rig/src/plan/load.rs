@@ -120,10 +120,9 @@ impl Plan {
         catalogue: &Catalogue,
     ) -> Result<Self, ScenarioError> {
         let object = |scenario: &Scenario| {
-            let found = scenario
-                .loops
-                .iter()
-                .find_map(|one| catalogue.fmu_objection(one, None));
+            let with_fmus = scenario.loops.iter().filter(|one| one.has_fmu());
+            let mut plants = with_fmus.flat_map(Trial::on_each_plant);
+            let found = plants.find_map(|one| catalogue.objection_to_plant(&one, None));
             // That the file is not there any more is no value's fault.
             found.filter(|objection| objection.path.contains(".fmu.start."))
         };

@@ -447,7 +447,9 @@ impl Check<'_> {
     /// A real fan cannot cool an emulated wire, nor an emulated one a real wire.
     fn io_beside_external(&self, name: &str) -> Option<Problem> {
         let is_other = |(drive, node): &(&String, &RigNode)| {
-            self.rig.acts_on(name, drive) && node.external != self.rig.node[name].external
+            let moved = self.rig.plant_of(drive);
+            moved.is_some_and(|plant| self.rig.node[name].plants().contains(plant))
+                && node.external != self.rig.node[name].external
         };
         let (drive, node) = self.rig.node.iter().find(is_other)?;
         let (message, label) = match node.external {

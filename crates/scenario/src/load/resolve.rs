@@ -363,6 +363,7 @@ impl TrialReader<'_, '_> {
             disturbance,
             expect,
             plant: self.rig.model_of(drive, self.rig_path),
+            plants_beside: self.rig.models_beside(drive, self.rig_path),
             sensor,
             amplifier,
             wiring,

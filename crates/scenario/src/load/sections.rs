@@ -11,7 +11,7 @@ use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
 use crate::own::leads_all;
-use crate::rig::nodes::Rig;
+use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
 use crate::schema;
 
 /// The law of all loops.
@@ -236,6 +236,7 @@ impl<'text> Selector<'_, 'text> {
         name: &str,
         path: &str,
     ) -> Option<Spanned<DeValue<'text>>> {
+        let span = entry.span();
         let DeValue::Table(table) = entry.get_mut() else {
             return Some(entry);
         };
@@ -245,14 +246,22 @@ impl<'text> Selector<'_, 'text> {
                 None => self.is_only_loop().then_some(entry),
             };
         }
-        let is_of_loop = match table.remove(NODE) {
-            Some(node) => {
-                let node = node.get_ref().as_str().unwrap_or_default();
-                self.rig.acts_on(node, self.drive(name))
-            }
-            None => self.rig.loops.len() == 1 || self.is_only_loop(),
-        };
-        is_of_loop.then_some(entry)
+        let output = output_of(path, table);
+        if !table.contains_key(NODE) {
+            let node = self.only_io_with(&output).unwrap_or_default().to_owned();
+            let key = Spanned::new(span.clone(), NODE.into());
+            table.insert(key, Spanned::new(span, DeValue::String(node.into())));
+        }
+        let node = table.get(NODE).and_then(|node| node.get_ref().as_str());
+        let disturbed = node.and_then(|node| self.rig.drive_disturbed(node, &output));
+        let is_its = disturbed.map_or(self.is_only_loop(), |drive| drive == self.drive(name));
+        is_its.then_some(entry)
+    }
+
+    /// The io node with an output, where there is one.
+    fn only_io_with<'a>(&'a self, output: &'a str) -> Option<&'a str> {
+        let mut with = self.rig.io_with(output);
+        with.next().filter(|_| with.next().is_none())
     }
 
     /// Loops and nodes that the scenario names and the rig does not have.
@@ -352,9 +361,15 @@ impl<'text> Selector<'_, 'text> {
         known: &[&str],
     ) -> Option<Problem> {
         let Some(named) = table.get(by) else {
+            let output = output_of(parent(path), table);
+            let with = Vec::from_iter(self.rig.io_with(&output).filter(|_| by == NODE));
+            let (is_clear, known) = match with.len() {
+                0 => (self.is_only_loop(), known),
+                count => (count == 1, &*with),
+            };
             let message = format!("for which {by}?");
             let label = format!("`{by}` is missing; known are: {}", known.join(", "));
-            return (!self.is_only_loop()).then(|| self.scenario.problem(path, message, label));
+            return (!is_clear).then(|| self.scenario.problem(path, message, label));
         };
         let name = named.get_ref().as_str().unwrap_or_default();
         (!known.contains(&name)).then(|| {
@@ -364,6 +379,21 @@ impl<'text> Selector<'_, 'text> {
                 .problem(&format!("{path}.{by}"), message, label)
         })
     }
+}
+
+/// The output of an io node that an entry of a disturbance sets.
+fn output_of(path: &str, entry: &DeTable<'_>) -> String {
+    let name = entry.get("name").and_then(|name| name.get_ref().as_str());
+    match path.rsplit('.').next() {
+        Some("fan") => FAN_OUTPUT.to_owned(),
+        Some("load") => LOAD_OUTPUT.to_owned(),
+        _ => name.unwrap_or_default().to_owned(),
+    }
+}
+
+/// The path of an array, by that of one of its entries.
+fn parent(path: &str) -> &str {
+    path.rsplit_once('.').map_or("", |(parent, _)| parent)
 }
 
 /// Whether a path ends in the place of an array.

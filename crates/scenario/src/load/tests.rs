@@ -103,8 +103,8 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
         let nodes = &one.wiring.nodes;
         (one.wiring.of_loop.clone(), nodes.drive.id, nodes.io.clone())
     };
-    assert_eq!(place(x), ("x".to_owned(), 0x10, None));
-    assert_eq!(place(y), ("y".to_owned(), 0x12, None));
+    assert_eq!(place(x), ("x".to_owned(), 0x10, Vec::new()));
+    assert_eq!(place(y), ("y".to_owned(), 0x12, Vec::new()));
     for one in [x, y] {
         assert_eq!(one.run.name, "two moves");
         assert!((one.run.bus.sync_period_milliseconds - 2.0).abs() < 1e-12);
@@ -276,14 +276,9 @@ fn a_rig_that_could_be_misread_is_refused() {
         ),
         ("[loop.y]", "[loop.Y]", "`Y` can be no name of a loop"),
         (
-            "port = \"gantry_y.position",
-            "port = \"gantry_x.position",
-            "the drive `y` moves `gantry_y` and measures `gantry_x`",
-        ),
-        (
             "[plant.gantry_y.dc_motor]",
             "[plant.gantry_z.dc_motor]\n[plant.gantry_y.dc_motor]",
-            "no drive moves the plant `gantry_z`",
+            "no node names the plant `gantry_z`",
         ),
         ("schema = 1", "schema = 2", "`schema` = 2 is out of range"),
         (
@@ -402,12 +397,6 @@ fn both_places_are_underlined() {
             "[plant.gantry_y.dc_motor]",
             "[plant.x.dc_motor]",
             ["a plant here", "a node here"],
-        ),
-        (
-            "[node.x]",
-            "[node.fan]\nkind = \"io\"\nnode_id = 0x11\noutputs.convection_factor = \"gantry_x.convection_factor\"\n\
-             [node.load]\nkind = \"io\"\nnode_id = 0x13\noutputs.added_load_grams = \"gantry_x.added_load_kilograms\"\n[node.x]",
-            ["the first one", "the second one"],
         ),
     ] {
         let error = load_text(SCENARIO, &RIG.replacen(right, wrong, 1)).unwrap_err();

@@ -6,6 +6,7 @@ mod sma;
 mod sma_pair;
 
 use std::any::Any;
+use std::path::Path;
 
 use canopen::object_dictionary::Preset;
 use schemars::JsonSchema;
@@ -62,6 +63,13 @@ pub struct PlantModel {
 }
 
 impl PlantModel {
+    /// The same with its files beside the rig file.
+    pub(crate) fn beside(&self, rig: &Path) -> Self {
+        let mut model = self.clone();
+        model.fmu = model.fmu.map(|fmu| fmu.beside(rig));
+        model
+    }
+
     /// The actuator with these parameters.
     #[must_use]
     pub fn of_sma(sma: Sma) -> Self {

@@ -14,8 +14,8 @@ use crate::current::CurrentRange;
 use crate::identifiers::Identifiers;
 use crate::node::{LoopNodes, Node, Part};
 use crate::plant::{self, I2t, PlantModel};
-use crate::port::{Command, Measurand, Unit, unit_in};
-use crate::wiring::{LedBy, LoopOfRig, Measured, Plausible, Wiring};
+use crate::port::{Command, Measurand, Unit, plant_of_port, unit_in};
+use crate::wiring::{IoWiring, LedBy, LoopOfRig, Measured, Plausible, Wiring};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
@@ -64,9 +64,45 @@ impl Rig {
     /// The plant that a drive moves, whose files lie beside the rig file; the actuator of the paper where it moves none.
     pub(crate) fn model_of(&self, drive: &str, rig: &Path) -> PlantModel {
         let plant = self.plant_of(drive).and_then(|name| self.plant.get(name));
-        let mut model = plant.cloned().unwrap_or_default();
-        model.fmu = model.fmu.map(|fmu| fmu.beside(rig));
-        model
+        plant.map_or_else(PlantModel::default, |plant| plant.beside(rig))
+    }
+
+    /// The other plants that are emulated together with the one that a drive moves, by name.
+    pub(crate) fn models_beside(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
+        let plant = self.plant_of(drive);
+        let others = self.emulated_with(drive).into_iter();
+        let others = others.filter(|name| Some(*name) != plant);
+        others
+            .map(|name| (name.to_owned(), self.plant[name].beside(rig)))
+            .collect()
+    }
+
+    /// The plants that are emulated together with the one that a drive moves, that one too: all that nodes connect. With those of
+    /// the first drive go the plants that are connected with no drive.
+    fn emulated_with(&self, drive: &str) -> BTreeSet<&str> {
+        let mut groups: Vec<BTreeSet<&str>> = Vec::new();
+        let nodes = self.node.values().map(RigNode::plants);
+        let alone = self
+            .plant
+            .keys()
+            .map(|plant| BTreeSet::from([plant.as_str()]));
+        let ours = self.node.iter().filter(|(_, node)| !node.external);
+        let first = ours.filter_map(|(name, _)| self.plant_of(name)).next();
+        let is_moved = |plants: &BTreeSet<&str>| {
+            let mut moved = self.node.keys().filter_map(|name| self.plant_of(name));
+            moved.any(|plant| plants.contains(plant))
+        };
+        for mut plants in nodes.chain(alone) {
+            plants.retain(|plant| self.plant.contains_key(*plant));
+            let joined = groups.extract_if(.., |group| !group.is_disjoint(&plants));
+            let joined = Vec::from_iter(joined.flatten());
+            plants.extend(joined);
+            groups.push(plants);
+        }
+        let plant = self.plant_of(drive);
+        let own = |group: &BTreeSet<&str>| plant.is_some_and(|plant| group.contains(plant));
+        let is_its = |group: &BTreeSet<&str>| own(group) || plant == first && !is_moved(group);
+        groups.into_iter().filter(is_its).flatten().collect()
     }
 
     /// The sensor and the amplifier of a drive.
@@ -155,13 +191,34 @@ impl Rig {
         self.plant_of(self.drive_of_loop(name)).unwrap_or_default()
     }
 
-    /// Whether an io node acts on the plant that a drive moves. Of several drives of a plant that is said of the first one only.
+    /// The drive in whose loop the commands to an io node are recorded: the first one of the plants on which it acts, by node-ID;
+    /// where nobody moves these, the first one with which they are emulated.
     #[must_use]
-    pub fn acts_on(&self, io: &str, drive: &str) -> bool {
-        let outputs = self.node.get(io).and_then(|node| node.outputs.as_ref());
-        let plant = self.plant_of(drive);
-        let is_first = self.drives_beside(drive).all(|(_, is_before)| !is_before);
-        plant.is_some() && is_first && outputs.is_some_and(|outputs| outputs.plant() == plant)
+    pub fn drive_of_io(&self, io: &str) -> Option<&str> {
+        let plants = self.node.get(io)?.plants();
+        self.first_drive(|drive| {
+            self.plant_of(drive)
+                .is_some_and(|plant| plants.contains(plant))
+        })
+        .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
+    }
+
+    /// The drive in whose loop an output of an io node is a disturbance: the first one of the plant on which it acts.
+    pub(crate) fn drive_disturbed(&self, io: &str, output: &str) -> Option<&str> {
+        let port = self.node.get(io)?.outputs.as_ref()?.port(output);
+        let plant = port.and_then(plant_of_port);
+        self.first_drive(|drive| plant.is_some() && self.plant_of(drive) == plant)
+            .or_else(|| self.drive_of_io(io))
+    }
+
+    fn first_drive(&self, is_it: impl Fn(&str) -> bool) -> Option<&str> {
+        let drives = self
+            .node
+            .iter()
+            .filter(|(_, node)| node.kind == NodeKind::Drive);
+        let those = drives.filter(|(name, _)| is_it(name));
+        let first = those.min_by_key(|(_, node)| node.node_id);
+        first.map(|(name, _)| name.as_str())
     }
 
     /// The other drives of the plant that a drive moves, each with whether its node-ID is the lower one.
@@ -187,35 +244,31 @@ impl Rig {
         let Some(node) = self.node.get(drive) else {
             return Wiring::default();
         };
-        let name_of = |port: Option<&str>| {
-            let (_, name) = port?.split_once('.')?;
-            Some(name.to_owned())
-        };
-        let amplifier_port = |node: &RigNode| name_of(node.amplifier.as_ref()?.port.as_deref());
+        let amplifier_port = |node: &RigNode| node.amplifier.as_ref()?.port.clone();
         let sensor = node.sensor.clone().unwrap_or_default();
-        let outputs = self.io_of(drive).and_then(|(_, io)| io.outputs.clone());
-        let outputs = outputs.unwrap_or_default();
+        let plant = self.plant_of(drive).unwrap_or_default();
+        let in_full = |port: &String| match port.contains('.') {
+            true => port.clone(),
+            false => format!("{plant}.{port}"),
+        };
         let beside = self.drives_beside(drive);
         let of_loop = self.loop_of(drive);
         let own_loop = self.loops.get(of_loop);
         Wiring {
             nodes: self.nodes_of(drive, node.node_id),
-            plant: self.plant_of(drive).unwrap_or_default().to_owned(),
+            plant: plant.to_owned(),
+            emulated_with: (self.emulated_with(drive).first())
+                .map_or_else(String::new, |one| (*one).to_owned()),
             input: amplifier_port(node).unwrap_or_default(),
-            output: name_of(sensor.port.as_deref()).unwrap_or_default(),
+            output: sensor.port.unwrap_or_default(),
             sensor: node.measured(),
             feedback: self
                 .followed_by(drive)
                 .map_or_else(Measured::default, |(_, node)| node.measured())
                 .commanding(node.command_of()),
-            fan: name_of(outputs.port(FAN_OUTPUT)),
-            load: name_of(outputs.port(LOAD_OUTPUT)),
-            outputs: outputs
-                .others()
-                .filter_map(|(name, port)| Some((name.clone(), name_of(Some(port))?)))
-                .collect(),
+            io: self.io_beside(drive),
             truth_every_cycles: node.truth_every_cycles.unwrap_or(1),
-            record: node.record.clone(),
+            record: (node.record.as_ref()).map(|ports| ports.iter().map(in_full).collect()),
             beside: beside
                 .filter_map(|(other, _)| amplifier_port(other))
                 .collect(),
@@ -239,7 +292,7 @@ impl Rig {
             controller: controller.unwrap_or_else(|| LoopNodes::default().controller),
             followed: followed.unwrap_or_else(|| drive_node.clone()),
             drive: drive_node,
-            io: self.io_of(drive).map(|node| named(node, Part::Io)),
+            io: self.io_of(drive).map(|io| self.io_node(io)).collect(),
         }
     }
 
@@ -305,26 +358,33 @@ impl Rig {
         })
     }
 
-    /// A rig of one of its drives alone, which is a real one, with an external io node beside it.
+    /// A rig of one of its drives alone, which is a real one, with external io nodes beside it.
     #[must_use]
-    pub fn of_one_drive(&self, drive: &str, real: &RealDrive, io: Option<&str>) -> Self {
+    pub fn of_one_drive<'a>(
+        &self,
+        drive: &str,
+        real: &RealDrive,
+        io: impl IntoIterator<Item = &'a str>,
+    ) -> Self {
+        let io = Vec::from_iter(io);
         let mut rig = Self {
             schema: self.schema,
             name: drive.to_owned(),
             bus: self.bus.clone(),
             ..Self::default()
         };
-        let plant = self.plant_of(drive).filter(|_| io.is_some());
+        let plant = self.plant_of(drive).filter(|_| !io.is_empty());
         let plant = plant.and_then(|name| self.plant.get_key_value(name));
         rig.plant
             .extend(plant.map(|(name, plant)| (name.clone(), plant.clone())));
         let controller = self.controller().map(|(name, _)| name);
-        let beside = [controller, io].into_iter().flatten();
+        let beside = controller.into_iter().chain(io.iter().copied());
         let beside = beside.filter_map(|name| self.node.get_key_value(name));
         rig.node
             .extend(beside.map(|(name, node)| (name.clone(), node.clone())));
-        if let Some(io) = io.and_then(|io| rig.node.get_mut(io)) {
-            io.external = true;
+        for name in io {
+            let io = rig.node.get_mut(name).into_iter();
+            io.for_each(|io| io.external = true);
         }
         if let Some(node) = self.node.get(drive) {
             let mut node = node.clone();
@@ -392,17 +452,48 @@ impl Rig {
         toml::to_string(self).expect("tables of plain data")
     }
 
-    /// The io node that acts on the plant of a drive.
-    #[must_use]
-    pub fn io_of(&self, drive: &str) -> Option<(&str, &RigNode)> {
-        let mut nodes = self.node.iter();
-        let found = nodes.find(|(name, _)| self.acts_on(name, drive));
-        found.map(|(name, node)| (name.as_str(), node))
+    /// The io nodes whose commands are recorded in the loop of a drive.
+    pub fn io_of<'a>(&'a self, drive: &'a str) -> impl Iterator<Item = &'a str> {
+        let nodes = self
+            .node
+            .iter()
+            .filter(|(_, node)| node.kind == NodeKind::Io);
+        let names = nodes.map(|(name, _)| name.as_str());
+        names.filter(move |name| self.drive_of_io(name) == Some(drive))
     }
-}
 
-pub(crate) fn plant_of_port(port: &str) -> Option<&str> {
-    port.split_once('.').map(|(plant, _)| plant)
+    /// The io nodes with an output of this name.
+    pub(crate) fn io_with<'a>(&'a self, output: &'a str) -> impl Iterator<Item = &'a str> {
+        let nodes = self.node.iter();
+        let with = nodes.filter(move |(_, node)| {
+            let outputs = node.outputs.as_ref();
+            outputs.is_some_and(|outputs| outputs.port(output).is_some())
+        });
+        with.map(|(name, _)| name.as_str())
+    }
+
+    fn io_node(&self, name: &str) -> Node {
+        let id = self.node.get(name).map(|node| node.node_id);
+        Node::new(name, id.unwrap_or_default(), Part::Io)
+    }
+
+    /// The io nodes that act on the plants that are emulated together with the one that a drive moves.
+    fn io_beside(&self, drive: &str) -> Vec<IoWiring> {
+        let plants = self.emulated_with(drive);
+        let nodes = self.node.iter().filter_map(|(name, node)| {
+            let outputs = node.outputs.as_ref()?;
+            let port = |output| outputs.port(output).map(str::to_owned);
+            (!plants.is_disjoint(&node.plants())).then(|| IoWiring {
+                node: self.io_node(name),
+                fan: port(FAN_OUTPUT),
+                load: port(LOAD_OUTPUT),
+                outputs: (outputs.others())
+                    .map(|(name, port)| (name.clone(), port.clone()))
+                    .collect(),
+            })
+        });
+        nodes.collect()
+    }
 }
 
 /// What several nodes share.
@@ -474,7 +565,8 @@ pub struct RigNode {
     /// Of a drive: what a position can be. What is left out is not watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plausible: Option<Plausible>,
-    /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports. If absent: all of a plant
+    /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports, or as `PLANT.PORT` those of any
+    /// other one. If absent: all of a plant
     /// with one drive but `turns_not_remembered`; where a plant has several, those whose names begin like that of the drive's
     /// input, and of the first drive those that are nobody's too.
     #[schemars(length(max = 6), inner(length(min = 1, max = 64)))]
@@ -541,6 +633,16 @@ impl RigNode {
             max: sensor.max,
             increment: sensor.position_increment,
         }
+    }
+
+    /// The plants that it connects: of its amplifier, its sensor, its outputs, and of what it records.
+    pub(crate) fn plants(&self) -> BTreeSet<&str> {
+        let amplifier = self.amplifier.iter().filter_map(|one| one.port.as_ref());
+        let sensor = self.sensor.iter().filter_map(|one| one.port.as_ref());
+        let outputs = self.outputs.iter().flat_map(|outputs| outputs.0.values());
+        let recorded = self.record.iter().flatten();
+        let ports = amplifier.chain(sensor).chain(outputs).chain(recorded);
+        ports.filter_map(|port| plant_of_port(port)).collect()
     }
 
     /// The keys of an external drive that it has.
@@ -700,11 +802,6 @@ impl Outputs {
     pub(crate) fn others(&self) -> impl Iterator<Item = (&String, &String)> {
         let outputs = self.0.iter();
         outputs.filter(|(name, _)| ![FAN_OUTPUT, LOAD_OUTPUT].contains(&name.as_str()))
-    }
-
-    /// The plant on which they act.
-    pub(crate) fn plant(&self) -> Option<&str> {
-        self.0.values().find_map(|port| plant_of_port(port))
     }
 }
 

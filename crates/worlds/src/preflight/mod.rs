@@ -286,13 +286,12 @@ fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldE
     let dictionary = eds::parse(&drive.eds, drive.layout.node_id().get())
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
-    let io = one.nodes.io.as_ref().filter(|io| one.external.has(io));
-    let node_id = io.and_then(|io| NodeId::new(io.id));
-    let io = node_id.map(|node_id| (node_id, "fan and load module"));
+    let io = one.nodes.io.iter().filter(|io| one.external.has(io));
+    let io = io.filter_map(|io| Some((NodeId::new(io.id)?, "fan and load module")));
     Ok(Interview::new(
         drive,
         dictionary,
-        io.as_slice(),
+        &Vec::from_iter(io),
         one.nodes.controller.id,
     ))
 }
@@ -349,7 +348,7 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
             "[[controller.open_loop.ramp]]\nfrom_seconds = {rest:?}\nuntil_seconds = {until:?}\ncurrent_amperes = {limit:?}\n"
         );
     }
-    let io = one.nodes.io.as_ref().filter(|io| one.external.has(io));
+    let io = one.nodes.io.iter().filter(|io| one.external.has(io));
     let io = io.map(|io| io.name.as_str());
     let rig = (plan.shared.rig).of_one_drive(&one.nodes.drive.name, &drive.real, io);
     let read = |name: &str| match name {

@@ -3,16 +3,14 @@
 use super::Check;
 use crate::error::Problem;
 use crate::own::is_name;
-use crate::rig::nodes::{NodeKind, Outputs, plant_of_port};
+use crate::rig::nodes::{NodeKind, Outputs};
 use crate::wiring::IO_OUTPUTS_MAX;
 
 impl Check<'_> {
     pub(super) fn unserved(&self) -> Vec<Problem> {
         let mut problems = self.loops_of_several_drives();
-        problems.extend(self.split_drives());
-        problems.extend(self.split_outputs());
+        problems.extend(self.idle_outputs());
         problems.extend(self.outputs_without_room());
-        problems.extend(self.second_outputs());
         problems.extend(self.idle_plants());
         problems
     }
@@ -40,42 +38,15 @@ impl Check<'_> {
         problems.collect()
     }
 
-    /// Drives that move one plant and measure another.
-    fn split_drives(&self) -> Vec<Problem> {
-        let drives = self.rig.node.iter().filter_map(|(name, node)| {
-            let sensor = node.sensor.as_ref()?.port.as_deref()?;
-            let (measured, moved) = (plant_of_port(sensor)?, self.rig.plant_of(name)?);
-            (measured != moved).then(|| {
-                let path = format!("node.{name}.sensor.port");
-                let message =
-                    format!("the drive `{name}` moves `{moved}` and measures `{measured}`");
-                let problem = self
-                    .document
-                    .problem(&path, message, "the plant that it measures");
-                let moves = self.document.span(&format!("node.{name}.amplifier.port"));
-                problem.with_place(moves, "the plant that it moves")
-            })
+    /// Io nodes whose outputs act on nothing.
+    fn idle_outputs(&self) -> Vec<Problem> {
+        let idle = self.outputs().filter(|(_, outputs)| outputs.0.is_empty());
+        let problems = idle.map(|(name, _)| {
+            let message = format!("`{name}` acts on no plant");
+            let label = "OUTPUT = \"PLANT.PORT\" is missing";
+            self.problem(&format!("node.{name}.outputs"), message, label)
         });
-        drives.collect()
-    }
-
-    /// Io nodes whose outputs act on two plants, or on none.
-    fn split_outputs(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        for (name, outputs) in self.outputs() {
-            let path = format!("node.{name}.outputs");
-            let mut plants = outputs.0.values().filter_map(|port| plant_of_port(port));
-            let first = plants.next();
-            let message = match (first, plants.find(|plant| Some(*plant) != first)) {
-                (None, _) => format!("`{name}` acts on no plant"),
-                (Some(first), Some(second)) => {
-                    format!("`{name}` acts on `{first}` and on `{second}`")
-                }
-                _ => continue,
-            };
-            problems.push(self.problem(&path, message, "one plant for each io node"));
-        }
-        problems
+        problems.collect()
     }
 
     /// Io nodes with more outputs than their frame has room for, or with one that has no name.
@@ -104,44 +75,34 @@ impl Check<'_> {
         problems
     }
 
-    /// Io nodes that share a plant.
-    fn second_outputs(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        let mut firsts: Vec<(&str, &str)> = Vec::new();
-        for (name, outputs) in self.outputs() {
-            let Some(plant) = outputs.plant() else {
-                continue;
-            };
-            match firsts.iter().find(|(_, other)| *other == plant) {
-                None => firsts.push((name, plant)),
-                Some((first, _)) => {
-                    let message = format!("`{first}` and `{name}` both act on `{plant}`");
-                    let problem = self.problem(&format!("node.{name}"), message, "the second one");
-                    let first = self.document.key_span(&format!("node.{first}"));
-                    problems.push(problem.with_place(first, "the first one"));
-                }
-            }
-        }
-        problems
-    }
-
     fn outputs(&self) -> impl Iterator<Item = (&str, &Outputs)> {
         let nodes = self.rig.node.iter();
         nodes.filter_map(|(name, node)| Some((name.as_str(), node.outputs.as_ref()?)))
     }
 
+    /// Plants that no node names, or that no drive of canrig's emulates.
     fn idle_plants(&self) -> Vec<Problem> {
-        let drives = Vec::from_iter(self.of_kind(NodeKind::Drive));
+        let nodes = self.rig.node.values();
+        let named = Vec::from_iter(nodes.flat_map(|node| node.plants()));
+        let mut drives = self.rig.node.iter();
+        let is_one_ours =
+            drives.any(|(name, node)| !node.external && self.rig.plant_of(name).is_some());
         let is_moved = |plant: &str| {
-            drives
-                .iter()
-                .any(|drive| self.rig.plant_of(drive) == Some(plant))
+            let mut drives = self.of_kind(NodeKind::Drive);
+            drives.any(|drive| self.rig.plant_of(drive) == Some(plant))
         };
-        let idle = self.rig.plant.keys().filter(|plant| !is_moved(plant));
-        let problems = idle.map(|plant| {
-            let message = format!("no drive moves the plant `{plant}`");
-            let label = format!("write amplifier.port = \"{plant}.PORT\" into a drive");
-            self.problem(&format!("plant.{plant}"), message, label)
+        let problems = self.rig.plant.keys().filter_map(|plant| {
+            let (message, label) = if !named.contains(&plant.as_str()) {
+                let label =
+                    "an amplifier, a sensor, a record or an output of an io node is wired to it";
+                (format!("no node names the plant `{plant}`"), label)
+            } else if !is_one_ours && !is_moved(plant) {
+                let label = "no drive of this rig is canrig's";
+                (format!("nobody emulates the plant `{plant}`"), label)
+            } else {
+                return None;
+            };
+            Some(self.problem(&format!("plant.{plant}"), message, label))
         });
         problems.collect()
     }
