@@ -8,7 +8,7 @@ use std::process::Command;
 
 use fmu::description::Version;
 use fmu::export::write_fmu;
-use rig::plan::{Plan, check_rig};
+use plan::{Plan, check_rig};
 use scenario::rig::nodes::Rig;
 use serde_json::Value;
 use toml::Table;

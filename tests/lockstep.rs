@@ -5,8 +5,8 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
+use plan::Plan;
 use platform::lockstep::{Local, Participant};
-use rig::plan::Plan;
 use sha2::{Digest, Sha256};
 use worlds::lockstep::Role;
 

@@ -4,10 +4,10 @@
 use campaigns::campaign::{Campaign, of_one_loop};
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge};
+use plan::Plan;
+use plan::catalogue::Catalogue;
 use recording::log::Stamped;
 use recording::timeline::decode;
-use rig::catalogue::Catalogue;
-use rig::plan::Plan;
 use scenario::Trial;
 
 use crate::support;

@@ -195,7 +195,7 @@ const FAULT_TO_COME: &str =
     "[[fault.sensor.noise]]\nfrom_seconds = 19.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.01\n";
 
 /// The current that flowed last, as the plant of a drive says.
-fn last_current(log: &str, one: &rig::plan::ControlLoop) -> f64 {
+fn last_current(log: &str, one: &plan::ControlLoop) -> f64 {
     let truth = one.message(&one.nodes.drive, "truth").unwrap();
     let current = truth.handle(truth.signal("plant_current_amperes").unwrap());
     let frames = log.lines().rev().filter_map(|line| {
@@ -220,7 +220,7 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
         let long = text.replace("duration_seconds = 20.0", "duration_seconds = 590.0");
         fs::write(&scenario, long).unwrap();
     }
-    let plan = rig::plan::Plan::load(&scenario, worlds::catalogue::catalogue()).unwrap();
+    let plan = plan::Plan::load(&scenario, worlds::catalogue::catalogue()).unwrap();
     let run = Run::start(&scenario, clock);
     let emulators = drives.iter().map(|(drive, _)| run.node(&plant_of(drive)));
     let nodes = Vec::from_iter(emulators.chain([run.node("controller")]));

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use rig::catalogue::Catalogue;
+use plan::catalogue::Catalogue;
 use runner::recorded::Recorded;
 
 use crate::real_time::in_real_time;

@@ -21,12 +21,15 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
     ),
     ("fmu-plants", &["fmu", "scenario", "plant-emulator"]),
     ("fmu-library", &["fmu", "fmu-plants"]),
-    ("rig", &["canopen", "dbc", "scenario"]),
+    ("plan", &["canopen", "dbc", "scenario"]),
     (
         "recording",
-        &["canopen", "dbc", "scenario", "platform", "rig"],
+        &["canopen", "dbc", "scenario", "platform", "plan"],
     ),
-    ("judge", &["canopen", "dbc", "scenario", "rig", "recording"]),
+    (
+        "judge",
+        &["canopen", "dbc", "scenario", "plan", "recording"],
+    ),
     (
         "worlds",
         &[
@@ -38,7 +41,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "platform",
             "controller",
             "plant-emulator",
-            "rig",
+            "plan",
             "recording",
         ],
     ),
@@ -49,7 +52,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "dbc",
             "scenario",
             "platform",
-            "rig",
+            "plan",
             "recording",
             "judge",
         ],
@@ -62,7 +65,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "dbc",
             "scenario",
             "platform",
-            "rig",
+            "plan",
             "recording",
             "judge",
             "worlds",
@@ -77,7 +80,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "dbc",
             "scenario",
             "faults",
-            "rig",
+            "plan",
             "recording",
             "judge",
             "worlds",
@@ -93,7 +96,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "dbc",
             "scenario",
             "plant-emulator",
-            "rig",
+            "plan",
             "recording",
             "judge",
             "worlds",
@@ -115,7 +118,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "platform",
             "controller",
             "plant-emulator",
-            "rig",
+            "plan",
             "recording",
             "judge",
             "worlds",
@@ -134,7 +137,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
             "scenario",
             "controller",
             "plant-emulator",
-            "rig",
+            "plan",
             "recording",
             "judge",
             "worlds",
@@ -391,7 +394,7 @@ fn libraries_of_nodes_do_not_know_the_platform() {
 #[test]
 fn nodes_do_not_know_the_plan() {
     for package in ["controller", "plant-emulator"] {
-        must_not_name(package, "rig::plan", |_| false);
+        must_not_name(package, "plan::", |_| false);
     }
 }
 

@@ -7,8 +7,8 @@ use std::path::Path;
 use campaigns::campaign::play_one;
 use campaigns::sweep::row::{Ended, SweepRow};
 use campaigns::sweep::sweep_cases::SweepCases;
+use plan::Plan;
 use recording::capture::Watch;
-use rig::plan::Plan;
 use worlds::catalogue::catalogue;
 
 use canrig_benches::limit;

@@ -5,9 +5,9 @@ use std::hint::black_box;
 use std::path::Path;
 
 use judge::{Circumstances, judge};
+use plan::Plan;
 use recording::capture::{Capture, Watch};
 use recording::timeline::decode;
-use rig::plan::Plan;
 use worlds::catalogue::catalogue;
 use worlds::lockstep::simulate;
 

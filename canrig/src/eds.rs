@@ -4,8 +4,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use plan::named_nodes::{NodeSheet, node_sheets};
 use recording::run_folder::write_new;
-use rig::named_nodes::{NodeSheet, node_sheets};
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::named::plan_of;

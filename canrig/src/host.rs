@@ -17,8 +17,8 @@ use platform::stop::StopSignal;
 use platform::{lockstep, real_time, scheduling};
 use scenario::{ScenarioError, without_colours};
 
+use plan::Plan;
 use recording::latency::{NodeReport, Quantiles};
-use rig::plan::Plan;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use worlds::catalogue::catalogue;

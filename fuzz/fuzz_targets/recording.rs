@@ -10,7 +10,7 @@ use judge::verdict::Verdict;
 use libfuzzer_sys::fuzz_target;
 use recording::log::Stamped;
 use recording::timeline;
-use rig::plan::Plan;
+use plan::Plan;
 use scenario::Trial;
 use worlds::catalogue::catalogue;
 

@@ -57,7 +57,7 @@ fn files(name: &str) -> [(String, String); 2] {
 mod tests {
     use std::fs;
 
-    use rig::plan::Plan;
+    use plan::Plan;
     use scenario::rig::nodes::Rig;
     use worlds::catalogue::catalogue;
 

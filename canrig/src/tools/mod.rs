@@ -1,7 +1,7 @@
 //! What people debug nodes with: who is there (`nodes`), one object (`sdo`), live traffic (`monitor`).
 //!
 //! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
-//! ([`rig::presence`]), so a guest asks on the second channel where the node's data sheet has one.
+//! ([`plan::presence`]), so a guest asks on the second channel where the node's data sheet has one.
 
 pub(crate) mod monitor;
 pub(crate) mod nodes;
@@ -23,8 +23,8 @@ use platform::hub;
 use platform::real_time::{self, RunError};
 use platform::stop::StopSignal;
 
-use rig::data_sheet::DataSheetError;
-use rig::named_nodes::NamedNodes;
+use plan::data_sheet::DataSheetError;
+use plan::named_nodes::NamedNodes;
 use runner::exit::Exit;
 use runner::named::plan_of;
 use scenario::TIME_SECONDS_MAX;

@@ -14,9 +14,9 @@ use platform::stop::StopSignal;
 
 use super::nodes::state_name;
 use super::{NamesArgs, ToolBusArgs, ToolError, ended, open, seconds, value};
-use rig::data_sheet::DataSheet;
-use rig::error_frames;
-use rig::named_nodes::NamedNodes;
+use plan::data_sheet::DataSheet;
+use plan::error_frames;
+use plan::named_nodes::NamedNodes;
 use runner::console::{BufferedLines, print_error};
 use runner::exit::Exit;
 
@@ -330,7 +330,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
     let database = match &options.dbc {
         None => database,
         Some(path) => {
-            let text = scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|source| {
+            let text = scenario::read_text(path, plan::FILE_BYTES_MAX).map_err(|source| {
                 ToolError::File {
                     path: path.clone(),
                     source,
@@ -389,8 +389,8 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
 mod tests {
     use super::*;
     use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG};
+    use plan::data_sheet::rig_data_sheets;
     use proptest::prelude::*;
-    use rig::data_sheet::rig_data_sheets;
 
     fn decoder(options: MonitorOptions) -> Decoder {
         Decoder::new(Database::shipped().clone(), rig_data_sheets(), options)

@@ -16,8 +16,8 @@ use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
 
 use super::{NamesArgs, ToolBusArgs, ToolError, ended, seconds};
-use rig::data_sheet::DataSheet;
-use rig::presence::Presence;
+use plan::data_sheet::DataSheet;
+use plan::presence::Presence;
 use runner::exit::Exit;
 
 /// How long the tool listens before it speaks by default: longer than usual heartbeat periods.

@@ -18,8 +18,8 @@ use clap::{Args, Subcommand};
 use dbc::Database;
 
 use super::{NamesArgs, ToolBusArgs, ToolError, ended, value};
-use rig::data_sheet::{self, DataSheet};
-use rig::presence::Presence;
+use plan::data_sheet::{self, DataSheet};
+use plan::presence::Presence;
 use runner::exit::Exit;
 
 /// How long the tool listens before it uses the default channel: longer than usual heartbeat periods.
@@ -424,7 +424,7 @@ fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<Strin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::data_sheet::rig_data_sheets;
+    use plan::data_sheet::rig_data_sheets;
 
     const HEARTBEAT_OF_THE_CONTROLLER: (u16, &[u8]) = (0x701, &[5]);
     const SYNC: (u16, &[u8]) = (0x080, &[1]);

@@ -288,8 +288,8 @@ fn parse_integer(text: &str) -> Option<i128> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plan::data_sheet::rig_data_sheets;
     use proptest::prelude::*;
-    use rig::data_sheet::rig_data_sheets;
 
     fn entry(index: u16, sub_index: u8) -> Entry {
         rig_data_sheets()[1]

@@ -10,10 +10,10 @@ use scenario::Trial;
 
 use crate::job_queue::JobQueue;
 use judge::verdict::Verdict;
+use plan::Plan;
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::timeline::{self, Timeline};
-use rig::plan::Plan;
 use runner::console::RunsBar;
 use runner::observer::observed;
 use runner::run;

@@ -1,7 +1,7 @@
 //! Gain, phase and offset of the position against the set-point over the frequency of each chirp.
 
+use plan::ControlLoop;
 use recording::timeline::Timeline;
-use rig::plan::ControlLoop;
 use scenario::events::{JudgedChirp, Window};
 
 use crate::circumstances::Circumstances;

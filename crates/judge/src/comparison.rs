@@ -201,9 +201,9 @@ mod tests {
 
     use super::*;
     use crate::tests::{frames, scenario};
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use recording::timeline::decode;
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
 
     #[test]
     fn runs_of_different_length_do_not_agree() {

@@ -1,12 +1,12 @@
 //! Decides the outcome of a run by its metrics, by whose doing its missed cycles were, and by who ended it.
 
+use plan::Plan;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::events::{Event, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
 use recording::work::Way;
-use rig::plan::Plan;
 use scenario::metrics::is_of_traffic;
 use scenario::node::{LoopNodes, Part};
 

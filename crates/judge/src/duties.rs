@@ -145,9 +145,9 @@ fn sync_intervals<'a>(evidence: &Evidence<'a>) -> impl Iterator<Item = (f64, f64
 
 #[cfg(test)]
 mod tests {
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use recording::timeline::{Series, decode};
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
 
     use super::*;
     use crate::Circumstances;

@@ -4,10 +4,10 @@ use std::ops::Range;
 use std::rc::Rc;
 
 use dbc::names::{self, TPDO1, TRUE_POSITION};
+use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::{SignalSample, SignalTrace, silence_seconds_max};
-use rig::plan::ControlLoop;
 use scenario::Trial;
 use scenario::contour::Contour;
 use scenario::events::Window;

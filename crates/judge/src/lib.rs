@@ -1,6 +1,6 @@
 //! From a timeline to a verdict. Nothing but the recording counts.
 //!
-//! Comes in: a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Plan`](rig::plan::Plan) with the
+//! Comes in: a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Plan`](plan::Plan) with the
 //! scenario's `[expect]`, and the [`Circumstances`]: frames that the recorder lost, who ended the run, where the machine was
 //! late; of a run in real time, what its host counted. Goes out: a [`Verdict`](verdict::Verdict): each metric beside its limit
 //! ([`metrics`]), the checks of signals and sequences, the losses, the [`Timing`](timing::Timing), and one

@@ -1,7 +1,7 @@
 //! The verdict of several loops that were played at once.
 
+use plan::{ControlLoop, Plan};
 use recording::ending::EarlyEnd;
-use rig::plan::{ControlLoop, Plan};
 use scenario::contour::Contour;
 use scenario::expect::{Expect, Limit};
 use scenario::metrics::is_of_bus;

@@ -94,10 +94,10 @@ mod tests {
 
     use canopen::CanFrame;
     use dbc::Database;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use recording::log::Stamped;
     use recording::timeline::decode;
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
     use scenario::Trial;
 
     use super::*;

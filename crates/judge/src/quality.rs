@@ -1,8 +1,8 @@
 //! Whether a recording is good enough to decide anything.
 
+use plan::ControlLoop;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
-use rig::plan::ControlLoop;
 
 use crate::attribution::cause::NamedCause;
 use crate::attribution::{FAULTY_END_SECONDS, is_recorded_to_its_end};

@@ -2,13 +2,13 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
+use plan::Plan;
+use plan::catalogue::Catalogue;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::decode;
 use recording::unrecorded::Unrecorded;
-use rig::catalogue::Catalogue;
-use rig::plan::Plan;
 use scenario::Trial;
 
 use crate::metrics::limits;

@@ -4,10 +4,10 @@ use std::ops::Add;
 use std::time::Duration;
 
 use dbc::SignalMissing;
+use plan::Plan;
 use recording::frames::Frames;
 use recording::latency::{Host, Latencies, NodeReport, Quantiles};
 use recording::stalls::Stall;
-use rig::plan::Plan;
 use scenario::expect::Limit;
 use scenario::timing::{QuantileLimits, TimingLimits};
 use serde::{Deserialize, Serialize};

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use plan::Plan;
 use recording::ending::EarlyEnd;
-use rig::plan::Plan;
 use scenario::expect::Requirements;
 use serde::{Deserialize, Serialize};
 
@@ -179,7 +179,7 @@ fn is_none(frames: &u64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use rig::catalogue::Catalogue;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
     use scenario::expect::Limit;
 

@@ -247,8 +247,8 @@ mod tests {
     use super::*;
     use canopen::CanFrame;
     use dbc::Database;
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
 
     fn frame(number: usize) -> Stamped {

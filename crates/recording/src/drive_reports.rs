@@ -7,7 +7,7 @@ use canopen::CanFrame;
 use canopen::cia402::STATUSWORD;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use dbc::{Coding, names};
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 use scenario::rig::{ObjectAddress, Timeouts};
 
 /// The client's command that reads an object.

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{Database, Signal, SignalHandle, names};
+use plan::error_frames::{self, ErrorMessage};
 use platform::terminal::printable;
-use rig::error_frames::{self, ErrorMessage};
 use scenario::Trial;
 use scenario::expect::Emergency;
 

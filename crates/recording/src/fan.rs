@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use canopen::CanFrame;
 use dbc::names;
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 
 /// Looks for the heartbeats of the io nodes that disturb a loop, and for the commands to them.
 pub(crate) struct FanReader {

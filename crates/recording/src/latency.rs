@@ -8,7 +8,7 @@ use std::time::Duration;
 use dbc::SignalMissing;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use hdrhistogram::Histogram;
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 use serde::{Deserialize, Serialize};
 
 use crate::log::Stamped;
@@ -279,8 +279,8 @@ mod tests {
     use super::*;
 
     use canopen::CanFrame;
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
 
     fn plan() -> Plan {

@@ -1,6 +1,6 @@
 //! What was on the bus: the frames of a run, and what they say.
 //!
-//! Comes in: the frames of a world, each with its time, or a `bus.log`; the [`Plan`](rig::plan::Plan), whose database
+//! Comes in: the frames of a world, each with its time, or a `bus.log`; the [`Plan`](plan::Plan), whose database
 //! says what frames mean. Goes out: `bus.log` while a run goes on ([`capture`]), the same frames to observers
 //! ([`frame_queue`]), the run's progress ([`progress`]), and the decoded recording: a [`Timeline`](timeline::Timeline) with
 //! a row for each cycle, its events and losses, the samples of the signals that checks name; the latencies of

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::names;
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 use scenario::node::{LoopNodes, Part};
 
 use crate::events::{Event, Events, Level};

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use rig::plan::{ControlLoop, Shared};
+use plan::{ControlLoop, Shared};
 use scenario::events::LoopWords;
 use scenario::node::{LoopNodes, Node};
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{SignalHandle, SignalMissing};
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 use scenario::port::Measurand;
 use scenario::reference::Trajectory;
 
@@ -87,8 +87,8 @@ impl ProgressReader {
 mod tests {
     use canopen::CanFrame;
     use dbc::Database;
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
 
     use super::*;

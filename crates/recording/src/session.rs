@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dbc::{Database, DbcError};
-use rig::catalogue::{Catalogue, name_of_two_columns};
-use rig::named_nodes::node_sheets;
-use rig::plan::Plan;
+use plan::Plan;
+use plan::catalogue::{Catalogue, name_of_two_columns};
+use plan::named_nodes::node_sheets;
 use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file, own_file};

@@ -14,7 +14,7 @@ use std::time::Duration;
 use canopen::{CanFrame, NmtState, STANDARD_IDS};
 use dbc::names;
 use dbc::scenario_clock::SYNC_COB_ID;
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 use scenario::fault::{Fault, Faults, Group};
 use scenario::node::{LoopNodes, Node, Part};
 
@@ -692,8 +692,8 @@ fn identifier(one: &ControlLoop, node: &Node, service: &str) -> Option<u16> {
 
 #[cfg(test)]
 mod tests {
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
 
     use super::*;

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{Database, SignalHandle};
+use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
-use rig::plan::ControlLoop;
 
 /// So many times without a cyclic message are a silence, as in `losses`.
 const PERIODS_MAX: u32 = 20;

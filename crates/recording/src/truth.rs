@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use dbc::{SignalHandle, SignalMissing, names};
+use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
-use rig::plan::ControlLoop;
 
 use crate::log::Stamped;
 

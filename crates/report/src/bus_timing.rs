@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use dbc::SignalMissing;
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::Stamped;

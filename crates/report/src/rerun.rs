@@ -30,8 +30,8 @@ use re_sdk::{EntityPath, RecordingInfo, SerializationError, StoreId, StoreKind};
 use super::Run;
 use crate::run::RunLoop;
 
+use plan::Plan;
 use recording::run_folder::replace;
-use rig::plan::Plan;
 
 use blueprint::{Page, Play};
 pub(crate) use bus::BusReader;

@@ -1,9 +1,9 @@
 //! What every report is made of.
 
 use judge::verdict::Verdict;
+use plan::{ControlLoop, Plan};
 use recording::frames::Frames;
 use recording::timeline::Timeline;
-use rig::plan::{ControlLoop, Plan};
 
 /// A judged run: everything that a report is made of.
 #[derive(Clone, Copy)]

@@ -9,8 +9,8 @@ use object::Endianness;
 use object::elf::{ELF_NOTE_GNU, FileHeader64, NT_GNU_BUILD_ID};
 use object::read::ReadCache;
 use object::read::elf::{FileHeader, ProgramHeader};
+use plan::Plan;
 use recording::session::files_of;
-use rig::plan::Plan;
 use scenario::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
 use sha2::{Digest, Sha256};
 

@@ -10,7 +10,7 @@ use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::recorded::{read_played, refuse};
 use crate::scenarios::{load, rig_text};
-use rig::plan::Plan;
+use plan::Plan;
 use worlds::catalogue::catalogue;
 
 /// The plan of that bus; prints what is wrong.

@@ -15,11 +15,11 @@ use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run, ways_to_files};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
+use plan::Plan;
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
 use report::viewer::{ViewerAddress, Viewers};
-use rig::plan::Plan;
 use worlds::law_process::started_by;
 use worlds::{Played, WorldError};
 

@@ -12,6 +12,8 @@ use crate::console::{print_diagnostic, print_error};
 use crate::exit::Exit;
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, expected_timing, judge_timing};
+use plan::Plan;
+use plan::catalogue::Catalogue;
 use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
@@ -22,8 +24,6 @@ use recording::sources::Sent;
 use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline, events_of};
 use recording::unrecorded::Unrecorded;
-use rig::catalogue::Catalogue;
-use rig::plan::Plan;
 
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
 const VERDICT_BYTES_MAX: u64 = 16 << 20;

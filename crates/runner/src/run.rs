@@ -13,6 +13,7 @@ use exports::parquet;
 use judge::timing::Timing;
 use judge::verdict::{Identity, Verdict};
 use judge::{Circumstances, expected_timing};
+use plan::{Plan, Shared};
 use recording::capture::{Capture, Watch};
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::frame_queue::FrameQueue;
@@ -23,7 +24,6 @@ use recording::stalls;
 use recording::timeline::{self, Timeline};
 use recording::unrecorded::Unrecorded;
 use report::{ReportError, Run};
-use rig::plan::{Plan, Shared};
 use worlds::{End, Played, WorldError};
 
 /// The folder for run folders where `--output` names no other.

@@ -14,8 +14,8 @@ use crate::console::print_diagnostic;
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::shipped::{self, ShippedFile};
-use rig::FILE_BYTES_MAX;
-use rig::plan::Plan;
+use plan::FILE_BYTES_MAX;
+use plan::Plan;
 use worlds::catalogue::catalogue;
 
 /// Levels of folders that are searched for scenarios.

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use canopen::CanFrame;
+use plan::Plan;
 use recording::drive_reports;
-use rig::plan::Plan;
 
 /// Time in which all drives answer a request.
 pub(crate) const ANSWER_TIME: Duration = Duration::from_millis(20);

@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use canopen::emcy::{EmergencyMessage, ErrorCode};
 use dbc::scenario_clock::SYNC_COB_ID;
+use plan::error_frames;
+use plan::{ControlLoop, Plan};
 use platform::lockstep::LockstepError;
 use recording::capture::Capture;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::log::Stamped;
-use rig::error_frames;
-use rig::plan::{ControlLoop, Plan};
 
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
@@ -320,7 +320,7 @@ impl<'a> Seen<'a> {
 mod tests {
     use super::*;
     use canopen::CanFrame;
-    use rig::catalogue::Catalogue;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
 
     const POSITION: u16 = 0x190;

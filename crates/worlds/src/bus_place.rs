@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtState, Node, Progress};
 use dbc::scenario_clock::SYNC_COB_ID;
+use plan::data_sheet::{DataSheet, data_sheets_led_by};
+use plan::presence::Presence;
 use platform::bus::BusAddress;
 use platform::claim::{Claim, ClaimError};
 use platform::real_time::{RunError, RunReport};
 use platform::stop::Stopper;
-use rig::data_sheet::{DataSheet, data_sheets_led_by};
-use rig::presence::Presence;
 
 use crate::bus_choice::RunBus;
 use crate::bus_connection::stop_signal;

@@ -7,7 +7,7 @@ use plant_emulator::catalogue::PlantRow;
 use plant_emulator::{InvalidEmulator, catalogue as plants};
 use scenario::{Objection, Trial};
 
-use rig::catalogue::Catalogue;
+use plan::catalogue::Catalogue;
 
 use crate::fmu_plant::{self, FmuPlant};
 use crate::law_worker;

@@ -16,8 +16,8 @@ use tokio::time::timeout;
 use crate::error::{Doing, WorldError};
 use crate::law_process::{folder_of, indented, more_patience};
 use crate::names::{CONTROLLER, PLANT_EMULATOR};
+use plan::Plan;
 use recording::run_folder::RunFolder;
-use rig::plan::Plan;
 
 /// Lines of a log that a message shows.
 const LOG_TAIL_LINES: usize = 12;

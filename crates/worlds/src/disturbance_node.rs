@@ -7,7 +7,7 @@ use std::time::Duration;
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
 use dbc::SignalMissing;
 use dbc::names::{ADDED_LOAD, CONVECTION_FACTOR, RPDO1, message as message_name};
-use rig::plan::{ControlLoop, Plan};
+use plan::{ControlLoop, Plan};
 use scenario::disturbance::Disturbance;
 use scenario::fault::Faults;
 use scenario::node::Part;
@@ -243,7 +243,7 @@ impl Node for DisturbanceProducer {
 mod tests {
     use std::path::Path;
 
-    use rig::catalogue::Catalogue;
+    use plan::catalogue::Catalogue;
     use scenario::Beside;
 
     use super::*;

@@ -11,13 +11,13 @@ use std::time::Duration;
 use controller::law::Cycle;
 use controller::process_law::{self, Player, Window};
 use fmu::Unpacked;
+use plan::Plan;
 use platform::clock::Clock;
 use platform::program::{END_PATIENCE, Order, Program, Received, START_PATIENCE};
 use platform::seat::{
     Header, IS_MISSING, Kind, MESSAGE_BYTES_MAX, numbers, read_answer, read_hello, read_values,
     write_numbers, write_welcome,
 };
-use rig::plan::Plan;
 use scenario::node::Part;
 use scenario::process_law::{Plays, ProcessLaw};
 use serde_json::json;

@@ -1,7 +1,7 @@
 //! The worlds that a scenario is played in: one process, processes in virtual time, real time, real hardware. The nodes are
 //! the same in each; only what moves frames and time differs.
 //!
-//! Comes in: a [`rig::plan::Plan`], the bus to use, and a [`recording::capture::Capture`] that is given every frame. Goes
+//! Comes in: a [`plan::Plan`], the bus to use, and a [`recording::capture::Capture`] that is given every frame. Goes
 //! out: a [`Played`], or a [`WorldError`] that says why there is none. [`lockstep`] moves the nodes through virtual time by
 //! the coordinator and its model of the bus; [`real_time`] starts the nodes as processes and listens; [`preflight`] checks a
 //! drive that is not the emulator before current may flow in it.

@@ -19,9 +19,9 @@ use crate::law_process::LawPlace;
 use crate::names::{self, BENCH, CONTROLLER};
 use crate::nodes;
 use crate::played::End;
+use plan::Plan;
 use recording::capture::Capture;
 use recording::log::Stamped;
-use rig::plan::Plan;
 
 /// Frames of one loop in one cycle, those included that come more seldom.
 const FRAMES_PER_CYCLE: f64 = 5.0;

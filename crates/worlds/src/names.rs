@@ -1,6 +1,6 @@
 //! What the participants of a run are called, in messages and on the command line of their processes.
 
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 
 pub(crate) const CONTROLLER: &str = "controller";
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";

@@ -12,8 +12,8 @@ use scenario::ControllerView;
 use crate::error::WorldError;
 use crate::law_process::LawPlace;
 use crate::names::{CONTROLLER, emulator_name};
-use rig::loaded_drive::LoadedDrive;
-use rig::plan::Plan;
+use plan::Plan;
+use plan::loaded_drive::LoadedDrive;
 
 /// The emulator of this name: plants with the drives of all loops that it emulates.
 ///

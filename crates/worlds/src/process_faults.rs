@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use faults::FaultKind;
-use rig::plan::Plan;
+use plan::Plan;
 
 use crate::nodes::controller_faults;
 
@@ -51,7 +51,7 @@ impl ProcessFaults {
 
 #[cfg(test)]
 mod tests {
-    use rig::catalogue::Catalogue;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
 
     use super::*;

@@ -20,9 +20,9 @@ use crate::law_process;
 use crate::lockstep::{self, Role};
 use crate::names::{self, BENCH, CONTROLLER};
 use crate::played::{End, Played};
+use plan::Plan;
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
-use rig::plan::Plan;
 
 /// A process that was stopped.
 pub(super) struct Stopped {

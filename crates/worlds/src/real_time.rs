@@ -22,11 +22,11 @@ use crate::processes::{Processes, Stopped, runtime};
 use crate::second_master::SecondMasterWatch;
 use crate::silence::SilenceWatch;
 use crate::stalls::StallRecorder;
+use plan::{ControlLoop, Plan};
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
 use recording::run_folder::RunFolder;
 use recording::sources::{Sent, SentFrames};
-use rig::plan::{ControlLoop, Plan};
 use scenario::node::Part;
 
 /// What the controller needs beyond the bring-up until current flows, with some to spare.

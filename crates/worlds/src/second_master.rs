@@ -2,9 +2,9 @@
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
+use plan::{ControlLoop, Plan};
 use recording::capture::Capture;
 use recording::sources::{Sent, SourceReader};
-use rig::plan::{ControlLoop, Plan};
 use scenario::node::Part;
 
 use crate::error::WorldError;

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::SYNC_COB_ID;
+use plan::Plan;
 use recording::capture::Capture;
 use recording::log::Stamped;
-use rig::plan::Plan;
 
 use crate::error::WorldError;
 use crate::names::CONTROLLER;

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use plan::Plan;
 use platform::stall_watch::{SeenStall, StallWatch};
 use recording::latency::NodeReport;
 use recording::stalls::{Stall, What, Who};
-use rig::plan::Plan;
 
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;

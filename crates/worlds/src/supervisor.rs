@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use canopen::cia402::Command;
 use canopen::{CanFrame, Filter, NmtCommand};
-use rig::loaded_drive::LoadedDrive;
+use plan::loaded_drive::LoadedDrive;
 use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::{LimitWatch, Violation};

@@ -5,11 +5,11 @@ use std::fs;
 use std::path::Path;
 
 use canopen::CanFrame;
+use plan::{ControlLoop, Plan, check_rig};
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::sources::Sent;
 use recording::timeline::{Timeline, decode};
-use rig::plan::{ControlLoop, Plan, check_rig};
 use worlds::End;
 use worlds::catalogue::catalogue;
 use worlds::lockstep::simulate;

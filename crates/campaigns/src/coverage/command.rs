@@ -134,8 +134,8 @@ fn read_list(path: &Path) -> Result<Vec<(String, Option<String>)>, CoverageError
         path: path.to_owned(),
         reason,
     };
-    let text =
-        scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| wrong(error.to_string()))?;
+    let text = scenario::read_text(path, plan::FILE_BYTES_MAX)
+        .map_err(|error| wrong(error.to_string()))?;
     parse_list(text.trim_start_matches('\u{feff}')).map_err(wrong)
 }
 

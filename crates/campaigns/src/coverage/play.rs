@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use jiff::Timestamp;
 use judge::verdict::{Outcome, Verdict};
+use plan::Plan;
 use recording::session::read_plan;
-use rig::plan::Plan;
 use runner::play_record::PlayRecord;
 use runner::recorded::{RecordedError, holds_many_runs, read_played, require_run};
 use worlds::catalogue::catalogue;

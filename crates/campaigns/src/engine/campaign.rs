@@ -10,8 +10,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use judge::verdict::Identity;
+use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file};
-use rig::plan::Plan;
 use runner::play_record::PlayRecord;
 use scenario::Override;
 use serde::{Deserialize, Serialize};

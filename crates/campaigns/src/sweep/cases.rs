@@ -1,7 +1,7 @@
 //! What a campaign plays: cases, each known by its number alone.
 
+use plan::Plan;
 use recording::capture::Watch;
-use rig::plan::Plan;
 use scenario::expect::Limit;
 
 use super::row::SweepRow;

@@ -11,7 +11,7 @@ use super::finish::{FinishError, Shown, finish};
 use super::part::{PartArgs, PartError, PartPlay};
 use super::sweep_cases::{NoSweep, SweepCases};
 use crate::campaign::Campaign;
-use rig::plan::Plan;
+use plan::Plan;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::lines::EventLines;

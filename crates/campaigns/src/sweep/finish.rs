@@ -8,9 +8,9 @@ use super::page;
 use super::store::StoreError;
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
+use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use recording::session::write_tables;
-use rig::plan::Plan;
 use runner::console::print;
 use runner::exit::Exit;
 

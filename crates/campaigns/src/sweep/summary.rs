@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use rig::plan::Plan;
+use plan::Plan;
 use scenario::expect::Limit;
 
 use super::cases::Cases;

@@ -12,8 +12,8 @@ use toml::{Table, Value};
 use super::cases::Cases;
 use super::row::{Ended, SweepRow};
 use crate::campaign::{NoResult, play_one};
+use plan::Plan;
 use recording::capture::Watch;
-use rig::plan::Plan;
 use scenario::hexadecimal;
 use worlds::catalogue::catalogue;
 

@@ -142,8 +142,8 @@ mod tests {
     use crate::sweep::row::Ended;
     use crate::sweep::store::{Header, Store};
     use crate::sweep::sweep_cases::SweepCases;
+    use plan::Plan;
     use proptest::prelude::*;
-    use rig::plan::Plan;
     use runner::identity::identity;
     use scenario::Beside;
     use worlds::catalogue::catalogue;

@@ -3,7 +3,7 @@
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use rig::plan::Plan;
+use plan::Plan;
 use scenario::{HASH_SUFFIX, hash_in, hash_of, open_file};
 
 /// One of them is another file meanwhile.

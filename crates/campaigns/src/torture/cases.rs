@@ -4,9 +4,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use faults::Stream;
+use plan::Plan;
 use recording::capture::Watch;
 use recording::run_folder::own_file;
-use rig::plan::Plan;
 use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! Draws faults. What is drawn covers all kinds, with parameters from harmless to severe (chosen, not measured).
 
 use faults::Stream;
-use rig::plan::Plan;
+use plan::Plan;
 use scenario::fault::{Drawn, Group, KINDS, Kind, Time};
 use scenario::wiring::Wiring;
 use toml::{Table, Value};

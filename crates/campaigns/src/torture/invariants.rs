@@ -8,11 +8,11 @@ use scenario::Trial;
 
 use crate::campaign::CampaignRun;
 use judge::verdict::Outcome;
+use plan::ControlLoop;
 use recording::frames::Frames;
 use recording::log::Stamped;
 use recording::timeline::Timeline;
 use recording::truth::PlantTruth;
-use rig::plan::ControlLoop;
 
 /// 1 A, the amplifier's most, settles the paper's wire at 138.44 °C; the message counts hundredths.
 const TEMPERATURE_CELSIUS_MAX: f64 = 138.5;

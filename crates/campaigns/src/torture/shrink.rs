@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use rig::plan::Plan;
+use plan::Plan;
 use scenario::{Beside, HASH_SUFFIX};
 use toml::{Table, Value};
 

@@ -2,8 +2,8 @@
 
 use std::iter::Peekable;
 
+use plan::ControlLoop;
 use recording::timeline::Timeline;
-use rig::plan::ControlLoop;
 use scenario::node::Part;
 
 /// What a node owes the others.

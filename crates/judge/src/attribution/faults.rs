@@ -1,7 +1,7 @@
 //! Which misses a fault of the scenario explains: it excuses what it touches, not its window.
 
+use plan::ControlLoop;
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
-use rig::plan::ControlLoop;
 use scenario::fault::{Fault, Touch};
 use scenario::node::Part;
 

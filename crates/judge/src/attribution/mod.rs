@@ -7,10 +7,10 @@ mod faults;
 pub(crate) mod limits;
 pub(crate) mod stalls;
 
+use plan::ControlLoop;
 use recording::ending::{EarlyEnd, EndedBy};
 use recording::stalls::{Stall, What, Who};
 use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
-use rig::plan::ControlLoop;
 use scenario::events::Window;
 use scenario::node::Part;
 

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
+use plan::ControlLoop;
 use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
-use rig::plan::ControlLoop;
 use scenario::node::Part;
 
 /// So many periods after a stall, at most, come the frames that it held up.

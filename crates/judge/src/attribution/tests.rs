@@ -2,13 +2,13 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::Database;
+use plan::Plan;
+use plan::catalogue::Catalogue;
 use proptest::prelude::*;
 use recording::latency::NodeReport;
 use recording::log::Stamped;
 use recording::losses::LostHeartbeat;
 use recording::timeline::decode;
-use rig::catalogue::Catalogue;
-use rig::plan::Plan;
 use scenario::Trial;
 
 use super::*;

@@ -3,8 +3,8 @@
 use std::str::FromStr;
 
 use crate::verdict::Verdict;
+use plan::ControlLoop;
 use recording::timeline::Timeline;
-use rig::plan::ControlLoop;
 use scenario::port::{Measurand, symbol_of};
 
 /// The name under which the set-point is compared, in its loop's unit; it shows whether both runs wanted the same.

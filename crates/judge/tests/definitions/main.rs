@@ -7,10 +7,10 @@ mod plain;
 
 use judge::verdict::Verdict;
 use judge::{Circumstances, judge};
+use plan::Plan;
+use plan::catalogue::Catalogue;
 use proptest::prelude::*;
 use recording::timeline::decode;
-use rig::catalogue::Catalogue;
-use rig::plan::Plan;
 use scenario::Trial;
 
 use crate::drawn::{Drawn, drawn};

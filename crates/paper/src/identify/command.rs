@@ -190,8 +190,8 @@ fn read_database(path: &Path) -> Result<Database, IdentifyFailure> {
         message: format!("{} is no DBC: {reason}", path.display()),
         exit: Exit::Usage,
     };
-    let text =
-        scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| fault(error.to_string()))?;
+    let text = scenario::read_text(path, plan::FILE_BYTES_MAX)
+        .map_err(|error| fault(error.to_string()))?;
     Database::parse(&text).map_err(|error| fault(error.to_string()))
 }
 

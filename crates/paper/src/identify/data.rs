@@ -12,11 +12,11 @@ use scenario::rig::RealDrive;
 use scenario::{ScenarioError, Trial};
 
 use dbc::scenario_clock::SYNC_COB_ID;
+use plan::{ControlLoop, Plan, Shared};
 use recording::log::{self, Stamped};
 use recording::run_folder::{log_in, own_file};
 use recording::session::{FramesError, ReadError, read_plan};
 use recording::timeline::{self, Timeline};
-use rig::plan::{ControlLoop, Plan, Shared};
 use worlds::catalogue::catalogue;
 
 /// Distance of the positions that are compared. The wire's time constant is 0.65 s; closer ones would add little.

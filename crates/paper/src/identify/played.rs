@@ -1,6 +1,6 @@
 //! The text of a scenario that plays an identified plant.
 
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 use scenario::CurrentRange;
 use scenario::plant::{Amplifier, Sensor, Sma};
 use toml::{Table, Value};

@@ -53,8 +53,8 @@ pub fn read_plant(path: &Path) -> Result<Sma, PlantFileError> {
         path: path.to_owned(),
         reason,
     };
-    let text =
-        scenario::read_text(path, rig::FILE_BYTES_MAX).map_err(|error| fault(error.to_string()))?;
+    let text = scenario::read_text(path, plan::FILE_BYTES_MAX)
+        .map_err(|error| fault(error.to_string()))?;
     Sma::from_file_text(&text)
         .map_err(|error| fault(error.message().to_owned()))?
         .map(|(_, plant)| plant)

@@ -6,7 +6,7 @@ use scenario::plant::PlantModel;
 use scenario::{Beside, Trial};
 
 use campaigns::sweep::sweep_cases::SweepCases;
-use rig::plan::Plan;
+use plan::Plan;
 use worlds::catalogue::catalogue;
 
 macro_rules! bases {

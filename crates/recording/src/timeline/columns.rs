@@ -3,9 +3,9 @@
 
 use canopen::CanFrame;
 use dbc::{Signal, SignalHandle};
+use plan::ControlLoop;
+use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
-use rig::catalogue::ColumnMessage;
-use rig::plan::ControlLoop;
 
 use super::decoded::Column;
 

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use canopen::CanFrame;
 use dbc::{SignalHandle, SignalMissing};
+use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
-use rig::plan::ControlLoop;
 
 use crate::events::{Event, Events, Level};
 use crate::losses::PERIODS_MAX;
@@ -150,8 +150,8 @@ impl CommandReader {
 
 #[cfg(test)]
 mod tests {
-    use rig::catalogue::Catalogue;
-    use rig::plan::Plan;
+    use plan::Plan;
+    use plan::catalogue::Catalogue;
     use scenario::Trial;
 
     use super::*;

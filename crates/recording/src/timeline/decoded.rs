@@ -3,8 +3,8 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use plan::prefix_of;
 use platform::series::Series;
-use rig::plan::prefix_of;
 use scenario::expect::Emergency;
 use scenario::port::Measurand;
 

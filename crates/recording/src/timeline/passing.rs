@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 
 use super::traffic::Traffic;
 use crate::log::STEP_MAX;

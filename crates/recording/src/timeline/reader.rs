@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use dbc::scenario_clock::SYNC_COB_ID;
 use dbc::{SignalMissing, names};
+use plan::{ControlLoop, Plan, Shared};
 use platform::series::{KEPT_MAX, Series, SeriesWriter};
-use rig::plan::{ControlLoop, Plan, Shared};
 use scenario::Trial;
 
 use super::columns::Columns;
@@ -400,8 +400,8 @@ fn set_points(trial: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
 mod tests {
     use canopen::CanFrame;
     use dbc::SignalHandle;
+    use plan::catalogue::Catalogue;
     use proptest::prelude::*;
-    use rig::catalogue::Catalogue;
 
     use super::*;
 

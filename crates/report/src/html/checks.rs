@@ -6,9 +6,9 @@ use scenario::expect::{Demand, SignalCheck};
 use crate::plot::{Colour, Patch, Plot, Shape};
 use crate::run::RunLoop;
 use crate::unit::shown_unit;
+use plan::ControlLoop;
 use platform::series::Series;
 use recording::traces::SignalTrace;
-use rig::plan::ControlLoop;
 
 /// Signals that get a plot; the verdict lists the others too.
 const PLOTS_MAX: usize = 12;

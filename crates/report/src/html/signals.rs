@@ -2,7 +2,7 @@
 
 use dbc::names::WIRE_TEMPERATURE;
 use maud::{Markup, html};
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 use scenario::Trial;
 use scenario::events::{JudgedStep, Window};
 

@@ -23,7 +23,7 @@ use super::output::{Output, begin};
 use super::times::RUN_TIME;
 use super::{APPLICATION, RerunError, drawing, groups, hysteresis};
 use crate::shown_unit;
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 
 type Result<T> = std::result::Result<T, RerunError>;
 

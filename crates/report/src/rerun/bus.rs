@@ -8,9 +8,9 @@ use super::groups::line;
 use super::output::{Output, send_scalars, send_static};
 use super::times::{self, Moment};
 use super::{RerunError, groups};
+use plan::ControlLoop;
 use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
-use rig::plan::ControlLoop;
 use scenario::Trial;
 
 /// Stretch of time over which a load is a mean, and of which a long run logs the extremes. It is longer where there would be more

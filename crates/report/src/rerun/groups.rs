@@ -9,7 +9,7 @@ use platform::series::passing;
 use scenario::Trial;
 
 use crate::{shown_unit, title};
-use rig::plan::ControlLoop;
+use plan::ControlLoop;
 
 /// How a signal is drawn.
 #[derive(Clone, Copy)]
@@ -215,10 +215,10 @@ pub(super) fn held() -> SeriesLines {
 
 #[cfg(test)]
 mod tests {
-    use rig::plan::Plan;
+    use plan::Plan;
 
     use super::*;
-    use rig::catalogue::Catalogue;
+    use plan::catalogue::Catalogue;
     use scenario::port::{Port, Ports};
 
     #[test]

@@ -1,12 +1,12 @@
 //! Where a recording goes, in chunks: rows of one entity.
 
+use plan::ControlLoop;
 use re_sdk::external::re_log_types::{SetStoreInfo, StoreInfo};
 use re_sdk::log::{Chunk, ChunkId, LogMsg, RowId, TimeColumn};
 use re_sdk::{
     AsComponents, EntityPath, RecordingStream, SerializedComponentColumn, StoreId, TimePoint,
 };
 use re_sdk_types::archetypes::Scalars;
-use rig::plan::ControlLoop;
 
 use super::{APPLICATION, RerunError};
 

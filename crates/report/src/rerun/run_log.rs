@@ -22,11 +22,11 @@ use super::times;
 use crate::terminal;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
+use plan::{ControlLoop, Plan};
 use platform::series::{Series, give_back, parts, picked};
 use recording::events::{Event, Events, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
-use rig::plan::{ControlLoop, Plan};
 
 /// A signal that changes in fewer than one of so many rows has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;

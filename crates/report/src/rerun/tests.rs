@@ -20,11 +20,11 @@ use recording::timeline::Timeline;
 
 use super::*;
 use judge::{Circumstances, judge};
+use plan::Plan;
+use plan::catalogue::Catalogue;
 use recording::frames::Frames;
 use recording::log::Stamped;
 use recording::timeline;
-use rig::catalogue::Catalogue;
-use rig::plan::Plan;
 use scenario::Trial;
 
 /// The cycle in which the drive of the made-up run is silent.

@@ -14,10 +14,10 @@ use rtrb::Consumer;
 use super::{Show, ViewerAddress};
 use crate::rerun::{self, APPLICATION, BusReader, Folder, Known, Recording, RerunError};
 use judge::verdict::Verdict;
+use plan::{ControlLoop, Plan, Shared};
 use recording::frame_queue::{FrameQueue, WhenFull};
 use recording::log::Stamped;
 use recording::timeline::TimelineReader;
-use rig::plan::{ControlLoop, Plan, Shared};
 use scenario::Trial;
 
 /// How often what was heard is sent.

@@ -18,8 +18,8 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
 use judge::verdict::Verdict;
+use plan::Plan;
 use recording::frame_queue::{DroppedFrames, FrameQueue, WhenFull};
-use rig::plan::Plan;
 
 /// How long a run waits at its end for a viewer that takes nothing.
 pub const END_PATIENCE: Duration = Duration::from_secs(2);

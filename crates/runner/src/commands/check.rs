@@ -10,9 +10,9 @@ use crate::console::{print, print_error, usage_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::scenarios::{read, rig_text, scenario_files};
+use plan::bus_budget::{BusBudget, Pace};
+use plan::{Shared, check_rig};
 use report::terminal::empty_table;
-use rig::bus_budget::{BusBudget, Pace};
-use rig::plan::{Shared, check_rig};
 use worlds::catalogue::catalogue;
 
 /// Arguments of `check`.

@@ -15,10 +15,10 @@ use crate::exit::Exit;
 use crate::observer::observed;
 use crate::play::{PlayArgs, Testbed, play_all, prepared, refuse_external};
 use crate::scenarios::{is_scenario, scenario_files};
+use plan::{ControlLoop, Plan};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
-use rig::plan::{ControlLoop, Plan};
 use worlds::bus_connection::BusConnection;
 use worlds::preflight::{Preflight, PreflightEvent};
 use worlds::{

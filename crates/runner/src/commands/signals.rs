@@ -9,8 +9,8 @@ use serde::Serialize;
 use crate::console::print;
 use crate::exit::Exit;
 use crate::recorded::{RecordedError, read_played, refuse, require_run};
+use plan::{ControlLoop, Plan};
 use report::terminal;
-use rig::plan::{ControlLoop, Plan};
 use worlds::catalogue::catalogue;
 
 /// Limits from here on are shown with a power of ten.

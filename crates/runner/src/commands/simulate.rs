@@ -5,10 +5,10 @@ use clap::Args;
 use crate::event::RunEvent;
 use crate::exit::Exit;
 use crate::play::{PlayArgs, Testbed, play_all, refuse_external};
+use plan::Plan;
 use recording::capture::Capture;
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
-use rig::plan::Plan;
 use worlds::{Played, WorldError, lockstep};
 
 /// Arguments of `simulate`.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use canopen::CanFrame;
 use canopen::frame::ERROR_FLAG;
 
-use rig::error_frames::{
+use plan::error_frames::{
     BACK_TO_ACTIVE, BUS_OFF, CONTROLLER, RECEIVE_PASSIVE, RESTARTED, TRANSMIT_PASSIVE,
 };
 
@@ -129,7 +129,7 @@ fn idle_sequences(from: Duration, until: Duration, sequence: Duration) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::error_frames;
+    use plan::error_frames;
 
     #[test]
     fn sixteen_errors_make_passive_and_thirty_two_bus_off() {

@@ -9,7 +9,7 @@ use dbc::SignalMissing;
 use dbc::loops::seed_of_drive;
 use dbc::scenario_clock::ScenarioClock;
 use faults::Stream;
-use rig::plan::Plan;
+use plan::Plan;
 use scenario::fault::{Fault, Group};
 use scenario::node::{Node, Part};
 

@@ -13,10 +13,10 @@ use scenario::rig::drive::{Feedback, Scaled};
 use super::checklist::{Check, CheckOutcome};
 use super::phase::{Motion, NmtStop, Phase, QuickStop, Span};
 use crate::error::WorldError;
+use plan::error_frames;
+use plan::loaded_drive::LoadedDrive;
 use recording::capture::Capture;
 use recording::log::Stamped;
-use rig::error_frames;
-use rig::loaded_drive::LoadedDrive;
 
 /// How long the load is watched at rest before the current rises.
 pub(super) const REST: Duration = Duration::from_secs(1);

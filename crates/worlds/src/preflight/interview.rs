@@ -16,9 +16,9 @@ use scenario::rig::ObjectAddress;
 
 use super::checklist::Check;
 use crate::bus_place::ManagerHeartbeat;
-use rig::data_sheet::{DataSheet, data_sheets_led_by};
-use rig::loaded_drive::LoadedDrive;
-use rig::presence::Presence;
+use plan::data_sheet::{DataSheet, data_sheets_led_by};
+use plan::loaded_drive::LoadedDrive;
+use plan::presence::Presence;
 
 /// How long is listened for another manager: longer than its SYNCs are apart.
 const LISTEN_TIME: Duration = Duration::from_millis(300);

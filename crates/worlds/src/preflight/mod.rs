@@ -33,12 +33,12 @@ use crate::played::End;
 use crate::real_time;
 use heating::Heating;
 use interview::Interview;
+use plan::loaded_drive::LoadedDrive;
+use plan::{ControlLoop, Plan, Shared};
 use recording::capture::{Capture, Watch};
 use recording::progress::ProgressReader;
 use recording::run_folder::RunFolder;
 use recording::session::write_plan;
-use rig::loaded_drive::LoadedDrive;
-use rig::plan::{ControlLoop, Plan, Shared};
 
 /// Name of the session under which the drive is heated, and of its folder.
 const NAME: &str = "pre-flight";

@@ -1,6 +1,6 @@
 //! The gateway and the receiver, without a bus.
 
-use rig::catalogue::Catalogue;
+use plan::catalogue::Catalogue;
 use scenario::Trial;
 
 use super::*;
