@@ -70,7 +70,7 @@ fn a_reaction_that_does_not_come_fails() {
     }).collect();
     assert!(scenarios.len() >= 10);
     let outcomes = campaign().play(scenarios.into_iter().map(of_one_loop), |played| {
-        (played.scenario().run.name.clone(), played.verdict.outcome)
+        (played.plan.shared.run.name.clone(), played.verdict.outcome)
     });
     for (name, outcome) in outcomes.unwrap().into_iter().map(Result::unwrap) {
         assert_eq!(outcome, Outcome::Fail, "{name}");

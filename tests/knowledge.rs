@@ -51,7 +51,7 @@ fn compared(text: &str) -> Compared {
     let folder = tempfile::tempdir().unwrap();
     let document: Table = toml::from_str(text).unwrap();
     let plant = plant(folder.path(), text);
-    let nominal = frames(folder.path(), "nominal", &with_plant(&document, &plant)).unwrap();
+    let nominal = frames(folder.path(), "nominal", &text_on(&document, &plant)).unwrap();
     let mut compared = Compared::default();
     let parameters = parameters(&plant, "");
     assert!(parameters.len() >= 15, "{parameters:?}");
@@ -59,7 +59,7 @@ fn compared(text: &str) -> Compared {
         let other = [1.02, 0.98].into_iter().find_map(|factor| {
             let mut plant = plant.clone();
             *at(&mut plant, &path) = changed(&value, factor);
-            frames(folder.path(), &path, &with_plant(&document, &plant))
+            frames(folder.path(), &path, &text_on(&document, &plant))
         });
         let other = other.unwrap_or_else(|| panic!("{path} can have no other value"));
         let position = first_difference(&nominal, &other, |id| id == FEEDBACK);
@@ -105,7 +105,7 @@ fn plant(folder: &Path, text: &str) -> Table {
     tables
 }
 
-fn with_plant(document: &Table, plant: &Table) -> String {
+fn text_on(document: &Table, plant: &Table) -> String {
     let mut document = document.clone();
     document.extend(plant.clone());
     toml::to_string(&document).unwrap()

@@ -766,7 +766,7 @@ fn write_pid_fmu(file: &Path, version: Version, library: &Path) {
 }
 
 /// The scenario of the PID in Python with another table of its law.
-fn with_law(folder: &Path, name: &str, table: &str) -> PathBuf {
+fn scenario_of(folder: &Path, name: &str, table: &str) -> PathBuf {
     let text = fs::read_to_string(example("pid_in_python.toml")).unwrap();
     let (before, rest) = text.split_once("[controller.program]").unwrap();
     let (_, after) = rest.split_once("[[reference.hold]]").unwrap();
@@ -788,7 +788,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
     let table = table.replace("command = [\"python3\", \"pid.py\"]", "file = \"pid.so\"");
     let table = format!("[controller.library]{table}")
         .replace("controller.program.", "controller.library.");
-    let library = with_law(folder, "library.toml", &table);
+    let library = scenario_of(folder, "library.toml", &table);
     let fmu = |name: &str, version| {
         write_pid_fmu(
             &folder.join(format!("{name}.fmu")),
@@ -800,7 +800,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
              reads = {{ y = \"position_millimetres\", r = \"set_point_millimetres\" }}\n\
              writes = {{ u = \"current_amperes\" }}\nterms = {{ sum = \"integral_amperes\" }}\n{GAINS_OF_FMU}"
         );
-        with_law(folder, &format!("{name}.toml"), &table)
+        scenario_of(folder, &format!("{name}.toml"), &table)
     };
     [
         library,
@@ -812,7 +812,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
 /// The scenario of the PID in Python with the one in Rust.
 fn in_rust(folder: &Path) -> PathBuf {
     let gains = toml::to_string(&gains()).unwrap();
-    with_law(folder, "rust.toml", &format!("[controller.pid]\n{gains}"))
+    scenario_of(folder, "rust.toml", &format!("[controller.pid]\n{gains}"))
 }
 
 fn metrics(run: &Path) -> Vec<(String, f64)> {

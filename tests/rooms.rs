@@ -146,6 +146,18 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
     ),
 ];
 
+/// Rooms that get a plan as a whole.
+const BEHIND_THE_PLAN: [&str; 8] = [
+    "recording",
+    "judge",
+    "report",
+    "exports",
+    "runner",
+    "campaigns",
+    "paper",
+    "canrig",
+];
+
 /// The rooms that print: what `runner` has a console for, and the nodes' own programs.
 const MAY_PRINT: [&str; 4] = ["runner", "campaigns", "paper", "canrig"];
 /// Text that reaches a terminal by itself.
@@ -302,8 +314,10 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 
 /// The lines of a file that are code in use: without comments, and without the tests at its end.
 fn code(text: &str) -> impl Iterator<Item = &str> {
-    let end = text.find("\n#[cfg(test)]\nmod tests").unwrap_or(text.len());
-    let lines = text[..end].lines();
+    let tests = ["mod tests", "pub(crate) mod tests"];
+    let begins = tests.map(|tests| text.find(&format!("\n#[cfg(test)]\n{tests}")));
+    let end = begins.into_iter().flatten().min();
+    let lines = text[..end.unwrap_or(text.len())].lines();
     lines.filter(|line| !line.trim_start().starts_with("//"))
 }
 
@@ -423,6 +437,43 @@ fn only_workers_load_fmus_and_libraries() {
         must_not_name(package, "LawLibrary::load(", |path| {
             path.ends_with("worlds/src/law_worker.rs")
         });
+    }
+}
+
+/// Behind the plan a run has loops and nodes, whatever their number and their names.
+#[test]
+fn behind_the_plan_no_loop_and_no_node_is_another_than_the_others() {
+    let one_of_several = [
+        "loops[0]",
+        "loops.first()",
+        "nodes[0]",
+        "nodes.first()",
+        "drives[0]",
+        "drives.first()",
+        "\"drive\"",
+    ];
+    let is_test = |path: &Path| {
+        let path = path.to_string_lossy();
+        path.ends_with("/tests.rs") || path.contains("/tests/")
+    };
+    for package in BEHIND_THE_PLAN {
+        for name in one_of_several {
+            must_not_name(package, name, is_test);
+        }
+        // The name of the process that plays the controller, and of a table of scenarios.
+        let is_no_node = |path: &Path| {
+            let is_test = is_test(path);
+            let path = path.to_string_lossy();
+            let files = [
+                "stalls.rs",
+                "timing.rs",
+                "identify/played.rs",
+                "new/profile.rs",
+                "new/name.rs",
+            ];
+            is_test || files.iter().any(|file| path.ends_with(file))
+        };
+        must_not_name(package, "\"controller\"", is_no_node);
     }
 }
 

@@ -36,7 +36,7 @@ fn played(plan: &SweepCases, number: usize) -> (SweepRow, usize) {
     let loops = case.plan().expect("the case is valid");
     let row = play_one(number, &loops, &Watch::default(), |played| {
         let row = SweepRow::from_verdict(number, &case.id, played.verdict);
-        (row, played.timeline().cycle.len())
+        (row, played.only_timeline().unwrap().cycle.len())
     });
     row.expect("the case is played")
 }

@@ -481,7 +481,7 @@ mod tests {
         }
     }
 
-    fn with_plant(signals: &[PlantSignal]) -> Database {
+    fn database_of(signals: &[PlantSignal]) -> Database {
         let composer = Composer::new("controller", 1);
         let composer = composer.with_drive(("drive", 0x10), Some(signals), None, None);
         composer.finish()
@@ -524,7 +524,7 @@ mod tests {
 
     #[test]
     fn a_third_signal_goes_into_a_message_of_its_own() {
-        let database = with_plant(&[signal("a", 0.0), signal("b", 0.0), signal("c", -100.0)]);
+        let database = database_of(&[signal("a", 0.0), signal("b", 0.0), signal("c", -100.0)]);
         let frame = CanFrame::new(0x390, &[0xFE, 0xFF]);
         let handle = database.signal("drive_tpdo3.c").unwrap();
         assert_eq!(handle.decode(&frame), Some(-1.0));
@@ -533,7 +533,7 @@ mod tests {
         assert!(has("drive_tpdo2.b") && has("drive_tpdo2.true_position_millimetres"));
         assert!(!has("drive_tpdo2.martensite_fraction"));
         assert!(
-            with_plant(&[signal("a", 0.0)])
+            database_of(&[signal("a", 0.0)])
                 .message("drive_tpdo3")
                 .is_none()
         );
@@ -542,7 +542,7 @@ mod tests {
     #[test]
     fn an_emergency_speaks_of_a_wire_only_where_there_is_one() {
         let count = |signals: &[PlantSignal], word: &str| {
-            let database = with_plant(signals);
+            let database = database_of(signals);
             let message = database.message("controller_emergency").unwrap();
             let labels = message.signals.iter().flat_map(|signal| &signal.labels);
             labels.filter(|(_, label)| label.contains(word)).count()

@@ -48,22 +48,13 @@ pub struct CampaignRun<'a> {
 }
 
 impl CampaignRun<'_> {
-    /// The scenario of the loop, or of the first of several.
-    ///
-    /// # Panics
-    /// Never: every scenario has a loop.
+    /// The signals of an only loop.
     #[must_use]
-    pub fn scenario(&self) -> &Trial {
-        &self.plan.leading().trial
-    }
-
-    /// The signals of the loop, or of the first of several.
-    ///
-    /// # Panics
-    /// Never: every scenario has a loop.
-    #[must_use]
-    pub fn timeline(&self) -> &Timeline {
-        &self.timelines[0]
+    pub fn only_timeline(&self) -> Option<&Timeline> {
+        match self.timelines {
+            [only] => Some(only),
+            _ => None,
+        }
     }
 }
 

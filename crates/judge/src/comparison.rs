@@ -214,7 +214,7 @@ mod tests {
         let tolerances = Tolerances {
             given: &[],
             time_seconds: 0.0,
-            scales: vec![Scale::of(plan.leading())],
+            scales: vec![Scale::of(plan.only_loop().unwrap())],
         };
         let compared = |a: &Timeline, b: &Timeline| {
             let [a, b] = [a, b].map(slice::from_ref);
@@ -243,7 +243,7 @@ mod tests {
         let tolerances = Tolerances {
             given: &[],
             time_seconds: 0.0,
-            scales: vec![Scale::of(plan.leading())],
+            scales: vec![Scale::of(plan.only_loop().unwrap())],
         };
         let verdict = |rows: &[(&str, Option<f64>)]| {
             let row = |(name, value): &(&str, Option<f64>)| {

@@ -17,7 +17,7 @@ const SEARCH_SECONDS: f64 = 0.5;
 /// the nearest point of the path: an axis that is late on a path makes none as long as it stays on it.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let own = evidence.own.name();
-    let is_first = |contour: &&Contour| contour.loops.first().is_some_and(|name| name == own);
+    let is_first = |contour: &&Contour| matches!(&contour.loops[..], [first, ..] if first == own);
     let contours = evidence.contours.iter().filter(is_first);
     let rows = contours.flat_map(|contour| {
         let axes = contour

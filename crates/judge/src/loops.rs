@@ -33,12 +33,11 @@ pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
     of_loops.chain(contours).collect()
 }
 
-/// What is expected of the timing, which all loops share: that of the first loop of which anything is.
+/// What is expected of the timing, which all loops share.
 #[must_use]
-pub fn expected_timing(plan: &Plan) -> &Expect {
+pub fn expected_timing(plan: &Plan) -> Option<&Expect> {
     let mut expected = plan.loops.iter().map(|one| &one.trial.expect);
-    let first = expected.find(|expect| !expect.timing.is_empty());
-    first.unwrap_or(&plan.leading().trial.expect)
+    expected.find(|expect| !expect.timing.is_empty())
 }
 
 /// The verdict of a plan, of those of its loops: that of the only one, or those of several joined.

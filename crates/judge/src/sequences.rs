@@ -267,7 +267,7 @@ mod tests {
         let circumstances = crate::Circumstances::default();
         let rows = metrics(&Evidence::new(
             &timelines[0],
-            plan.leading(),
+            plan.only_loop().unwrap(),
             &circumstances,
         ));
         let found: Vec<_> = rows

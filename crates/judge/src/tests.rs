@@ -181,7 +181,7 @@ fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
     let frames = follows_the_chirp(|_| 0.9);
     let plan = Plan::new(chirp(""), &Catalogue::shipped());
     let timelines = decode(&frames, &plan).unwrap();
-    let [points] = &crate::frequency_responses(&timelines[0], plan.leading())[..] else {
+    let [points] = &crate::frequency_responses(&timelines[0], plan.only_loop().unwrap())[..] else {
         panic!("one chirp")
     };
     // 20 turns, of which the first is not judged.

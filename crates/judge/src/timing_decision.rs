@@ -3,6 +3,7 @@
 use recording::stalls::Stall;
 use scenario::expect::Expect;
 use scenario::metrics::Metric as Row;
+use scenario::timing::TimingLimits;
 
 use crate::duties::MISSED_COMMANDS;
 use crate::metric::{Metric, leave_open, not_judged};
@@ -12,12 +13,18 @@ use crate::verdict::{Outcome, Verdict};
 /// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
 /// missed, and the run cannot pass; where the machine stood still at all, none is missed. A command that did not come is later
 /// than any limit.
-pub fn judge_timing(verdict: &mut Verdict, timing: Timing, expect: &Expect, stalls: &[Stall]) {
+pub fn judge_timing(
+    verdict: &mut Verdict,
+    timing: Timing,
+    expect: Option<&Expect>,
+    stalls: &[Stall],
+) {
     let unavailable = not_judged(&verdict.metrics);
-    let mut metrics = timing.metrics(&expect.timing);
+    let without = TimingLimits::default();
+    let mut metrics = timing.metrics(expect.map_or(&without, |expect| &expect.timing));
     let missed_percent = missed_commands_percent(verdict);
     for metric in &mut metrics {
-        let own = expect.requirements.get(&metric.name);
+        let own = expect.and_then(|expect| expect.requirements.get(&metric.name));
         metric.requirements = own.cloned().unwrap_or_default();
         if metric.passed == Some(true)
             && is_to_command(metric)
@@ -144,7 +151,7 @@ mod tests {
             (verdict.outcome, verdict.reason) = (Outcome::Pass, None);
             let missed = Metric::new("x.missed_commands_percent", Ok(missed_percent), None);
             verdict.metrics = vec![missed];
-            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[]);
+            judge_timing(&mut verdict, timing(p99, &[]), Some(&limits), &[]);
             let row = verdict.metrics.pop().unwrap();
             (verdict.outcome, row.value, row.remark)
         };
@@ -189,7 +196,7 @@ mod tests {
             verdict.metrics = vec![Metric::new("missed_cycles_percent", Ok(missed), max(0.1))];
             let passed = verdict.metrics[0].passed == Some(true);
             verdict.outcome = if passed { Outcome::Pass } else { Outcome::Fail };
-            judge_timing(&mut verdict, timing, limits, &[]);
+            judge_timing(&mut verdict, timing, Some(limits), &[]);
             let row = verdict.metrics.iter().find(|metric| metric.name == name);
             assert!(row.is_none_or(|row| row.requirements == ["REQ-1"]));
             assert_eq!(row.is_some(), !limits.timing.is_empty());
@@ -214,7 +221,7 @@ mod tests {
             )];
             verdict.outcome = Outcome::Inconclusive;
             verdict.reason = Some(format!("not judged: {name}"));
-            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[]);
+            judge_timing(&mut verdict, timing(p99, &[]), Some(&limits), &[]);
             verdict.outcome
         };
         assert_eq!(unavailable(700.0), Outcome::Inconclusive);
@@ -231,7 +238,7 @@ mod tests {
         for (p99, expected) in [(700.0, Outcome::Pass), (900.0, Outcome::Inconclusive)] {
             let mut verdict = Verdict::incomplete("hold", 1, "");
             (verdict.outcome, verdict.reason) = (Outcome::Pass, None);
-            judge_timing(&mut verdict, timing(p99, &[]), &limits, &[stall]);
+            judge_timing(&mut verdict, timing(p99, &[]), Some(&limits), &[stall]);
             assert_eq!(verdict.outcome, expected);
             let is_named = |reason: String| reason.contains("the machine stood still for 45.0 ms");
             assert_eq!(verdict.reason.map(is_named), (p99 > 800.0).then_some(true));

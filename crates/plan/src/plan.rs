@@ -216,13 +216,16 @@ impl Plan {
     /// The controller, which leads all loops.
     #[must_use]
     pub fn controller(&self) -> &Node {
-        &self.leading().nodes.controller
+        &self.loops[0].nodes.controller
     }
 
-    /// The loop whose controller and law stand for all: those of the only loop, or of the first of several.
+    /// The loop of a rig with one.
     #[must_use]
-    pub fn leading(&self) -> &ControlLoop {
-        &self.loops[0]
+    pub fn only_loop(&self) -> Option<&ControlLoop> {
+        match &self.loops[..] {
+            [only] => Some(only),
+            _ => None,
+        }
     }
 
     /// A clock of scenario time that has not begun.
@@ -230,7 +233,7 @@ impl Plan {
     /// # Errors
     /// The database has no statusword of a drive.
     pub fn scenario_clock(&self) -> Result<ScenarioClock, SignalMissing> {
-        self.leading().scenario_clock()
+        self.loops[0].scenario_clock()
     }
 
     /// Length of the run.

@@ -267,7 +267,7 @@ mod tests {
         let watch = Watch::default();
         let mut capture = Capture::new(
             BusLog::create(folder.path().join("bus.log.zst")).unwrap(),
-            ProgressReader::new(plan.leading()).unwrap(),
+            ProgressReader::new(&plan).unwrap(),
             plan.scenario_clock().unwrap(),
             &watch,
             Vec::new(),

@@ -296,7 +296,7 @@ mod tests {
     #[test]
     fn latencies_are_differences_of_stamps_within_a_cycle() {
         let plan = plan();
-        let mut latencies = Latencies::empty(plan.leading()).unwrap();
+        let mut latencies = Latencies::empty(plan.only_loop().unwrap()).unwrap();
         let enabled = [0x37, 0x02, 0, 0, 0, 0, 0, 0];
         let end = Duration::from_secs(1);
         for (micros, id) in [

@@ -9,7 +9,7 @@ use scenario::node::{LoopNodes, Part};
 
 use crate::events::{Event, Events, Level};
 use crate::identifiers::ByIdentifier;
-use crate::node_words::{NodeWords, module};
+use crate::node_words::NodeWords;
 use crate::occurrences::Notes;
 
 /// Periods without a cyclic frame that count as a loss, as for the controller.
@@ -96,7 +96,7 @@ impl LossReader {
             (heartbeat(leader), controller, Some(Part::Controller)),
             (heartbeat(led), drive, Some(Part::Drive)),
         ];
-        let io_nodes = io.iter().map(|io| (heartbeat(io), module(io), None));
+        let io_nodes = io.iter().map(|io| (heartbeat(io), io.in_words(), None));
         let heartbeats = heartbeats
             .into_iter()
             .chain(io_nodes)

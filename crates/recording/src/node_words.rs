@@ -1,15 +1,11 @@
 //! The words for the nodes whose frames are read: their names on the rig, and `the drive` for a node that is called `drive`.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use plan::{ControlLoop, Shared};
 use scenario::events::LoopWords;
-use scenario::node::{LoopNodes, Node};
-
-/// The names of nodes that stand for their parts.
-const CONTROLLER: &str = "controller";
-const DRIVE: &str = "drive";
-const DISTURBANCE: &str = "disturbance";
+use scenario::node::LoopNodes;
 
 /// The names of the nodes on a bus, as one loop sees them.
 #[derive(Clone, Debug, Default)]
@@ -44,19 +40,13 @@ impl NodeWords {
     }
 
     /// The controller, within a sentence.
-    pub(crate) fn controller(&self) -> &str {
-        match self.nodes.controller.name.as_str() {
-            CONTROLLER => "the controller",
-            name => name,
-        }
+    pub(crate) fn controller(&self) -> Cow<'_, str> {
+        self.nodes.controller.in_words()
     }
 
     /// The own drive, within a sentence.
-    pub(crate) fn drive(&self) -> &str {
-        match self.nodes.drive.name.as_str() {
-            DRIVE => "the drive",
-            name => name,
-        }
+    pub(crate) fn drive(&self) -> Cow<'_, str> {
+        self.nodes.drive.in_words()
     }
 
     /// The name of a node.
@@ -73,14 +63,6 @@ impl NodeWords {
     }
 }
 
-/// An io node, within a sentence.
-pub(crate) fn module(io: &Node) -> &str {
-    match io.name.as_str() {
-        DISTURBANCE => "the disturbance module",
-        name => name,
-    }
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use scenario::node::{Node, Part};
@@ -90,7 +72,7 @@ pub(crate) mod tests {
     /// Two loops with a drive each, as one of them sees the bus.
     pub(crate) fn of_two_loops(own: &str) -> NodeWords {
         let nodes = |drive: &str, id| LoopNodes {
-            controller: Node::new(CONTROLLER, 1, Part::Controller),
+            controller: Node::new("controller", 1, Part::Controller),
             drive: Node::new(drive, id, Part::Drive),
             followed: Node::new(drive, id, Part::Drive),
             io: vec![Node::new(&format!("{drive}_io"), id + 0x10, Part::Io)],
@@ -101,7 +83,7 @@ pub(crate) mod tests {
         NodeWords {
             own: Some(LoopWords {
                 name: own.to_owned(),
-                controller: CONTROLLER.to_owned(),
+                controller: "controller".to_owned(),
                 drive: of_own.drive.name.clone(),
             }),
             nodes: of_own.clone(),
@@ -112,7 +94,7 @@ pub(crate) mod tests {
     #[test]
     fn a_node_has_one_name_whichever_loop_sees_it() {
         let y = of_two_loops("y");
-        assert_eq!((y.drive(), module(&y.nodes.io[0])), ("right", "right_io"));
+        assert_eq!(y.drive(), "right");
         assert_eq!((y.of_node(0x13), y.of_node(0x14)), (Some("right"), None));
         assert_eq!(NodeWords::default().drive(), "the drive");
         let names = Vec::from_iter(y.nodes());

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use dbc::{SignalHandle, SignalMissing};
-use plan::ControlLoop;
+use plan::{ControlLoop, Plan};
 use scenario::port::Measurand;
 use scenario::reference::Trajectory;
 
@@ -15,35 +15,74 @@ use crate::log::Stamped;
 pub struct RunProgress {
     /// Scenario time; zero before it begins.
     pub time: Duration,
-    /// What the loop measures.
-    pub measurand: Measurand,
-    pub position: Option<f64>,
-    /// Set-point minus position, where the scenario has a set-point.
-    pub error: Option<f64>,
+    /// Its loops in their order; none before it begins.
+    pub loops: Vec<LoopProgress>,
     /// By how much the latest SYNCs came behind their times at most.
     pub lateness: Option<Duration>,
+}
+
+/// The state of a loop, as far as it is known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoopProgress {
+    /// Its name among several loops.
+    pub name: Option<String>,
+    /// The quantity that it controls.
+    pub measurand: Measurand,
+    pub position: Option<f64>,
+    /// Set-point minus position, where the loop has a set-point.
+    pub error: Option<f64>,
 }
 
 /// Reads the state of a run from its frames.
 #[derive(Debug)]
 pub struct ProgressReader {
+    loops: Vec<LoopReader>,
+    period: Duration,
+}
+
+#[derive(Debug)]
+struct LoopReader {
+    name: Option<String>,
     position: SignalHandle,
     measurand: Measurand,
     set_point: Option<Trajectory>,
-    period: Duration,
+}
+
+impl LoopReader {
+    fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let scenario = &one.trial;
+        let has_set_point = !scenario.reference.is_empty();
+        Ok(Self {
+            name: one.loop_name().map(str::to_owned),
+            position: one.position()?,
+            measurand: scenario.wiring.feedback.measurand.clone(),
+            set_point: has_set_point.then(|| scenario.reference.trajectory()),
+        })
+    }
+
+    fn read(&self, frames: &[Stamped], time: Duration) -> LoopProgress {
+        let mut latest = frames.iter().rev();
+        let position = latest.find_map(|stamped| self.position.decode(&stamped.frame));
+        let set_point = self.set_point.as_ref();
+        let set_point = set_point.map(|curve| curve.at(time.as_secs_f64()).position);
+        LoopProgress {
+            name: self.name.clone(),
+            measurand: self.measurand.clone(),
+            position,
+            error: set_point
+                .zip(position)
+                .map(|(wanted, position)| wanted - position),
+        }
+    }
 }
 
 impl ProgressReader {
     /// # Errors
-    /// The database lacks the position.
-    pub fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
-        let scenario = &one.trial;
-        let has_set_point = !scenario.reference.is_empty();
+    /// The database lacks the position of a loop.
+    pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         Ok(Self {
-            position: one.position()?,
-            measurand: scenario.wiring.feedback.measurand.clone(),
-            set_point: has_set_point.then(|| scenario.reference.trajectory()),
-            period: Duration::from_secs_f64(scenario.run.bus.sync_period_milliseconds / 1e3),
+            loops: (plan.loops.iter().map(LoopReader::new)).collect::<Result<_, _>>()?,
+            period: plan.sync_period(),
         })
     }
 
@@ -51,26 +90,15 @@ impl ProgressReader {
     #[must_use]
     pub fn read(&self, frames: &[Stamped], clock: &ScenarioClock) -> Option<RunProgress> {
         let time = clock.scenario_time(frames.last()?.time)?;
-        let position = frames
-            .iter()
-            .rev()
-            .find_map(|stamped| self.position.decode(&stamped.frame));
-        let set_point = self
-            .set_point
-            .as_ref()
-            .map(|curve| curve.at(time.as_secs_f64()).position);
         let syncs = frames
             .iter()
             .filter(|stamped| stamped.frame.standard_id() == Some(SYNC_COB_ID));
         let lateness =
             syncs.filter_map(|sync| Some(self.lateness(clock.scenario_time(sync.time)?)));
+        let loops = self.loops.iter().map(|one| one.read(frames, time));
         Some(RunProgress {
             time,
-            measurand: self.measurand.clone(),
-            position,
-            error: set_point
-                .zip(position)
-                .map(|(set_point, position)| set_point - position),
+            loops: loops.collect(),
             lateness: lateness.max(),
         })
     }
@@ -87,7 +115,6 @@ impl ProgressReader {
 mod tests {
     use canopen::CanFrame;
     use dbc::Database;
-    use plan::Plan;
     use plan::catalogue::Catalogue;
     use scenario::Trial;
 
@@ -100,7 +127,7 @@ mod tests {
             [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Trial::parse(text, "progress.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &Catalogue::shipped());
-        let reader = ProgressReader::new(plan.leading()).unwrap();
+        let reader = ProgressReader::new(&plan).unwrap();
         let mut clock = plan.scenario_clock().unwrap();
         let drive = |position: f64| {
             let mut builder = database.builder("drive_tpdo1").unwrap();
@@ -131,9 +158,12 @@ mod tests {
         let progress = reader.read(&frames, &clock).unwrap();
         assert_eq!(progress.time, Duration::from_micros(3100));
         assert_eq!(progress.lateness, Some(Duration::from_micros(300)));
-        let position = progress.position.unwrap();
+        let [only] = &progress.loops[..] else {
+            panic!("{progress:?}")
+        };
+        let position = only.position.unwrap();
         assert!((position - 9.5).abs() < 0.01, "{position}");
-        let error = progress.error.unwrap();
+        let error = only.error.unwrap();
         assert!((error - (10.0 - position)).abs() < 1e-9, "{error}");
     }
 }

@@ -725,7 +725,7 @@ mod tests {
     }
 
     fn read(plan: &Plan, mut frames: Frames) -> Sources {
-        let mut reader = SourceReader::new(plan.leading());
+        let mut reader = SourceReader::new(plan.only_loop().unwrap());
         frames.sort_by_key(|(time, _)| *time);
         for (time, frame) in &frames {
             reader.on_frame(*time, time.checked_sub(PERIOD), frame);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::{Database, SignalHandle};
+use dbc::{Database, Range, SignalHandle};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
 
@@ -36,6 +36,8 @@ pub struct SignalTrace {
 struct Collected {
     handle: SignalHandle,
     follows_sync: bool,
+    /// The values that are taken for those of the sender.
+    certain: Range,
     /// What is known of it before its samples.
     trace: SignalTrace,
     samples: SeriesWriter<SignalSample>,
@@ -100,7 +102,8 @@ impl TraceReader {
         };
         let time_seconds = time.as_secs_f64();
         for collected in &mut self.collected {
-            let Some(value) = collected.handle.decode(frame) else {
+            let value = collected.handle.decode(frame);
+            let Some(value) = value.filter(|value| collected.certain.contains(*value)) else {
                 continue;
             };
             let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
@@ -139,12 +142,19 @@ fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Colle
     let (message, _) = path.split_once('.')?;
     let is_cyclic = !cycle_time(message, database)?.is_zero();
     let silence = || silence_seconds_max(message, sync_period, database);
+    let definition = database.definition(path)?;
+    let columns = one.columns().find(|one| one.message.name == message);
+    let is_computed = columns.as_ref().is_some_and(|one| one.is_computed);
     Some(Collected {
         handle: database.signal(path)?,
-        follows_sync: one.columns().any(|one| one.message.name == message),
+        follows_sync: columns.is_some(),
+        certain: match is_computed {
+            true => definition.coding.certain(),
+            false => Range::ALL,
+        },
         trace: SignalTrace {
             path: path.to_owned(),
-            unit: database.definition(path)?.unit.clone(),
+            unit: definition.unit.clone(),
             silence_seconds_max: is_cyclic.then(silence),
             samples: Series::default(),
         },

@@ -16,7 +16,7 @@ use platform::terminal::printable;
 
 use crate::exit::Exit;
 use recording::frames::LogChanged;
-use recording::progress::RunProgress;
+use recording::progress::{LoopProgress, RunProgress};
 use recording::work::{PARTS, parts_done};
 use scenario::without_colours;
 
@@ -250,24 +250,43 @@ impl ScenarioBar {
 
 /// Room for the state of a run.
 const STATE_BYTES: usize = 64;
+/// Columns for the time and the loops beside how late the cycles are.
+const COLUMNS_OF_LOOPS: usize = 36;
 
 /// The state of a run in 48 columns, so that it fits beside the bar in 80; numbers stay in their places.
 fn state(reading: &RunProgress) -> String {
     if reading.time.is_zero() {
         return "starting".to_owned();
     }
-    let symbol = reading.measurand.unit.symbol();
     // With room for all of it: memory of a text that grew at the end of the heap is not used again, and a run has ten each second.
     let mut text = String::with_capacity(STATE_BYTES);
     text += &format!("{:.1} s", reading.time.as_secs_f64());
-    if let Some(position) = reading.position {
-        text += &format!("  {position:6.2} {symbol}");
-    }
-    if let Some(error) = reading.error {
-        text += &format!("  error {error:+6.2} {symbol}");
+    for (place, one) in reading.loops.iter().enumerate() {
+        let of_loop = state_of_loop(one);
+        if text.len() + of_loop.len() > COLUMNS_OF_LOOPS {
+            text += &format!("  and {} more", reading.loops.len() - place);
+            break;
+        }
+        text += &of_loop;
     }
     if let Some(lateness) = reading.lateness {
         text += &format!("  {:5} µs late", lateness.as_micros());
+    }
+    text
+}
+
+/// The position of a loop, and of an only one the error.
+fn state_of_loop(one: &LoopProgress) -> String {
+    let symbol = one.measurand.unit.symbol();
+    let mut text = String::with_capacity(STATE_BYTES);
+    if let Some(name) = &one.name {
+        text += &format!("  {name}");
+    }
+    if let Some(position) = one.position {
+        text += &format!("  {position:6.2} {symbol}");
+    }
+    if let (Some(error), None) = (one.error, &one.name) {
+        text += &format!("  error {error:+6.2} {symbol}");
     }
     text
 }
@@ -481,22 +500,35 @@ mod tests {
 
     #[test]
     fn the_state_of_a_run_fits_beside_the_bar() {
-        let reading = RunProgress {
-            time: Duration::from_millis(9_140),
-            measurand: scenario::port::Measurand::default(),
+        let only = LoopProgress {
             position: Some(34.986),
             error: Some(0.014),
+            ..LoopProgress::default()
+        };
+        let with = |loops: Vec<LoopProgress>| RunProgress {
+            time: Duration::from_millis(9_140),
+            loops,
             lateness: Some(Duration::from_micros(143)),
         };
-        let text = state(&reading);
+        let text = state(&with(vec![only.clone()]));
         assert_eq!(text, "9.1 s   34.99 mm  error  +0.01 mm    143 µs late");
         assert!(text.chars().count() <= 49, "{text}");
         assert_eq!(state(&RunProgress::default()), "starting");
-        let open_loop = RunProgress {
+        let open_loop = LoopProgress {
             error: None,
-            ..reading
+            ..only.clone()
         };
-        assert_eq!(state(&open_loop), "9.1 s   34.99 mm    143 µs late");
+        let text = state(&with(vec![open_loop]));
+        assert_eq!(text, "9.1 s   34.99 mm    143 µs late");
+        let axes = ["x", "y", "z", "tool"].map(|name| LoopProgress {
+            name: Some(name.to_owned()),
+            ..only.clone()
+        });
+        let text = state(&with(axes.to_vec()));
+        assert_eq!(
+            text,
+            "9.1 s  x   34.99 mm  y   34.99 mm  and 2 more    143 µs late"
+        );
     }
 
     #[test]

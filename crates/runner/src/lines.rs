@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use crate::console::BufferedLines;
 use crate::event::{Listener, RunEvent};
+use plan::prefix_of;
 use recording::progress::RunProgress;
 use worlds::preflight::PreflightEvent;
 
@@ -45,14 +46,18 @@ impl Listener for EventLines {
     }
 }
 
-/// How far a run is, with the position in the unit of its first loop.
+/// How far a run is, with the position of each loop.
 fn reached(reading: &RunProgress) -> Value {
-    let position = reading.measurand.rename("position_millimetres");
-    json!({
+    let mut line = json!({
         "event": "reached",
         "time_seconds": reading.time.as_secs_f64(),
-        position: reading.position,
-    })
+    });
+    for one in &reading.loops {
+        let prefix = prefix_of(one.name.as_deref().unwrap_or_default());
+        let position = one.measurand.rename("position_millimetres");
+        line[prefix + &position] = one.position.into();
+    }
+    line
 }
 
 fn in_words(step: &PreflightEvent) -> String {
@@ -69,16 +74,29 @@ fn in_words(step: &PreflightEvent) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use recording::progress::LoopProgress;
     use scenario::port::{Measurand, Unit};
 
     #[test]
     fn a_position_is_in_the_unit_of_its_loop() {
-        let reading = RunProgress {
+        let turned = LoopProgress {
             measurand: Measurand::position(Unit::Degrees),
             position: Some(12.5),
+            ..LoopProgress::default()
+        };
+        let mut reading = RunProgress {
+            loops: vec![turned.clone()],
             ..RunProgress::default()
         };
         let expected = json!({"event": "reached", "time_seconds": 0.0, "position_degrees": 12.5});
         assert_eq!(reached(&reading), expected);
+        let named = |name: &str| LoopProgress {
+            name: Some(name.to_owned()),
+            ..turned.clone()
+        };
+        reading.loops = vec![named("x"), named("y")];
+        let both = reached(&reading);
+        assert_eq!(both["x.position_degrees"], json!(12.5));
+        assert_eq!(both["y.position_degrees"], json!(12.5));
     }
 }

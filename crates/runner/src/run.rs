@@ -94,7 +94,7 @@ pub fn run(
     let is_long = place.is_long;
     let folder = create_folder(place, plan, &identity)?;
     write_sheets(&folder, plan)?;
-    let progress = ProgressReader::new(plan.leading())?;
+    let progress = ProgressReader::new(plan)?;
     let clock = plan.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(is_long)?, progress, clock, watch, queues);
     let ended = world(&folder, &mut capture);

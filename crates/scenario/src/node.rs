@@ -1,5 +1,7 @@
 //! The nodes of a run, by name, node-ID and part.
 
+use std::borrow::Cow;
+
 use crate::rig::nodes::CONTROLLER_NODE_ID;
 
 /// A node of a run.
@@ -26,6 +28,19 @@ pub enum Part {
     Bench,
 }
 
+impl Part {
+    /// As rig files say it: `kind = "drive"`.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Controller => "controller",
+            Self::Drive => "drive",
+            Self::Io => "io",
+            Self::Bench => "bench",
+        }
+    }
+}
+
 impl Node {
     /// A node.
     #[must_use]
@@ -34,6 +49,15 @@ impl Node {
             name: name.to_owned(),
             id,
             part,
+        }
+    }
+
+    /// It within a sentence: `the drive` for a node that is called after its part, else its name.
+    #[must_use]
+    pub fn in_words(&self) -> Cow<'_, str> {
+        match self.name == self.part.word() {
+            true => format!("the {}", self.name).into(),
+            false => self.name.as_str().into(),
         }
     }
 }
@@ -67,9 +91,10 @@ impl LoopNodes {
 /// The nodes of the rig that ships.
 impl Default for LoopNodes {
     fn default() -> Self {
-        let drive = Node::new("drive", 0x10, Part::Drive);
+        let named = |part: Part, id| Node::new(part.word(), id, part);
+        let drive = named(Part::Drive, 0x10);
         Self {
-            controller: Node::new("controller", CONTROLLER_NODE_ID, Part::Controller),
+            controller: named(Part::Controller, CONTROLLER_NODE_ID),
             followed: drive.clone(),
             drive,
             io: vec![Node::new("disturbance", 0x11, Part::Io)],

@@ -85,11 +85,15 @@ impl Trial {
         all
     }
 
+    /// The plants that are emulated together, its own first.
+    pub fn plants(&self) -> impl Iterator<Item = &PlantModel> {
+        [&self.plant].into_iter().chain(self.plants_beside.values())
+    }
+
     /// Whether one of the plants that are emulated together is an FMU.
     #[must_use]
     pub fn has_fmu(&self) -> bool {
-        let mut plants = self.plants_beside.values().chain([&self.plant]);
-        plants.any(|plant| plant.fmu.is_some())
+        self.plants().any(|plant| plant.fmu.is_some())
     }
 
     /// The faults of its loop: those at its drive and plant, and those at no other drive.

@@ -124,11 +124,10 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// The loop of a drive; the first one where no drive has that name.
-    fn one(&self, drive: &str) -> &'a ControlLoop {
+    /// The loop of a drive.
+    fn one(&self, drive: &str) -> Option<&'a ControlLoop> {
         let mut loops = self.plan.loops.iter();
-        let of_drive = loops.find(|one| one.nodes.drive.name == drive);
-        of_drive.unwrap_or(self.plan.leading())
+        loops.find(|one| one.nodes.drive.name == drive)
     }
 
     /// Scenario time, to the microsecond of the recording; none before the scenario began.
@@ -184,7 +183,7 @@ impl<'a> Seen<'a> {
     }
 
     fn last_position(&self, drive: &str) -> Option<Duration> {
-        let position = self.one(drive).own_position().ok()?;
+        let position = self.one(drive)?.own_position().ok()?;
         self.last(position.raw_id()).map(|position| position.time)
     }
 
@@ -246,11 +245,10 @@ impl<'a> Seen<'a> {
             let node = self.node(name);
             return self.end(node, self.last_position(node), what);
         };
-        let one = self.one(drive);
         // A drive that was only late may have been heard again since.
         let position = self.before(given_up).last_position(drive);
         let when = self.when_at(Some(given_up));
-        let patience = SILENT_PERIODS * one.trial.run.bus.sync_period();
+        let patience = SILENT_PERIODS * self.plan.sync_period();
         let silent = position
             .filter(|position| given_up > *position + patience)
             .and_then(|position| self.seconds(position));

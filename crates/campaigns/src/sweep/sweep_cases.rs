@@ -358,7 +358,7 @@ mod tests {
     fn a_case_is_the_scenario_with_its_values() {
         let cases = cases(GRID);
         let case = cases.case(11);
-        let scenario = &case.plan().unwrap().leading().trial.clone();
+        let scenario = &case.plan().unwrap().only_loop().unwrap().trial.clone();
         assert_eq!(scenario.run.name, "s, case 11");
         assert_eq!(scenario.reference.hold[0].position_millimetres, 15.0);
         assert_eq!(scenario.sensor.resolution_bits, 10);

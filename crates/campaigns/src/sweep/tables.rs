@@ -186,7 +186,14 @@ mod tests {
 
     /// What the scenario of a case has where the keys point.
     fn keys(cases: &SweepCases, case: usize) -> [f64; 2] {
-        let scenario = cases.case(case).plan().unwrap().leading().trial.clone();
+        let scenario = cases
+            .case(case)
+            .plan()
+            .unwrap()
+            .only_loop()
+            .unwrap()
+            .trial
+            .clone();
         let hold = &scenario.reference.hold[0];
         let load = scenario.plant.load_kilograms().unwrap();
         [hold.position_millimetres, load]

@@ -232,7 +232,7 @@ mod tests {
     fn seed_and_number_decide_what_is_drawn() {
         let drawn = |seed, number| {
             let case = cases(seed).case(number).unwrap();
-            let case = &case.plan().unwrap().leading().trial.clone();
+            let case = &case.plan().unwrap().only_loop().unwrap().trial.clone();
             (case.run.seed, format!("{:?}", case.run.faults))
         };
         let first = drawn(1, 1);

@@ -286,7 +286,7 @@ mod tests {
             let faults = mix(&mut Stream::new(seed), &nodes_of(BASE), 2.0);
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
-            let scenario = &plan.leading().trial;
+            let scenario = &plan.only_loop().unwrap().trial;
             let kinds = Vec::from_iter(scenario.run.faults.iter().map(|fault| fault.kind.name));
             assert!((1..=5).contains(&kinds.len()));
             drawn.extend(kinds);
@@ -302,7 +302,7 @@ mod tests {
             let faults = mix(&mut Stream::new(seed), &nodes_of(&base), 2.0);
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
-            let scenario = &plan.leading().trial;
+            let scenario = &plan.only_loop().unwrap().trial;
             drawn.extend(scenario.run.faults.iter().map(|fault| fault.kind.name));
         }
         assert!(drawn.contains("dropped_load") && !drawn.contains("ageing"));

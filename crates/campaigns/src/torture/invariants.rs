@@ -227,8 +227,10 @@ mod tests {
         let text = format!("{BASE}{HARMLESS}");
         let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let found = play_one(0, &of_one_loop(trial), &Watch::default(), |played| {
-            let (mut frames, mut timeline) =
-                (played.frames.clone().into_vec(), played.timeline().clone());
+            let (mut frames, mut timeline) = (
+                played.frames.clone().into_vec(),
+                played.only_timeline().unwrap().clone(),
+            );
             assert!(timeline.truth.len() > 50);
             change(&mut frames, &mut timeline);
             violation(&CampaignRun {

@@ -287,7 +287,7 @@ mod tests {
         assert_eq!(case.violation().unwrap().invariant, "temperature");
         let shrunk = case.shrunk("temperature");
         assert_eq!(shrunk.violation().unwrap().invariant, "temperature");
-        let scenario = &shrunk.plan().unwrap().leading().trial.clone();
+        let scenario = &shrunk.plan().unwrap().only_loop().unwrap().trial.clone();
         let kinds: Vec<_> = scenario
             .run
             .faults
@@ -306,7 +306,7 @@ mod tests {
     fn a_case_has_a_name_of_its_own_and_tests_no_requirement() {
         let base = BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller");
         let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
-        let scenario = &case.plan().unwrap().leading().trial.clone();
+        let scenario = &case.plan().unwrap().only_loop().unwrap().trial.clone();
         assert_eq!(scenario.run.name, "t, torture");
         assert!(scenario.run.requirements.is_empty());
     }

@@ -207,7 +207,7 @@ proptest! {
             stalls: held.iter().map(|held| held.stall()).collect(),
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+        let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
         prop_assert_eq!(attribution.due, cycles.len() as u64);
         let missed = missed_cycles(&timelines[0], attribution.due);
         let found: Vec<_> = attribution.attributed(missed).map(|(breach, cause)| {
@@ -227,7 +227,11 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
     );
     let plan = setup(100, &[], &[]);
     let timelines = decode(frames(&cycles), &plan).unwrap();
-    let attribution = Attribution::new(&timelines[0], plan.leading(), &Circumstances::default());
+    let attribution = Attribution::new(
+        &timelines[0],
+        plan.only_loop().unwrap(),
+        &Circumstances::default(),
+    );
     let too_many = |percent_max, lost| attribution.cycles().too_many(percent_max, lost);
     let expected = vec![(Duty::Sync, 1.0, 0.5), (Duty::Position, 2.0, 0.07)];
     assert_eq!(too_many(1.0, 0), expected);
@@ -255,7 +259,8 @@ fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
             stalls: vec![held.stall()],
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+        let attribution =
+            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
         attribution.cycles().too_many(1.0, 0).is_empty()
     };
     assert!(by_nodes(5, &[]));
@@ -280,7 +285,7 @@ fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it(
             stalls: held.map(Held::stall).collect(),
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(timeline, plan.leading(), &circumstances);
+        let attribution = Attribution::new(timeline, plan.only_loop().unwrap(), &circumstances);
         let stretch = attribution.stall(Part::Drive, 0.39, 0.39 + silence_seconds);
         stretch.map(|stretch| stretch.stall.length())
     };
@@ -318,7 +323,8 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
             ended_early,
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+        let attribution =
+            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
         attribution.cycles().percent(true)
     };
     assert_eq!(percent(&frames(&silent), None), 60.0);
@@ -347,7 +353,7 @@ fn a_window_is_the_hosts_by_what_is_missed_in_it() {
         stalls: vec![held.stall()],
         ..Circumstances::default()
     };
-    let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+    let attribution = Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
     let is_of_the_host = |from_seconds, until_seconds| {
         attribution.is_of_the_host(Window {
             from_seconds,
@@ -378,7 +384,7 @@ fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs_own() {
             reports: [Some(NodeReport::default()), None],
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timeline, plan.leading(), &circumstances);
+        let attribution = Attribution::new(&timeline, plan.only_loop().unwrap(), &circumstances);
         let stretch = attribution.stood_since(Part::Controller, 0.35);
         stretch.map(|stretch| (stretch.from_seconds, stretch.until_seconds))
     };
@@ -405,7 +411,8 @@ fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
             stalls: vec![held.stall()],
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+        let attribution =
+            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
         let stay = attribution.cycles().lasting(100).unwrap();
         (stay.first.cycle, word(stay.cause))
     };
@@ -433,7 +440,8 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
             reports: [Some(report), None],
             ..Circumstances::default()
         };
-        let attribution = Attribution::new(&timelines[0], plan.leading(), &circumstances);
+        let attribution =
+            Attribution::new(&timelines[0], plan.only_loop().unwrap(), &circumstances);
         attribution.cycles().too_many(1.0, 0).len()
     };
     assert_eq!(too_many(0, 0, &[]), 0);

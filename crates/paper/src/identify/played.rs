@@ -2,6 +2,7 @@
 
 use plan::ControlLoop;
 use scenario::CurrentRange;
+use scenario::node::LoopNodes;
 use scenario::plant::{Amplifier, Sensor, Sma};
 use toml::{Table, Value};
 
@@ -57,23 +58,22 @@ pub fn text_on_shipped_rig(
 }
 
 /// The names of the loop and its nodes, each with that of the rig that ships.
-fn names(own: &ControlLoop) -> Vec<(&str, &'static str)> {
+fn names(own: &ControlLoop) -> Vec<(&str, String)> {
     let nodes = &own.nodes;
-    let io = nodes.io.iter().map(|io| (io.name.as_str(), "disturbance"));
-    let others = [
-        (own.trial.wiring.of_loop.as_str(), LOOP),
-        (nodes.controller.name.as_str(), "controller"),
-        (nodes.drive.name.as_str(), "drive"),
-    ];
-    others.into_iter().chain(io).collect()
+    let shipped = LoopNodes::default();
+    let named = nodes
+        .all()
+        .filter_map(|node| Some((node.name.as_str(), shipped.of(node.part)?.name.clone())));
+    let own_loop = (own.trial.wiring.of_loop.as_str(), LOOP.to_owned());
+    [own_loop].into_iter().chain(named).collect()
 }
 
 /// Gives texts that are names the names of the rig that ships.
-fn rename(value: &mut Value, names: &[(&str, &'static str)]) {
+fn rename(value: &mut Value, names: &[(&str, String)]) {
     match value {
         Value::String(text) => {
             if let Some((_, shipped)) = names.iter().find(|(name, _)| name == text) {
-                *text = (*shipped).to_owned();
+                text.clone_from(shipped);
             }
         }
         Value::Array(values) => values.iter_mut().for_each(|value| rename(value, names)),

@@ -54,11 +54,16 @@ pub(super) fn plants() -> SweepCases {
     SweepCases::new(&plan).expect("a test plays every plant")
 }
 
+/// The loop of a case, whose rig has one.
+pub(super) fn only(plan: &Plan) -> &Trial {
+    &plan.only_loop().expect("a rig with one loop").trial
+}
+
 /// A plant that no law has as its model: the first of [`plants`].
 pub(super) fn twin() -> PlantModel {
     let plan = plants().case(1).plan();
     let plan = plan.expect("a test plays every plant");
-    plan.leading().trial.plant.clone()
+    only(&plan).plant.clone()
 }
 
 fn parse(name: &str, text: &str) -> Trial {

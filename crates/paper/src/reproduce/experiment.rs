@@ -267,9 +267,11 @@ impl PlannedRun {
             label: self.label.clone(),
             scenario: self.scenario.clone(),
             verdict: played.verdict.clone(),
-            signals: window.map_or_else(Signals::default, |window| {
-                Signals::new(played.timeline(), window)
-            }),
+            signals: window
+                .zip(played.only_timeline())
+                .map_or_else(Signals::default, |(window, timeline)| {
+                    Signals::new(timeline, window)
+                }),
             measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }
     }

@@ -1,8 +1,10 @@
 //! Fills the columns of a timeline, one value for each cycle. Most signals keep a value for long, so rows are filled many
 //! at a time, and only the signals whose bits changed are decoded.
 
+use std::time::Duration;
+
 use canopen::CanFrame;
-use dbc::{Signal, SignalHandle};
+use dbc::{Range, Signal, SignalHandle};
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
@@ -38,12 +40,26 @@ impl Columns {
     }
 
     /// Takes a frame of the latest of so many cycles. What is measured when that cycle is over belongs to no cycle.
-    pub(super) fn on_frame(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
+    pub(super) fn on_frame(
+        &mut self,
+        frame: &CanFrame,
+        (rows, time): (usize, Duration),
+        is_late: bool,
+    ) {
         let mut messages = self.0.iter_mut();
         let message = messages.find(|message| message.raw_id == frame.raw_id());
         if let Some(message) = message.filter(|message| !(is_late && message.is_measured)) {
-            message.on_frame(frame, rows);
+            message.on_frame(frame, rows, time);
         }
+    }
+
+    /// The signals whose frames could not hold what they had to, each from when on, in the order of time.
+    pub(super) fn beyond(&self) -> Vec<(Duration, &str)> {
+        let signals = self.0.iter().flat_map(|message| &message.signals);
+        let beyond = signals.filter_map(|signal| Some((signal.beyond?, signal.name.as_str())));
+        let mut beyond = Vec::from_iter(beyond);
+        beyond.sort_unstable();
+        beyond
     }
 
     /// Takes the first rows out.
@@ -60,6 +76,10 @@ struct SignalColumn {
     handle: SignalHandle,
     name: String,
     unit: String,
+    /// The values that are taken for those of the sender.
+    certain: Range,
+    /// When it first had another one.
+    beyond: Option<Duration>,
     /// The value from the first row on that is not there yet.
     latest: f64,
     /// The rows up to the last change.
@@ -67,9 +87,14 @@ struct SignalColumn {
 }
 
 impl SignalColumn {
-    fn new(handle: SignalHandle, name: String, signal: &Signal) -> Self {
+    fn new(handle: SignalHandle, name: String, signal: &Signal, is_computed: bool) -> Self {
         Self {
             handle,
+            certain: match is_computed {
+                true => signal.coding.certain(),
+                false => Range::ALL,
+            },
+            beyond: None,
             name,
             unit: signal.unit.clone(),
             latest: f64::NAN,
@@ -77,10 +102,22 @@ impl SignalColumn {
         }
     }
 
-    /// Has another value from a row on.
-    fn change(&mut self, row: usize, value: f64) {
+    /// Has another value from a row on; none where its frame could not hold it.
+    fn change(&mut self, row: usize, value: f64, time: Duration) {
         self.fill(row);
-        self.latest = value;
+        self.latest = match self.certain.contains(value) {
+            true => value,
+            false => {
+                self.beyond.get_or_insert(time);
+                f64::NAN
+            }
+        };
+    }
+
+    /// Has no value from a row on.
+    fn lose(&mut self, row: usize) {
+        self.fill(row);
+        self.latest = f64::NAN;
     }
 
     /// Has all rows before this one.
@@ -119,8 +156,10 @@ impl MessageColumns {
     fn new(columns: ColumnMessage<'_>) -> Self {
         let message = columns.message;
         let signals = columns.signals.into_iter();
-        let signals =
-            signals.map(|(name, signal)| SignalColumn::new(message.handle(signal), name, signal));
+        let is_computed = columns.is_computed;
+        let signals = signals.map(|(name, signal)| {
+            SignalColumn::new(message.handle(signal), name, signal, is_computed)
+        });
         Self {
             raw_id: message.raw_id,
             signals: signals.collect(),
@@ -130,7 +169,7 @@ impl MessageColumns {
         }
     }
 
-    fn on_frame(&mut self, frame: &CanFrame, rows: usize) {
+    fn on_frame(&mut self, frame: &CanFrame, rows: usize, time: Duration) {
         // The latest row is not over, and there is none before the first cycle.
         let row = rows.saturating_sub(1);
         self.end_before(row);
@@ -141,12 +180,12 @@ impl MessageColumns {
                 continue;
             }
             if let Some(value) = signal.handle.decode(frame) {
-                signal.change(row, value);
+                signal.change(row, value, time);
                 continue;
             }
             is_whole = false;
             if self.is_measured && self.rows < rows {
-                signal.change(row, f64::NAN);
+                signal.lose(row);
             }
         }
         self.latest = is_whole.then_some(*frame);
@@ -166,7 +205,7 @@ impl MessageColumns {
     fn end_before(&mut self, row: usize) {
         if self.is_measured && self.rows < row {
             for signal in &mut self.signals {
-                signal.change(self.rows, f64::NAN);
+                signal.lose(self.rows);
             }
             self.latest = None;
         }

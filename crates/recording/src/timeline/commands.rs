@@ -169,7 +169,7 @@ mod tests {
         let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
         let plan = plan();
         let words = NodeWords::default();
-        let mut reader = CommandReader::new(plan.leading(), &words, micros(1)).unwrap();
+        let mut reader = CommandReader::new(plan.only_loop().unwrap(), &words, micros(1)).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
                 let time = micros(number) + Duration::from_micros(100 * place);

@@ -240,7 +240,7 @@ mod tests {
         let text = "schema = 1\nrig = \"dc_motor\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         let plan = Plan::new(scenario, &catalogue);
-        let views = own_views(plan.leading());
+        let views = own_views(plan.only_loop().unwrap());
         let titles = Vec::from_iter(views.iter().map(|view| view.title.as_str()));
         assert_eq!(
             titles,
@@ -251,7 +251,7 @@ mod tests {
         assert_eq!(group("position_millimetres"), POSITION);
         assert_eq!(group("winding_temperature_celsius"), "temperature");
         assert!(
-            !expected(plan.leading()).contains("error"),
+            !expected(plan.only_loop().unwrap()).contains("error"),
             "it has no set-point"
         );
     }

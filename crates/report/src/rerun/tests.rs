@@ -332,7 +332,7 @@ fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
 #[test]
 fn a_week_has_no_more_rows_than_ten_hours() {
     let stretch = |duration_seconds| {
-        let mut scenario = plan().leading().trial.clone();
+        let mut scenario = plan().only_loop().unwrap().trial.clone();
         scenario.run_mut().duration_seconds = duration_seconds;
         super::bus::stretch_seconds(&scenario)
     };

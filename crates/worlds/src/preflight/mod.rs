@@ -259,7 +259,7 @@ fn heat(
     let Shared { run, text, .. } = &ramp.shared;
     let folder = RunFolder::create(parent, &run.name, run.seed, text)?;
     write_plan(&folder, &ramp)?;
-    let progress = ProgressReader::new(ramp.leading())?;
+    let progress = ProgressReader::new(&ramp)?;
     let clock = ramp.scenario_clock()?;
     let mut capture = Capture::new(folder.bus_log(false)?, progress, clock, watch, Vec::new());
     let unit = &one.trial.wiring.sensor.measurand.unit;
