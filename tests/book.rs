@@ -190,6 +190,44 @@ fn the_summary_lists_every_page_once() {
     );
 }
 
+/// Code and scenarios cite corrections of the paper, `PAPER E3` or `PAPER E3 to E5 and E9`.
+#[test]
+fn every_cited_erratum_is_on_its_page() {
+    let page = fs::read_to_string(root().join("docs/reference/paper.md")).unwrap();
+    let mut count = 0;
+    for folder in ["controller", "plant-emulator", "crates", "scenarios"] {
+        for path in files(&root().join(folder)) {
+            let text = fs::read_to_string(path).unwrap_or_default();
+            for citation in text.split("PAPER ").skip(1) {
+                let cited = citation
+                    .split(|c: char| !c.is_alphanumeric() && c != ' ')
+                    .next();
+                let words = cited.unwrap_or_default().split(' ');
+                let is_erratum =
+                    |word: &&str| word.starts_with('E') && word[1..].parse::<u8>().is_ok();
+                for erratum in words.filter(is_erratum) {
+                    assert!(page.contains(&format!("\n| {erratum} | ")), "{erratum}");
+                    count += 1;
+                }
+            }
+        }
+    }
+    assert!(count > 20, "{count} citations");
+}
+
+/// All files below a folder.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    entries
+        .flat_map(|path| match path.is_dir() {
+            true => files(&path),
+            false => vec![path],
+        })
+        .collect()
+}
+
 #[test]
 fn every_path_is_there() {
     let mut count = 0;
