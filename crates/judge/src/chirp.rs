@@ -13,6 +13,8 @@ use crate::sine::phase_between;
 const POINTS_MAX: f64 = 100.0;
 /// The gain at which the bandwidth ends: −3 dB.
 pub const CUT_OFF_GAIN: f64 = 0.708;
+/// The mean is that of the set-point within this part of the amplitude.
+const OFFSET_OF_AMPLITUDE: f64 = 0.1;
 
 /// How the loop responds to one chirp, from the lowest frequency on.
 pub type FrequencyResponse = Vec<FrequencyPoint>;
@@ -45,10 +47,23 @@ pub fn frequency_responses(timeline: &Timeline, own: &ControlLoop) -> Vec<Freque
 
 /// The last frequency before the gain first falls below the cut-off; of several chirps the lowest.
 pub(crate) fn bandwidth(evidence: &Evidence<'_>) -> Measurement {
+    lowest(evidence, f64::INFINITY)
+}
+
+/// The last frequency before the gain first falls below the cut-off, or the mean first leaves that of the set-point.
+pub(crate) fn bandwidth_with_mean(evidence: &Evidence<'_>) -> Measurement {
+    lowest(evidence, OFFSET_OF_AMPLITUDE)
+}
+
+/// The lowest bandwidth of all chirps, in which the mean stays within a part of the amplitude.
+fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
     let chirps = evidence.trial.judged_chirps();
     let bandwidths = chirps.iter().map(|chirp| {
         let points = response(evidence, chirp).collect::<Result<Vec<_>, _>>()?;
-        last_before_cut_off(&sorted(points))
+        last_followed(
+            &sorted(points),
+            offset_of_amplitude * chirp.amplitude_millimetres,
+        )
     });
     let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
     lowest.map_or_else(
@@ -57,12 +72,18 @@ pub(crate) fn bandwidth(evidence: &Evidence<'_>) -> Measurement {
     )
 }
 
-fn last_before_cut_off(points: &[FrequencyPoint]) -> MetricValue {
-    let is_above = |point: &&FrequencyPoint| point.gain >= CUT_OFF_GAIN;
-    let above = points.iter().take_while(is_above);
-    let last = above.last().map(|point| point.hertz);
+fn last_followed(points: &[FrequencyPoint], offset_max: f64) -> MetricValue {
+    let is_above = |point: &FrequencyPoint| point.gain >= CUT_OFF_GAIN;
+    let is_followed =
+        |point: &&FrequencyPoint| is_above(point) && point.offset_millimetres.abs() <= offset_max;
+    let followed = points.iter().take_while(is_followed);
+    let last = followed.last().map(|point| point.hertz);
     last.ok_or_else(|| {
-        format!("the gain is below {CUT_OFF_GAIN} from the lowest frequency on").into()
+        let what = match points.first().is_none_or(|first| !is_above(first)) {
+            true => format!("the gain is below {CUT_OFF_GAIN}"),
+            false => "the mean is not that of the set-point".to_owned(),
+        };
+        format!("{what} from the lowest frequency on").into()
     })
 }
 
@@ -107,4 +128,33 @@ fn point(
         phase_degrees: phase_between(0.0, position.phase_degrees()),
         offset_millimetres: position.mean - chirp.centre_millimetres,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_ends_a_bandwidth_before_the_gain_does() {
+        let point = |hertz, gain, offset_millimetres| FrequencyPoint {
+            hertz,
+            gain,
+            phase_degrees: 0.0,
+            offset_millimetres,
+        };
+        let points = [
+            point(1.0, 1.0, 0.0),
+            point(2.0, 0.9, -1.0),
+            point(3.0, 0.8, 1.01),
+            point(4.0, 0.8, 0.0),
+            point(5.0, 0.7, 0.0),
+        ];
+        assert_eq!(last_followed(&points, f64::INFINITY), Ok(4.0));
+        assert_eq!(last_followed(&points, 1.0), Ok(2.0));
+        let why = |points| last_followed(points, 1.0).unwrap_err().reason;
+        let mean = "the mean is not that of the set-point from the lowest frequency on";
+        assert_eq!(why(&points[2..]), mean);
+        let gain = "the gain is below 0.708 from the lowest frequency on";
+        assert_eq!(why(&points[4..]), gain);
+    }
 }

@@ -28,6 +28,7 @@ static MEASURES: &[(&str, Measure)] = &[
     ("sine_phase_degrees", sine::phase_degrees),
     ("sine_offset_millimetres", sine::offset_millimetres),
     ("bandwidth_hertz", chirp::bandwidth),
+    ("bandwidth_with_mean_hertz", chirp::bandwidth_with_mean),
     (
         "maximum_deviation_millimetres",
         disturbances::maximum_deviation,

@@ -153,6 +153,13 @@ pub static METRICS: &[Metric] = &[
         ..POSITION
     },
     Metric {
+        name: "bandwidth_with_mean_hertz",
+        unit: "hertz",
+        needs: Needs::Chirp,
+        text: "As `bandwidth_hertz`, before the mean of the position first leaves that of the set-point by more than a tenth of the amplitude, if that comes first.",
+        ..POSITION
+    },
+    Metric {
         name: "maximum_deviation_millimetres",
         unit: "millimetres",
         needs: Needs::Disturbance,
