@@ -75,6 +75,16 @@ impl Surface {
         }
     }
 
+    /// `ẍd − 2λ x̃′ − λ² x̃`, Eq. (14) as it is printed.
+    pub(super) fn as_printed(&self, position: &Point, reference: &Reference) -> f64 {
+        let lambda = self.bandwidth;
+        let error = position.position_metres - reference.point.position_metres;
+        let error_rate =
+            position.velocity_metres_per_second - reference.point.velocity_metres_per_second;
+        reference.point.acceleration_metres_per_second_squared
+            - (2.0 * error_rate + lambda * error) * lambda
+    }
+
     /// The surface with another `λ` and a `KSM` to match, so that all that has been tuned of it stays in proportion.
     fn with_bandwidth(&self, bandwidth: f64) -> Self {
         Self {

@@ -16,6 +16,7 @@ pub struct SlidingModePaper {
     model: NominalModel,
     reference_filter: ReferenceFilter,
     derivative_filter: CriticallyDamped,
+    is_as_printed: bool,
     current: CurrentRange,
 }
 
@@ -66,6 +67,7 @@ impl Law for SlidingModePaper {
             derivative_filter: CriticallyDamped {
                 poles_radians_per_second: config.derivative_filter_radians_per_second,
             },
+            is_as_printed: config.as_printed,
             model,
             current: currents[0],
         }
@@ -117,14 +119,23 @@ impl Law for SlidingModePaper {
         if branch != state.curve.branch {
             state.curve = self.model.curve_through(&estimate, branch);
         }
-        writes.copy_from_slice(&command(
+        let [equivalent, all] = match self.is_as_printed {
+            false => [wanted.equivalent, jerk].map(|jerk| local.squared_current_for_jerk(jerk)),
+            true => {
+                let wanted_acceleration = self.surface.as_printed(&state.filtered, &reference);
+                let equivalent = local.squared_current_for_jerk(wanted_acceleration);
+                [equivalent, equivalent + wanted.switching]
+            }
+        };
+        let command = command(
             &self.current,
             &estimate,
             &reference,
             &wanted,
-            local.squared_current_for_jerk(wanted.equivalent),
-            local.squared_current_for_jerk(jerk),
-        ));
+            equivalent,
+            all,
+        );
+        writes.copy_from_slice(&command);
     }
 }
 
@@ -146,5 +157,27 @@ mod tests {
         let (settling, overshoot) = settling_and_overshoot(&rows, 5.0, 0.01, 0.035);
         assert!((0.25..0.5).contains(&settling), "{settling}");
         assert!(overshoot < 5.0, "{overshoot}");
+    }
+
+    /// PAPER E4.
+    #[test]
+    fn the_law_as_printed_never_settles() {
+        let controller = Controller {
+            sliding_mode_paper: Some(Config {
+                as_printed: true,
+                ..Config::default()
+            }),
+            ..Controller::default()
+        };
+        let rows = run(&controller, &ModelConfig::default(), 8.0, |_| hold(0.02));
+        let last = rows.iter().filter(|row| row.time_seconds > 7.0);
+        let positions = last.map(|row| row.position_metres);
+        let (least, most) = positions.fold((f64::INFINITY, 0.0), |(least, most), position| {
+            (f64::min(least, position), f64::max(most, position))
+        });
+        assert!(
+            most - least > 1e-3 || (most - 0.02).abs() > 5e-3,
+            "{least} {most}"
+        );
     }
 }

@@ -248,6 +248,9 @@ pub struct SlidingModePaper {
     /// Poles of the reference filter (assumed).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub reference_filter_radians_per_second: f64,
+    /// Eq. (14) as it is printed, one derivative short and with the switching term outside the bracket, with which the loop does not
+    /// settle.
+    pub as_printed: bool,
     /// The plant as the law assumes it.
     pub nominal_model: NominalModel,
 }
@@ -260,6 +263,7 @@ impl Default for SlidingModePaper {
             switching_gain_metres_per_second_cubed: 64.0,
             derivative_filter_radians_per_second: 300.0,
             reference_filter_radians_per_second: 20.0,
+            as_printed: false,
             nominal_model: NominalModel::default(),
         }
     }

@@ -1,11 +1,12 @@
 //! What cycle time, resolution and noise do to the closed loop, and what a faster launch costs.
 
 use scenario::Trial;
+use scenario::controller::SlidingModePaper;
 use scenario::expect::Expect;
 
 use super::bases;
 use super::experiment::{
-    ComparedLaw, Effort, Evaluation, Experiment, Keep, Kept, NumberTable, PlannedRun,
+    ComparedLaw, Effort, Evaluation, Experiment, Figure, Keep, Kept, NumberTable, PlannedRun,
 };
 use super::families::{with_cycle, with_launch_jerk, with_noise, with_resolution};
 use report::terminal::significant;
@@ -46,6 +47,13 @@ const LAUNCH_COLUMNS: [TableColumn; 6] = [
     ("overshoot (%)", 1, "overshoot_percent"),
     ("other wire: settling (s)", 2, "settling_time_seconds"),
     ("overshoot (%)", 2, "overshoot_percent"),
+];
+
+/// Poles of the reference filter, which the paper does not give, and of the row of Eq. (14) as it is printed.
+const FILTERS: [f64; 6] = [20.0, 24.0, 26.0, 28.0, 30.0, 33.0];
+const FILTER_COLUMNS: [TableColumn; 2] = [
+    ("settling (s)", 0, "settling_time_seconds"),
+    ("overshoot (%)", 0, "overshoot_percent"),
 ];
 
 /// The experiments of this file.
@@ -94,6 +102,16 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
             runs: launches(LAUNCH_JERKS.into_iter().take(count)),
             evaluate: |runs| table(&LAUNCH_COLUMNS, LAUNCH_BASES.len(), runs),
         },
+        Experiment {
+            id: "reference_filter",
+            title: "The paper's law over its unknown: the filter of the reference",
+            text: "Eq. (14) needs three derivatives of the set-point, and a step has none: something must have shaped it, of which the paper says \
+                   nothing. We assume a critically damped filter of third order. With its poles at 20 rad/s, as shipped, it alone needs 0.315 s; \
+                   from 24 to 33 rad/s the paper's λ, φ and KSM give 0.21 to 0.27 s, and so its 0.23 s. Its overshoot of 0.6 % comes out with \
+                   none of them. The last row is Eq. (14) as it is printed (PAPER E4): it does not settle.",
+            runs: filters(FILTERS.into_iter().take(count + 2)),
+            evaluate: of_filters,
+        },
     ]
 }
 
@@ -119,6 +137,47 @@ fn launches(jerks: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
         LAUNCH_BASES.map(|base| reported(format!("{jerk} m/s³"), with_launch_jerk(&base(), jerk)))
     };
     jerks.flat_map(of_jerk).collect()
+}
+
+/// The step under the paper's law with each filter, and as printed.
+fn filters(poles: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
+    let step = |label: String, change: &dyn Fn(&mut SlidingModePaper)| {
+        let mut trial = ComparedLaw::SlidingModePaper.plays(&bases::step());
+        trial.run_mut().name += &format!(", {label}");
+        if let Some(law) = &mut trial.controller.sliding_mode_paper {
+            change(law);
+        }
+        reported(label, trial)
+    };
+    let with_filter = poles.map(|poles| {
+        step(format!("{poles} rad/s"), &|law| {
+            law.reference_filter_radians_per_second = poles;
+        })
+    });
+    let printed = step("as printed".to_owned(), &|law| law.as_printed = true);
+    with_filter.chain([printed]).collect()
+}
+
+fn of_filters(runs: &[Kept]) -> Evaluation {
+    let filtered = runs.iter().filter_map(|run| {
+        let law = run.scenario.controller.sliding_mode_paper.as_ref()?;
+        (!law.as_printed).then_some((law.reference_filter_radians_per_second, run))
+    });
+    let filtered = Vec::from_iter(filtered);
+    let figure = |title: &str, unit, metric: &str| {
+        let of_run = |(poles, run): &(f64, &Kept)| Some((*poles, run.metric(metric)?));
+        let (x, y): (Vec<f64>, Vec<f64>) = filtered.iter().filter_map(of_run).unzip();
+        let mut figure = Figure::new(title, unit, "poles of the reference filter (rad/s)");
+        figure.line(metric, ComparedLaw::SlidingModePaper.colour(), &x, &y);
+        figure
+    };
+    Evaluation {
+        figures: vec![
+            figure("Settling time", "s", "settling_time_seconds"),
+            figure("Overshoot", "%", "overshoot_percent"),
+        ],
+        ..table(&FILTER_COLUMNS, 1, runs)
+    }
 }
 
 /// A run without limits: those of the files are for their own settings.
