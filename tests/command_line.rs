@@ -314,7 +314,10 @@ fn a_value_of_the_command_line_is_played_and_recorded() {
             .all(|row| row.split(',').nth(2) == Some("12"))
     );
     for (value, said) in [
-        ("reference.hold[1].position_millimetres=12", "leads nowhere"),
+        (
+            "reference.hold[1].position_millimetres=12",
+            "there is no hold 1",
+        ),
         ("duration_second=1", "duration_seconds"),
         ("duration_seconds=-1", "out of range"),
     ] {

@@ -271,7 +271,7 @@ fn a_run_that_has_ended_and_lost_its_log_is_refused() {
         let words: Vec<&str> = command.split(' ').collect();
         let (code, stdout, stderr) = tool(&words, &[&run]);
         assert_eq!(code, Some(3), "{command}: {stderr}");
-        let reason = "bus.log cannot be read: No such file";
+        let reason = "bus.log` cannot be read: No such file";
         assert!(stderr.contains(reason), "{command}: {stderr}");
         assert_eq!(stdout, "", "{command}");
     }

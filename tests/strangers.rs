@@ -128,7 +128,9 @@ fn what_a_folder_from_elsewhere_links_to_is_neither_quoted_nor_judged() {
         for words in commands {
             let (code, stdout, stderr) = output(&mut bare(words));
             let is_refused = stderr.contains(&reason);
-            let is_named = stderr.contains(&format!("{name} cannot be "));
+            let is_named = ["` cannot be ", " cannot be "]
+                .iter()
+                .any(|end| stderr.contains(&format!("{name}{end}")));
             assert!(
                 !is_refused || is_named && code == Some(3) && stdout.is_empty(),
                 "{name} {words:?}: {code:?} {stdout}{stderr}"

@@ -6,7 +6,7 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
 
 from ._errors import CannotStart, ExitCode, error_of
 from ._program import Ended, Event, call
@@ -45,7 +45,7 @@ def run(
     output: StrPath = "runs",
     clock: str = "real-time",
     bus: str = "auto",
-    external: Sequence[str] = (),
+    external: Union[str, Sequence[str]] = (),
     rig: Optional[StrPath] = None,
     require_vcan: bool = False,
     progress: Progress = None,
@@ -53,12 +53,13 @@ def run(
     """Plays a scenario with controller and plant as processes on a CAN bus, and judges it.
 
     ``clock`` is "real-time" or "lockstep" (virtual time); ``bus`` is "auto", "private", "embedded" or an interface.
-    ``external`` names nodes of the rig that somebody else starts: "drive", "controller", "disturbance". ``rig`` is the rig file, or
+    ``external`` names the node, or the nodes, of the rig that somebody else starts: "drive", "controller", "disturbance". ``rig`` is the rig file, or
     the name of one that ships, that takes the place of the scenario's.
     The other arguments are those of :func:`simulate`.
     """
     options = [f"--clock={clock}", f"--bus={bus}"]
-    options.extend(f"--external={node}" for node in external)
+    nodes = [external] if isinstance(external, str) else external
+    options.extend(f"--external={node}" for node in nodes)
     if rig is not None:
         options.append(f"--rig={os.fspath(rig)}")
     if require_vcan:

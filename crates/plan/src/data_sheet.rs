@@ -27,7 +27,7 @@ pub enum DataSheetError {
     #[error("{0}")]
     Unknown(String),
     /// A file cannot be read.
-    #[error("{} cannot be read: {source}", path.display())]
+    #[error("`{}` cannot be read: {source}", path.display())]
     File {
         /// Which.
         path: PathBuf,

@@ -111,7 +111,7 @@ mod tests {
             fs::write(&path, damaged).unwrap();
             let error = PlayRecord::read(folder.path()).unwrap_err().to_string();
             assert!(
-                error.contains("played.json cannot be read: it is damaged"),
+                error.contains("played.json` cannot be read: it is damaged"),
                 "{error}"
             );
         }

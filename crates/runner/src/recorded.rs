@@ -32,7 +32,7 @@ const VERDICT_BYTES_MAX: u64 = 16 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum RecordedError {
     /// A file cannot be read.
-    #[error("{} cannot be read: {source}", path.display())]
+    #[error("`{}` cannot be read: {source}", path.display())]
     Read {
         /// Which one.
         path: PathBuf,

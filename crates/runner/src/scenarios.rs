@@ -29,7 +29,7 @@ pub enum NoScenario {
     #[diagnostic(transparent)]
     Invalid(#[from] ScenarioError),
     /// There is no such file, nor does a scenario of this name ship.
-    #[error("{}: there is no such file, and no scenario of this name ships", path.display())]
+    #[error("`{}`: there is no such file, and no scenario of this name ships", path.display())]
     Unknown {
         /// What was named.
         path: PathBuf,
@@ -38,12 +38,12 @@ pub enum NoScenario {
         help: String,
     },
     /// A value of the command line has no place in it.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {why}", path.display())]
     Override {
         /// The scenario.
         path: PathBuf,
-        /// Why not.
-        source: OverrideError,
+        /// The reason.
+        why: OverrideError,
     },
 }
 
@@ -73,9 +73,9 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
             Err(_) => return Ok(Plan::load(path, catalogue())?),
         },
     };
-    let text = overridden(text, &values.all()).map_err(|source| NoScenario::Override {
+    let text = overridden(text, &values.all()).map_err(|why| NoScenario::Override {
         path: path.to_owned(),
-        source,
+        why,
     })?;
     let mut beside = Beside::new(path);
     if let Some(rig) = values.rig_file() {
@@ -139,7 +139,8 @@ pub(crate) fn scenario_files(
         if argument.is_dir() {
             let before = files.len();
             let searched = find_scenarios(argument, FOLDER_DEPTH_MAX, &mut files);
-            searched.map_err(|error| format!("{} cannot be read: {error}", argument.display()))?;
+            searched
+                .map_err(|error| format!("`{}` cannot be read: {error}", argument.display()))?;
             let found = files.split_off(before);
             // What is printed of each file is a line, which some CI systems take commands from.
             let has_control = |path: &&PathBuf| path.to_string_lossy().contains(char::is_control);
@@ -150,7 +151,10 @@ pub(crate) fn scenario_files(
             }
             files.extend(found.into_iter().filter(|path| is_wanted(path)));
             if files.len() == before {
-                return Err(format!("{} holds no scenario (*.toml)", argument.display()));
+                return Err(format!(
+                    "`{}` holds no scenario (*.toml)",
+                    argument.display()
+                ));
             }
         } else {
             files.push(argument.clone());

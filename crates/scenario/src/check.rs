@@ -96,9 +96,11 @@ fn laws(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     match document.keys("controller").as_slice() {
         [] => {
             let span = document.key_span("controller");
-            let problem = document
-                .source
-                .problem(span, "no control law", "a law is missing here");
+            let label = match trial.wiring.loop_among_several() {
+                "" => "name the law: [controller.sliding_mode], [controller.pid]".to_owned(),
+                of_loop => format!("name the law: [controller.{of_loop}.pid]"),
+            };
+            let problem = document.source.problem(span, "no control law", label);
             Some(problem.with_help(HELP))
         }
         ["open_loop"] => None,

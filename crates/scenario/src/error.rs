@@ -78,7 +78,7 @@ impl fmt::Display for ScenarioError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (kind, file_name) = (self.kind, &self.file_name);
         if self.problems.iter().all(|problem| problem.offset.is_none()) {
-            return write!(formatter, "the {kind} {file_name} cannot be read");
+            return write!(formatter, "the {kind} `{file_name}` cannot be read");
         }
         match self.problems_total {
             1 => write!(formatter, "{file_name} is not a valid {kind}"),

@@ -34,6 +34,26 @@ pub enum OverrideError {
         "`{0}` leads nowhere: a key is the dotted path of a value, and reference.step[0] the first element of a list that the scenario has"
     )]
     Nowhere(String),
+    /// A list is shorter.
+    #[error("`{key}`: there is no {name} {place}; the scenario has {}", how_many(*.count))]
+    NoElement {
+        /// The whole key.
+        key: String,
+        /// The name of the list.
+        name: String,
+        /// The place that it does not have, counted from 0.
+        place: usize,
+        /// Its elements.
+        count: usize,
+    },
+}
+
+fn how_many(count: usize) -> String {
+    match count {
+        0 => "none".to_owned(),
+        1 => "1, number 0".to_owned(),
+        _ => format!("{count}, numbers 0 to {}", count - 1),
+    }
 }
 
 /// A value in TOML; text that is none is a string, so that nobody must quote twice.
@@ -70,9 +90,39 @@ pub fn overridden(text: String, overrides: &[Override]) -> Result<String, Overri
         is_short
             .then(|| set(&mut document, key, value.clone()))
             .flatten()
-            .ok_or_else(|| OverrideError::Nowhere(key.clone()))?;
+            .ok_or_else(|| why_nowhere(&document, key))?;
     }
     Ok(document.to_string())
+}
+
+/// The reason why a key leads nowhere.
+fn why_nowhere(document: &Table, key: &str) -> OverrideError {
+    let nowhere = || OverrideError::Nowhere(key.to_owned());
+    let mut table = document;
+    for part in key.split('.').take(KEY_PARTS_MAX) {
+        let (name, place) = match part.split_once('[') {
+            Some((name, rest)) => (name, rest.strip_suffix(']').map(str::parse::<usize>)),
+            None => (part, None),
+        };
+        let below = match (table.get(name), place) {
+            (Some(Value::Array(list)), Some(Ok(place))) if place >= list.len() => {
+                return OverrideError::NoElement {
+                    key: key.to_owned(),
+                    name: name.to_owned(),
+                    place,
+                    count: list.len(),
+                };
+            }
+            (Some(Value::Array(list)), Some(Ok(place))) => list.get(place),
+            (below, None) => below,
+            _ => return nowhere(),
+        };
+        let Some(Value::Table(below)) = below else {
+            return nowhere();
+        };
+        table = below;
+    }
+    nowhere()
 }
 
 /// Sets a value by its key; tables on the way are made, elements of lists must be there.
@@ -128,13 +178,10 @@ mod tests {
 
     #[test]
     fn what_leads_nowhere_is_refused() {
-        for key in [
-            "step[1].at",
-            "step[x].at",
-            "step.at",
-            "name.at",
-            "steps[0].at",
-        ] {
+        let short = with(&["step[1].at=1"]).unwrap_err();
+        let text = "`step[1].at`: there is no step 1; the scenario has 1, number 0";
+        assert_eq!(short.to_string(), text);
+        for key in ["step[x].at", "step.at", "name.at", "steps[0].at"] {
             let error = with(&[&format!("{key}=1")]).unwrap_err();
             assert_eq!(error, OverrideError::Nowhere(key.to_owned()));
         }

@@ -19,7 +19,10 @@ pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<
         schema,
         problems: Vec::new(),
     };
-    checker.table(what, 0..0, document.root(), schema);
+    // A table such as `[controller.x.pid]`, or the whole file.
+    let path = what.trim_matches(['[', ']']);
+    let path = if path.len() < what.len() { path } else { "" };
+    checker.table(what, path, (0..0, document.root()), schema);
     checker.problems
 }
 
@@ -45,7 +48,7 @@ impl<'a> Checker<'a> {
         match (schema["type"].as_str(), value.get_ref()) {
             (Some("object"), DeValue::Table(table)) => {
                 let place = format!("[{path}]");
-                self.table(&place, span, table, schema);
+                self.table(&place, path, (span, table), schema);
             }
             (Some("array"), DeValue::Array(array)) => self.array(path, span, array, schema),
             (Some("number"), number @ (DeValue::Integer(_) | DeValue::Float(_)))
@@ -81,8 +84,14 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// `place` names the table for people: `[controller.pid]`, `[[reference.step]]`.
-    fn table(&mut self, place: &str, span: Range<usize>, table: &DeTable<'_>, schema: &'a Value) {
+    /// `place` names the table for people, `[controller.pid]`, `[[reference.step]]`, and `path` what is in it: `reference.step[1]`.
+    fn table(
+        &mut self,
+        place: &str,
+        path: &str,
+        (span, table): (Range<usize>, &DeTable<'_>),
+        schema: &'a Value,
+    ) {
         // One of several tables: which one is for somebody else to say.
         if schema["anyOf"].is_array() {
             return;
@@ -93,11 +102,11 @@ impl<'a> Checker<'a> {
         for (key, value) in table {
             let name = key.get_ref().as_ref();
             match properties.and_then(|properties| properties.get(name)) {
-                Some(property) => self.value(&join(place, name), value, property),
+                Some(property) => self.value(&join(path, name), value, property),
                 // A table whose keys are the user's own.
                 None if schema["additionalProperties"].is_object() => {
                     let property = &schema["additionalProperties"];
-                    self.value(&join(place, name), value, property);
+                    self.value(&join(path, name), value, property);
                 }
                 None => {
                     let known = properties.unwrap_or(&no_properties);
@@ -170,11 +179,16 @@ impl<'a> Checker<'a> {
             // A tuple has a schema for each place.
             let items = schema["items"].get(place).unwrap_or(&schema["items"]);
             let items = self.resolve(items);
+            let numbered = match count {
+                1 => path.to_owned(),
+                _ => format!("{path}[{place}]"),
+            };
             match element.get_ref() {
                 DeValue::Table(table) => {
-                    self.table(&format!("[[{path}]]"), element.span(), table, items)
+                    let header = format!("[[{path}]]");
+                    self.table(&header, &numbered, (element.span(), table), items);
                 }
-                _ => self.value(path, element, items),
+                _ => self.value(&numbered, element, items),
             }
         }
     }
@@ -301,13 +315,12 @@ pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
     (!is_multiple).then(|| format!("must be a multiple of {unit}"))
 }
 
-/// `[reference]` and `step` give `reference.step`.
-fn join(place: &str, name: &str) -> String {
-    let path = place.trim_matches(['[', ']']);
-    if path.len() == place.len() {
-        return name.to_owned();
+/// `reference` and `step` give `reference.step`.
+fn join(path: &str, name: &str) -> String {
+    match path {
+        "" => name.to_owned(),
+        _ => format!("{path}.{name}"),
     }
-    format!("{path}.{name}")
 }
 
 fn expected_words(schema_type: Option<&str>) -> &'static str {

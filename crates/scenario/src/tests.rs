@@ -329,7 +329,7 @@ fn a_law_or_a_set_point_that_is_wrong_has_its_place_and_its_words() {
             5,
             2,
             "no control law",
-            "a law is missing here",
+            "name the law: [controller.sliding_mode], [controller.pid]",
         ),
         (
             change(
@@ -772,7 +772,7 @@ fn files_and_tables_are_read_within_bounds() {
     assert!(Trial::load(&folder).is_err());
     let error = Trial::load(&folder.join("missing.toml")).unwrap_err();
     assert!(
-        error.to_string().ends_with("missing.toml cannot be read"),
+        error.to_string().ends_with("missing.toml` cannot be read"),
         "{error}"
     );
     assert_eq!(error.problems()[0].to_string(), "there is no such file");

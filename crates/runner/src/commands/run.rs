@@ -61,6 +61,7 @@ pub enum ClockChoice {
     /// The machine's clock
     RealTime,
     /// Virtual time: the load of the machine cannot change the verdict
+    #[value(alias = "lock-step")]
     Lockstep,
 }
 
