@@ -32,7 +32,7 @@ fn file(folder: &Path, sweep: &str) -> PathBuf {
 
 /// The files that must be the same however the sweep came to its end.
 fn results(folder: &Path) -> Vec<Vec<u8>> {
-    let names = ["rows.jsonl", "runs.csv", "runs.parquet", "report.html"];
+    let names = ["runs.csv", "runs.parquet", "report.html"];
     names
         .map(|name| fs::read(folder.join(name)).unwrap())
         .into()
@@ -96,7 +96,8 @@ fn a_sweep_that_is_killed_goes_on_to_the_same_bytes() {
         stdout.contains(&format!("; {} are done", done - 2)),
         "{stdout}"
     );
-    assert!(stdout.contains("the last row was torn"), "{stdout}");
+    let cut = format!("line {done} of {} is damaged or cut short", rows.display());
+    assert!(stderr.contains(&cut), "{stderr}");
     assert_eq!(results(&only_run(&runs)), undisturbed);
 
     // Another sweep of the same name has a folder of its own.
@@ -106,45 +107,106 @@ fn a_sweep_that_is_killed_goes_on_to_the_same_bytes() {
 }
 
 #[test]
-fn a_damaged_store_is_named_kept_and_mended_and_a_foreign_one_left_alone() {
+fn damaged_lines_are_named_and_played_again_and_rows_of_others_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = file(folder.path(), SWEEP);
     let swept = whole(folder.path(), &path);
     let undisturbed = results(&swept);
     let rows = swept.join("rows.jsonl");
-    let mut bytes = fs::read(&rows).unwrap();
-    // A byte of the header, and one of a row in the middle.
-    let middle = bytes.len() / 2;
-    bytes[20] ^= 1;
-    bytes[middle] ^= 0x40;
-    fs::write(&rows, bytes).unwrap();
+    let sound = fs::read_to_string(&rows).unwrap();
     let again = || {
-        output(
-            canrig(&folder.path().join("whole"), "sweep")
-                .arg(&path)
-                .arg("--quiet"),
-        )
+        let mut again = canrig(&folder.path().join("whole"), "sweep");
+        output(again.arg(&path).arg("--quiet"))
     };
+    // A byte of the header, and one of a row in the middle.
+    let mut bytes = sound.clone().into_bytes();
+    let middle = bytes.len() / 2;
+    let line = sound[..middle].lines().count();
+    bytes[20] ^= 1;
+    bytes[middle] ^= 1;
+    fs::write(&rows, &bytes).unwrap();
     let (code, _, stderr) = again();
     assert_eq!(code, Some(1), "{stderr}");
-    assert!(
-        stderr.contains("2 lines of ") && stderr.contains("are damaged (1, "),
-        "{stderr}"
-    );
+    let words = [1, line].map(|line| {
+        let path = rows.display();
+        format!("canrig: line {line} of {path} is damaged or cut short, and does not count\n")
+    });
+    assert_eq!(stderr, words.concat());
     assert_eq!(results(&swept), undisturbed);
-    let damaged = fs::read(swept.join("rows.damaged.jsonl")).unwrap();
-    assert_eq!(damaged.iter().filter(|byte| **byte == b'\n').count(), 2);
+    assert_eq!(fs::read(&rows).unwrap(), bytes);
+    let of_one = fs::read_to_string(swept.join("rows-2.jsonl")).unwrap();
+    assert_eq!(of_one.lines().count(), 2, "{of_one}");
     let (code, _, stderr) = again();
     assert_eq!((code, stderr.as_str()), (Some(1), ""));
 
-    fs::write(&rows, "notes of somebody else\n").unwrap();
+    // Of many lines the first ten.
+    fs::write(&rows, "notes of somebody else\n".repeat(12)).unwrap();
     let (code, _, stderr) = again();
-    assert_eq!(code, Some(4), "{stderr}");
-    assert!(stderr.contains("move it away"), "{stderr}");
-    assert_eq!(
-        fs::read_to_string(&rows).unwrap(),
-        "notes of somebody else\n"
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(
+        stderr.contains("line 10 of ") && stderr.ends_with("and 2 more lines\n"),
+        "{stderr}"
     );
+    assert_eq!(results(&swept), undisturbed);
+
+    // Rows that say that they are of another scenario.
+    let other = file(folder.path(), &SWEEP.replace("0.05", "0.06"));
+    let others = folder.path().join("other");
+    output(canrig(&others, "sweep").arg(other));
+    file(folder.path(), SWEEP);
+    fs::copy(only_run(&others).join("rows.jsonl"), &rows).unwrap();
+    let (code, _, stderr) = again();
+    assert_eq!(code, Some(3), "{stderr}");
+    let (path, folder) = (rows.display(), swept.display());
+    let words = format!(
+        "canrig: {path} has rows of another scenario.toml, and nothing of it counts here. \
+        `rm {folder}/rows*.jsonl` makes a new start: then play it again\n"
+    );
+    assert_eq!(stderr, words);
+    let mut shell = Command::new("sh");
+    let (_, command) = stderr.split_once('`').unwrap();
+    let (command, _) = command.split_once('`').unwrap();
+    assert!(shell.args(["-c", command]).status().unwrap().success());
+    let (code, _, stderr) = again();
+    assert_eq!((code, stderr.as_str()), (Some(1), ""));
+    assert_eq!(results(&swept), undisturbed);
+    assert_eq!(fs::read_to_string(&rows).unwrap().lines().count(), 61);
+}
+
+#[test]
+fn a_whole_sweep_has_one_writer_and_a_part_as_many_as_play_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let swept = whole(folder.path(), &path);
+    let undisturbed = results(&swept);
+    let play = |folder: &Path, options: &[&str]| {
+        output(
+            canrig(folder, "sweep")
+                .arg(&path)
+                .args(options)
+                .arg("--quiet"),
+        )
+    };
+    let parts = folder.path().join("parts");
+    assert_eq!(play(&parts, &["--shard", "1/2"]).0, Some(1));
+    for (parent, options, expected) in [
+        (&folder.path().join("whole"), &[][..], 4),
+        (&parts, &["--shard", "1/2"], 1),
+    ] {
+        let rows = only_run(parent).join("rows.jsonl");
+        let text = fs::read_to_string(&rows).unwrap();
+        let kept: Vec<&str> = text.split_inclusive('\n').take(4).collect();
+        fs::write(&rows, kept.concat()).unwrap();
+        let file = fs::File::open(&rows).unwrap();
+        file.lock().unwrap();
+        let (code, _, stderr) = play(parent, options);
+        assert_eq!(code, Some(expected), "{stderr}");
+        let is_refused = stderr.contains("rows.jsonl is being written by process ");
+        assert_eq!(is_refused, expected == 4, "{stderr}");
+        drop(file);
+        assert_eq!(play(parent, options).0, Some(1));
+    }
+    assert_eq!(results(&swept), undisturbed);
 }
 
 #[test]
@@ -171,36 +233,6 @@ fn what_is_missing_in_a_folder_is_written_again_and_what_is_stale_is_removed() {
         assert!(!stale.exists());
         assert_eq!(results(&swept), undisturbed);
     }
-}
-
-#[test]
-fn a_damaged_row_of_a_killed_attempt_at_a_part_is_named_and_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = file(folder.path(), SWEEP);
-    let parts = folder.path().join("parts");
-    let play = || {
-        let mut part = canrig(&parts, "sweep");
-        output(part.arg(&path).args(["--shard", "1/2", "--quiet"]))
-    };
-    assert_eq!(play().0, Some(1));
-    let part = only_run(&parts);
-    let rows = part.join("rows.jsonl");
-    let undisturbed = fs::read(&rows).unwrap();
-    let lines = undisturbed.split_inclusive(|byte| *byte == b'\n').take(6);
-    let mut attempt = lines.collect::<Vec<_>>().concat();
-    let middle = attempt.len() - 40;
-    attempt[middle] ^= 1;
-    fs::write(part.join("attempt.other.abcdefgh.jsonl"), attempt).unwrap();
-    fs::remove_file(&rows).unwrap();
-    let (code, _, stderr) = play();
-    assert_eq!(code, Some(1), "{stderr}");
-    assert!(
-        stderr.contains("line 6 of ") && stderr.contains("attempt.other.abcdefgh.jsonl is damaged"),
-        "{stderr}"
-    );
-    assert_eq!(fs::read(&rows).unwrap(), undisturbed);
-    let damaged = fs::read_to_string(part.join("rows.damaged.jsonl")).unwrap();
-    assert_eq!(damaged.lines().count(), 1);
 }
 
 fn wait_until(child: &mut Child, condition: impl Fn() -> bool) {
@@ -246,9 +278,50 @@ fn parts_together_are_the_whole() {
     output(canrig(&other, "sweep").arg(&path).args(["--shard", "3/3"]));
     let (code, _, stderr) = merge(&[folders[0].clone(), folders[1].clone(), only_run(&other)]);
     assert_eq!(code, Some(3), "{stderr}");
+    let words = format!(
+        "{} has rows of another scenario.toml",
+        only_run(&other).join("rows.jsonl").display()
+    );
+    assert!(stderr.contains(&words), "{stderr}");
+}
+
+#[test]
+fn a_damaged_row_of_a_part_is_named_and_its_case_missing_until_it_is_played_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(folder.path(), SWEEP);
+    let parts = folder.path().join("parts");
+    let play = |part: &str| {
+        output(
+            canrig(&parts, "sweep")
+                .arg(&path)
+                .args(["--shard", part, "--quiet"]),
+        )
+    };
+    for part in ["1/2", "2/2"] {
+        assert_eq!(play(part).0, Some(1));
+    }
+    let mut folders = runs(&parts);
+    folders.sort();
+    let rows = folders[0].join("rows.jsonl");
+    let mut bytes = fs::read(&rows).unwrap();
+    let last = bytes.len() - 10;
+    bytes[last] ^= 1;
+    fs::write(&rows, bytes).unwrap();
+    let merged = folder.path().join("merged");
+    let merge = || output(canrig(&merged, "merge").args(&folders).arg("--quiet"));
+    let (code, _, stderr) = merge();
+    assert_eq!(code, Some(3), "{stderr}");
+    let line = format!("line 31 of {} is damaged", rows.display());
     assert!(
-        stderr.contains("is a part of another campaign than"),
+        stderr.contains(&line) && stderr.contains("1 of 60 cases are missing: 59."),
         "{stderr}"
+    );
+    assert!(!only_run(&merged).join("runs.csv").exists());
+    assert_eq!(play("1/2").0, Some(1));
+    assert_eq!(merge().0, Some(1));
+    assert_eq!(
+        results(&only_run(&merged)),
+        results(&whole(folder.path(), &path))
     );
 }
 

@@ -48,10 +48,8 @@ pub mod file {
     pub const RERUN: &str = "run.rrd";
     /// When it was played, and with which values of the command line.
     pub const PLAYED: &str = "played.json";
-    /// The rows of a sweep or of torture: a folder that has them is not that of a run.
+    /// The first file with rows of a sweep or of torture: a folder that has it is not that of a run.
     pub const ROWS: &str = "rows.jsonl";
-    /// Which machine began and ended attempts at a part of a sweep or of torture, which may have no rows yet.
-    pub const ATTEMPTS: &str = "attempts.log";
     /// The folder of the files of an engine that plays a sweep or torture.
     pub const ENGINE: &str = "engine";
 }

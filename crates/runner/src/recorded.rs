@@ -368,7 +368,7 @@ pub fn require_run(path: &Path) -> Result<(), RecordedError> {
 /// Whether a folder is that of a campaign, or of a part of one.
 #[must_use]
 pub fn holds_many_runs(folder: &Path) -> bool {
-    let mut names = [file::ROWS, file::ATTEMPTS, file::ENGINE].iter();
+    let mut names = [file::ROWS, file::ENGINE].iter();
     names.any(|name| folder.join(name).exists())
 }
 

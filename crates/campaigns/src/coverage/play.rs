@@ -12,8 +12,9 @@ use runner::recorded::{RecordedError, holds_many_runs, read_played, require_run}
 use worlds::catalogue::catalogue;
 
 use super::matrix::severity;
+use crate::sweep::Shard;
 use crate::sweep::row::{Ended, SweepRow};
-use crate::sweep::store::{self, StoreError};
+use crate::sweep::store::{Header, Rows, StoreError};
 use crate::torture::cases::is_torture;
 
 /// Why a folder says nothing of requirements.
@@ -100,27 +101,25 @@ impl Play {
             case: None,
         };
         let mut tested = tested(&plan, unplayed);
-        let (mut version, mut runs, mut played) = (None, 0, 0);
-        if store::has_rows(folder) {
-            let (header, rows) = store::read(folder)?;
-            (version, runs) = (Some(header.version), header.runs);
-            for row in rows {
-                let row = match row {
-                    // What comes behind it is played again by the next call.
-                    Err(StoreError::Damaged { .. }) => break,
-                    row => row?,
-                };
-                played += 1;
+        let header = Header::read(folder)?;
+        let mut is_whole = false;
+        if let Some(header) = &header {
+            let rows = Rows::read(folder, header, Shard::WHOLE)?;
+            is_whole = rows.is_whole();
+            for row in rows.iter()? {
+                let row = row?;
                 for one in tested.values_mut().flatten() {
                     let outcome = outcome_in(&row, one.row.as_ref(), &untimed);
                     one.worsen(outcome, Some(row.case));
                 }
             }
         }
-        if played < runs.max(1) {
+        if !is_whole {
             let all = tested.values_mut().flatten();
             all.for_each(|one| one.worsen(Outcome::Incomplete, None));
         }
+        let runs = header.as_ref().map_or(0, |header| header.runs);
+        let version = header.map(|header| header.version);
         Ok(Self {
             version,
             sweep_runs: Some(runs),

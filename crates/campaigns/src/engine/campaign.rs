@@ -4,6 +4,7 @@
 //! The folder is that of the whole campaign. `engine/` in it has what the engine needs: a copy of this program, so that all
 //! machines play with the same one; the job; what the tasks print; and the folders of the parts.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::os::unix::fs::PermissionsExt;
@@ -18,10 +19,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{EngineKind, Job, Limits};
 use crate::sweep::Shard;
-use crate::sweep::attempt::{self, Fate, Tried};
 use crate::sweep::cases::Cases;
-use crate::sweep::part::open_folder;
-use crate::sweep::store::{Header, StoreError};
+use crate::sweep::part::{folder_id, open_folder};
+use crate::sweep::store::{Header, Rows};
 
 /// Folder of the engine's files, in that of the campaign.
 const ENGINE: &str = file::ENGINE;
@@ -75,7 +75,7 @@ pub(super) struct SharedCampaign<'a> {
 impl SharedCampaign<'_> {
     /// Where the campaign's folder is or will be.
     pub(super) fn path(&self) -> PathBuf {
-        let id = format!("{}-{}", self.cases.kind(), self.cases.id());
+        let id = folder_id(self.cases, Shard::WHOLE);
         RunFolder::path_of(&self.output, &self.plan.shared.run.name, &id)
     }
 
@@ -161,34 +161,18 @@ impl SharedCampaign<'_> {
 
     /// The folder of a part.
     pub(super) fn part(&self, shard: Shard) -> PathBuf {
-        let Shard { number, of } = shard;
-        let id = format!("{}-{}", self.cases.kind(), self.cases.id());
-        let id = match shard {
-            Shard::WHOLE => id,
-            _ => format!("{id}-{number}-of-{of}"),
-        };
+        let id = folder_id(self.cases, shard);
         RunFolder::path_of(&self.path().join(PARTS), &self.plan.shared.run.name, &id)
     }
 
-    /// The parts that do not have all their rows. One that cannot be read is an error for all.
-    pub(super) fn missing(&self, of: usize) -> Result<Vec<usize>, StoreError> {
-        let mut missing = Vec::new();
-        for number in 1..=of {
+    /// The rows of each part, which nobody has read yet.
+    pub(super) fn rows(&self, of: usize) -> BTreeMap<usize, Rows> {
+        let header = Header::new(self.cases, &self.identity);
+        let parts = (1..=of).map(|number| {
             let shard = Shard { number, of };
-            let header = Header::new(self.cases, &self.identity, shard);
-            if !attempt::is_whole(&self.part(shard), &header)? {
-                missing.push(number);
-            }
-        }
-        Ok(missing)
-    }
-
-    /// The attempts at a part that came to no end.
-    pub(super) fn lost(&self, shard: Shard) -> Vec<Tried> {
-        // What cannot be read is not known.
-        let tried = attempt::tried(&self.part(shard)).unwrap_or_default();
-        let lost = tried.into_iter().filter(|one| one.fate != Fate::Ended);
-        lost.collect()
+            (number, Rows::unread(&self.part(shard), &header, shard))
+        });
+        parts.collect()
     }
 }
 

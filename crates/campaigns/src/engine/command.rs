@@ -10,7 +10,6 @@ use super::campaign::{RECORD, Record, SharedCampaign, Submitted};
 use super::round::{RowCounter, Waited, wait};
 use super::{EngineError, EngineKind, Limits};
 use crate::sweep::Shard;
-use crate::sweep::attempt::Fate;
 use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::merge::{CampaignCases, MergeError, merge_parts};
@@ -144,6 +143,7 @@ impl SubmitError {
         match self {
             Self::Merge(error) => error.exit(),
             Self::Part(error) => error.exit(),
+            Self::Store(error) => error.exit(),
             Self::Interrupted { .. } => Exit::Interrupted,
             Self::NothingToResume { .. }
             | Self::Submitted { .. }
@@ -300,9 +300,9 @@ fn play(
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
 ) -> Result<(), SubmitError> {
-    let counter = Mutex::new(RowCounter::new(record.parts));
+    let counter = Mutex::new(RowCounter(campaign.rows(record.parts)));
     let locked = || counter.lock().unwrap_or_else(PoisonError::into_inner);
-    locked().count(campaign);
+    locked().count()?;
     let bar = PartsBar::new(campaign.cases.runs(), locked().rows(), !args.quiet);
     let engine = record.engine.engine();
     let mut begun = 0;
@@ -310,7 +310,7 @@ fn play(
         let submitted = match record.job.clone() {
             Some(submitted) => submitted,
             None => {
-                let missing = campaign.missing(record.parts)?;
+                let missing = locked().missing();
                 if missing.is_empty() {
                     break;
                 }
@@ -322,7 +322,6 @@ fn play(
                         logs: campaign.path().join("engine/log"),
                     });
                 }
-                locked().begin_again(campaign, &missing);
                 let submitted = hand_over(campaign, record, missing)?;
                 let (count, id) = (submitted.parts.len(), &submitted.id);
                 if !args.quiet {
@@ -342,13 +341,13 @@ fn play(
             Waited::Over(failed) => {
                 record.job = None;
                 campaign.keep(record)?;
-                let missing = campaign.missing(record.parts)?;
-                print_missing(&bar, campaign, &locked(), &missing, &failed);
+                locked().count()?;
+                print_missing(&bar, campaign, &locked(), &failed);
             }
         }
     }
     drop(bar);
-    print_lost(args, campaign, record.parts);
+    print_lost(args, &locked());
     Ok(())
 }
 
@@ -378,22 +377,19 @@ fn print_missing(
     bar: &PartsBar,
     campaign: &SharedCampaign<'_>,
     counter: &RowCounter,
-    missing: &[usize],
     failed: &BTreeMap<usize, String>,
 ) {
+    let (missing, of) = (counter.missing(), counter.0.len());
     for number in missing.iter().take(NAMED_MAX) {
-        let shard = Shard {
-            number: *number,
-            of: counter.of(),
-        };
-        let nodes = campaign.lost(shard).pop().map(|one| one.node);
-        let why = match (failed.get(number), nodes) {
+        let part = &counter.0[number];
+        let why = match (failed.get(number), part.nodes().last()) {
             (Some(why), _) => why.clone(),
             (None, Some(node)) => format!("lost on {node}"),
             (None, None) => "never began".to_owned(),
         };
-        let rows = counter.rows_of(*number);
-        let of = shard.cases(campaign.cases.runs()).len();
+        let number = *number;
+        let shard = Shard { number, of };
+        let (rows, of) = (part.len(), shard.cases(campaign.cases.runs()).len());
         bar.print(&format!(
             "part {shard}: {why}; {rows} of {of} runs are done"
         ));
@@ -403,23 +399,20 @@ fn print_missing(
     }
 }
 
-/// Says which parts were lost where, and ended elsewhere.
-fn print_lost(args: &SubmitArgs, campaign: &SharedCampaign<'_>, of: usize) {
+/// Says which parts were lost where, and ended elsewhere: all who began a part but the last one.
+fn print_lost(args: &SubmitArgs, counter: &RowCounter) {
     if args.quiet {
         return;
     }
-    let shards = (1..=of).map(|number| Shard { number, of });
-    let lost = shards.map(|shard| (shard, campaign.lost(shard)));
-    let lost: Vec<_> = lost.filter(|(_, lost)| !lost.is_empty()).collect();
-    for (shard, lost) in lost.iter().take(NAMED_MAX) {
-        let words = lost.iter().map(|one| match one.fate {
-            Fate::Left => format!("stopped on {}", one.node),
-            Fate::Lost | Fate::Ended => format!("lost on {}", one.node),
-        });
-        let words: Vec<String> = words.collect();
+    let nodes = counter.0.iter().map(|(number, part)| {
+        let nodes: Vec<&str> = part.nodes().collect();
+        (number, nodes)
+    });
+    let lost: Vec<_> = nodes.filter(|(_, nodes)| nodes.len() > 1).collect();
+    for (number, nodes) in lost.iter().take(NAMED_MAX) {
+        let (of, nodes) = (counter.0.len(), nodes[..nodes.len() - 1].join(", "));
         print(&format!(
-            "part {shard}: {}, then run again",
-            words.join(", ")
+            "part {number}/{of}: lost on {nodes}, then run again"
         ));
     }
     if lost.len() > NAMED_MAX {

@@ -110,11 +110,10 @@ fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, SweepError> {
         lines: lines.as_ref(),
         overrides: &args.values.all(),
     };
-    // Until tables and page are made: another call would make them at the same time.
-    let (folder, _lock) = part.play(&cases, plan)?;
+    let (folder, rows, _writer) = part.play(&cases, plan)?;
     let exit = match args.part.is_for_engine() {
         true => Exit::Pass,
-        false => finish(&folder, plan, &cases, shown)?,
+        false => finish(&folder, plan, &cases, &rows, shown)?,
     };
     part.report(
         "ended",

@@ -5,7 +5,7 @@ use std::{fs, io};
 
 use super::cases::Cases;
 use super::page;
-use super::store::StoreError;
+use super::store::{Rows, StoreError};
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
 use plan::Plan;
@@ -35,19 +35,20 @@ pub(crate) enum FinishError {
     Write(#[from] WriteError),
 }
 
-/// Makes tables, page and scenarios of a folder's rows, and prints where they are. Whatever was made before is made again.
+/// Makes tables, page and scenarios of the rows of all cases, and prints where they are. Whatever was made before is made again.
 pub(crate) fn finish(
     folder: &RunFolder,
     plan: &Plan,
     cases: &dyn Cases,
+    rows: &Rows,
     shown: Shown,
 ) -> Result<Exit, FinishError> {
-    let summary = Summary::read(cases, plan, folder.path())?;
+    let summary = Summary::read(cases, plan, rows)?;
     let metrics = summary.metrics();
     let tables = Tables {
         cases,
         metrics: &metrics,
-        folder: folder.path(),
+        rows,
     };
     folder.write_with(tables::CSV, |output| tables.write_csv(output))?;
     folder.write_with(tables::PARQUET, |output| tables.write_parquet(output))?;

@@ -7,12 +7,11 @@ use clap::Args;
 use super::Shard;
 use super::cases::Cases;
 use super::finish::{FinishError, Shown, finish};
-use super::part::{open_folder, print_found};
-use super::store::{self, Header, Store, StoreError};
+use super::part::open_folder;
+use super::store::{Header, Rows, StoreError, Writer};
 use super::sweep_cases::{NoSweep, SweepCases};
 use crate::torture::cases::{NoTorture, TortureCases};
 use crate::torture::command::shrink_first;
-use judge::verdict::Identity;
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use runner::console::print_error;
@@ -23,9 +22,6 @@ use runner::play_record::PlayRecord;
 use runner::recorded::{RecordedError, refuse};
 use runner::run::RUNS;
 use runner::scenarios;
-
-/// Missing cases that are named.
-const MISSING_SHOWN_MAX: usize = 10;
 
 /// Why parts cannot be put together.
 #[derive(Debug, thiserror::Error)]
@@ -46,36 +42,15 @@ pub(crate) enum MergeError {
     Record(#[from] RecordedError),
     #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
     Shrink(String),
-    #[error("the scenario in {} is not the one that its rows were played of", path.display())]
-    Changed { path: PathBuf },
-    #[error("{} is a part of another campaign than {} (other file, tables or version of canrig)", other.display(), first.display())]
-    Different { first: PathBuf, other: PathBuf },
-    #[error("{} was played by another canrig ({version}, this is {}): play it with the very file of this program, or merge with the one that played it", path.display(), env!("CARGO_PKG_VERSION"))]
-    Program { path: PathBuf, version: String },
-    #[error("case {case} has different results in two parts: {} and {}", first.display(), other.display())]
-    Contradiction {
-        case: usize,
-        first: PathBuf,
-        other: PathBuf,
-    },
-    #[error(
-        "{count} of {runs} cases are missing: {cases}. Name all parts, and play those again that are not done"
-    )]
-    Missing {
-        count: usize,
-        runs: usize,
-        cases: String,
-    },
 }
 
 impl MergeError {
     pub(crate) fn exit(&self) -> Exit {
         match self {
-            Self::Write(_)
-            | Self::Finish(_)
-            | Self::NoIdentity(_)
-            | Self::Shrink(_)
-            | Self::Store(StoreError::Write { .. } | StoreError::Busy { .. }) => Exit::BenchFailed,
+            Self::Store(error) => error.exit(),
+            Self::Write(_) | Self::Finish(_) | Self::NoIdentity(_) | Self::Shrink(_) => {
+                Exit::BenchFailed
+            }
             _ => Exit::CannotStart,
         }
     }
@@ -158,7 +133,7 @@ impl CampaignCases {
     }
 }
 
-/// Puts the rows of the parts into the folder of the whole campaign, and makes tables and page of them.
+/// Adds the rows of the parts to those in the folder of the whole campaign, and makes tables and page of all.
 pub(crate) fn merge_parts(
     parts: &[PathBuf],
     campaign: &CampaignCases,
@@ -167,17 +142,19 @@ pub(crate) fn merge_parts(
     shown: Shown,
 ) -> Result<Exit, MergeError> {
     let cases = campaign.cases();
-    let identity = identity(plan)?;
-    check(parts, cases, &identity)?;
     let folder = open_folder(output, plan, cases, Shard::WHOLE)?;
-    let header = Header::new(cases, &identity, Shard::WHOLE);
-    let (store, found) = Store::open(folder.path(), &header)?;
-    print_found(&found, shown != Shown::All);
-    let mut store = store.of_copies();
-    let before = store.len();
-    add_all(parts, cases, &folder, &mut store)?;
-    store.finish()?;
-    if store.len() > before {
+    let header = Header::new(cases, &identity(plan)?);
+    let mut rows = Rows::read(folder.path(), &header, Shard::WHOLE)?;
+    rows.require_unwritten()?;
+    if !rows.is_whole() {
+        rows.print_damaged();
+    }
+    let mut writer = None;
+    for part in parts {
+        add(part, &header, &folder, &mut rows, &mut writer)?;
+    }
+    if let Some(writer) = &mut writer {
+        writer.sync()?;
         // Later than any of its parts.
         let known = match PlayRecord::read(folder.path())? {
             None => PlayRecord::read(&parts[0])?,
@@ -187,95 +164,39 @@ pub(crate) fn merge_parts(
         let set = known.map_or(now.set, |known| known.set);
         PlayRecord { set, ..now }.write(&folder)?;
     }
-    let missing = Shard::WHOLE.cases(cases.runs());
-    let mut missing = missing.filter(|case| !store.has(*case)).peekable();
-    if missing.peek().is_some() {
-        return Err(MergeError::Missing {
-            count: cases.runs() - store.len(),
-            runs: cases.runs(),
-            cases: words(missing),
-        });
-    }
-    drop(missing);
-    let _lock = store.into_lock();
-    let exit = finish(&folder, plan, cases, shown)?;
+    rows.require_all()?;
+    let exit = finish(&folder, plan, cases, &rows, shown)?;
     if let CampaignCases::Torture(torture) = campaign {
-        shrink_first(folder.path(), torture, output).map_err(MergeError::Shrink)?;
+        shrink_first(&rows, torture, output).map_err(MergeError::Shrink)?;
     }
     Ok(exit)
 }
 
-/// The parts must be of this campaign and played by this program. One that no machine has ended has no rows yet.
-fn check(parts: &[PathBuf], cases: &dyn Cases, identity: &Identity) -> Result<(), MergeError> {
-    for path in parts.iter().filter(|path| store::has_rows(path)) {
-        let (header, _) = store::read(path)?;
-        let path = path.clone();
-        if header.identity.program != identity.program {
-            return Err(MergeError::Program {
-                path,
-                version: header.version,
-            });
-        }
-        if (header.sweep.as_str(), &header.identity) != (cases.id(), identity) {
-            let first = parts[0].clone();
-            return Err(match first == path {
-                true => MergeError::Changed { path },
-                false => MergeError::Different { first, other: path },
-            });
-        }
-    }
-    Ok(())
-}
-
-/// Adds the rows of all parts, one part after the other. Parts may have the same row; the same case with another row is refused.
-fn add_all(
-    parts: &[PathBuf],
-    cases: &dyn Cases,
+/// Adds the rows of a part whose cases have none yet.
+fn add(
+    part: &Path,
+    header: &Header,
     folder: &RunFolder,
-    store: &mut Store,
-) -> Result<(), MergeError> {
-    // Where the row of a case is from.
-    let mut origins: Vec<Option<u32>> = vec![None; cases.runs() + 1];
-    for (number, part) in (0..).zip(parts).filter(|(_, part)| store::has_rows(part)) {
-        for row in store::read(part)?.1 {
-            let row = row?;
-            let case = row.case;
-            match store.row(case)? {
-                Some(known) if known != row => {
-                    let first = origins.get(case).copied().flatten();
-                    let first = first.and_then(|number: u32| parts.get(number as usize));
-                    let first = first.map_or(folder.path(), PathBuf::as_path).to_owned();
-                    let other = part.clone();
-                    return Err(MergeError::Contradiction { case, first, other });
-                }
-                Some(_) => {}
-                None if (1..=cases.runs()).contains(&case) => {
-                    store.append(&row)?;
-                    origins[case] = Some(number);
-                }
-                None => {}
-            }
+    rows: &mut Rows,
+    writer: &mut Option<Writer>,
+) -> Result<(), StoreError> {
+    let found = Rows::read(part, header, Shard::WHOLE)?;
+    found.print_damaged();
+    for row in found.iter()? {
+        let row = row?;
+        if !rows.has(row.case) {
+            let writer = match writer {
+                Some(writer) => writer,
+                None => writer.insert(Writer::begin(folder.path(), header)?),
+            };
+            writer.append(&row)?;
         }
     }
-    Ok(())
-}
-
-/// The first of the missing cases.
-fn words(missing: impl Iterator<Item = usize>) -> String {
-    let first: Vec<String> = missing
-        .take(MISSING_SHOWN_MAX + 1)
-        .map(|case| case.to_string())
-        .collect();
-    match first.split_at_checked(MISSING_SHOWN_MAX) {
-        Some((named, [_, ..])) => named.join(", ") + ", …",
-        _ => first.join(", "),
-    }
+    rows.look()
 }
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use super::*;
     use crate::sweep::row::{Ended, SweepRow};
     use crate::torture::cases::Draws;
@@ -288,62 +209,40 @@ mod tests {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[sweep]\n\
         [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
 
-    fn header(cases: &SweepCases, shard: Shard) -> Header {
-        let identity = Identity {
-            program: "p".to_owned(),
-            plant: "sma_actuator".to_owned(),
-            law: "pid".to_owned(),
-            files: BTreeMap::new(),
-        };
-        Header::new(cases, &identity, shard)
-    }
-
-    /// A folder with the rows of a part, which ended for these reasons.
-    fn part(cases: &SweepCases, shard: Shard, reasons: [&str; 2]) -> tempfile::TempDir {
-        let folder = tempfile::tempdir().unwrap();
-        let (mut store, _) = Store::open(folder.path(), &header(cases, shard)).unwrap();
-        for (case, reason) in shard.cases(cases.runs()).zip(reasons) {
-            let id = &cases.case(case).id;
-            let row = SweepRow::without_verdict(case, id, Ended::Invalid, reason.to_owned());
-            store.append(&row).unwrap();
-        }
-        folder
-    }
-
     #[test]
-    fn parts_that_contradict_each_other_are_refused() {
-        let plan = Plan::parse_beside(
-            &Beside::new(Path::new("s.toml")),
-            TEXT.to_owned(),
-            catalogue(),
-        )
-        .unwrap();
+    fn of_parts_that_contradict_each_other_the_first_row_counts() {
+        let beside = Beside::new(Path::new("s.toml"));
+        let plan = Plan::parse_beside(&beside, TEXT.to_owned(), catalogue()).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
-        let half = |number| Shard { number, of: 2 };
-        let folders = [
-            part(&cases, half(1), ["a", "c"]),
-            part(&cases, half(2), ["b", "d"]),
-            part(&cases, half(1), ["a", "x"]),
-        ];
-        let paths = folders.each_ref().map(|folder| folder.path().to_owned());
-        let whole = RunFolder::lasting(&paths[0], "whole", "1").unwrap();
-        let add = |parts: &[PathBuf]| {
-            let header = header(&cases, Shard::WHOLE);
-            let (mut store, _) = Store::open(whole.path(), &header).unwrap();
-            add_all(parts, &cases, &whole, &mut store).map(|()| {
-                let reason = |case| store.row(case).unwrap().unwrap().reason.unwrap();
-                (1..=4).map(reason).collect::<String>()
-            })
+        let folder = tempfile::tempdir().unwrap();
+        let part = |name: &str, number, reason: &str| {
+            let row = |case| {
+                let reason = format!("{reason}{case}");
+                SweepRow::without_verdict(case, "id", Ended::Invalid, reason)
+            };
+            let shard = Shard { number, of: 2 };
+            made_up(&folder.path().join(name), &plan, &cases, shard, &row)
         };
-        // Twice the same.
-        let same = [&paths[0], &paths[1], &paths[0]].map(Clone::clone);
-        assert_eq!(add(&same).unwrap(), "abcd");
-        std::fs::remove_file(whole.path().join(store::FILE)).unwrap();
-        let error = add(&paths).unwrap_err();
-        let [first, _, other] = paths.each_ref().map(|path| path.display());
-        let text = format!("case 3 has different results in two parts: {first} and {other}");
-        assert_eq!(error.to_string(), text);
+        let odd = part("a", 1, "a");
+        let parts = [odd.clone(), part("b", 2, "b"), odd, part("c", 1, "c")];
+        let campaign = CampaignCases::Sweep(Box::new(SweepCases::new(&plan).unwrap()));
+        let output = folder.path().join("merged");
+        let merge =
+            |parts: &[PathBuf]| merge_parts(parts, &campaign, &plan, &output, Shown::Nothing);
+        let error = merge(&parts[..1]).unwrap_err();
         assert_eq!(error.exit(), Exit::CannotStart);
+        assert!(
+            error
+                .to_string()
+                .starts_with("2 of 4 cases are missing: 2, 4."),
+            "{error}"
+        );
+        assert_eq!(merge(&parts).unwrap(), Exit::CannotStart);
+        let whole = std::fs::read_dir(output).unwrap().next().unwrap().unwrap();
+        let header = Header::new(&cases, &identity(&plan).unwrap());
+        let rows = Rows::read(&whole.path(), &header, Shard::WHOLE).unwrap();
+        let reasons = rows.iter().unwrap().map(|row| row.unwrap().reason.unwrap());
+        assert_eq!(Vec::from_iter(reasons), ["a1", "b2", "a3", "b4"]);
     }
 
     /// A part whose rows nobody has played.
@@ -355,13 +254,11 @@ mod tests {
         row: &dyn Fn(usize) -> SweepRow,
     ) -> PathBuf {
         let part = open_folder(folder, plan, cases, shard).unwrap();
-        let header = Header::new(cases, &identity(plan).unwrap(), shard);
-        let (store, _) = Store::open(part.path(), &header).unwrap();
-        let mut store = store.of_copies();
+        let header = Header::new(cases, &identity(plan).unwrap());
+        let mut writer = Writer::begin(part.path(), &header).unwrap();
         for case in shard.cases(cases.runs()) {
-            store.append(&row(case)).unwrap();
+            writer.append(&row(case)).unwrap();
         }
-        store.finish().unwrap();
         part.path().to_owned()
     }
 
@@ -436,14 +333,14 @@ mod tests {
         merge_parts(&parts, campaign, plan, &output, Shown::All).unwrap();
         let entries = std::fs::read_dir(&output).unwrap();
         let entries = entries.map(|entry| entry.unwrap().path());
-        let mut pages = entries.filter(|path| path.join(store::FILE).exists());
+        let mut pages = entries.filter(|path| path.join(file::ROWS).exists());
         let page = pages.next().unwrap();
         let size = |name: &str| page.join(name).metadata().unwrap().len();
         print(&format!(
             "merged and reported in {:.1} s, VmHWM {} MiB; rows {} MB, page {} kB",
             watch.elapsed().as_secs_f64(),
             mebibytes(),
-            size(store::FILE) / 1_000_000,
+            size(file::ROWS) / 1_000_000,
             size(file::REPORT) / 1000
         ));
         assert!(mebibytes() < 400);

@@ -7,23 +7,25 @@ use std::str::FromStr;
 use clap::Args;
 use serde_json::json;
 
-use super::attempt;
 use super::cases::Cases;
 use super::finish::Shown;
 use super::row::SweepRow;
 use super::shard::{SHARDS_MAX, Shard};
-use super::store::{Header, Lock, Recovered, Store, StoreError};
+use super::store::{Header, Rows, StoreError, Writer};
 use super::uncopied::{Changed, Uncopied};
 use crate::campaign::{Campaign, NoResult, Stopped};
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError};
 use recording::session::write_scenario;
-use runner::console::{RunsBar, print, print_error};
+use runner::console::{RunsBar, print};
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
 use runner::lines::EventLines;
 use runner::play_record::PlayRecord;
 use scenario::Override;
+
+/// Rows that a power cut may cost; a kill of the program costs the one that it is writing.
+const UNSYNCED_MAX: usize = 32;
 
 /// Why a part did not come to its end.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +52,7 @@ impl PartError {
     pub(crate) fn exit(&self) -> Exit {
         match self {
             Self::NoPart(_) => Exit::CannotStart,
+            Self::Store(error) => error.exit(),
             Self::Interrupted { .. } => Exit::Interrupted,
             _ => Exit::BenchFailed,
         }
@@ -224,43 +227,34 @@ pub(crate) struct PartPlay<'a> {
 }
 
 impl PartPlay<'_> {
-    /// Plays the cases that are not done, and keeps their rows. Returns the folder and its lock: the rows are this program's alone
-    /// until it has made all of them that it wants.
+    /// Plays the cases that have no row. Returns the folder, its rows, and the writer, whose lock keeps others out until tables
+    /// and page are made.
     pub(crate) fn play(
         &self,
         cases: &dyn Cases,
         plan: &Plan,
-    ) -> Result<(RunFolder, Lock), PartError> {
+    ) -> Result<(RunFolder, Rows, Option<Writer>), PartError> {
         let files = Uncopied::new(plan)?;
         let folder = open_folder(self.output, plan, cases, self.shard)?;
-        let header = Header::new(cases, &identity(plan)?, self.shard);
-        let (mut store, found) = match self.is_shared {
-            true => attempt::open(folder.path(), &header)?,
-            false => Store::open(folder.path(), &header)?,
-        };
+        let header = Header::new(cases, &identity(plan)?);
+        let mut rows = Rows::read(folder.path(), &header, self.shard)?;
+        if !self.is_shared {
+            rows.require_unwritten()?;
+        }
         if self.shown == Shown::All {
-            self.announce(cases, &store);
+            self.announce(cases, &rows);
         }
-        print_found(&found, self.shown != Shown::All);
-        self.report("began", cases, store.len(), &folder);
-        let rest = self.play_rest(cases, &mut store, &folder, &files);
-        if self.is_shared {
-            if attempt::is_whole(folder.path(), &header).unwrap_or_default() {
-                // Another machine was faster; what became of this attempt does not matter.
-                return Ok((folder, store.into_lock()));
-            }
-            if rest.is_err() {
-                // It may be the disk that is full: then nobody can note anything.
-                let _ = attempt::leave(&store, folder.path());
-            }
+        self.report("began", cases, rows.len(), &folder);
+        if rows.is_whole() {
+            return Ok((folder, rows, None));
         }
-        rest?;
-        store.finish()?;
-        if self.is_shared {
-            let found = attempt::publish(&store, folder.path(), &header)?;
-            print_found(&found, self.shown != Shown::All);
-        }
-        Ok((folder, store.into_lock()))
+        rows.print_damaged();
+        let mut writer = Writer::begin(folder.path(), &header)?;
+        self.play_rest(cases, &rows, &mut writer, &folder, &files)?;
+        writer.sync()?;
+        rows.look()?;
+        rows.require_all()?;
+        Ok((folder, rows, Some(writer)))
     }
 
     /// Prints how far it is for another program.
@@ -272,15 +266,15 @@ impl PartPlay<'_> {
         }
     }
 
-    fn announce(&self, cases: &dyn Cases, store: &Store) {
+    fn announce(&self, cases: &dyn Cases, rows: &Rows) {
         let (runs, threads) = (cases.runs(), self.campaign.threads);
         let mut text = match self.shard {
             Shard::WHOLE => format!("{runs} runs"),
             part => format!("{} of {runs} runs (part {part})", part.cases(runs).len()),
         };
         text += &format!(", {threads} at a time");
-        if store.len() > 0 {
-            text += &format!("; {} are done", store.len());
+        if rows.len() > 0 {
+            text += &format!("; {} are done", rows.len());
         }
         print(&text);
     }
@@ -288,17 +282,16 @@ impl PartPlay<'_> {
     fn play_rest(
         &self,
         cases: &dyn Cases,
-        store: &mut Store,
+        rows: &Rows,
+        writer: &mut Writer,
         folder: &RunFolder,
         files: &Uncopied,
     ) -> Result<(), PartError> {
+        PlayRecord::now(self.overrides).write(folder)?;
         let all = self.shard.cases(cases.runs());
-        let of = all.len();
-        let left: Vec<usize> = all.filter(|case| !store.has(*case)).collect();
-        if !left.is_empty() {
-            PlayRecord::now(self.overrides).write(folder)?;
-        }
-        let bar = RunsBar::new(Some(of), self.campaign.is_shown).going_on_from(store.len());
+        let (of, mut done) = (all.len(), rows.len());
+        let left = all.filter(|case| !rows.has(*case));
+        let bar = RunsBar::new(Some(of), self.campaign.is_shown).going_on_from(done);
         let keep = |case: usize, row: Result<SweepRow, NoResult>| {
             files.check()?;
             let row = match row {
@@ -309,20 +302,21 @@ impl PartPlay<'_> {
                     return Err(PartError::Machine { case, reason });
                 }
             };
-            store.append(&row)?;
-            self.report("reached", cases, store.len(), folder);
+            writer.append(&row)?;
+            done += 1;
+            if done.is_multiple_of(UNSYNCED_MAX) {
+                writer.sync()?;
+            }
+            self.report("reached", cases, done, folder);
             Ok(())
         };
         let work = |case: &usize, watch: &recording::capture::Watch| cases.play(*case, watch);
-        let ended = self.campaign.each(left.into_iter(), &bar, work, keep);
+        let ended = self.campaign.each(left, &bar, work, keep);
         drop(bar);
         match ended {
             Ok(()) => Ok(()),
             Err(Stopped::Refused(error)) => Err(error),
-            Err(Stopped::Interrupted) => Err(PartError::Interrupted {
-                done: store.len(),
-                of,
-            }),
+            Err(Stopped::Interrupted) => Err(PartError::Interrupted { done, of }),
         }
     }
 }
@@ -334,11 +328,7 @@ pub(crate) fn open_folder(
     cases: &dyn Cases,
     shard: Shard,
 ) -> Result<RunFolder, WriteError> {
-    let part = match shard {
-        Shard::WHOLE => String::new(),
-        Shard { number, of } => format!("-{number}-of-{of}"),
-    };
-    let id = format!("{}-{}{part}", cases.kind(), cases.id());
+    let id = folder_id(cases, shard);
     RunFolder::shared(parent, &plan.shared.run.name, &id, |folder| {
         for (name, text) in cases.files() {
             folder.ensure(name, text.as_bytes())?;
@@ -347,14 +337,13 @@ pub(crate) fn open_folder(
     })
 }
 
-/// Prints what was wrong with the rows that were there: a cut at the end is what a kill leaves, the rest is a failure.
-pub(crate) fn print_found(found: &Recovered, is_quiet: bool) {
-    if found.is_torn && !is_quiet {
-        print("the last row was torn; its run is played again");
-    }
-    for words in &found.set_aside {
-        print_error(&format!("canrig: {words}"));
-    }
+/// End of the name of that folder.
+pub(crate) fn folder_id(cases: &dyn Cases, shard: Shard) -> String {
+    let part = match shard {
+        Shard::WHOLE => String::new(),
+        Shard { number, of } => format!("-{number}-of-{of}"),
+    };
+    format!("{}-{}{part}", cases.kind(), cases.id())
 }
 
 #[cfg(test)]

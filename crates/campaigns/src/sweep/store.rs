@@ -1,117 +1,71 @@
-//! The rows of a sweep on the disk: sealed lines of JSON, each appended when its turn comes. Whatever happened to the file, a
-//! row that opens is the one that this program wrote for this sweep; the others are set aside, and their cases played again.
+//! The rows of a campaign on the disk: lines of JSON with a checksum first, in files that have one writer each.
 
 use std::collections::BTreeMap;
+use std::env;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
+use scenario::hexadecimal;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use super::Shard;
 use super::cases::Cases;
 use super::row::SweepRow;
-use super::sealed::{Lines, Place, Seal, is_torn};
+use crate::engine::quoted;
 use judge::verdict::Identity;
-use recording::run_folder::{own_file, replace};
-use scenario::open_to_write;
+use recording::run_folder::{file, own_file};
+use runner::console::print_error;
+use runner::exit::Exit;
 
-/// Name of the file.
-pub(super) const FILE: &str = recording::run_folder::file::ROWS;
-/// Name of the file with the lines that something happened to.
-const DAMAGED: &str = "rows.damaged.jsonl";
-/// Name of a file with the rows of another program, and after the first one with a number.
-const OLDER: &str = "rows.older";
-/// Rows that a power cut may cost; a kill of the program costs none.
-const UNSYNCED_MAX: usize = 32;
-/// Bytes of a file that are read before it must have shown whose it is: more than any damage to a disk takes at a time.
-const FOREIGN_BYTES_MAX: u64 = 64 << 20;
-/// Damaged lines that are named.
+/// Beginning of each line.
+const BEGIN: &str = "{\"checksum\":\"";
+/// Digits of a checksum.
+const DIGITS: usize = 16;
+/// Longest line; a row has some hundred bytes, with a hundred checks some ten thousand.
+const LINE_BYTES_MAX: u64 = 1 << 20;
+/// Lines and cases that a message names.
 const NAMED_MAX: usize = 10;
-/// The format of the file.
-const SCHEMA: u32 = 3;
+/// Variables with the machine's name, as an engine sets them; without one the kernel knows it.
+const NODE_VARIABLES: [&str; 2] = ["CANRIG_NODE", "SLURMD_NODENAME"];
+const KERNEL_NODE: &str = "/proc/sys/kernel/hostname";
 
-/// The first line: whose rows these are.
-#[derive(Clone, Debug, Deserialize, Eq, PartialEq, Serialize)]
-pub(crate) struct Header {
-    /// Version of the format.
-    schema: u32,
-    /// The program's version.
-    pub(crate) version: String,
-    /// The campaign, as [`Cases::id`] names it.
-    pub(super) sweep: String,
-    /// Cases of the whole sweep.
-    pub(crate) runs: usize,
-    /// Which of them are here.
-    pub(super) shard: Shard,
-    /// What takes part in each run.
-    pub(super) identity: Identity,
-}
-
-/// What the first line of an older format has.
-#[derive(Deserialize)]
-struct OlderHeader {
-    version: String,
-    sweep: String,
-}
-
-impl Header {
-    /// What this program would write.
-    pub(crate) fn new(cases: &dyn Cases, identity: &Identity, shard: Shard) -> Self {
-        Self {
-            schema: SCHEMA,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            sweep: cases.id().to_owned(),
-            runs: cases.runs(),
-            shard,
-            identity: identity.clone(),
-        }
-    }
-
-    /// The seal of headers.
-    fn seal() -> Seal {
-        Seal::new("header", String::new())
-    }
-
-    /// The seal of the rows under this header. Those of another campaign or program have another one, so that they open nowhere
-    /// else.
-    fn seal_of_rows(&self) -> Seal {
-        let key = serde_json::to_string(&(&self.sweep, &self.identity)).expect("plain data");
-        Seal::new("row", key)
-    }
-
-    fn line(&self) -> String {
-        Self::seal().close(self)
-    }
-
-    /// Whether another program wrote these rows of the same cases.
-    fn is_older(&self, other: &Self) -> bool {
-        (&self.sweep, self.shard) == (&other.sweep, other.shard)
-            && self.identity.program != other.identity.program
-    }
-}
-
-/// Why the rows cannot be used.
+/// Reason for which rows cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum StoreError {
     #[error("{} cannot be read: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
     #[error("{} cannot be written: {source}. What is done is kept: {}, and give the same command again", path.display(), cure(source))]
     Write { path: PathBuf, source: io::Error },
-    #[error("another canrig is at work on {}", path.display())]
-    Busy { path: PathBuf },
-    #[error("{} is not the store of this sweep, and is left as it is: move it away, and give the same command again", path.display())]
-    Foreign { path: PathBuf },
-    #[error("{} was written by another canrig ({version}): play it again with the command that played it", path.display())]
-    Older { path: PathBuf, version: String },
-    #[error("line {line} of {} is damaged: play it again with the command that played it", path.display())]
-    Damaged { path: PathBuf, line: usize },
-    #[error("the row of case {case} in {} is damaged: play it again with the command that played it", path.display())]
-    DamagedRow { path: PathBuf, case: usize },
+    #[error("{} is being written by {writer}: wait until it has ended, or end it", path.display())]
+    Busy { path: PathBuf, writer: String },
+    #[error("{} has {found}, and nothing of it counts here. `rm {}/rows*.jsonl` makes a new start: then play it again", path.display(), folder_of(path))]
+    Foreign { path: PathBuf, found: String },
+    #[error("the row of case {case} in {} has changed since it was read: give the same command again", path.display())]
+    Changed { path: PathBuf, case: usize },
+    #[error(
+        "{count} of {of} cases are missing: {cases}. Name all parts, and play those again that are not done"
+    )]
+    Missing {
+        count: usize,
+        of: usize,
+        cases: String,
+    },
 }
 
-/// What makes a file writable that was not.
+impl StoreError {
+    pub(crate) fn exit(&self) -> Exit {
+        match self {
+            Self::Foreign { .. } | Self::Missing { .. } => Exit::CannotStart,
+            _ => Exit::BenchFailed,
+        }
+    }
+}
+
+/// Remedy for a file that cannot be written.
 fn cure(error: &io::Error) -> &'static str {
     match error.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "make room",
@@ -119,524 +73,428 @@ fn cure(error: &io::Error) -> &'static str {
     }
 }
 
-/// Rows that grow. They are this program's alone while it is open.
-#[derive(Debug)]
-pub(crate) struct Store {
-    path: PathBuf,
-    file: File,
-    /// Files that this one took the place of: who waits for them must find them locked.
-    replaced: Vec<File>,
-    header: Header,
-    seal: Seal,
-    /// Where the row of each case is.
-    rows: BTreeMap<usize, Place>,
-    end: u64,
-    is_in_order: bool,
-    unsynced: usize,
-    /// Rows that a power cut may cost.
-    unsynced_max: usize,
+/// Folder of a file as a word of a shell.
+fn folder_of(path: &Path) -> String {
+    quoted(&path.parent().unwrap_or(path).to_string_lossy())
 }
 
-/// Keeps others out of the rows of a store while it lives.
-#[derive(Debug)]
-pub(crate) struct Lock {
-    _files: Vec<File>,
-}
-
-/// What a store was like when it was opened.
-#[derive(Debug, Default)]
-pub(crate) struct Recovered {
-    /// Whether the last row was cut where the program was killed.
-    pub(crate) is_torn: bool,
-    /// What was set aside, for people.
-    pub(crate) set_aside: Vec<String>,
-}
-
-/// What is in a file of that name.
-#[derive(Default)]
-pub(super) struct Content {
-    header: Option<Header>,
-    older: Option<OlderHeader>,
-    pub(super) rows: BTreeMap<usize, Place>,
-    is_in_order: bool,
-    /// Lines that do not open, or parts of them, by the numbers of the lines.
-    damaged: Vec<(usize, Place)>,
-    /// What has no end, and is no row cut at the end of the file unless it is the last.
-    torn: Option<(usize, Place)>,
-}
-
-impl Store {
-    /// A store without rows in a file that the caller has opened.
-    pub(super) fn new(path: PathBuf, file: File, header: &Header) -> Self {
-        Self {
-            path,
-            file,
-            replaced: Vec::new(),
-            header: header.clone(),
-            seal: header.seal_of_rows(),
-            end: 0,
-            rows: BTreeMap::new(),
-            is_in_order: true,
-            unsynced: 0,
-            unsynced_max: UNSYNCED_MAX,
-        }
-    }
-
-    /// A store that has all its rows.
-    pub(super) fn of_whole(path: PathBuf, file: File, header: &Header, content: Content) -> Self {
-        Self {
-            rows: content.rows,
-            ..Self::new(path, file, header)
-        }
-    }
-
-    /// Writes the header, and the rows of other files in the order of the cases.
-    pub(super) fn take_over(
-        &mut self,
-        sources: &[(File, BTreeMap<usize, Place>)],
-    ) -> io::Result<()> {
-        let mut places = BTreeMap::new();
-        for (file, rows) in sources {
-            for (case, place) in rows {
-                places.entry(*case).or_insert((file, *place));
-            }
-        }
-        let header = self.header.line();
-        self.end = header.len() as u64;
-        let mut output = BufWriter::new(&self.file);
-        output.write_all(header.as_bytes())?;
-        for (case, (file, place)) in places {
-            output.write_all(&bytes(file, place)?)?;
-            let offset = self.end;
-            self.rows.insert(case, Place { offset, ..place });
-            self.end += place.length as u64;
-        }
-        output.flush()?;
-        drop(output);
-        self.file.sync_data()
-    }
-
-    /// Its lock, without what it knows of a million rows.
-    pub(super) fn into_lock(mut self) -> Lock {
-        self.replaced.push(self.file);
-        Lock {
-            _files: self.replaced,
-        }
-    }
-
-    /// Where it is.
-    pub(super) fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// Opens the rows in a folder, or begins them.
-    pub(super) fn open(folder: &Path, header: &Header) -> Result<(Self, Recovered), StoreError> {
-        let path = folder.join(FILE);
-        own(&path).map_err(read_error(&path))?;
-        if path.exists() {
-            scenario::open_file(&path).map_err(read_error(&path))?;
-        }
-        let file = open_to_write(&path, OpenOptions::new().read(true).truncate(false));
-        let file = file.map_err(write_error(&path))?;
-        if !lock(&file) {
-            return Err(StoreError::Busy { path });
-        }
-        let content = Content::read(&file, header).map_err(read_error(&path))?;
-        let is_older = content.is_older(header);
-        if !is_older && !content.is_ours(&file, header).map_err(read_error(&path))? {
-            return Err(StoreError::Foreign { path });
-        }
-        let mut store = Self::new(path, file, header);
-        let recovered = match is_older {
-            true => store.begin_anew(&content),
-            false => store.recover(content),
-        };
-        Ok((store, recovered?))
-    }
-
-    /// Keeps the rows of another program under another name, and begins anew.
-    fn begin_anew(&mut self, content: &Content) -> Result<Recovered, StoreError> {
-        let set_aside = set_older_aside(&self.path, content).map_err(write_error(&self.path))?;
-        self.rewrite()?;
-        Ok(Recovered {
-            is_torn: false,
-            set_aside: vec![set_aside],
-        })
-    }
-
-    /// Takes over the rows that open, in the order of the cases; the other lines are set aside.
-    fn recover(&mut self, content: Content) -> Result<Recovered, StoreError> {
-        let set_aside = content.set_aside(&self.file, &self.path)?;
-        let is_whole = content.header.is_some() && content.damaged.is_empty();
-        self.rows = content.rows;
-        if is_whole && content.is_in_order {
-            self.end = match self.rows.last_key_value() {
-                Some((_, last)) => last.offset + last.length as u64,
-                None => self.header.line().len() as u64,
-            };
-            let cut = self.file.set_len(self.end);
-            let cut = cut.and_then(|()| self.file.seek(SeekFrom::Start(self.end)));
-            cut.map_err(write_error(&self.path))?;
-        } else {
-            self.rewrite()?;
-        }
-        Ok(Recovered {
-            is_torn: content.torn.is_some(),
-            set_aside: Vec::from_iter(set_aside),
-        })
-    }
-
-    /// Puts a file in the place of this one that has the header and the rows in the order of the cases.
-    fn rewrite(&mut self) -> Result<(), StoreError> {
-        let path = self.path.clone();
-        let replaced = replace(&path, |file| self.write_anew(file));
-        replaced.map_err(write_error(&path))?;
-        self.is_in_order = true;
-        Ok(())
-    }
-
-    /// Writes header and rows to another file, which is this store's from now on. It is locked before it has the name of the other one.
-    fn write_anew(&mut self, file: File) -> io::Result<()> {
-        let mut output = BufWriter::new(file);
-        let header = self.header.line();
-        output.write_all(header.as_bytes())?;
-        let mut offset = header.len() as u64;
-        let mut rows = BTreeMap::new();
-        for (case, place) in &self.rows {
-            output.write_all(&bytes(&self.file, *place)?)?;
-            rows.insert(*case, Place { offset, ..*place });
-            offset += place.length as u64;
-        }
-        let file = output.into_inner()?;
-        file.sync_data()?;
-        (self.rows, self.end) = (rows, offset);
-        self.replaced.push(std::mem::replace(&mut self.file, file));
-        Ok(())
-    }
-
-    /// Whether the row of a case is there.
-    pub(super) fn has(&self, case: usize) -> bool {
-        self.rows.contains_key(&case)
-    }
-
-    /// How many rows there are.
-    pub(super) fn len(&self) -> usize {
-        self.rows.len()
-    }
-
-    /// Appends a row.
-    pub(super) fn append(&mut self, row: &SweepRow) -> Result<(), StoreError> {
-        let line = self.seal.close(row);
-        let written = self.file.write_all(line.as_bytes());
-        written.map_err(write_error(&self.path))?;
-        let place = Place {
-            offset: self.end,
-            length: line.len(),
-        };
-        self.end += line.len() as u64;
-        let last = self.rows.last_key_value();
-        self.is_in_order &= last.is_none_or(|(last, _)| *last < row.case);
-        self.rows.insert(row.case, place);
-        self.unsynced += 1;
-        if self.unsynced >= self.unsynced_max {
-            self.sync()?;
-        }
-        Ok(())
-    }
-
-    /// The same for rows that are somewhere else, too: the disk is asked to keep them at the end only.
-    pub(super) fn of_copies(self) -> Self {
-        Self {
-            unsynced_max: usize::MAX,
-            ..self
-        }
-    }
-
-    /// The row of a case.
-    pub(super) fn row(&self, case: usize) -> Result<Option<SweepRow>, StoreError> {
-        let Some(place) = self.rows.get(&case) else {
-            return Ok(None);
-        };
-        let line = bytes(&self.file, *place).map_err(read_error(&self.path))?;
-        let row = line
-            .strip_suffix(b"\n")
-            .and_then(|line| self.seal.open(line));
-        row.map(Some).ok_or_else(|| StoreError::DamagedRow {
-            path: self.path.clone(),
-            case,
-        })
-    }
-
-    /// Waits until the disk has everything, in the order of the cases.
-    pub(super) fn finish(&mut self) -> Result<(), StoreError> {
-        if !self.is_in_order {
-            self.rewrite()?;
-        }
-        self.sync()
-    }
-
-    fn sync(&mut self) -> Result<(), StoreError> {
-        self.unsynced = 0;
-        self.file.sync_data().map_err(write_error(&self.path))
-    }
-}
-
-impl Content {
-    /// Reads what is there now: another machine may go on writing. Of a file that is not this sweep's, no more than is needed to
-    /// see that.
-    pub(super) fn read(file: &File, header: &Header) -> io::Result<Self> {
-        let seal = header.seal_of_rows();
-        let mut lines = Lines::new(file.take(file.metadata()?.len()));
-        let mut content = Self {
-            is_in_order: true,
-            ..Self::default()
-        };
-        while lines.advance()? {
-            if lines.offset == 0
-                && let Some(line) = lines.whole()
-            {
-                content.header = Header::seal().open(line);
-                content.older = serde_json::from_slice(line).ok();
-                match &content.header {
-                    Some(found) if found != header => break,
-                    Some(_) => continue,
-                    None => {}
-                }
-            }
-            if lines.offset > FOREIGN_BYTES_MAX && content.is_unknown() {
-                break;
-            }
-            for (bytes, place) in lines.parts() {
-                let row = bytes.strip_suffix(b"\n").and_then(|line| seal.open(line));
-                content.add(lines.number, header, row, (bytes, place));
-            }
-        }
-        Ok(content)
-    }
-
-    fn add(
-        &mut self,
-        number: usize,
-        header: &Header,
-        row: Option<SweepRow>,
-        (bytes, place): (&[u8], Place),
-    ) {
-        let is_wanted = |row: &SweepRow| {
-            header.shard.has(row.case, header.runs) && !self.rows.contains_key(&row.case)
-        };
-        let row = row.filter(is_wanted);
-        self.damaged.extend(self.torn.take());
-        match row {
-            Some(row) => {
-                let last = self.rows.last_key_value();
-                self.is_in_order &= last.is_none_or(|(last, _)| *last < row.case);
-                self.rows.insert(row.case, place);
-            }
-            None if is_torn(bytes) => self.torn = Some((number, place)),
-            None => self.damaged.push((number, place)),
-        }
-    }
-
-    /// Whether nothing says so far whose file it is.
-    fn is_unknown(&self) -> bool {
-        self.header.is_none() && self.rows.is_empty()
-    }
-
-    /// Whether this sweep's rows were written by another program.
-    pub(super) fn is_older(&self, header: &Header) -> bool {
-        match (&self.header, &self.older) {
-            (Some(found), _) => found.is_older(header),
-            (None, Some(older)) => older.sweep == header.sweep,
-            (None, None) => false,
-        }
-    }
-
-    /// Whether all rows of the part are here as they were written.
-    pub(super) fn is_whole(&self, header: &Header) -> bool {
-        let is_sound = self.damaged.is_empty() && self.torn.is_none() && self.is_in_order;
-        let of = header.shard.cases(header.runs).len();
-        is_sound && self.header.as_ref() == Some(header) && self.rows.len() == of
-    }
-
-    /// Keeps damaged lines beside the file; what is said of them.
-    pub(super) fn set_aside(&self, file: &File, path: &Path) -> Result<Option<String>, StoreError> {
-        if self.damaged.is_empty() {
-            return Ok(None);
-        }
-        let aside = path.with_file_name(DAMAGED);
-        self.keep_damaged(file, &aside)
-            .map_err(write_error(&aside))?;
-        let numbers: Vec<usize> = self.damaged_lines().map(|parts| parts[0].0).collect();
-        Ok(Some(damaged_words(path, &numbers)))
-    }
-
-    /// The damaged parts of each line.
-    fn damaged_lines(&self) -> impl Iterator<Item = &[(usize, Place)]> {
-        self.damaged.chunk_by(|(one, _), (other, _)| one == other)
-    }
-
-    fn keep_damaged(&self, file: &File, aside: &Path) -> io::Result<()> {
-        let aside = open_to_write(&own(aside)?, OpenOptions::new().append(true))?;
-        let mut output = BufWriter::new(aside);
-        for parts in self.damaged_lines() {
-            for (_, place) in parts {
-                let part = bytes(file, *place)?;
-                output.write_all(part.strip_suffix(b"\n").unwrap_or(&part))?;
-            }
-            output.write_all(b"\n")?;
-        }
-        output.into_inner()?.sync_data()
-    }
-
-    fn version(&self) -> Option<&str> {
-        let own = self.header.as_ref().map(|header| header.version.as_str());
-        own.or(self.older.as_ref().map(|older| older.version.as_str()))
-    }
-
-    /// Whether this program may write here: its header or a row of its own is there, or nothing but the beginning of a header.
-    pub(super) fn is_ours(&self, file: &File, header: &Header) -> io::Result<bool> {
-        if let Some(found) = &self.header {
-            return Ok(found == header);
-        }
-        if !self.rows.is_empty() {
-            return Ok(true);
-        }
-        let line = header.line().into_bytes();
-        let length = usize::try_from(file.metadata()?.len()).unwrap_or(usize::MAX);
-        if length >= line.len() {
-            return Ok(false);
-        }
-        let mut found = vec![0; length];
-        file.read_exact_at(&mut found, 0)?;
-        Ok(line.starts_with(&found))
-    }
-}
-
-/// What is said of damaged lines.
-fn damaged_words(path: &Path, numbers: &[usize]) -> String {
-    let path = path.display();
-    if let [number] = numbers {
-        return format!(
-            "line {number} of {path} is damaged: it is kept in {DAMAGED}; runs without a row are played again"
-        );
-    }
-    let named = numbers.iter().take(NAMED_MAX).map(ToString::to_string);
-    let named = named.collect::<Vec<_>>().join(", ");
-    let more = if numbers.len() > NAMED_MAX {
-        ", …"
-    } else {
-        ""
-    };
-    let count = numbers.len();
-    format!(
-        "{count} lines of {path} are damaged ({named}{more}): they are kept in {DAMAGED}; runs without a row are played again"
-    )
-}
-
-/// Gives the rows of another program another name; what is said of that.
-pub(super) fn set_older_aside(path: &Path, content: &Content) -> io::Result<String> {
-    let mut names = (1..).map(|number| match number {
-        1 => format!("{OLDER}.jsonl"),
-        number => format!("{OLDER}-{number}.jsonl"),
-    });
-    let is_free = |name: &String| !path.with_file_name(name).exists();
-    let name = names
-        .find(is_free)
-        .expect("there are more numbers than files");
-    fs::rename(path, path.with_file_name(&name))?;
-    Ok(format!(
-        "{} was written by another canrig ({}): it is kept as {name}, and its runs are played again",
-        path.display(),
-        content.version().unwrap_or("unknown")
-    ))
-}
-
-/// A file of a campaign's folder, which no link may lead out of.
-fn own(path: &Path) -> io::Result<PathBuf> {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    own_file(folder, path.file_name().unwrap_or_default())
-}
-
-/// Opens a file of a campaign's folder to read it.
-pub(super) fn open(path: &Path) -> io::Result<File> {
-    scenario::open_file(&own(path)?)
-}
-
-fn bytes(file: &File, place: Place) -> io::Result<Vec<u8>> {
-    let mut bytes = vec![0; place.length];
-    file.read_exact_at(&mut bytes, place.offset)?;
-    Ok(bytes)
-}
-
-/// Makes a file this program's alone; whether it is.
-fn lock(file: &File) -> bool {
-    // A file system without locks has to do without.
-    !matches!(file.try_lock(), Err(TryLockError::WouldBlock))
-}
-
-pub(super) fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
+fn read_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
     let path = path.to_owned();
     move |source| StoreError::Read { path, source }
 }
 
-pub(super) fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
+fn write_error(path: &Path) -> impl FnOnce(io::Error) -> StoreError {
     let path = path.to_owned();
     move |source| StoreError::Write { path, source }
 }
 
-/// Whether there are rows in a folder; a part that no machine has ended has none.
-pub(crate) fn has_rows(folder: &Path) -> bool {
-    folder.join(FILE).exists()
+/// First line of a file: the campaign whose rows follow, and their writer.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub(crate) struct Header {
+    /// Version of the program.
+    pub(crate) version: String,
+    /// The campaign, as [`Cases::id`] names it.
+    sweep: String,
+    /// Cases of the whole campaign.
+    pub(crate) runs: usize,
+    /// Participants of each run.
+    identity: Identity,
+    /// Machine and process that write the file.
+    node: String,
+    process: u32,
 }
 
-/// The header of the rows in a folder, and the rows.
-pub(crate) fn read(folder: &Path) -> Result<(Header, StoredRows), StoreError> {
-    let path = folder.join(FILE);
-    let file = open(&path).map_err(read_error(&path))?;
-    let mut lines = Lines::new(file);
-    lines.advance().map_err(read_error(&path))?;
-    let line = lines.whole().unwrap_or_default();
-    let Some(header) = Header::seal().open::<Header>(line) else {
-        return Err(match serde_json::from_slice(line) {
-            Ok(OlderHeader { version, .. }) => StoreError::Older { path, version },
-            Err(_) => StoreError::Damaged { path, line: 1 },
+impl Header {
+    /// Header of the rows that this process would write.
+    pub(crate) fn new(cases: &dyn Cases, identity: &Identity) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            sweep: cases.id().to_owned(),
+            runs: cases.runs(),
+            identity: identity.clone(),
+            node: node(),
+            process: std::process::id(),
+        }
+    }
+
+    /// Header in a folder, whatever its campaign; `None` where there is none.
+    pub(crate) fn read(folder: &Path) -> Result<Option<Self>, StoreError> {
+        for path in files_in(folder)? {
+            if let Some(found) = Self::of(&path)? {
+                return Ok(Some(found));
+            }
+        }
+        Ok(None)
+    }
+
+    fn of(path: &Path) -> Result<Option<Self>, StoreError> {
+        let mut line = Vec::new();
+        let mut input = BufReader::new(opened(path)?).take(LINE_BYTES_MAX);
+        let read = input.read_until(b'\n', &mut line);
+        read.map_err(read_error(path))?;
+        Ok(line.strip_suffix(b"\n").and_then(Self::open))
+    }
+
+    fn line(&self) -> String {
+        close("header", "", self)
+    }
+
+    fn open(line: &[u8]) -> Option<Self> {
+        open("header", "", line)
+    }
+
+    /// Key of the rows' checksums: a row of another campaign, program, plant, law or file does not check.
+    fn key(&self) -> String {
+        serde_json::to_string(&(&self.sweep, &self.identity)).expect("plain data")
+    }
+
+    /// Content of a file with another header, in words; `None` where its rows count here.
+    fn foreign(&self, found: &Self) -> Option<String> {
+        let (ours, theirs) = (&self.identity, &found.identity);
+        let whose = match () {
+            () if theirs.program != ours.program => format!("another canrig ({})", found.version),
+            () if theirs.plant != ours.plant => format!("another plant ({})", theirs.plant),
+            () if theirs.law != ours.law => format!("another law ({})", theirs.law),
+            () if theirs.files != ours.files => {
+                let mut files = theirs.files.iter().chain(&ours.files);
+                let is_other = |name| theirs.files.get(name) != ours.files.get(name);
+                let name = files.find_map(|(name, _)| is_other(name).then_some(name))?;
+                format!("another {name}")
+            }
+            () if found.sweep != self.sweep => "another campaign".to_owned(),
+            () => return None,
+        };
+        Some(format!("rows of {whose}"))
+    }
+}
+
+/// Name of this machine.
+fn node() -> String {
+    let named = NODE_VARIABLES.iter().find_map(|name| env::var(name).ok());
+    let named = named.or_else(|| fs::read_to_string(KERNEL_NODE).ok());
+    let named = named.unwrap_or_default().replace(char::is_control, "");
+    match named.is_empty() {
+        true => "unknown".to_owned(),
+        false => named,
+    }
+}
+
+/// Line of a value, with its end.
+fn close(member: &str, key: &str, value: &impl Serialize) -> String {
+    let text = serde_json::to_string(value).expect("plain data");
+    let checksum = checksum(member, key, &text);
+    format!("{BEGIN}{checksum}\",\"{member}\":{text}}}\n")
+}
+
+/// Value of a line without its end; `None` where the line is not as it was written, or has another member or key.
+fn open<T: DeserializeOwned>(member: &str, key: &str, line: &[u8]) -> Option<T> {
+    let line = str::from_utf8(line).ok()?.strip_prefix(BEGIN)?;
+    let (found, line) = line.split_at_checked(DIGITS)?;
+    let line = line.strip_prefix("\",\"")?.strip_prefix(member)?;
+    let text = line.strip_prefix("\":")?.strip_suffix('}')?;
+    let is_sound = checksum(member, key, text) == found;
+    is_sound.then(|| serde_json::from_str(text).ok())?
+}
+
+fn checksum(member: &str, key: &str, text: &str) -> String {
+    let mut hasher = Sha256::new();
+    for part in [member, key, text] {
+        hasher.update((part.len() as u64).to_le_bytes());
+        hasher.update(part);
+    }
+    hexadecimal(&hasher.finalize()[..DIGITS / 2])
+}
+
+/// Path of a file of rows by its number, from 1.
+fn numbered(folder: &Path, number: usize) -> PathBuf {
+    match number {
+        1 => folder.join(file::ROWS),
+        number => folder.join(format!("rows-{number}.jsonl")),
+    }
+}
+
+/// Files of rows in a folder, in the order in which they were begun.
+fn files_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.map_err(read_error(folder))?,
+    };
+    let mut found = BTreeMap::new();
+    for entry in entries {
+        let name = entry.map_err(read_error(folder))?.file_name();
+        let number = name.to_str().and_then(|name| match name {
+            file::ROWS => Some(1),
+            name => (name.strip_prefix("rows-")?.strip_suffix(".jsonl")?.parse()).ok(),
         });
-    };
-    let seal = header.seal_of_rows();
-    let rows = StoredRows {
-        path,
-        lines,
-        seal,
-        is_over: false,
-    };
-    Ok((header, rows))
+        found.extend(number.map(|number| (number, numbered(folder, number))));
+    }
+    Ok(found.into_values().collect())
 }
 
-/// The rows of a file in their order, up to the first that does not open.
-pub(crate) struct StoredRows {
+/// A file of rows, which no link may lead out of its folder.
+fn opened(path: &Path) -> Result<File, StoreError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let own = own_file(folder, path.file_name().unwrap_or_default());
+    let file = own.and_then(|path| scenario::open_file(&path));
+    file.map_err(read_error(path))
+}
+
+/// Rows in the files of a folder: of each case the first that checks.
+#[derive(Debug)]
+pub(crate) struct Rows {
+    folder: PathBuf,
+    header: Header,
+    key: String,
+    shard: Shard,
+    files: Vec<RowsFile>,
+    rows: BTreeMap<usize, Place>,
+}
+
+/// A file as far as it was read.
+#[derive(Debug)]
+struct RowsFile {
     path: PathBuf,
-    lines: Lines<File>,
-    seal: Seal,
-    is_over: bool,
+    end: u64,
+    lines: usize,
+    /// Numbers of the lines that do not check.
+    damaged: Vec<usize>,
+    /// Whether bytes follow that have no line's end.
+    is_cut: bool,
+    /// Machine that its header names.
+    node: Option<String>,
 }
 
-impl Iterator for StoredRows {
-    type Item = Result<SweepRow, StoreError>;
+/// Place of a row: file, offset and length with the line's end.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    file: usize,
+    offset: u64,
+    length: usize,
+}
 
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.is_over {
-            return None;
+impl Rows {
+    /// Rows of a part of a campaign in a folder, which may not be there yet.
+    pub(crate) fn read(folder: &Path, header: &Header, shard: Shard) -> Result<Self, StoreError> {
+        let mut rows = Self::unread(folder, header, shard);
+        rows.look()?;
+        Ok(rows)
+    }
+
+    /// The same before [`Rows::look`].
+    pub(crate) fn unread(folder: &Path, header: &Header, shard: Shard) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            key: header.key(),
+            header: header.clone(),
+            shard,
+            files: Vec::new(),
+            rows: BTreeMap::new(),
         }
-        self.is_over = true;
-        match self.lines.advance() {
-            Err(error) => return Some(Err(read_error(&self.path)(error))),
-            Ok(false) => return None,
-            Ok(true) => {}
+    }
+
+    /// Reads the lines that were added since.
+    pub(crate) fn look(&mut self) -> Result<(), StoreError> {
+        for path in files_in(&self.folder)? {
+            if !self.files.iter().any(|file| file.path == path) {
+                self.files.push(RowsFile::new(path));
+            }
         }
-        let row = self.lines.whole().and_then(|line| self.seal.open(line));
-        self.is_over = row.is_none();
-        let (path, line) = (self.path.clone(), self.lines.number);
-        Some(row.ok_or(StoreError::Damaged { path, line }))
+        for number in 0..self.files.len() {
+            self.look_at(number)?;
+        }
+        Ok(())
+    }
+
+    fn look_at(&mut self, number: usize) -> Result<(), StoreError> {
+        let file = &mut self.files[number];
+        let mut input = opened(&file.path)?;
+        let start = input.seek(SeekFrom::Start(file.end));
+        start.map_err(read_error(&file.path))?;
+        let mut input = BufReader::new(input);
+        let mut line = Vec::new();
+        loop {
+            line.clear();
+            let bounded = input.by_ref().take(LINE_BYTES_MAX);
+            let length = { bounded }.read_until(b'\n', &mut line);
+            let length = length.map_err(read_error(&file.path))?;
+            let Some(line) = line.strip_suffix(b"\n") else {
+                file.is_cut = length > 0;
+                let path = file.path.clone();
+                let found = format!("a line of more than {LINE_BYTES_MAX} bytes");
+                return match length as u64 == LINE_BYTES_MAX {
+                    true => Err(StoreError::Foreign { path, found }),
+                    false => Ok(()),
+                };
+            };
+            let offset = file.end;
+            file.lines += 1;
+            file.end += length as u64;
+            if let Some(found) = Header::open(line).filter(|_| offset == 0) {
+                if let Some(found) = self.header.foreign(&found) {
+                    let path = file.path.clone();
+                    return Err(StoreError::Foreign { path, found });
+                }
+                file.node = Some(found.node);
+            } else if let Some(row) = open::<SweepRow>("row", &self.key, line) {
+                let place = Place {
+                    file: number,
+                    offset,
+                    length,
+                };
+                if self.shard.has(row.case, self.header.runs) {
+                    self.rows.entry(row.case).or_insert(place);
+                }
+            } else {
+                file.damaged.push(file.lines);
+            }
+        }
+    }
+
+    /// Refuses files that another process is writing, where the file system has locks.
+    pub(crate) fn require_unwritten(&self) -> Result<(), StoreError> {
+        for RowsFile { path, .. } in &self.files {
+            if let Err(TryLockError::WouldBlock) = opened(path)?.try_lock_shared() {
+                let writer = match Header::of(path)? {
+                    Some(Header { node, process, .. }) => format!("process {process} on {node}"),
+                    None => "another process".to_owned(),
+                };
+                let path = path.clone();
+                return Err(StoreError::Busy { path, writer });
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses rows among which cases are missing.
+    pub(crate) fn require_all(&self) -> Result<(), StoreError> {
+        if self.is_whole() {
+            return Ok(());
+        }
+        let all = self.shard.cases(self.header.runs);
+        let of = all.len();
+        let mut missing = all.filter(|case| !self.has(*case));
+        let named = missing.by_ref().take(NAMED_MAX);
+        let named: Vec<String> = named.map(|case| case.to_string()).collect();
+        let more = if missing.next().is_some() {
+            ", …"
+        } else {
+            ""
+        };
+        Err(StoreError::Missing {
+            count: of - self.len(),
+            of,
+            cases: named.join(", ") + more,
+        })
+    }
+
+    /// Prints the lines that do not check.
+    pub(crate) fn print_damaged(&self) {
+        let lines = self.files.iter().flat_map(|file| {
+            let cut = file.is_cut.then_some(file.lines + 1);
+            let lines = file.damaged.iter().copied().chain(cut);
+            lines.map(|line| (line, file.path.display()))
+        });
+        for (line, path) in lines.clone().take(NAMED_MAX) {
+            print_error(&format!(
+                "canrig: line {line} of {path} is damaged or cut short, and does not count"
+            ));
+        }
+        if let more @ 1.. = lines.count().saturating_sub(NAMED_MAX) {
+            print_error(&format!("canrig: and {more} more lines"));
+        }
+    }
+
+    /// Rows in the order of their cases, each checked again.
+    pub(crate) fn iter(
+        &self,
+    ) -> Result<impl Iterator<Item = Result<SweepRow, StoreError>>, StoreError> {
+        let files = self.files.iter().map(|file| opened(&file.path));
+        let files = files.collect::<Result<Vec<File>, _>>()?;
+        Ok(self.rows.iter().map(move |(case, place)| {
+            let mut line = vec![0; place.length];
+            let path = &self.files[place.file].path;
+            let read = files[place.file].read_exact_at(&mut line, place.offset);
+            read.map_err(read_error(path))?;
+            let row = open("row", &self.key, &line[..place.length - 1]);
+            let row = row.filter(|row: &SweepRow| row.case == *case);
+            row.ok_or_else(|| StoreError::Changed {
+                path: path.clone(),
+                case: *case,
+            })
+        }))
+    }
+
+    /// Whether the row of a case is there.
+    pub(crate) fn has(&self, case: usize) -> bool {
+        self.rows.contains_key(&case)
+    }
+
+    /// Number of cases that have a row.
+    pub(crate) fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether each case has a row.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.len() == self.shard.cases(self.header.runs).len()
+    }
+
+    /// Machines that began files, in their order.
+    pub(crate) fn nodes(&self) -> impl Iterator<Item = &str> {
+        self.files.iter().filter_map(|file| file.node.as_deref())
+    }
+}
+
+impl RowsFile {
+    fn new(path: PathBuf) -> Self {
+        Self {
+            path,
+            end: 0,
+            lines: 0,
+            damaged: Vec::new(),
+            is_cut: false,
+            node: None,
+        }
+    }
+}
+
+/// A new file of rows, locked while it is open.
+#[derive(Debug)]
+pub(crate) struct Writer {
+    path: PathBuf,
+    file: File,
+    key: String,
+}
+
+impl Writer {
+    /// Begins the first file that is not there yet.
+    pub(crate) fn begin(folder: &Path, header: &Header) -> Result<Self, StoreError> {
+        let mut number = 1;
+        let (path, mut file) = loop {
+            let path = numbered(folder, number);
+            match OpenOptions::new().write(true).create_new(true).open(&path) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
+                opened => break (path.clone(), opened.map_err(write_error(&path))?),
+            }
+        };
+        // A file system without locks does without.
+        let _ = file.try_lock();
+        let written = file.write_all(header.line().as_bytes());
+        written.map_err(write_error(&path))?;
+        let key = header.key();
+        Ok(Self { path, file, key })
+    }
+
+    /// Appends a row.
+    pub(crate) fn append(&mut self, row: &SweepRow) -> Result<(), StoreError> {
+        let line = close("row", &self.key, row);
+        let written = self.file.write_all(line.as_bytes());
+        written.map_err(write_error(&self.path))
+    }
+
+    /// Waits until the disk has all rows.
+    pub(crate) fn sync(&mut self) -> Result<(), StoreError> {
+        self.file.sync_data().map_err(write_error(&self.path))
     }
 }
 
@@ -650,24 +508,20 @@ pub(super) mod tests {
     const SHARD: Shard = Shard { number: 2, of: 3 };
     const CASES: [usize; 4] = [2, 5, 8, 11];
 
-    pub(in crate::sweep) fn header(sweep: &str, program: &str) -> Header {
+    pub(in crate::sweep) fn header(sweep: &str) -> Header {
         Header {
-            schema: SCHEMA,
             version: "1".to_owned(),
             sweep: sweep.to_owned(),
-            runs: 30,
-            shard: SHARD,
+            runs: 12,
             identity: Identity {
-                program: program.to_owned(),
+                program: "p".to_owned(),
                 plant: "sma_actuator".to_owned(),
                 law: "pid".to_owned(),
                 files: [("scenario.toml".to_owned(), "1f".to_owned())].into(),
             },
+            node: "n12".to_owned(),
+            process: 34,
         }
-    }
-
-    fn ours() -> Header {
-        header("s", "p")
     }
 
     fn row(case: usize) -> SweepRow {
@@ -677,225 +531,315 @@ pub(super) mod tests {
         row
     }
 
-    fn append(store: &mut Store) {
-        for case in CASES {
-            if !store.has(case) {
-                store.append(&row(case)).unwrap();
-            }
+    fn read(folder: &Path) -> Result<Rows, StoreError> {
+        Rows::read(folder, &header("s"), SHARD)
+    }
+
+    fn cases(rows: &Rows) -> Vec<usize> {
+        let all = rows.iter().unwrap().map(Result::unwrap);
+        let all = all.inspect(|found| assert_eq!(*found, row(found.case)));
+        all.map(|row| row.case).collect()
+    }
+
+    /// Writes the rows of these cases into a new file; its bytes.
+    fn write(folder: &Path, cases: &[usize]) -> Vec<u8> {
+        let mut writer = Writer::begin(folder, &header("s")).unwrap();
+        for case in cases {
+            writer.append(&row(*case)).unwrap();
         }
-        store.finish().unwrap();
+        fs::read(&writer.path).unwrap()
     }
 
-    /// The rows in a folder; the bytes of the file.
-    fn written(folder: &Path) -> Vec<u8> {
-        let (mut store, found) = Store::open(folder, &ours()).unwrap();
-        assert_eq!((store.len(), found.set_aside.len()), (0, 0));
-        append(&mut store);
-        fs::read(folder.join(FILE)).unwrap()
+    /// The bytes of a part that was played undisturbed.
+    fn undisturbed() -> Vec<u8> {
+        write(tempfile::tempdir().unwrap().path(), &CASES)
     }
 
-    /// What a program that finds these bytes keeps of them; no row among it is another one than was written. With the rest
-    /// played again, the bytes are what they were.
-    fn kept(bytes: &[u8], whole: &[u8]) -> Result<(Vec<usize>, Recovered), StoreError> {
+    /// Cases and damaged lines that a program finds in these bytes; the last one may be cut. It plays the others, and leaves the
+    /// bytes as they are.
+    fn kept(bytes: &[u8]) -> (Vec<usize>, Vec<usize>) {
         let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join(FILE), bytes).unwrap();
-        let opened = Store::open(folder.path(), &ours());
-        if opened.is_err() {
-            assert_eq!(fs::read(folder.path().join(FILE)).unwrap(), bytes);
-        }
-        let (mut store, found) = opened?;
-        let cases: Vec<usize> = store.rows.keys().copied().collect();
-        let (_, rows) = read(folder.path()).unwrap();
-        let rows: Vec<SweepRow> = rows.map(Result::unwrap).collect();
-        let expected: Vec<SweepRow> = cases.iter().map(|case| row(*case)).collect();
-        assert_eq!(rows, expected);
-        let aside = fs::read(folder.path().join(DAMAGED)).unwrap_or_default();
-        assert_eq!(aside.is_empty(), found.set_aside.is_empty());
-        append(&mut store);
-        assert_eq!(fs::read(folder.path().join(FILE)).unwrap(), whole);
-        Ok((cases, found))
+        let path = folder.path().join("rows.jsonl");
+        fs::write(&path, bytes).unwrap();
+        let mut rows = read(folder.path()).unwrap();
+        let kept = cases(&rows);
+        let file = &rows.files[0];
+        let cut = file.is_cut.then_some(file.lines + 1);
+        let damaged = file.damaged.iter().copied().chain(cut).collect();
+        let left = CASES.into_iter().filter(|case| !rows.has(*case));
+        write(folder.path(), &Vec::from_iter(left));
+        rows.look().unwrap();
+        rows.require_all().unwrap();
+        assert_eq!(cases(&rows), CASES);
+        assert_eq!(fs::read(path).unwrap(), bytes);
+        (kept, damaged)
     }
 
     #[test]
-    fn wherever_it_is_cut_the_whole_rows_stay_and_no_other() {
-        let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
+    fn a_line_is_json_and_only_its_own_member_and_key_open_it() {
+        let line = close("row", "a", &"with \"quotes\"\n");
+        let whole = line.strip_suffix('\n').unwrap();
+        let json: serde_json::Value = serde_json::from_str(whole).unwrap();
+        assert_eq!(json["row"], "with \"quotes\"\n");
+        let opened = |member, key| open::<String>(member, key, whole.as_bytes());
+        assert_eq!(opened("row", "a").as_deref(), Some("with \"quotes\"\n"));
+        assert_eq!(opened("row", "b"), None);
+        let renamed = whole.replace("\"row\"", "\"header\"");
+        assert_eq!(open::<String>("header", "a", renamed.as_bytes()), None);
+    }
+
+    #[test]
+    fn wherever_a_file_is_cut_its_whole_rows_stay_and_the_cut_line_is_named() {
+        let whole = undisturbed();
         for length in 0..=whole.len() {
-            let (cases, found) = kept(&whole[..length], &whole).unwrap();
-            let ends = whole[..length].iter().filter(|byte| **byte == b'\n');
-            assert_eq!(cases, CASES[..ends.count().saturating_sub(1)], "{length}");
-            let is_torn = length > 0 && whole[length - 1] != b'\n';
-            assert_eq!(found.is_torn, is_torn, "{length}");
-            assert!(found.set_aside.is_empty(), "{length}");
+            let (cases, damaged) = kept(&whole[..length]);
+            let lines = whole[..length].iter().filter(|byte| **byte == b'\n');
+            let lines = lines.count();
+            assert_eq!(cases, CASES[..lines.saturating_sub(1)], "{length}");
+            let is_cut = length > 0 && whole[length - 1] != b'\n';
+            assert_eq!(damaged, Vec::from_iter(is_cut.then_some(lines + 1)));
         }
     }
 
     #[test]
-    fn whichever_byte_is_damaged_only_its_own_row_is_lost_and_it_is_named() {
-        let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
-        let last = whole.len() - 1;
-        for place in 0..=last {
-            let line = whole[..place].iter().filter(|byte| **byte == b'\n').count();
-            for other in [whole[place] ^ (1 << (place % 8)), b'\n'] {
+    fn whichever_byte_is_damaged_its_line_is_named_and_only_its_row_is_lost() {
+        let whole = undisturbed();
+        for place in 0..whole.len() {
+            let before = |place| whole[..place].iter().filter(|byte| **byte == b'\n').count();
+            for other in [whole[place] ^ 1, whole[place] ^ 0x20, b'\n'] {
                 if other == whole[place] {
                     continue;
                 }
                 let mut bytes = whole.clone();
                 bytes[place] = other;
-                let (cases, found) = kept(&bytes, &whole).unwrap();
-                let is_lost = |case: &usize| line > 0 && *case == CASES[line - 1];
-                let expected: Vec<usize> =
-                    CASES.into_iter().filter(|case| !is_lost(case)).collect();
-                assert_eq!(cases, expected, "{place} {other}");
-                if place == last {
-                    assert!(found.is_torn);
-                } else {
-                    let words = found.set_aside.concat();
-                    assert!(words.contains("damaged"), "{place}: {words}");
-                }
+                let (cases, damaged) = kept(&bytes);
+                // Without an end, a line goes on as the next one.
+                let lost = before(place)..=before(place + 1).min(CASES.len());
+                let is_kept = |(line, _): &(usize, usize)| !lost.contains(line);
+                let expected = (1..).zip(CASES).filter(is_kept).map(|(_, case)| case);
+                assert_eq!(cases, Vec::from_iter(expected), "{place} {other}");
+                assert_eq!(damaged[0], before(place) + 1, "{place} {other}");
             }
         }
     }
 
     #[test]
     fn whatever_is_damaged_no_other_value_comes_of_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
+        let whole = undisturbed();
         let mut stream = Stream::named(1, "damage");
         let mut at = |limit: usize| usize::try_from(stream.below(limit as u64)).unwrap();
-        let mut refused = 0;
         for _ in 0..300 {
             let mut bytes = whole.clone();
             for _ in 0..=at(4) {
                 let start = at(bytes.len());
-                let end = (start + 1 + at(200)).min(bytes.len());
-                match at(5) {
-                    0 => bytes[start..end].fill(0),
-                    1 => drop(bytes.drain(start..end)),
-                    2 => bytes[start..end].reverse(),
-                    3 => bytes.extend_from_within(start..end),
+                let end = (start + at(40)).min(bytes.len());
+                match at(4) {
+                    0 => drop(bytes.drain(start..end)),
+                    1 => bytes
+                        .splice(start..start, whole[..at(whole.len())].to_vec())
+                        .for_each(drop),
+                    2 => bytes[start..end].fill(0),
                     _ => bytes[start] ^= 1 << at(8),
                 }
                 if bytes.is_empty() {
                     break;
                 }
             }
-            // Where neither header nor any row is left, nobody knows whose file it is.
-            refused += usize::from(kept(&bytes, &whole).is_err());
+            kept(&bytes);
         }
-        assert!(refused < 60, "{refused}");
-    }
-
-    #[test]
-    fn rows_in_another_order_and_twice_are_each_taken_once() {
-        let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
-        let mut lines: Vec<&[u8]> = whole.split_inclusive(|byte| *byte == b'\n').collect();
-        lines.swap(1, 3);
-        assert_eq!(kept(&lines.concat(), &whole).unwrap().0, CASES);
-        lines.push(lines[2]);
-        let (cases, found) = kept(&lines.concat(), &whole).unwrap();
-        assert_eq!(cases, CASES);
-        assert!(found.set_aside.concat().starts_with("line 6 of "));
-    }
-
-    #[test]
-    fn what_somebody_else_wrote_behind_the_rows_is_kept() {
-        let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
-        for other in [&b"notes of somebody else"[..], &[0; 4096], b"a\nb"] {
-            let (cases, found) = kept(&[&whole[..], other].concat(), &whole).unwrap();
-            assert_eq!((cases, found.is_torn), (CASES.to_vec(), false));
-            assert!(found.set_aside.concat().contains("damaged"));
-        }
-    }
-
-    #[test]
-    fn a_reader_names_the_line_that_does_not_open() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut bytes = written(folder.path());
-        let second = bytes.windows(9).position(|part| part == b"\"case\":5,");
-        bytes[second.unwrap() + 7] = b'8';
-        fs::write(folder.path().join(FILE), &bytes).unwrap();
-        let (_, rows) = read(folder.path()).unwrap();
-        let rows: Vec<_> = rows.collect();
-        assert!(
-            matches!(rows[..], [Ok(_), Err(StoreError::Damaged { line: 3, .. })]),
-            "{rows:?}"
-        );
-    }
-
-    #[test]
-    fn a_file_that_is_not_ours_is_left_alone() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join(FILE);
-        let whole = written(folder.path());
-        let other_shard = Header {
-            shard: Shard::WHOLE,
-            ..ours()
-        };
-        for header in [header("other", "p"), other_shard] {
-            let error = Store::open(folder.path(), &header).unwrap_err();
-            assert!(matches!(error, StoreError::Foreign { .. }), "{error}");
-            assert_eq!(fs::read(&path).unwrap(), whole);
-        }
-        for text in [
-            "notes of somebody else\n",
-            "{\"a\":1}\n{\"b\":2}",
-            "{",
-            "\n",
+        for notes in [
+            &b"notes of somebody else\n"[..],
+            b"{\"a\":1}\n{",
+            b"\n",
+            &[0; 4096],
         ] {
-            fs::write(&path, text).unwrap();
-            let opened = Store::open(folder.path(), &ours());
-            // A single brace is how a header begins.
-            assert_eq!(opened.is_err(), text != "{", "{text}");
-            if let Err(error) = opened {
-                assert!(error.to_string().contains("move it away"), "{error}");
-                assert_eq!(fs::read_to_string(&path).unwrap(), text);
+            assert!(kept(notes).0.is_empty());
+            assert_eq!(kept(&[&whole, notes].concat()).0, CASES);
+        }
+    }
+
+    #[test]
+    fn the_first_row_of_a_case_counts_in_the_order_of_files_and_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let reasons = |rows: &Rows| -> Vec<String> {
+            let rows = rows.iter().unwrap().map(Result::unwrap);
+            rows.map(|row| row.reason.unwrap()).collect()
+        };
+        let mut writers: Vec<Writer> = (0..11)
+            .map(|_| Writer::begin(folder.path(), &header("s")).unwrap())
+            .collect();
+        assert!(
+            folder.path().join("rows.jsonl").exists()
+                && folder.path().join("rows-11.jsonl").exists()
+        );
+        let mut append = |file: usize, case, reason: &str| {
+            let row = SweepRow::without_verdict(case, "id", Ended::Fail, reason.to_owned());
+            writers[file - 1].append(&row).unwrap();
+        };
+        append(11, 5, "eleventh");
+        append(10, 5, "tenth");
+        append(2, 8, "second");
+        append(2, 8, "later");
+        append(2, 5, "second");
+        // Cases of other parts.
+        append(2, 3, "no");
+        append(2, 14, "no");
+        let mut rows = read(folder.path()).unwrap();
+        assert_eq!(reasons(&rows), ["second", "second"]);
+        append(1, 5, "too late");
+        append(1, 2, "first");
+        rows.look().unwrap();
+        assert_eq!(reasons(&rows), ["first", "second", "second"]);
+        assert_eq!(rows.nodes().count(), 11);
+    }
+
+    #[test]
+    fn a_row_counts_as_soon_as_its_line_has_an_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut rows = read(&folder.path().join("later")).unwrap();
+        assert_eq!(rows.len(), 0);
+        let whole = undisturbed();
+        let mut rest = whole.as_slice();
+        rows.folder = folder.path().to_owned();
+        let mut file = File::create(folder.path().join("rows-7.jsonl")).unwrap();
+        while let Some((part, left)) = rest.split_at_checked(60.min(rest.len())) {
+            file.write_all(part).unwrap();
+            rows.look().unwrap();
+            let written = &whole[..whole.len() - left.len()];
+            let lines = written.iter().filter(|byte| **byte == b'\n').count();
+            assert_eq!(rows.len(), lines.saturating_sub(1));
+            assert_eq!(rows.files[0].is_cut, !written.ends_with(b"\n"));
+            rest = left;
+            if left.is_empty() {
+                break;
+            }
+        }
+        assert!(rows.is_whole() && rows.files[0].damaged.is_empty());
+        assert_eq!(cases(&rows), CASES);
+    }
+
+    #[test]
+    fn rows_of_others_are_refused_by_name_and_never_count() {
+        type Change = fn(&mut Header);
+        let changes: [(&str, Change); 6] = [
+            ("another canrig (1)", |header| {
+                header.identity.program = "q".to_owned()
+            }),
+            ("another plant (dc_motor)", |header| {
+                header.identity.plant = "dc_motor".to_owned()
+            }),
+            ("another law (mpc)", |header| {
+                header.identity.law = "mpc".to_owned()
+            }),
+            ("another scenario.toml", |header| {
+                header
+                    .identity
+                    .files
+                    .insert("scenario.toml".to_owned(), "2f".to_owned());
+            }),
+            ("another cart.fmu", |header| {
+                header
+                    .identity
+                    .files
+                    .insert("cart.fmu".to_owned(), "1f".to_owned());
+            }),
+            ("another campaign", |header| header.sweep = "t".to_owned()),
+        ];
+        for (words, change) in changes {
+            let parent = tempfile::tempdir().unwrap();
+            let folder = parent.path().join("it's");
+            fs::create_dir(&folder).unwrap();
+            let mut theirs = header("s");
+            change(&mut theirs);
+            Writer::begin(&folder, &header("s")).unwrap();
+            let mut writer = Writer::begin(&folder, &theirs).unwrap();
+            writer.append(&row(2)).unwrap();
+            let error = read(&folder).unwrap_err();
+            assert_eq!(error.exit(), Exit::CannotStart);
+            let path = folder.join("rows-2.jsonl");
+            let words = format!(
+                "{} has rows of {words}, and nothing of it counts here.",
+                path.display()
+            );
+            assert!(error.to_string().starts_with(&words), "{error}");
+            let quoted = folder.to_string_lossy().replace('\'', "'\\''");
+            assert!(
+                error
+                    .to_string()
+                    .contains(&format!("`rm '{quoted}'/rows*.jsonl`")),
+                "{error}"
+            );
+            // Nor do they under a header of ours, or under none.
+            let text = fs::read_to_string(&path).unwrap();
+            let (_, theirs) = text.split_once('\n').unwrap();
+            for begin in [header("s").line(), "\n".to_owned(), String::new()] {
+                fs::write(&path, begin + theirs).unwrap();
+                let rows = read(&folder).unwrap();
+                assert_eq!((rows.len(), rows.files[1].damaged.is_empty()), (0, false));
             }
         }
     }
 
     #[test]
-    fn a_damaged_line_is_named_once_with_its_own_number() {
+    fn a_line_that_is_longer_than_any_row_is_refused_and_not_read_to_its_end() {
         let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
-        let begin = whole.split_inclusive(|byte| *byte == b'\n').next().unwrap();
-        // A line that is read in parts, and one that begins as two rows do.
-        let long = [vec![b'x'; 3 << 20], b"\n".to_vec()].concat();
-        let torn = [&begin[..50], &begin[..60], b"\n"].concat();
-        let bytes = [begin, &long, &torn, &whole[begin.len()..]].concat();
-        let (cases, found) = kept(&bytes, &whole).unwrap();
-        assert_eq!(cases, CASES);
-        let words = found.set_aside.concat();
-        assert!(words.starts_with("2 lines of "), "{words}");
-        assert!(words.contains("are damaged (2, 3):"), "{words}");
-        fs::write(folder.path().join(FILE), bytes).unwrap();
-        Store::open(folder.path(), &ours()).unwrap();
-        let aside = fs::read(folder.path().join(DAMAGED)).unwrap();
-        assert!(aside == [long, torn].concat());
+        write(folder.path(), &CASES);
+        let path = folder.path().join("rows-2.jsonl");
+        // A hole, which takes no room, and an hour to be read.
+        let file = File::create(&path).unwrap();
+        file.set_len(4 << 40).unwrap();
+        let error = read(folder.path()).unwrap_err();
+        let words = format!("{} has a line of more than 1048576 bytes", path.display());
+        assert!(error.to_string().starts_with(&words), "{error}");
+        file.set_len(LINE_BYTES_MAX - 1).unwrap();
+        assert_eq!(cases(&read(folder.path()).unwrap()), CASES);
     }
 
     #[test]
-    fn a_huge_file_of_somebody_else_is_not_read_to_its_end() {
+    fn a_file_that_is_being_written_is_refused_with_its_writer() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join(FILE);
-        let other = header("other", "p").line();
-        for begin in [b"".as_slice(), other.as_bytes()] {
-            fs::write(&path, begin).unwrap();
-            // A hole, which takes no room, and an hour to be read.
-            let length = 4 << 40;
-            File::options()
-                .write(true)
-                .open(&path)
-                .unwrap()
-                .set_len(length)
-                .unwrap();
-            let error = Store::open(folder.path(), &ours()).unwrap_err();
-            assert!(matches!(error, StoreError::Foreign { .. }), "{error}");
-            assert_eq!(path.metadata().unwrap().len(), length);
-        }
+        write(folder.path(), &[2]);
+        let rows = read(folder.path()).unwrap();
+        rows.require_unwritten().unwrap();
+        let writer = Writer::begin(folder.path(), &header("s")).unwrap();
+        let rows = read(folder.path()).unwrap();
+        let error = rows.require_unwritten().unwrap_err().to_string();
+        let words = "rows-2.jsonl is being written by process 34 on n12: wait";
+        assert!(error.contains(words), "{error}");
+        drop(writer);
+        rows.require_unwritten().unwrap();
+    }
+
+    #[test]
+    fn a_row_that_is_another_one_than_was_read_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let bytes = write(folder.path(), &CASES);
+        let rows = read(folder.path()).unwrap();
+        let mut lines: Vec<&[u8]> = bytes.split_inclusive(|byte| *byte == b'\n').collect();
+        lines.swap(2, 3);
+        let last = String::from_utf8_lossy(lines[4]).replace("id", "di");
+        lines[4] = last.as_bytes();
+        fs::write(folder.path().join("rows.jsonl"), lines.concat()).unwrap();
+        let found = rows.iter().unwrap().map(|row| match row {
+            Err(StoreError::Changed { case, .. }) => case,
+            row => row.map(|_| 0).unwrap(),
+        });
+        assert_eq!(Vec::from_iter(found), [0, 5, 8, 11]);
+    }
+
+    #[test]
+    fn missing_cases_are_counted_and_ten_of_them_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = |shard| {
+            let rows = Rows::read(folder.path(), &header("s"), shard).unwrap();
+            rows.require_all().unwrap_err().to_string()
+        };
+        write(folder.path(), &[2]);
+        let words = "11 of 12 cases are missing: 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, ….";
+        assert!(missing(Shard::WHOLE).starts_with(words));
+        assert!(missing(SHARD).starts_with("3 of 4 cases are missing: 5, 8, 11."));
+        write(folder.path(), &[5]);
+        assert!(missing(Shard::WHOLE).contains(" 10, 11, 12."));
     }
 
     #[test]
@@ -905,67 +849,5 @@ pub(super) mod tests {
         assert!(words(io::ErrorKind::QuotaExceeded).contains("make room"));
         let words = words(io::ErrorKind::PermissionDenied);
         assert!(words.ends_with("see that it can be written, and give the same command again"));
-    }
-
-    #[test]
-    fn a_store_is_busy_until_its_lock_is_dropped_also_when_it_was_written_anew() {
-        let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
-        let theirs = folder.path().join("theirs");
-        fs::write(&theirs, "theirs").unwrap();
-        std::os::unix::fs::symlink(&theirs, folder.path().join("rows.jsonl.partial")).unwrap();
-        fs::write(folder.path().join(FILE), [b"\n", &whole[..]].concat()).unwrap();
-        let lock = Store::open(folder.path(), &ours()).unwrap().0.into_lock();
-        let error = Store::open(folder.path(), &ours()).unwrap_err();
-        assert!(matches!(error, StoreError::Busy { .. }), "{error}");
-        drop(lock);
-        Store::open(folder.path(), &ours()).unwrap();
-        assert_eq!(fs::read(theirs).unwrap(), b"theirs");
-    }
-
-    #[test]
-    fn rows_of_another_program_are_set_aside_and_never_counted() {
-        let folder = tempfile::tempdir().unwrap();
-        let older = written(folder.path());
-        let format_1 = format!(
-            "{{\"schema\":1,\"version\":\"0\",\"sweep\":\"s\",\"runs\":30,\"shard\":{{\"number\":2,\"of\":3}}}}\n{}\n",
-            serde_json::to_string(&row(2)).unwrap()
-        );
-        let newer = header("s", "another build");
-        let (store, found) = Store::open(folder.path(), &newer).unwrap();
-        let words = found.set_aside.concat();
-        assert!(words.contains("another canrig (1)"), "{words}");
-        assert_eq!(store.len(), 0);
-        drop(store);
-        fs::write(folder.path().join(FILE), &format_1).unwrap();
-        let (store, found) = Store::open(folder.path(), &newer).unwrap();
-        let words = found.set_aside.concat();
-        assert!(words.contains("another canrig (0)"), "{words}");
-        assert_eq!(store.len(), 0);
-        let kept = |name: &str| fs::read(folder.path().join(name)).unwrap();
-        assert_eq!(kept("rows.older.jsonl"), older);
-        assert_eq!(kept("rows.older-2.jsonl"), format_1.as_bytes());
-        // Put under a new header, they do not open either.
-        let first = older.iter().position(|byte| *byte == b'\n').unwrap() + 1;
-        let mixed = [newer.line().as_bytes(), &older[first..]].concat();
-        drop(store);
-        fs::write(folder.path().join(FILE), mixed).unwrap();
-        let (store, found) = Store::open(folder.path(), &newer).unwrap();
-        assert_eq!(store.len(), 0);
-        assert!(found.set_aside.concat().starts_with("4 lines of "));
-    }
-
-    #[test]
-    fn two_programs_never_write_the_same_rows() {
-        let folder = tempfile::tempdir().unwrap();
-        let whole = written(folder.path());
-        // In the first case the file is there as it is, in the second one another took its place.
-        for before in ["", "\n"] {
-            let bytes = [before.as_bytes(), &whole].concat();
-            fs::write(folder.path().join(FILE), bytes).unwrap();
-            let _first = Store::open(folder.path(), &ours()).unwrap();
-            let error = Store::open(folder.path(), &ours()).unwrap_err();
-            assert!(matches!(error, StoreError::Busy { .. }), "{error}");
-        }
     }
 }

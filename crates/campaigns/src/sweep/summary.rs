@@ -1,7 +1,6 @@
 //! What a sweep came to as a whole: how its cases ended, and how each metric is distributed.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use plan::Plan;
 use scenario::expect::Limit;
@@ -9,7 +8,7 @@ use scenario::expect::Limit;
 use super::cases::Cases;
 use super::drivers::{Driven, Sampler};
 use super::row::{Ended, SweepRow};
-use super::store::{self, StoreError};
+use super::store::{Rows, StoreError};
 use crate::distribution::{quantile, staircase};
 
 /// Cases that do not pass and are written as scenarios and listed.
@@ -86,7 +85,7 @@ impl Survey {
     fn read(
         cases: &dyn Cases,
         limits: &[(String, Limit)],
-        folder: &Path,
+        rows: &Rows,
     ) -> Result<Self, StoreError> {
         let mut survey = Self {
             runs: 0,
@@ -96,7 +95,7 @@ impl Survey {
             failing: Vec::new(),
             sampler: Sampler::new(cases.runs(), limits),
         };
-        for row in store::read(folder)?.1 {
+        for row in rows.iter()? {
             survey.add(cases, row?);
         }
         survey.add_limited(limits);
@@ -137,16 +136,16 @@ impl Survey {
 }
 
 impl Summary {
-    /// Of the rows in a folder.
-    pub(super) fn read(cases: &dyn Cases, plan: &Plan, folder: &Path) -> Result<Self, StoreError> {
+    /// Of the rows of all cases.
+    pub(super) fn read(cases: &dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, StoreError> {
         let limits = cases.limits(plan);
-        let survey = Survey::read(cases, &limits, folder)?;
+        let survey = Survey::read(cases, &limits, rows)?;
         let limits: BTreeMap<String, Limit> = limits.into_iter().collect();
         Ok(Self {
             name: cases.name().to_owned(),
             runs: survey.runs,
             runs_of_whole: cases.runs(),
-            spreads: spreads(&survey, &limits, folder)?,
+            spreads: spreads(&survey, &limits, rows)?,
             driven: survey.sampler.driven(cases),
             ended: survey.ended,
             keys: cases.ways(),
@@ -180,13 +179,13 @@ impl Summary {
 fn spreads(
     survey: &Survey,
     limits: &BTreeMap<String, Limit>,
-    folder: &Path,
+    rows: &Rows,
 ) -> Result<Vec<MetricSpread>, StoreError> {
     let group = (VALUES_MAX / survey.runs.max(1)).max(1);
     let mut spreads = Vec::new();
     for names in survey.metrics.chunks(group) {
         let mut columns = vec![Vec::new(); names.len()];
-        for row in store::read(folder)?.1 {
+        for row in rows.iter()? {
             let row = row?;
             for (column, name) in columns.iter_mut().zip(names) {
                 column.extend(row.metric(name));

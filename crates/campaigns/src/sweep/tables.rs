@@ -2,11 +2,10 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
 
 use super::cases::Cases;
 use super::row::SweepRow;
-use super::store::{self, StoreError};
+use super::store::Rows;
 use exports::parquet::{Cells, ColumnKind, ParquetTable};
 use recording::cell::inert;
 
@@ -22,8 +21,7 @@ pub(super) struct Tables<'a> {
     pub(super) cases: &'a dyn Cases,
     /// The metrics that any row has, or that have a limit.
     pub(super) metrics: &'a [String],
-    /// The folder with the rows.
-    pub(super) folder: &'a Path,
+    pub(super) rows: &'a Rows,
 }
 
 impl Tables<'_> {
@@ -48,8 +46,8 @@ impl Tables<'_> {
     }
 
     fn rows(&self) -> io::Result<impl Iterator<Item = io::Result<SweepRow>>> {
-        let (_, rows) = store::read(self.folder).map_err(io::Error::other)?;
-        Ok(rows.map(|row: Result<SweepRow, StoreError>| row.map_err(io::Error::other)))
+        let rows = self.rows.iter().map_err(io::Error::other)?;
+        Ok(rows.map(|row| row.map_err(io::Error::other)))
     }
 
     /// Writes the CSV table.
@@ -137,10 +135,13 @@ fn is_no_seed(key: &&str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
     use crate::sweep::Shard;
     use crate::sweep::row::Ended;
-    use crate::sweep::store::{Header, Store};
+    use crate::sweep::store::tests::header;
+    use crate::sweep::store::{Header, Writer};
     use crate::sweep::sweep_cases::SweepCases;
     use plan::Plan;
     use proptest::prelude::*;
@@ -164,7 +165,8 @@ mod tests {
             let plan = Plan::parse_beside(&Beside::new(Path::new("s.toml")), TEXT.to_owned(), catalogue()).unwrap();
             let cases = SweepCases::new(&plan).unwrap();
             let metrics = [text.clone()];
-            let tables = Tables { cases: &cases, metrics: &metrics, folder: Path::new("") };
+            let rows = Rows::unread(Path::new(""), &header("s"), Shard::WHOLE);
+            let tables = Tables { cases: &cases, metrics: &metrics, rows: &rows };
             let mut row = SweepRow::without_verdict(1, &text, Ended::Fail, text.clone());
             (row.missed, row.metrics) = (vec![text.clone()], vec![(text.clone(), value)]);
             let mut written = csv::Writer::from_writer(Vec::new());
@@ -210,18 +212,21 @@ mod tests {
         let identity = identity(&plan).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let header = Header::new(&cases, &identity, Shard::WHOLE);
-        let (mut store, _) = Store::open(folder.path(), &header).unwrap();
+        let header = Header::new(&cases, &identity);
+        let mut writer = Writer::begin(folder.path(), &header).unwrap();
         let row = |case| {
             let id = &cases.case(case).id;
             SweepRow::without_verdict(case, id, Ended::Invalid, "no".to_owned())
         };
         let rows: Vec<SweepRow> = (1..=4).map(row).collect();
-        rows.iter().for_each(|row| store.append(row).unwrap());
+        // In another order than that of the cases.
+        let mut written = rows.iter().rev();
+        written.try_for_each(|row| writer.append(row)).unwrap();
+        let stored = Rows::read(folder.path(), &header, Shard::WHOLE).unwrap();
         let tables = Tables {
             cases: &cases,
             metrics: &[],
-            folder: folder.path(),
+            rows: &stored,
         };
 
         let path = folder.path().join(CSV);

@@ -15,7 +15,7 @@ use crate::sweep::estimate::Estimate;
 use crate::sweep::finish::Shown;
 use crate::sweep::part::{PartArgs, PartPlay};
 use crate::sweep::row::SweepRow;
-use crate::sweep::store::{self, StoreError};
+use crate::sweep::store::{Rows, StoreError};
 use plan::Plan;
 use recording::capture::Watch;
 use runner::console::{RunsBar, print, print_error};
@@ -141,8 +141,8 @@ fn part(
         let text = error.to_string();
         (text, error.exit())
     });
-    let counted = counted.and_then(|(folder, _lock)| {
-        let broken = broken_in(folder.path());
+    let counted = counted.and_then(|(_, rows, _)| {
+        let broken = broken_in(&rows);
         broken.map_err(|error| (error.to_string(), Exit::BenchFailed))
     });
     match counted {
@@ -240,22 +240,18 @@ fn play(campaign: Campaign, cases: &TortureCases) -> Result<(usize, Broken), Sto
     Ok((played, broken))
 }
 
-/// What the rows in a folder broke.
-fn broken_in(folder: &Path) -> Result<Broken, StoreError> {
+/// What the rows broke.
+fn broken_in(rows: &Rows) -> Result<Broken, StoreError> {
     let mut broken = Broken::default();
-    for row in store::read(folder)?.1 {
+    for row in rows.iter()? {
         broken.add(row?);
     }
     Ok(broken)
 }
 
-/// Shrinks the first case of each invariant that the rows in a folder of torture broke.
-pub(crate) fn shrink_first(
-    folder: &Path,
-    cases: &TortureCases,
-    output: &Path,
-) -> Result<(), String> {
-    let broken = broken_in(folder).map_err(|error| error.to_string())?;
+/// Shrinks the first case of each invariant that the rows of torture broke.
+pub(crate) fn shrink_first(rows: &Rows, cases: &TortureCases, output: &Path) -> Result<(), String> {
+    let broken = broken_in(rows).map_err(|error| error.to_string())?;
     shrink_all(output, &broken, |number| cases.case(number))
 }
 
