@@ -3,6 +3,7 @@
 //! A model is anything that is [`Exported`]. The program writes its FMU ([`write_fmu`]): a description, and a shared library that has the
 //! C functions and knows the model. Such a library is a crate of type `cdylib` that [`export!`](crate::export!) names its models in.
 
+mod component;
 mod describe;
 mod played;
 mod three;

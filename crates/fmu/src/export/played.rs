@@ -49,8 +49,9 @@ impl Played {
         Ok(())
     }
 
-    pub(super) fn set_time(&mut self, time_seconds: f64) {
+    pub(super) fn set_time(&mut self, time_seconds: f64) -> Result<(), String> {
         self.time_seconds = time_seconds;
+        Ok(())
     }
 
     fn place(&self, reference: u32) -> Result<usize, String> {

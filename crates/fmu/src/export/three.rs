@@ -4,60 +4,12 @@
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::null_mut;
 
-use super::played::{Failure, Played, guarded};
+use super::component::{
+    Component, ERROR, OK, free, get, made, not_served, of_no_variable, on, set,
+};
+use super::played::Played;
 
-type Component = *mut c_void;
 type LogMessage = unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char);
-
-/// What a component points to.
-struct Instance {
-    played: Played,
-    log: Option<LogMessage>,
-    environment: *mut c_void,
-}
-
-const OK: c_int = 0;
-const ERROR: c_int = 3;
-
-fn tell(log: Option<LogMessage>, environment: *mut c_void, failure: Failure) -> c_int {
-    let status = failure.status();
-    let words = failure.words();
-    if let Some(log) = log {
-        // SAFETY: the importer's function, with C strings.
-        unsafe {
-            log(
-                environment,
-                status,
-                c"logStatusError".as_ptr(),
-                words.as_ptr(),
-            )
-        };
-    }
-    status
-}
-
-/// # Safety
-/// `component` is null, or what [`fmi3InstantiateCoSimulation`] returned and nothing freed.
-unsafe fn on(component: Component, work: impl FnOnce(&mut Played) -> Result<(), String>) -> c_int {
-    // SAFETY: by the caller.
-    let Some(instance) = (unsafe { component.cast::<Instance>().as_mut() }) else {
-        return ERROR;
-    };
-    match guarded(|| work(&mut instance.played)) {
-        Ok(()) => OK,
-        Err(failure) => tell(instance.log, instance.environment, failure),
-    }
-}
-
-/// # Safety
-/// Null, or `count` values that live through the call.
-unsafe fn slice<'a, T>(values: *const T, count: usize) -> &'a [T] {
-    match values.is_null() {
-        true => &[],
-        // SAFETY: by the caller.
-        false => unsafe { std::slice::from_raw_parts(values, count) },
-    }
-}
 
 #[unsafe(no_mangle)]
 pub(super) extern "C" fn fmi3GetVersion() -> *const c_char {
@@ -84,26 +36,26 @@ pub(super) unsafe extern "C" fn fmi3InstantiateCoSimulation(
     }
     // SAFETY: a text of the importer, by FMI.
     let token = unsafe { CStr::from_ptr(token) }.to_string_lossy();
-    match guarded(|| Played::new(&token)) {
-        Ok(played) => Box::into_raw(Box::new(Instance {
-            played,
-            log,
-            environment,
-        }))
-        .cast(),
-        Err(failure) => {
-            tell(log, environment, failure);
-            null_mut()
+    let tell = move |status, words: &CStr| {
+        if let Some(log) = log {
+            // SAFETY: the importer's function, with C strings.
+            unsafe {
+                log(
+                    environment,
+                    status,
+                    c"logStatusError".as_ptr(),
+                    words.as_ptr(),
+                )
+            };
         }
-    }
+    };
+    made(|| Played::new(&token), Box::new(tell))
 }
 
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi3FreeInstance(component: Component) {
-    if !component.is_null() {
-        // SAFETY: what `fmi3InstantiateCoSimulation` returned, for the last time.
-        drop(unsafe { Box::from_raw(component.cast::<Instance>()) });
-    }
+    // SAFETY: what `fmi3InstantiateCoSimulation` returned, for the last time.
+    unsafe { free(component) };
 }
 
 #[unsafe(no_mangle)]
@@ -116,12 +68,7 @@ pub(super) unsafe extern "C" fn fmi3EnterInitializationMode(
     _stop_seconds: f64,
 ) -> c_int {
     // SAFETY: a component, by FMI, as in all functions below.
-    unsafe {
-        on(component, |played| {
-            played.set_time(start_seconds);
-            Ok(())
-        })
-    }
+    unsafe { on(component, |played| played.set_time(start_seconds)) }
 }
 
 #[unsafe(no_mangle)]
@@ -162,14 +109,7 @@ pub(super) unsafe extern "C" fn fmi3GetFloat64(
     _values_count: usize,
 ) -> c_int {
     // SAFETY: as above, with as many references as room for values: no variable is an array.
-    unsafe {
-        on(component, |played| {
-            for (place, reference) in slice(references, count).iter().enumerate() {
-                *values.add(place) = played.number(*reference)?;
-            }
-            Ok(())
-        })
-    }
+    unsafe { get(component, references, count, values, Played::number) }
 }
 
 #[unsafe(no_mangle)]
@@ -181,12 +121,7 @@ pub(super) unsafe extern "C" fn fmi3SetFloat64(
     _values_count: usize,
 ) -> c_int {
     // SAFETY: as above, with as many references as values.
-    unsafe {
-        let pairs = slice(references, count).iter().zip(slice(values, count));
-        on(component, |played| {
-            { pairs }.try_for_each(|(reference, value)| played.set_number(*reference, *value))
-        })
-    }
+    unsafe { set(component, references, count, values, Played::set_number) }
 }
 
 #[unsafe(no_mangle)]
@@ -199,11 +134,8 @@ pub(super) unsafe extern "C" fn fmi3GetString(
 ) -> c_int {
     // SAFETY: as above, with as many references as room for values.
     unsafe {
-        on(component, |played| {
-            for (place, reference) in slice(references, count).iter().enumerate() {
-                *values.add(place) = played.word(*reference)?.as_ptr();
-            }
-            Ok(())
+        get(component, references, count, values, |played, reference| {
+            Ok(played.word(reference)?.as_ptr())
         })
     }
 }
@@ -218,12 +150,13 @@ pub(super) unsafe extern "C" fn fmi3SetString(
 ) -> c_int {
     // SAFETY: as above, with as many references as values, each a C string.
     unsafe {
-        let pairs = slice(references, count).iter().zip(slice(values, count));
-        on(component, |played| {
-            { pairs }.try_for_each(|(reference, value)| {
-                played.set_word(*reference, CStr::from_ptr(*value))
-            })
-        })
+        set(
+            component,
+            references,
+            count,
+            values,
+            |played, reference, word| played.set_word(reference, CStr::from_ptr(word)),
+        )
     }
 }
 
@@ -256,19 +189,7 @@ pub(super) unsafe extern "C" fn fmi3DoStep(
     }
 }
 
-/// Functions of what the FMUs do not have: other interfaces, events, clocks, saved states, derivatives, arrays. They only refuse; what
-/// else they are called with stays where C put it.
-macro_rules! not_served {
-    ($($name:ident)+) => {
-        $(
-            #[unsafe(no_mangle)]
-            pub(super) extern "C" fn $name(_component: Component) -> c_int {
-                ERROR
-            }
-        )+
-    };
-}
-
+// Other interfaces, events, clocks, saved states, derivatives, arrays.
 not_served! {
     fmi3EnterEventMode fmi3EnterStepMode fmi3UpdateDiscreteStates fmi3EvaluateDiscreteStates fmi3EnterConfigurationMode
     fmi3ExitConfigurationMode fmi3GetNumberOfVariableDependencies fmi3GetVariableDependencies fmi3GetFMUState
@@ -293,18 +214,6 @@ macro_rules! no_instance {
 }
 
 no_instance! { fmi3InstantiateModelExchange fmi3InstantiateScheduledExecution }
-
-/// Values of a type that no variable has: none of them can be got or set, and nothing is asked of none.
-macro_rules! of_no_variable {
-    ($($name:ident)+) => {
-        $(
-            #[unsafe(no_mangle)]
-            pub(super) extern "C" fn $name(_component: Component, _references: *const u32, count: usize) -> c_int {
-                if count == 0 { OK } else { ERROR }
-            }
-        )+
-    };
-}
 
 of_no_variable! {
     fmi3GetFloat32 fmi3GetInt8 fmi3GetUInt8 fmi3GetInt16 fmi3GetUInt16 fmi3GetInt32 fmi3GetUInt32 fmi3GetInt64 fmi3GetUInt64

@@ -4,6 +4,7 @@
 #![expect(unsafe_code, reason = "an FMU's functions are C")]
 
 pub(crate) mod law;
+mod loaded;
 mod log;
 mod python;
 mod three;
@@ -115,10 +116,11 @@ pub(crate) fn instantiate(
         token: text(&description.token)?,
         resources: text(&resources_in(folder, description.version))?,
     };
-    Ok(match description.version {
-        Version::Two => Box::new(two::Two::new(library, name, &made)?),
-        Version::Three => Box::new(three::Three::new(library, name, &made)?),
-    })
+    let instance = match description.version {
+        Version::Two => two::instance(library, name, &made)?,
+        Version::Three => three::instance(library, name, &made)?,
+    };
+    Ok(Box::new(instance))
 }
 
 /// What an instance is made of.

@@ -1,17 +1,15 @@
 //! The functions of FMI 2.0 for co-simulation, by `fmi2FunctionTypes.h`.
 
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
-use std::ptr::null_mut;
 
 use libloading::os::unix::Library;
 
+use super::loaded::{Calls, Component, Family, Loaded, Numbers, Plain, Step};
 use super::log::Log;
-use super::{Made, Slave, Status, Stepped, Updated, function, whole};
+use super::{Made, Status, Stepped, function, whole};
 use crate::description::Kind;
 use crate::error::Fault;
 
-type Component = *mut c_void;
-type Plain = unsafe extern "C" fn(Component) -> c_int;
 type Get<T> = unsafe extern "C" fn(Component, *const c_uint, usize, *mut T) -> c_int;
 type Set<T> = unsafe extern "C" fn(Component, *const c_uint, usize, *const T) -> c_int;
 type Instantiate = unsafe extern "C" fn(
@@ -27,6 +25,8 @@ type SetupExperiment = unsafe extern "C" fn(Component, c_int, f64, f64, c_int, f
 type DoStep = unsafe extern "C" fn(Component, f64, f64, c_int) -> c_int;
 type GetStatus<T> = unsafe extern "C" fn(Component, c_int, *mut T) -> c_int;
 
+/// Name of the function that makes an instance.
+const INSTANTIATE: &str = "fmi2Instantiate";
 /// `fmi2CoSimulation`.
 const CO_SIMULATION: c_int = 1;
 /// `fmi2LastSuccessfulTime`.
@@ -84,219 +84,116 @@ unsafe extern "C" fn logger(
     }
 }
 
-/// An instance.
-pub(super) struct Two {
-    component: Component,
-    is_alive: bool,
-    free_instance: unsafe extern "C" fn(Component),
-    setup_experiment: SetupExperiment,
-    enter_initialization: Plain,
-    exit_initialization: Plain,
-    terminate: Plain,
-    do_step: DoStep,
-    real_status: Option<GetStatus<f64>>,
-    boolean_status: Option<GetStatus<c_int>>,
-    get_real: Get<f64>,
-    set_real: Set<f64>,
-    get_integer: Option<Get<c_int>>,
-    set_integer: Option<Set<c_int>>,
-    get_boolean: Option<Get<c_int>>,
-    set_boolean: Option<Set<c_int>>,
-    set_string: Option<Set<*const c_char>>,
-    // What the component points to, for as long as it lives.
-    callbacks: Box<Callbacks>,
-    log: Box<Log>,
-    library: Library,
+/// Functions of FMI 2.0.
+struct Two;
+
+impl Family for Two {
+    const PREFIX: &'static str = "fmi2";
+    type Get<T: 'static> = Get<T>;
+    type Set<T: 'static> = Set<T>;
+
+    unsafe fn get<T>(get: Get<T>, of: Component, reference: u32, value: &mut T) -> c_int {
+        // SAFETY: by the caller, with one reference and room for one value.
+        unsafe { get(of, &raw const reference, 1, value) }
+    }
+
+    unsafe fn set<T>(set: Set<T>, of: Component, reference: u32, value: &T) -> c_int {
+        // SAFETY: by the caller, with one reference and one value.
+        unsafe { set(of, &raw const reference, 1, value) }
+    }
 }
 
-impl Two {
-    pub(super) fn new(library: Library, name: &CStr, made: &Made<'_>) -> Result<Self, Fault> {
-        let log = Box::new(Log::default());
+/// An instance in a library.
+pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result<Loaded, Fault> {
+    // SAFETY: the types are those of FMI 2.0, and the library lives as long as the instance, as callbacks and log do. All texts
+    // live through the call.
+    unsafe {
+        function::<Get<f64>>(&library, "fmi2GetReal")?;
+        function::<Set<f64>>(&library, "fmi2SetReal")?;
+        let setup: SetupExperiment = function(&library, "fmi2SetupExperiment")?;
+        let enter: Plain = function(&library, "fmi2EnterInitializationMode")?;
+        let calls = Calls {
+            numbers: numbers(&library),
+            enter_initialization: Box::new(move |of, start_seconds, tolerance| {
+                let (is_defined, tolerance) = (tolerance.is_some(), tolerance.unwrap_or_default());
+                let is_defined = c_int::from(is_defined);
+                let status = setup(of, is_defined, tolerance, start_seconds, 0, 0.0);
+                match Status::of(status) {
+                    status if status.is_good() => Status::of(enter(of)),
+                    status => status,
+                }
+            }),
+            step: step(&library)?,
+            events: None,
+        };
+        let mut loaded = Loaded::of::<Two>(library, calls)?;
         let callbacks = Box::new(Callbacks {
             logger,
             allocate,
             free,
             step_finished: None,
-            environment: (&raw const *log).cast(),
+            environment: (&raw const *loaded.log).cast(),
         });
-        // SAFETY: the types are those of FMI 2.0, and the library lives as long as `Self`.
-        let mut two = unsafe {
-            Self {
-                component: null_mut(),
-                is_alive: false,
-                free_instance: function(&library, "fmi2FreeInstance")?,
-                setup_experiment: function(&library, "fmi2SetupExperiment")?,
-                enter_initialization: function(&library, "fmi2EnterInitializationMode")?,
-                exit_initialization: function(&library, "fmi2ExitInitializationMode")?,
-                terminate: function(&library, "fmi2Terminate")?,
-                do_step: function(&library, "fmi2DoStep")?,
-                real_status: function(&library, "fmi2GetRealStatus").ok(),
-                boolean_status: function(&library, "fmi2GetBooleanStatus").ok(),
-                get_real: function(&library, "fmi2GetReal")?,
-                set_real: function(&library, "fmi2SetReal")?,
-                get_integer: function(&library, "fmi2GetInteger").ok(),
-                set_integer: function(&library, "fmi2SetInteger").ok(),
-                get_boolean: function(&library, "fmi2GetBoolean").ok(),
-                set_boolean: function(&library, "fmi2SetBoolean").ok(),
-                set_string: function(&library, "fmi2SetString").ok(),
-                callbacks,
-                log,
-                library,
-            }
-        };
-        // SAFETY: as above; all texts live through the call, callbacks and log as long as the component.
-        two.component = unsafe {
-            let instantiate: Instantiate = function(&two.library, "fmi2Instantiate")?;
-            instantiate(
-                name.as_ptr(),
-                CO_SIMULATION,
-                made.token.as_ptr(),
-                made.resources.as_ptr(),
-                &raw const *two.callbacks,
-                0,
-                1,
-            )
-        };
-        if two.component.is_null() {
-            return Err(Fault::Call {
-                function: "fmi2Instantiate",
-                outcome: "made no instance".to_owned(),
-                time_seconds: None,
-                log: two.log.take(),
-            });
-        }
-        two.is_alive = true;
-        Ok(two)
-    }
-
-    fn get<T: Copy + Default>(&self, get: Option<Get<T>>, reference: u32) -> (Status, T) {
-        let mut value = T::default();
-        let Some(get) = get else {
-            return (Status::Error, value);
-        };
-        // SAFETY: one reference and room for one value.
-        let status = unsafe { get(self.component, &raw const reference, 1, &raw mut value) };
-        (Status::of(status), value)
-    }
-
-    fn set<T>(&self, set: Option<Set<T>>, reference: u32, value: &T) -> Status {
-        let Some(set) = set else {
-            return Status::Error;
-        };
-        // SAFETY: one reference and one value, which live through the call.
-        Status::of(unsafe { set(self.component, &raw const reference, 1, value) })
+        let instantiate: Instantiate = function(&loaded.library, INSTANTIATE)?;
+        let component = instantiate(
+            name.as_ptr(),
+            CO_SIMULATION,
+            made.token.as_ptr(),
+            made.resources.as_ptr(),
+            &raw const *callbacks,
+            0,
+            1,
+        );
+        loaded.callbacks = Some(callbacks);
+        loaded.with(component, INSTANTIATE)
     }
 }
 
-impl Slave for Two {
-    fn set_number(&mut self, kind: Kind, reference: u32, value: f64) -> Status {
-        match kind {
-            Kind::Boolean => self.set(self.set_boolean, reference, &c_int::from(value != 0.0)),
-            Kind::Int32 | Kind::Enumeration => {
-                self.set(self.set_integer, reference, &whole::<c_int>(value))
-            }
-            _ => self.set(Some(self.set_real), reference, &value),
-        }
-    }
-
-    fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status {
-        let (status, number) = match kind {
-            Kind::Boolean => {
-                let (status, truth) = self.get(self.get_boolean, reference);
-                (status, f64::from(u8::from(truth != 0)))
-            }
-            Kind::Int32 | Kind::Enumeration => {
-                let (status, number) = self.get(self.get_integer, reference);
-                (status, f64::from(number))
-            }
-            _ => self.get(Some(self.get_real), reference),
-        };
-        *value = number;
-        status
-    }
-
-    fn set_text(&mut self, reference: u32, text: &CStr) -> Status {
-        self.set(self.set_string, reference, &text.as_ptr())
-    }
-
-    fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status {
-        let is_defined = c_int::from(tolerance.is_some());
-        let tolerance = tolerance.unwrap_or_default();
-        // SAFETY: a component that lives, as in all calls below.
-        let status = Status::of(unsafe {
-            (self.setup_experiment)(self.component, is_defined, tolerance, start_seconds, 0, 0.0)
-        });
-        if !status.is_good() {
-            return status;
-        }
-        // SAFETY: as above.
-        Status::of(unsafe { (self.enter_initialization)(self.component) })
-    }
-
-    fn exit_initialization(&mut self) -> Status {
-        // SAFETY: as above.
-        Status::of(unsafe { (self.exit_initialization)(self.component) })
-    }
-
-    fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped {
-        // SAFETY: as above.
-        let status = Status::of(unsafe {
-            (self.do_step)(self.component, from_seconds, duration_seconds, 1)
-        });
-        let mut stepped = Stepped {
-            status,
-            reached_seconds: from_seconds + duration_seconds,
-            needs_events: false,
-            is_terminated: false,
-        };
-        if status == Status::Discard {
-            let mut reached = from_seconds;
-            if let Some(real_status) = self.real_status {
-                // SAFETY: as above, with room for one value.
-                unsafe { real_status(self.component, LAST_SUCCESSFUL_TIME, &raw mut reached) };
-            }
-            let mut is_terminated = 0;
-            if let Some(boolean_status) = self.boolean_status {
-                // SAFETY: as above, with room for one value.
-                unsafe { boolean_status(self.component, TERMINATED, &raw mut is_terminated) };
-            }
-            stepped.reached_seconds = reached;
-            stepped.is_terminated = is_terminated != 0;
-        }
-        stepped
-    }
-
-    fn enter_events(&mut self) -> Status {
-        Status::Ok
-    }
-
-    fn update_discrete(&mut self) -> (Status, Updated) {
-        (Status::Ok, Updated::default())
-    }
-
-    fn enter_steps(&mut self) -> Status {
-        Status::Ok
-    }
-
-    fn terminate(&mut self) -> Status {
-        // SAFETY: as above.
-        Status::of(unsafe { (self.terminate)(self.component) })
-    }
-
-    fn log(&mut self) -> String {
-        self.log.take()
-    }
-
-    fn forsake(&mut self) {
-        self.is_alive = false;
+fn numbers(library: &Library) -> Vec<(Kind, Numbers)> {
+    let truth = |value| c_int::from(value != 0.0);
+    let number = |truth| f64::from(u8::from(truth != 0));
+    // SAFETY: the types are those of FMI 2.0.
+    unsafe {
+        let integer = || Numbers::of::<Two, c_int>(library, "Integer", whole, f64::from);
+        vec![
+            (
+                Kind::Float64,
+                Numbers::of::<Two, f64>(library, "Real", f64::from, f64::from),
+            ),
+            (Kind::Int32, integer()),
+            (Kind::Enumeration, integer()),
+            (
+                Kind::Boolean,
+                Numbers::of::<Two, c_int>(library, "Boolean", truth, number),
+            ),
+        ]
     }
 }
 
-impl Drop for Two {
-    fn drop(&mut self) {
-        if self.is_alive {
-            // SAFETY: a component that lives, for the last time.
-            unsafe { (self.free_instance)(self.component) };
-        }
+fn step(library: &Library) -> Result<Box<Step>, Fault> {
+    // SAFETY: the types are those of FMI 2.0, and there is room for each value.
+    unsafe {
+        let step: DoStep = function(library, "fmi2DoStep")?;
+        let real = function::<GetStatus<f64>>(library, "fmi2GetRealStatus").ok();
+        let boolean = function::<GetStatus<c_int>>(library, "fmi2GetBooleanStatus").ok();
+        Ok(Box::new(move |of, from_seconds, duration_seconds| {
+            let status = Status::of(step(of, from_seconds, duration_seconds, 1));
+            let (mut reached_seconds, mut is_terminated) = (from_seconds + duration_seconds, 0);
+            if status == Status::Discard {
+                reached_seconds = from_seconds;
+                if let Some(real) = real {
+                    real(of, LAST_SUCCESSFUL_TIME, &raw mut reached_seconds);
+                }
+                if let Some(boolean) = boolean {
+                    boolean(of, TERMINATED, &raw mut is_terminated);
+                }
+            }
+            Stepped {
+                status,
+                reached_seconds,
+                needs_events: false,
+                is_terminated: is_terminated != 0,
+            }
+        }))
     }
 }

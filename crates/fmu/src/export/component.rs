@@ -1,0 +1,139 @@
+//! What a component points to, and the functions of both versions that differ in their names only.
+#![expect(unsafe_code, reason = "C hands over the pointers")]
+
+use std::ffi::{CStr, c_int, c_void};
+
+use super::played::{Failure, Played, guarded};
+
+pub(super) type Component = *mut c_void;
+
+pub(super) const OK: c_int = 0;
+pub(super) const ERROR: c_int = 3;
+
+/// Tells the importer a status and its reason.
+type Tell = Box<dyn Fn(c_int, &CStr)>;
+
+struct Instance {
+    played: Played,
+    tell: Tell,
+}
+
+fn told(tell: &Tell, failure: Failure) -> c_int {
+    let status = failure.status();
+    tell(status, &failure.words());
+    status
+}
+
+/// Makes a component; null where `make` fails.
+pub(super) fn made(make: impl FnOnce() -> Result<Played, String>, tell: Tell) -> Component {
+    match guarded(make) {
+        Ok(played) => Box::into_raw(Box::new(Instance { played, tell })).cast(),
+        Err(failure) => {
+            told(&tell, failure);
+            std::ptr::null_mut()
+        }
+    }
+}
+
+/// # Safety
+/// `component` is null, or what [`made`] returned and nothing freed; as in all functions below.
+pub(super) unsafe fn free(component: Component) {
+    if !component.is_null() {
+        // SAFETY: what `made` returned, for the last time.
+        drop(unsafe { Box::from_raw(component.cast::<Instance>()) });
+    }
+}
+
+/// # Safety
+/// As that of [`free`].
+pub(super) unsafe fn on(
+    component: Component,
+    work: impl FnOnce(&mut Played) -> Result<(), String>,
+) -> c_int {
+    // SAFETY: by the caller.
+    let Some(instance) = (unsafe { component.cast::<Instance>().as_mut() }) else {
+        return ERROR;
+    };
+    match guarded(|| work(&mut instance.played)) {
+        Ok(()) => OK,
+        Err(failure) => told(&instance.tell, failure),
+    }
+}
+
+/// # Safety
+/// Null, or `count` values that live through the call.
+unsafe fn slice<'a, T>(values: *const T, count: usize) -> &'a [T] {
+    match values.is_null() {
+        true => &[],
+        // SAFETY: by the caller.
+        false => unsafe { std::slice::from_raw_parts(values, count) },
+    }
+}
+
+/// Reads a value for each reference.
+///
+/// # Safety
+/// As that of [`free`], with as many references as room for values.
+pub(super) unsafe fn get<T>(
+    component: Component,
+    references: *const u32,
+    count: usize,
+    values: *mut T,
+    value: impl Fn(&mut Played, u32) -> Result<T, String>,
+) -> c_int {
+    // SAFETY: by the caller.
+    unsafe {
+        on(component, |played| {
+            for (place, reference) in slice(references, count).iter().enumerate() {
+                *values.add(place) = value(played, *reference)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+/// Sets a value for each reference.
+///
+/// # Safety
+/// As that of [`free`], with as many references as values.
+pub(super) unsafe fn set<T: Copy>(
+    component: Component,
+    references: *const u32,
+    count: usize,
+    values: *const T,
+    set: impl Fn(&mut Played, u32, T) -> Result<(), String>,
+) -> c_int {
+    // SAFETY: by the caller.
+    unsafe {
+        let pairs = slice(references, count).iter().zip(slice(values, count));
+        on(component, |played| {
+            { pairs }.try_for_each(|(reference, value)| set(played, *reference, *value))
+        })
+    }
+}
+
+/// Functions of what the FMUs do not have. They only refuse; what else they are called with stays where C put it.
+macro_rules! not_served {
+    ($($name:ident)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) extern "C" fn $name(_component: Component) -> c_int {
+                ERROR
+            }
+        )+
+    };
+}
+
+/// Values of a type that no variable has: none of them can be got or set, and nothing is asked of none.
+macro_rules! of_no_variable {
+    ($($name:ident)+) => {
+        $(
+            #[unsafe(no_mangle)]
+            pub(super) extern "C" fn $name(_component: Component, _references: *const u32, count: usize) -> c_int {
+                if count == 0 { OK } else { ERROR }
+            }
+        )+
+    };
+}
+
+pub(super) use {not_served, of_no_variable};

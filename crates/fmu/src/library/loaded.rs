@@ -1,0 +1,235 @@
+//! An instance in a library, whatever its version of FMI.
+
+use std::any::Any;
+use std::ffi::{CStr, c_char, c_int, c_void};
+use std::ptr::null_mut;
+
+use libloading::os::unix::Library;
+
+use super::log::Log;
+use super::{Slave, Status, Stepped, Updated, function};
+use crate::description::Kind;
+use crate::error::Fault;
+
+pub(super) type Component = *mut c_void;
+pub(super) type Plain = unsafe extern "C" fn(Component) -> c_int;
+
+/// Functions of a version that read and write values of any type: their names and their form.
+pub(super) trait Family {
+    const PREFIX: &'static str;
+    type Get<T: 'static>: Copy + 'static;
+    type Set<T: 'static>: Copy + 'static;
+
+    /// # Safety
+    /// `get` is a function of a library for `T`, whose component lives.
+    unsafe fn get<T>(get: Self::Get<T>, of: Component, reference: u32, value: &mut T) -> c_int;
+
+    /// # Safety
+    /// As that of [`Family::get`].
+    unsafe fn set<T>(set: Self::Set<T>, of: Component, reference: u32, value: &T) -> c_int;
+}
+
+/// Functions that read and write numbers of one kind.
+pub(super) struct Numbers {
+    get: Box<dyn Fn(Component, u32) -> (Status, f64)>,
+    set: Box<dyn Fn(Component, u32, f64) -> Status>,
+}
+
+impl Numbers {
+    /// Those with `name` at the end of theirs; one that the library lacks fails when it is called.
+    ///
+    /// # Safety
+    /// `T` is the type that FMI has for this name.
+    pub(super) unsafe fn of<V: Family, T: Default + 'static>(
+        library: &Library,
+        name: &str,
+        of: fn(f64) -> T,
+        number: fn(T) -> f64,
+    ) -> Self {
+        let prefix = V::PREFIX;
+        // SAFETY: by the caller.
+        let (get, set) = unsafe {
+            let get = function::<V::Get<T>>(library, &format!("{prefix}Get{name}"));
+            let set = function::<V::Set<T>>(library, &format!("{prefix}Set{name}"));
+            (get.ok(), set.ok())
+        };
+        Self {
+            get: Box::new(move |component, reference| {
+                let mut value = T::default();
+                let status = get.map_or(Status::Error, |get| {
+                    // SAFETY: one of the library's, for this type.
+                    Status::of(unsafe { V::get(get, component, reference, &mut value) })
+                });
+                (status, number(value))
+            }),
+            set: Box::new(move |component, reference, value| {
+                set.map_or(Status::Error, |set| {
+                    // SAFETY: one of the library's, for this type.
+                    Status::of(unsafe { V::set(set, component, reference, &of(value)) })
+                })
+            }),
+        }
+    }
+}
+
+/// Goes on from a time for a duration, both in seconds.
+pub(super) type Step = dyn Fn(Component, f64, f64) -> Stepped;
+
+/// Calls for which the versions have functions of different forms.
+pub(super) struct Calls {
+    pub(super) numbers: Vec<(Kind, Numbers)>,
+    pub(super) enter_initialization: Box<dyn Fn(Component, f64, Option<f64>) -> Status>,
+    pub(super) step: Box<Step>,
+    pub(super) events: Option<Events>,
+}
+
+/// Calls of an instance that has events.
+pub(super) struct Events {
+    pub(super) enter: Plain,
+    pub(super) update: Box<dyn Fn(Component) -> (Status, Updated)>,
+    pub(super) leave: Plain,
+}
+
+/// Sets a text by its reference.
+type SetText = dyn Fn(Component, u32, &CStr) -> Status;
+
+/// An instance.
+pub(super) struct Loaded {
+    component: Component,
+    is_alive: bool,
+    free_instance: unsafe extern "C" fn(Component),
+    exit_initialization: Plain,
+    terminate: Plain,
+    set_string: Box<SetText>,
+    calls: Calls,
+    // What the component points to, for as long as it lives.
+    pub(super) callbacks: Option<Box<dyn Any>>,
+    pub(super) log: Box<Log>,
+    pub(super) library: Library,
+}
+
+impl Loaded {
+    /// The functions of a library, without an instance.
+    ///
+    /// # Safety
+    /// The library is of the version, and the calls are of its functions.
+    pub(super) unsafe fn of<V: Family>(library: Library, calls: Calls) -> Result<Self, Fault> {
+        let named = |name: &str| format!("{}{name}", V::PREFIX);
+        // SAFETY: both versions have these types, and the library lives as long as `Self`.
+        unsafe {
+            let set = function::<V::Set<*const c_char>>(&library, &named("SetString")).ok();
+            Ok(Self {
+                component: null_mut(),
+                is_alive: false,
+                free_instance: function(&library, &named("FreeInstance"))?,
+                exit_initialization: function(&library, &named("ExitInitializationMode"))?,
+                terminate: function(&library, &named("Terminate"))?,
+                set_string: Box::new(move |component, reference, text| {
+                    set.map_or(Status::Error, |set| {
+                        // SAFETY: a text that lives through the call.
+                        Status::of(V::set(set, component, reference, &text.as_ptr()))
+                    })
+                }),
+                calls,
+                callbacks: None,
+                log: Box::default(),
+                library,
+            })
+        }
+    }
+
+    /// The same with an instance, which a function returned.
+    pub(super) fn with(self, component: Component, function: &'static str) -> Result<Self, Fault> {
+        if component.is_null() {
+            return Err(Fault::Call {
+                function,
+                outcome: "made no instance".to_owned(),
+                time_seconds: None,
+                log: self.log.take(),
+            });
+        }
+        let mut loaded = self;
+        (loaded.component, loaded.is_alive) = (component, true);
+        Ok(loaded)
+    }
+
+    fn numbers(&self, kind: Kind) -> Option<&Numbers> {
+        let mut numbers = self.calls.numbers.iter();
+        numbers.find_map(|(known, numbers)| (*known == kind).then_some(numbers))
+    }
+
+    fn plain(&self, function: Plain) -> Status {
+        // SAFETY: a function of the library, and a component that lives.
+        Status::of(unsafe { function(self.component) })
+    }
+}
+
+impl Slave for Loaded {
+    fn set_number(&mut self, kind: Kind, reference: u32, value: f64) -> Status {
+        let numbers = self.numbers(kind);
+        numbers.map_or(Status::Error, |numbers| {
+            (numbers.set)(self.component, reference, value)
+        })
+    }
+
+    fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status {
+        let numbers = self.numbers(kind);
+        let got = numbers.map(|numbers| (numbers.get)(self.component, reference));
+        let (status, number) = got.unwrap_or((Status::Error, 0.0));
+        *value = number;
+        status
+    }
+
+    fn set_text(&mut self, reference: u32, text: &CStr) -> Status {
+        (self.set_string)(self.component, reference, text)
+    }
+
+    fn enter_initialization(&mut self, start_seconds: f64, tolerance: Option<f64>) -> Status {
+        (self.calls.enter_initialization)(self.component, start_seconds, tolerance)
+    }
+
+    fn exit_initialization(&mut self) -> Status {
+        self.plain(self.exit_initialization)
+    }
+
+    fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Stepped {
+        (self.calls.step)(self.component, from_seconds, duration_seconds)
+    }
+
+    fn enter_events(&mut self) -> Status {
+        let events = self.calls.events.as_ref();
+        events.map_or(Status::Error, |events| self.plain(events.enter))
+    }
+
+    fn update_discrete(&mut self) -> (Status, Updated) {
+        let events = self.calls.events.as_ref();
+        let updated = events.map(|events| (events.update)(self.component));
+        updated.unwrap_or((Status::Error, Updated::default()))
+    }
+
+    fn enter_steps(&mut self) -> Status {
+        let events = self.calls.events.as_ref();
+        events.map_or(Status::Error, |events| self.plain(events.leave))
+    }
+
+    fn terminate(&mut self) -> Status {
+        self.plain(self.terminate)
+    }
+
+    fn log(&mut self) -> String {
+        self.log.take()
+    }
+
+    fn forsake(&mut self) {
+        self.is_alive = false;
+    }
+}
+
+impl Drop for Loaded {
+    fn drop(&mut self) {
+        if self.is_alive {
+            // SAFETY: a component that lives, for the last time.
+            unsafe { (self.free_instance)(self.component) };
+        }
+    }
+}
