@@ -254,12 +254,6 @@ fn what_cannot_be_external_is_refused() {
         code == Some(3) && text.contains("needs --external drive"),
         "{code:?} {text}"
     );
-    let lockstep = ["--external", "drive", "--clock", "lockstep"];
-    let (code, text) = refused(&[&bus[..], &lockstep].concat(), "step.toml");
-    assert!(
-        code == Some(2) && text.contains("needs --clock real-time"),
-        "{code:?} {text}"
-    );
     let (code, text) = refused(
         &[&bus[..], &["--external", "drive"]].concat(),
         "faults/sensor_stuck.toml",

@@ -41,7 +41,7 @@ const IN_LOCKSTEP: &[&str] = &["run", "--quiet", "--clock", "lockstep"];
 const IN_REAL_TIME: &[&str] = &["run", "--bus", "embedded"];
 
 /// There was a current, and the last command is none.
-fn is_without_current(run: &Path) {
+pub(crate) fn is_without_current(run: &Path) {
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
     let is_current = |line: &str| line.contains(" 210#0F00") && !line.ends_with("0000");
     assert!(log.lines().any(is_current), "there was no current");
@@ -436,7 +436,7 @@ const HOSTILE: [(&str, &str); 16] = [
 ];
 
 /// Number of processes that run in a folder.
-fn processes_in(folder: &Path) -> usize {
+pub(crate) fn processes_in(folder: &Path) -> usize {
     let folder = folder.canonicalize().unwrap();
     let processes = fs::read_dir("/proc").unwrap().flatten();
     let folders = processes.filter_map(|process| process.path().join("cwd").read_link().ok());
@@ -572,7 +572,7 @@ for _ in range(100): answer(step()[0], 0.2)
 while True: time.sleep(60)
 ";
 
-fn numbers(folder: &Path) -> Vec<Process> {
+pub(crate) fn numbers(folder: &Path) -> Vec<Process> {
     let text = fs::read_to_string(folder.join("numbers")).unwrap_or_default();
     let numbers = text.lines().filter_map(|line| line.parse().ok());
     numbers.filter_map(Process::from_raw).collect()

@@ -307,6 +307,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use worlds::law_process::LawPlace;
     use worlds::lockstep::{play, simulate};
     use worlds::nodes::{controller_of, controller_views, plant_emulator};
+    use worlds::programs::Hosting;
     for name in ["fan.toml", "step.toml"] {
         let source = plan(&scenario(name));
         let folder = tempfile::tempdir().unwrap();
@@ -316,7 +317,9 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
             in_folder(&ahead),
             &Watch::default(),
             Vec::new(),
-            |_, capture| simulate(&source, None, capture).map(Played::in_virtual_time),
+            |_, capture| {
+                simulate(&source, &Hosting::default(), capture).map(Played::in_virtual_time)
+            },
         )
         .unwrap();
         run(

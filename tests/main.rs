@@ -28,6 +28,7 @@ mod mutator;
 mod net;
 mod preflight;
 mod processes;
+mod programs;
 mod real_time;
 mod replay;
 mod report;

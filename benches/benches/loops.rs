@@ -10,6 +10,7 @@ use recording::capture::{Capture, Watch};
 use recording::timeline::decode;
 use worlds::catalogue::catalogue;
 use worlds::lockstep::simulate;
+use worlds::programs::Hosting;
 
 use canrig_benches::limit;
 use gungraun::prelude::*;
@@ -77,7 +78,7 @@ fn played(plan: &Plan) -> Vec<usize> {
     let watch = Watch::default();
     let clock = plan.scenario_clock().expect("the bus has a SYNC");
     let mut capture = Capture::in_memory(clock, &watch);
-    simulate(plan, None, &mut capture).expect("they are played");
+    simulate(plan, &Hosting::default(), &mut capture).expect("they are played");
     let (frames, _) = capture.finish().expect("the memory suffices");
     let timelines = decode(&frames, plan).expect("they are decoded");
     black_box(judge(plan, &timelines, &Circumstances::default()));

@@ -9,7 +9,8 @@ use platform::bus::{Bus, BusError};
 use platform::clock::Clock;
 use platform::counting_allocator::allocations;
 use platform::lockstep::{
-    Answer, FollowError, LockstepError, Participant, Remote, channel, follow,
+    ANSWER_PATIENCE, Answer, FollowError, LockstepError, Participant, Remote, Setting, channel,
+    follow,
 };
 use platform::real_time;
 use platform::recorder::Recorder;
@@ -199,7 +200,8 @@ fn step_over_wire(
     let mut echo = Echo::new(MS);
     let mut wire = vcan.join(&echo.filters());
     let echo = std::thread::spawn(move || follow(&mut echo, theirs, Some(wire.as_mut())));
-    let mut remote = Remote::accept("echo", ours).unwrap();
+    let mut remote =
+        Remote::accept("echo", ours, Some(ANSWER_PATIENCE), Setting::default()).unwrap();
     for frame in on_wire {
         coordinator.send(frame).unwrap();
     }

@@ -1,8 +1,9 @@
 //! `canrig new`: the crate of a plant or a law of one's own, which compiles, is tested and plays a scenario as it is; or the file
-//! of a rig of one's own.
+//! of a rig of one's own, or a controller in another language.
 //!
 //! The crates in `plant/` and `law/` are written out with `my_plant` and `my_law` renamed.
 
+mod controller;
 mod name;
 mod profile;
 mod rig;
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use scenario::own::Section;
 
+use controller::ControllerArgs;
 use name::{InvalidName, Name};
 use platform::unfinished::Unfinished;
 use profile::{MANIFEST_BYTES_MAX, release_profile};
@@ -46,6 +48,8 @@ pub(crate) enum What {
     Law(LawArgs),
     /// Write a rig file of two drives, with a scenario
     Rig(RigArgs),
+    /// Write a controller in C or Python, with a scenario and a test
+    Controller(ControllerArgs),
 }
 
 /// The crate of a law to write.
@@ -132,9 +136,9 @@ enum NewError {
     #[error("{} is there already; nothing is overwritten, so name another folder with --path", .0.display())]
     Exists(PathBuf),
     #[error(
-        "`{0}` cannot be the name of a rig; use small letters, digits and underscores, a letter first"
+        "`{0}` cannot be the name of a {1}; use small letters, digits and underscores, a letter first"
     )]
-    RigName(String),
+    PlainName(String, &'static str),
     #[error("{} is no checkout of canrig: it has no canrig/Cargo.toml", .0.display())]
     NoCheckout(PathBuf),
     #[error(
@@ -166,6 +170,7 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
             written(skeleton, of).map(|made| made.words(&of.name))
         }
         What::Rig(args) => rig::written(args),
+        What::Controller(args) => controller::written(args),
     };
     match written {
         Ok(words) => {

@@ -28,7 +28,7 @@ pub(crate) struct RigArgs {
 pub(super) fn written(args: &RigArgs) -> Result<String, NewError> {
     let name = &args.name;
     if !is_name(name) {
-        return Err(NewError::RigName(name.clone()));
+        return Err(NewError::PlainName(name.clone(), "rig"));
     }
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
     in_new_folder(&folder, |folder| {
@@ -91,7 +91,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for name in ["", "Gantry", "../gantry", "two axes"] {
             let error = written(&args(folder.path(), name)).unwrap_err();
-            assert!(matches!(error, NewError::RigName(_)), "{error}");
+            assert!(matches!(error, NewError::PlainName(..)), "{error}");
         }
         assert!(!folder.path().join("deep").exists());
     }

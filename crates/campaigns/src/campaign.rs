@@ -18,6 +18,7 @@ use runner::console::RunsBar;
 use runner::observer::observed;
 use runner::run;
 use worlds::catalogue::catalogue;
+use worlds::programs::Hosting;
 use worlds::{Played, lockstep};
 
 /// Results that may wait for an earlier one to end, by thread: so much is held in memory, however many runs there are.
@@ -217,7 +218,8 @@ pub fn play_one<T>(
     let fault = |error: &(dyn Error + 'static)| NoResult::of(error);
     let clock = plan.scenario_clock().map_err(|error| fault(&error))?;
     let mut capture = Capture::in_memory(clock, watch);
-    let ended = lockstep::simulate(plan, None, &mut capture).map(Played::in_virtual_time);
+    let ended =
+        lockstep::simulate(plan, &Hosting::default(), &mut capture).map(Played::in_virtual_time);
     if let Err(error) = &ended
         && let machine @ NoResult::Machine(_) = fault(error)
     {

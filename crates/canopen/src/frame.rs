@@ -94,6 +94,12 @@ impl CanFrame {
         &self.data[..usize::from(self.length)]
     }
 
+    /// Length of the payload.
+    #[must_use]
+    pub fn length(&self) -> u8 {
+        self.length
+    }
+
     /// All 8 bytes of the payload's buffer; those beyond the length are as they came.
     #[must_use]
     #[inline]

@@ -1,27 +1,33 @@
-//! Nodes of a run that canrig does not start but expects on the bus: a real drive, a foreign controller.
+//! Nodes of a run that canrig does not play itself: a real drive, a foreign controller, a program that it starts.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use scenario::meant_or_known;
 use scenario::node::Node;
 
-/// The nodes of a run that are external, by node-ID.
+/// The nodes of a run that are external, by node-ID, each with whether canrig starts a program for it.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
-pub struct External(BTreeSet<u8>);
+pub struct External(BTreeMap<u8, bool>);
 
 impl External {
     /// Whether a node is external.
     #[must_use]
     pub fn has(&self, node: &Node) -> bool {
-        self.0.contains(&node.id)
+        self.0.contains_key(&node.id)
     }
 
-    /// Makes a node external.
-    pub(crate) fn insert(&mut self, node_id: u8) {
-        self.0.insert(node_id);
+    /// Whether a node is a program that canrig starts.
+    #[must_use]
+    pub fn is_program(&self, node: &Node) -> bool {
+        self.0.get(&node.id) == Some(&true)
     }
 
-    /// Whether canrig starts all nodes.
+    /// Makes a node external; a program of it is one that canrig starts.
+    pub(crate) fn insert(&mut self, node_id: u8, is_program: bool) {
+        self.0.insert(node_id, is_program);
+    }
+
+    /// Whether canrig plays all nodes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()

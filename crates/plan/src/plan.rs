@@ -14,7 +14,7 @@ use scenario::node::{LoopNodes, Node, Part};
 use scenario::rig::nodes::Rig;
 use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, LoopOfRig, Measured, Wiring};
-use scenario::{Beside, Run, Texts, Trial};
+use scenario::{Beside, NodeProgram, Run, Texts, Trial};
 
 use crate::catalogue::{Catalogue, ColumnMessage, Frames, Player, columns, followed, name_of_own};
 use crate::external::{External, no_such_node};
@@ -51,6 +51,10 @@ pub struct Shared {
     pub contours: Vec<Contour>,
     /// The nodes of each loop by the loop's name; empty for an only loop.
     pub nodes_of_loops: BTreeMap<String, LoopNodes>,
+    /// The programs that play nodes, by the names of these.
+    pub programs: BTreeMap<String, NodeProgram>,
+    /// Whether the scenario has laws that are left out, since a program leads.
+    pub has_unused_law: bool,
     /// The rig; an empty one where only a scenario is known.
     pub rig: Arc<Rig>,
 }
@@ -101,6 +105,8 @@ impl Plan {
             sweep: None,
             contours: Vec::new(),
             nodes_of_loops: nodes_of_loops.collect(),
+            programs: BTreeMap::new(),
+            has_unused_law: false,
             rig: Arc::default(),
         };
         Self { shared, loops }
@@ -134,7 +140,8 @@ impl Plan {
         if let Some(name) = names.iter().find(|name| !known.contains(name.as_str())) {
             return Err(no_such_node(name, &Vec::from_iter(known)));
         }
-        let plan = self.recorded_external(names);
+        let mut plan = self.recorded_external(names);
+        plan.shared.programs.retain(|name, _| !names.contains(name));
         let emulated = plan.loops.iter().filter(|one| one.is_ours(Part::Drive));
         let mut io_nodes = emulated.flat_map(|one| one.nodes.io.iter().map(move |io| (one, io)));
         if let Some((one, io)) = io_nodes.find(|(one, io)| one.external.has(io)) {
@@ -158,7 +165,7 @@ impl Plan {
         let is_named = |node: &&Node| names.contains(&node.name);
         let named = Vec::from_iter(self.nodes().filter(is_named).map(|node| node.id));
         for one in &mut self.loops {
-            named.iter().for_each(|id| one.external.insert(*id));
+            named.iter().for_each(|id| one.external.insert(*id, false));
         }
         self
     }
@@ -207,6 +214,52 @@ impl Plan {
         names
     }
 
+    /// The nodes that are programs, each once: drives before their io nodes, the controller last.
+    #[must_use]
+    pub fn programs(&self) -> Vec<(&Node, &NodeProgram)> {
+        let mut programs: Vec<(&Node, &NodeProgram)> = Vec::new();
+        for one in &self.loops {
+            let LoopNodes { drive, io, .. } = &one.nodes;
+            let nodes = [drive].into_iter().chain(io).chain([self.controller()]);
+            for node in nodes {
+                let is_new = programs.iter().all(|(other, _)| *other != node);
+                let program = self.shared.programs.get(&node.name);
+                programs.extend(program.filter(|_| is_new).map(|program| (node, program)));
+            }
+        }
+        programs.sort_by_key(|(node, _)| node.part == Part::Controller);
+        programs
+    }
+
+    /// The names of the external nodes that are expected on the bus.
+    #[must_use]
+    pub fn expected_names(&self) -> Vec<String> {
+        let programs = self.programs();
+        let is_started = |name: &String| programs.iter().any(|(node, _)| node.name == *name);
+        let mut names = self.external_names();
+        names.retain(|name| !is_started(name));
+        names
+    }
+
+    /// What leads, for people: its law, or the command of a program.
+    #[must_use]
+    pub fn leader(&self) -> String {
+        let program = self.shared.programs.get(&self.controller().name);
+        match program {
+            Some(program) => program.command.join(" "),
+            None => {
+                let laws = self.loops.iter().map(|one| &one.trial.controller);
+                listed(laws.map(|controller| controller.law_name()))
+            }
+        }
+    }
+
+    /// Whether somebody else plays a node.
+    #[must_use]
+    pub fn is_external(&self, node: &Node) -> bool {
+        self.loops.iter().any(|one| one.external.has(node))
+    }
+
     /// The meaning of all frames on the bus, as a run folder stores it.
     #[must_use]
     pub fn database(&self) -> &Arc<Database> {
@@ -253,6 +306,18 @@ impl Plan {
     pub fn has_faults(&self) -> bool {
         !self.shared.run.faults.is_empty()
     }
+}
+
+/// Names in a row, each once.
+#[must_use]
+pub fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let mut listed: Vec<&str> = Vec::new();
+    for name in names {
+        if !listed.contains(&name) {
+            listed.push(name);
+        }
+    }
+    listed.join(", ")
 }
 
 /// The database of loops on one bus.
@@ -366,7 +431,9 @@ impl ControlLoop {
             true => &self.nodes.controller,
             false => &self.nodes.drive,
         };
-        match happening.find(|fault| self.external.has(node(fault))) {
+        // What cannot happen to a program was refused with its scenario.
+        let is_foreign = |node: &Node| self.external.has(node) && !self.external.is_program(node);
+        match happening.find(|fault| is_foreign(node(fault))) {
             None => Ok(()),
             Some(fault) => Err(format!(
                 "{} cannot be played: the {} is external, so nothing fails there on purpose",

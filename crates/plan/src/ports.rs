@@ -24,7 +24,7 @@ pub(crate) fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Ob
 fn of_loop(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Objection> {
     let rig = &scenario.rig;
     let drive = one.wiring.nodes.drive.name.as_str();
-    if rig.node.get(drive)?.external {
+    if !rig.node.get(drive)?.is_ours() {
         return None;
     }
     rig.plant_of(drive)?;

@@ -10,7 +10,7 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use platform::bus::{Bus, BusAddress};
 use platform::clock::Clock;
 use platform::hub::Hub;
-use platform::lockstep::{self, Answer, Local, Participant, Remote};
+use platform::lockstep::{self, Answer, Local, Participant, Remote, Setting};
 use platform::process;
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
@@ -151,7 +151,9 @@ fn follower(name: &str, hears: u16, says: u16) -> Outcome<(Child, Remote)> {
         .args([hears.to_string(), says.to_string()])
         .spawn()?;
     drop(command);
-    Ok((child, Remote::accept(name, ours)?))
+    let patience = Some(lockstep::ANSWER_PATIENCE);
+    let remote = Remote::accept(name, ours, patience, Setting::default())?;
+    Ok((child, remote))
 }
 
 /// The frame of each goes to the other, in turn.

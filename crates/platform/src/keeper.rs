@@ -18,15 +18,19 @@ use rustix::process::{
     Pid, PidfdFlags, Signal, WaitOptions, getpid, kill_process, kill_process_group, pidfd_open,
     set_child_subreaper, waitpid,
 };
+use rustix::stdio::stdin;
 
 use crate::clock::monotonic;
-use crate::process::in_own_session;
+use crate::process::{in_own_session, inherit};
 use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
 use crate::stop::{OF_TERMINAL, ignore};
 use crate::worker::how;
 
 /// The hidden subcommand that keeps a program.
 pub const SUBCOMMAND: &str = "program-keeper";
+
+/// The variable that gives the number of a pipe from canrig, which ends when the program is to end.
+const LIFELINE_VARIABLE: &str = "CANRIG_LIFELINE";
 
 /// Time that a program has to end once it is asked to, and once it got SIGTERM.
 pub(crate) const STOP_PATIENCE: Duration = Duration::from_secs(3);
@@ -72,6 +76,8 @@ fn start(command: &[OsString], output: OwnedFd) -> io::Result<Pid> {
     command.args(arguments).stdin(Stdio::null());
     command.stdout(output.try_clone()?).stderr(output);
     in_own_session(&mut command);
+    let lifeline = inherit(&mut command, stdin().try_clone_to_owned()?);
+    command.env(LIFELINE_VARIABLE, lifeline.to_string());
     if has_fifo() {
         with_fifo(&mut command, WORKER_PRIORITY);
     }
@@ -90,7 +96,7 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
         let timeout = next.map(|(time, _)| time.saturating_sub(monotonic()));
         let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());
         let of_handle = handle.as_fd();
-        let stdin = rustix::stdio::stdin();
+        let stdin = stdin();
         // A descriptor that has ended stays readable, so the program's own takes its place.
         let mut fds = [
             of_handle,
@@ -130,7 +136,7 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
 /// Kills all that the program started and left, whose parent is this process since the program's end.
 fn end_descendants() {
     loop {
-        for child in children() {
+        for child in children_of(getpid().as_raw_nonzero().get().unsigned_abs()) {
             let _ = kill_process(child, Signal::KILL);
         }
         match waitpid(None, WaitOptions::empty()) {
@@ -140,16 +146,16 @@ fn end_descendants() {
     }
 }
 
-/// Processes whose parent is this one.
-fn children() -> Vec<Pid> {
-    let own = getpid().as_raw_nonzero().to_string();
+/// Processes of this parent.
+pub(crate) fn children_of(parent: u32) -> Vec<Pid> {
+    let parent = parent.to_string();
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
     let is_child = |number: &i32| {
         let stat = fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
         // The name of the program before may hold anything.
         let fields = stat.rsplit(") ").next().unwrap_or_default();
-        fields.split(' ').nth(1) == Some(own.as_str())
+        fields.split(' ').nth(1) == Some(parent.as_str())
     };
     let numbers = numbers.filter(is_child);
     numbers.filter_map(Pid::from_raw).collect()

@@ -2,7 +2,8 @@
 //! the frames that it queued and with its next deadline.
 //!
 //! [`Participant`] is the coordinator's view of a node. [`Local`] is a node in this process, [`Remote`] one in another
-//! process that runs [`follow`]; both step the node with the same code, so the answers are the same.
+//! process at a bus seat: one of ours runs [`follow`], which steps the node with the same code, so the answers are the same; a program
+//! of somebody else speaks the protocol by itself.
 //!
 //! The rules of a step from the participant's current time to `to`:
 //! - a deadline earlier than the next frame ticks first, at the deadline;
@@ -31,6 +32,6 @@ pub use error::LockstepError;
 pub use follow::{FollowError, WIRE_PATIENCE, follow};
 pub use local::Local;
 pub use participant::Participant;
-pub use protocol::{FRAMES_MAX, ProtocolError};
+pub use protocol::{FRAMES_MAX, Setting};
 pub use remote::{ANSWER_PATIENCE, Remote, channel};
 pub use step::StepError;

@@ -11,15 +11,17 @@ use std::time::Duration;
 use rustix::event::PollFlags;
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::io::Errno;
+use rustix::net::sockopt::socket_peercred;
 use rustix::net::{
     AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept_with,
     bind, connect, listen, recv, send, socket_with,
 };
+use rustix::process::{Signal, getuid, kill_process_group};
 use tempfile::TempDir;
 
 use crate::bus::wait_ready;
 use crate::clock::Clock;
-use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE};
+use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children_of};
 use crate::process::myself;
 use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
 use crate::seat::{
@@ -28,8 +30,10 @@ use crate::seat::{
 };
 use crate::worker::Channel;
 
-/// The variable that names the socket of a program's seat.
-pub const ADDRESS_VARIABLE: &str = "CANRIG_PORTS";
+/// The variable that names the socket of a law's seat.
+pub const PORTS_VARIABLE: &str = "CANRIG_PORTS";
+/// The variable that names the bus of a node.
+pub const BUS_VARIABLE: &str = "CANRIG_BUS";
 
 /// Variables that are set where the environment of canrig does not have them: without them Python repeats nothing.
 const DEFAULTS: [(&str, &str); 3] = [
@@ -46,6 +50,9 @@ pub const END_PATIENCE: Duration = STOP_PATIENCE
     .saturating_add(Duration::from_secs(3));
 /// Time between two looks whether a program has ended that is waited for.
 const LOOK: Duration = Duration::from_millis(20);
+
+/// How a program ended by itself, or when it was asked to.
+pub const ORDERLY: &str = "exited with code 0";
 
 /// What is started.
 #[derive(Clone, Copy, Debug)]
@@ -75,8 +82,8 @@ pub enum Received {
 #[derive(Debug)]
 pub struct Program {
     keeper: Child,
-    /// The socket where it is expected, until it comes.
-    listener: Option<(OwnedFd, TempDir)>,
+    /// Where it is expected, until it comes.
+    listener: Option<Listener>,
     channel: Option<OwnedFd>,
     /// The keeper's words on its end so far; whole once `has_ended`.
     told: Vec<u8>,
@@ -84,12 +91,11 @@ pub struct Program {
 }
 
 impl Program {
-    /// Starts a program; it ends with the thread that started it.
+    /// Starts a program that comes to a seat, or to none; it ends with the thread that started it.
     ///
     /// # Errors
     /// The system refuses it.
-    pub fn start(order: &Order<'_>) -> io::Result<Self> {
-        let listener = listener()?;
+    pub fn start(order: &Order<'_>, listener: Option<Listener>) -> io::Result<Self> {
         let mut command = myself()?;
         let log = order.log.map(std::path::absolute).transpose()?;
         command.arg(SUBCOMMAND);
@@ -103,7 +109,6 @@ impl Program {
                 command.env(name, value);
             }
         }
-        command.env(ADDRESS_VARIABLE, socket_in(&listener.1));
         command.envs(order.environment.iter().map(|(name, value)| (name, value)));
         if has_fifo() {
             with_fifo(&mut command, WORKER_PRIORITY);
@@ -114,7 +119,7 @@ impl Program {
         }
         Ok(Self {
             keeper,
-            listener: Some(listener),
+            listener,
             channel: None,
             told: Vec::new(),
             has_ended: false,
@@ -127,15 +132,50 @@ impl Program {
     /// The system refuses it.
     pub fn accept(&mut self) -> io::Result<bool> {
         let clock = Clock::start();
-        while let Some((listener, _)) = &self.listener {
-            if wait_ready(listener.as_fd(), PollFlags::IN, LOOK)? {
-                self.channel = Some(accept_with(listener, SocketFlags::CLOEXEC)?);
-                self.listener = None;
-            } else if self.look() || clock.now() > START_PATIENCE {
+        while let Some(listener) = &self.listener {
+            self.channel = listener.accept(LOOK)?;
+            if self.channel.is_some() || self.look() || clock.now() > START_PATIENCE {
                 self.listener = None;
             }
         }
         Ok(self.channel.is_some())
+    }
+
+    /// The channel to the program, for who speaks with it otherwise.
+    #[must_use]
+    pub fn take_channel(&mut self) -> Option<OwnedFd> {
+        self.channel.take()
+    }
+
+    /// Kills the program, and all in its group.
+    pub fn kill(&self) {
+        self.signal(Signal::KILL);
+    }
+
+    /// Stops the program and all in its group where they are, or lets them go on.
+    pub fn suspend(&self, is_suspended: bool) {
+        self.signal(match is_suspended {
+            true => Signal::STOP,
+            false => Signal::CONT,
+        });
+    }
+
+    fn signal(&self, signal: Signal) {
+        for program in children_of(self.keeper.id()) {
+            // One that has ended meanwhile is seen by its keeper.
+            let _ = kill_process_group(program, signal);
+        }
+    }
+
+    /// Number of the process that keeps it.
+    #[must_use]
+    pub fn keeper(&self) -> u32 {
+        self.keeper.id()
+    }
+
+    /// Tells the program that there is no more to do, by the end of its lifeline. It is ended if it does not end.
+    pub fn dismiss(&mut self) {
+        self.keeper.stdin = None;
     }
 
     /// Sends a message. Never waits.
@@ -224,7 +264,7 @@ impl Seat {
     /// # Errors
     /// There is no such variable, or nobody listens there.
     pub fn join(name: &str) -> io::Result<Self> {
-        let path = std::env::var_os(ADDRESS_VARIABLE).map(PathBuf::from);
+        let path = std::env::var_os(PORTS_VARIABLE).map(PathBuf::from);
         let path = path.ok_or_else(|| io::Error::other("no seat is named: runs start this"))?;
         let socket = seqpacket()?;
         connect(&socket, &SocketAddrUnix::new(path.as_path())?)?;
@@ -309,18 +349,46 @@ fn seqpacket() -> io::Result<OwnedFd> {
     Ok(socket_with(family, kind, SocketFlags::CLOEXEC, None)?)
 }
 
-/// A socket in a folder that nobody else can enter.
-fn listener() -> io::Result<(OwnedFd, TempDir)> {
-    let folder = tempfile::Builder::new()
-        .prefix("canrig-law-")
-        .permissions(Permissions::from_mode(0o700))
-        .tempdir()?;
-    let socket = seqpacket()?;
-    bind(&socket, &SocketAddrUnix::new(socket_in(&folder))?)?;
-    listen(&socket, 1)?;
-    Ok((socket, folder))
+/// A seat that waits for its program: a socket in a folder that nobody else can enter.
+#[derive(Debug)]
+pub struct Listener {
+    socket: OwnedFd,
+    folder: TempDir,
 }
 
-fn socket_in(folder: &TempDir) -> PathBuf {
-    folder.path().join("socket")
+impl Listener {
+    /// Opens a seat.
+    ///
+    /// # Errors
+    /// The system refuses it.
+    pub fn open() -> io::Result<Self> {
+        let folder = tempfile::Builder::new()
+            .prefix("canrig-seat-")
+            .permissions(Permissions::from_mode(0o700))
+            .tempdir()?;
+        let socket = seqpacket()?;
+        let listener = Self { socket, folder };
+        bind(&listener.socket, &SocketAddrUnix::new(listener.path())?)?;
+        listen(&listener.socket, 1)?;
+        Ok(listener)
+    }
+
+    /// The socket.
+    #[must_use]
+    pub fn path(&self) -> PathBuf {
+        self.folder.path().join("socket")
+    }
+
+    /// Waits for a program of the same user; `None` if none comes in time.
+    ///
+    /// # Errors
+    /// The system refuses it.
+    pub fn accept(&self, patience: Duration) -> io::Result<Option<OwnedFd>> {
+        if !wait_ready(self.socket.as_fd(), PollFlags::IN, patience)? {
+            return Ok(None);
+        }
+        let channel = accept_with(&self.socket, SocketFlags::CLOEXEC)?;
+        let is_ours = socket_peercred(&channel)?.uid == getuid();
+        Ok(is_ours.then_some(channel))
+    }
 }

@@ -1,7 +1,8 @@
 //! What canrig and a program say to each other, byte by byte: version 1 of the protocol of seats, as `docs/reference/seats.md` has it.
 //!
 //! A message is one packet of a `SOCK_SEQPACKET` socket: a header of 16 bytes, and what its kind adds. Numbers are little-endian, times
-//! are nanoseconds, and reserved bytes are sent as 0 and not looked at. A law has a *port seat*: numbers in, numbers out.
+//! are nanoseconds, and reserved bytes are sent as 0 and not looked at. A law has a *port seat*: numbers in, numbers out. A node has a
+//! *bus seat*: time and frames ([`crate::lockstep`]).
 
 /// Longest message.
 pub const MESSAGE_BYTES_MAX: usize = 128 << 10;
@@ -34,7 +35,9 @@ pub enum Kind {
     Hello = 1,
     /// canrig says what it plays.
     Welcome = 2,
-    /// The program is ready for what comes, or has stopped.
+    /// canrig grants a node time, with the frames for it.
+    Grant = 3,
+    /// The program has gone on, is ready for what comes, or has stopped.
     Done = 4,
     /// canrig asks it to stop.
     Stop = 5,
@@ -110,13 +113,13 @@ pub struct Misread {
 }
 
 impl Misread {
-    fn new(byte: usize, what: String) -> Self {
+    pub(crate) fn new(byte: usize, what: String) -> Self {
         Self { byte, what }
     }
 }
 
 /// The header and the body of a message of a kind.
-fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misread> {
+pub(crate) fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misread> {
     let (header, body) = Header::split(message)?;
     if header.kind != kind as u8 {
         let name = format!("{kind:?}").to_uppercase();
@@ -126,29 +129,42 @@ fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misread> {
     Ok((header, body))
 }
 
-/// Checks the HELLO of a program.
+/// Checks the HELLO of a law.
 ///
 /// # Errors
 /// It is none, or takes another seat or version.
 pub fn read_hello(message: &[u8]) -> Result<(), Misread> {
-    let (Header { a, number, .. }, body) = split_of(message, Kind::Hello)?;
-    let seat = body.first().copied().unwrap_or_default();
-    let length = HEADER_BYTES + HELLO_BYTES;
-    let end = message.len();
-    let (byte, what) = if a != VERSION {
-        (1, format!("version {a}, where {VERSION} is spoken"))
-    } else if number != MAGIC {
-        (4, format!("0x{number:08X}, not 0x{MAGIC:08X}"))
-    } else if end < length {
+    name_of(message, PORT_SEAT).map(drop)
+}
+
+/// The header and the name of a HELLO at a seat, and what follows.
+pub(crate) fn name_of(message: &[u8], seat: u8) -> Result<(Header, String, &[u8]), Misread> {
+    let (header, body) = split_of(message, Kind::Hello)?;
+    let Header { a, number, .. } = header;
+    if a != VERSION {
+        let what = format!("version {a}, where {VERSION} is spoken");
+        return Err(Misread::new(1, what));
+    }
+    if number != MAGIC {
+        let what = format!("0x{number:08X}, not 0x{MAGIC:08X}");
+        return Err(Misread::new(4, what));
+    }
+    let Some((hello, rest)) = body.split_first_chunk::<HELLO_BYTES>() else {
+        let length = HEADER_BYTES + HELLO_BYTES;
         let what = format!("HELLO has {length} bytes, and this one ends here");
-        (end, what)
-    } else if seat != PORT_SEAT {
-        let what = format!("seat {seat}, and a law's is {PORT_SEAT}");
-        (HEADER_BYTES, what)
-    } else {
-        return Ok(());
+        return Err(Misread::new(message.len(), what));
     };
-    Err(Misread::new(byte, what))
+    if hello[0] != seat {
+        let whose = match seat {
+            PORT_SEAT => "a law's",
+            _ => "a node's",
+        };
+        let what = format!("seat {}, and {whose} is {seat}", hello[0]);
+        return Err(Misread::new(HEADER_BYTES, what));
+    }
+    let name = hello[8..].split(|byte| *byte == 0).next();
+    let name = String::from_utf8_lossy(name.unwrap_or_default()).into_owned();
+    Ok((header, name, rest))
 }
 
 /// HELLO at a port seat.
@@ -159,11 +175,16 @@ pub fn write_hello(message: &mut Vec<u8>, name: &str) {
         ..Header::of(Kind::Hello)
     };
     header.begin(message);
-    let mut body = [0; HELLO_BYTES];
-    body[0] = PORT_SEAT;
+    message.extend_from_slice(&[PORT_SEAT, 0, 0, 0, 0, 0, 0, 0]);
+    write_name(message, name);
+}
+
+/// The name in a HELLO, padded.
+pub(crate) fn write_name(message: &mut Vec<u8>, name: &str) {
+    let mut padded = [0; NAME_BYTES];
     let name = &name.as_bytes()[..name.len().min(NAME_BYTES - 1)];
-    body[8..8 + name.len()].copy_from_slice(name);
-    message.extend_from_slice(&body);
+    padded[..name.len()].copy_from_slice(name);
+    message.extend_from_slice(&padded);
 }
 
 /// WELCOME at a port seat: what the law reads, writes and was given, as JSON.
@@ -278,8 +299,12 @@ pub fn write_failure(message: &mut Vec<u8>, header: Header, text: &str) {
         ..header
     }
     .begin(message);
-    let end = text.floor_char_boundary(TEXT_BYTES_MAX);
-    message.extend_from_slice(&text.as_bytes()[..end]);
+    message.extend_from_slice(text_of(text).as_bytes());
+}
+
+/// The longest start of the text of a failure that fits.
+pub(crate) fn text_of(text: &str) -> &str {
+    &text[..text.floor_char_boundary(TEXT_BYTES_MAX)]
 }
 
 #[cfg(test)]

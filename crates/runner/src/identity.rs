@@ -9,7 +9,7 @@ use object::Endianness;
 use object::elf::{ELF_NOTE_GNU, FileHeader64, NT_GNU_BUILD_ID};
 use object::read::ReadCache;
 use object::read::elf::{FileHeader, ProgramHeader};
-use plan::Plan;
+use plan::{Plan, listed};
 use recording::session::files_of;
 use scenario::Trial;
 use scenario::plant::PlantModel;
@@ -34,24 +34,13 @@ pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
         Some(file) => (file.to_owned(), hash_in(text).to_owned()),
         None => (name.to_owned(), hexadecimal(Sha256::digest(text))),
     };
-    let trials = || plan.loops.iter().map(|one| &one.trial);
+    let trials = plan.loops.iter().map(|one| &one.trial);
     Ok(Identity {
         program: program()?.to_owned(),
-        plant: listed(trials().flat_map(Trial::plants).map(PlantModel::name)),
-        law: listed(trials().map(|trial| trial.controller.law_name())),
+        plant: listed(trials.flat_map(Trial::plants).map(PlantModel::name)),
+        law: plan.leader(),
         files: files_of(plan).map(hash).collect(),
     })
-}
-
-/// Names in a row, each once.
-fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    let mut listed: Vec<&str> = Vec::new();
-    for name in names {
-        if !listed.contains(&name) {
-            listed.push(name);
-        }
-    }
-    listed.join(", ")
 }
 
 /// The build ID that the linker left in the program, or the hash of its file where it left none. Read once.

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use clap::Args;
 use scenario::Override;
@@ -15,12 +16,13 @@ use crate::observer::observed;
 use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run, ways_to_files};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
-use plan::Plan;
+use plan::{ControlLoop, Plan};
 use recording::capture::{Capture, Watch};
 use recording::frame_queue::WhenFull;
 use recording::run_folder::RunFolder;
 use report::viewer::{ViewerAddress, Viewers};
 use worlds::law_process::started_by;
+use worlds::programs::Hosting;
 use worlds::{Played, WorldError};
 
 /// Scenarios and what to do with their results.
@@ -62,6 +64,59 @@ pub struct ValueArgs {
     /// Play on another rig in place of the scenario's: a rig file, such as that of a real drive, or the name of one that ships
     #[arg(long, value_name = "RIG")]
     pub rig: Option<PathBuf>,
+    /// Behind `--`: a program that plays the controller, with its arguments; the scenario's law is left out
+    #[arg(last = true, value_name = "PROGRAM")]
+    pub program: Vec<String>,
+}
+
+/// Nodes that canrig does not play itself.
+#[derive(Args, Clone, Debug)]
+pub struct GuestArgs {
+    /// Nodes of the rig that canrig does not start: in real time it expects them on the bus, such as a real drive, in virtual time each
+    /// at an address that it prints, for 15 s; several with commas. A fan needs
+    /// its drive too, since a real fan cannot cool an emulated wire. A limit on a value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
+    #[arg(long, value_name = "NODE", value_delimiter = ',')]
+    pub external: Vec<String>,
+    /// Seconds that the answer of a program may take in virtual time; `none` for a debugger
+    #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = patience)]
+    pub patience: Patience,
+}
+
+/// How long an answer may take; for ever if `None`.
+pub type Patience = Option<Duration>;
+
+impl Default for GuestArgs {
+    fn default() -> Self {
+        Self {
+            external: Vec::new(),
+            patience: Hosting::default().patience,
+        }
+    }
+}
+
+impl GuestArgs {
+    /// How programs are hosted whose output is kept in a folder.
+    pub(crate) fn hosting<'a>(&self, logs: &'a Path, announce: &'a dyn Fn(&str)) -> Hosting<'a> {
+        Hosting {
+            logs: Some(logs),
+            patience: self.patience,
+            announce,
+        }
+    }
+}
+
+fn patience(text: &str) -> Result<Patience, String> {
+    const HELP: &str = "a number of seconds from 0.1 to 86400, or `none`";
+    if text == "none" {
+        return Ok(None);
+    }
+    let seconds = text
+        .parse()
+        .ok()
+        .filter(|seconds| (0.1..=86_400.0).contains(seconds));
+    seconds
+        .map(|seconds| Some(Duration::from_secs_f64(seconds)))
+        .ok_or(HELP.to_owned())
 }
 
 impl ValueArgs {
@@ -200,12 +255,20 @@ pub(crate) fn prepared(
     })
 }
 
-/// Refuses nodes that are somebody else's, in virtual time.
+/// The same plan in virtual time, where nodes that the command line names come to their seats. One that is somebody else's by its rig
+/// file has a time of its own.
 ///
 /// # Errors
-/// Which they are.
-pub(crate) fn refuse_external(plan: &Plan) -> Result<(), String> {
-    let external = plan.external_names();
+/// Which these are.
+pub(crate) fn in_virtual_time(plan: Plan, external: &[String]) -> Result<Plan, String> {
+    refuse_external(&plan)?;
+    let plan = plan.with_external(external)?;
+    plan.loops.iter().try_for_each(ControlLoop::admits_faults)?;
+    Ok(plan)
+}
+
+fn refuse_external(plan: &Plan) -> Result<(), String> {
+    let external = plan.expected_names();
     match external.is_empty() {
         true => Ok(()),
         false => Err(format!(

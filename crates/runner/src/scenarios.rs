@@ -5,8 +5,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
+use scenario::Override;
 use scenario::overrides::{OverrideError, overridden};
-use scenario::rig::nodes::Rig;
+use scenario::rig::nodes::{Rig, controller_in};
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
 use scenario::{Beside, ScenarioError, read_text};
 
@@ -37,6 +38,14 @@ pub enum NoScenario {
         #[help]
         help: String,
     },
+    /// A file of the program of the command line is not there any more.
+    #[error("{}: the program cannot be found: {source}", path.display())]
+    Program {
+        /// The scenario.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
     /// A value of the command line has no place in it.
     #[error("{}: {why}", path.display())]
     Override {
@@ -65,6 +74,7 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         let path = path.to_owned();
         return Err(NoScenario::Unknown { path, help });
     }
+    let mut program = None;
     let text = match shipped {
         Some(ShippedFile { text, .. }) => text.to_owned(),
         None => match read_text(path, FILE_BYTES_MAX) {
@@ -78,17 +88,53 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         why,
     })?;
     let mut beside = Beside::new(path);
+    if !values.program.is_empty() {
+        let (with, words) = beside.with_program(&values.program).map_err(|source| {
+            let path = path.to_owned();
+            NoScenario::Program { path, source }
+        })?;
+        beside = with;
+        program = Some(words);
+    }
     if let Some(rig) = values.rig_file() {
         beside = beside.with_rig(rig);
     }
     let is_of_rig = |name: &str| Path::new(name).starts_with(FOLDER);
     let shipped_rig = values.rig_file().and_then(shipped::rig);
     let read = |name: &str| match (shipped, shipped_rig) {
+        _ if beside.is_of_program(name) => beside.read(name),
         (_, Some(rig)) if is_of_rig(name) => Ok(rig.text.to_owned()),
         (Some(shipped), _) if !is_of_rig(name) => shipped.beside(name),
         _ => beside.read(name),
     };
+    let text = match program {
+        Some(words) => led_by(text, &words, &read)?,
+        None => text,
+    };
     Ok(Plan::parse(&beside, text, read, catalogue())?)
+}
+
+/// The text of a scenario whose controller is a program.
+fn led_by(
+    text: String,
+    words: &[String],
+    read: &dyn Fn(&str) -> io::Result<String>,
+) -> Result<String, NoScenario> {
+    let rig = text.parse::<toml::Table>().ok();
+    let rig = rig.and_then(|scenario| Some(scenario.get("rig")?.as_str()?.to_owned()));
+    let rig = rig.and_then(|rig| match shipped_rig(&rig) {
+        Some(text) => Some(text.to_owned()),
+        None => read(&rig).ok(),
+    });
+    // What is wrong with the rig is said when it is loaded.
+    let controller = rig.and_then(|rig| controller_in(&rig));
+    let controller = controller.unwrap_or_else(|| "controller".to_owned());
+    let words = toml::Value::from(words.to_vec());
+    let program = format!("node.{controller}.program={words}").parse();
+    let program = program.map(|program: Override| overridden(text, &[program]));
+    Ok(program
+        .expect("a key and a value")
+        .expect("tables on the way are made"))
 }
 
 /// The text of a rig file, or where there is none, of the one that ships by this name.

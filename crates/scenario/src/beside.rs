@@ -1,5 +1,6 @@
 //! Where the files are that a scenario names.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -10,11 +11,16 @@ use crate::rig::shipped;
 /// Longest file that is named.
 const BYTES_MAX: u64 = 64 << 20;
 
-/// The place of a scenario, and that of the rig file which takes the place of the scenario's.
+/// The folder of the files of a program that the command line names, in the names that a scenario has for them.
+const PROGRAM_FOLDER: &str = "program";
+
+/// The place of a scenario, that of the rig file which takes the place of the scenario's, and those of the files of a program that the
+/// command line names.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct Beside {
     scenario: PathBuf,
     rig: Option<PathBuf>,
+    program: BTreeMap<String, PathBuf>,
 }
 
 impl Beside {
@@ -23,7 +29,7 @@ impl Beside {
     pub fn new(scenario: &Path) -> Self {
         Self {
             scenario: scenario.to_owned(),
-            rig: None,
+            ..Self::default()
         }
     }
 
@@ -34,13 +40,69 @@ impl Beside {
         Self { rig, ..self }
     }
 
+    /// The same with a program of the command line, and the words of its command as the scenario has them: those that are files below
+    /// `program/`.
+    ///
+    /// # Errors
+    /// A file cannot be found any more.
+    pub fn with_program(mut self, words: &[String]) -> io::Result<(Self, Vec<String>)> {
+        let mut named = Vec::new();
+        for (place, word) in words.iter().enumerate() {
+            let is_searched = place == 0 && !word.contains('/');
+            if is_searched || !Path::new(word).is_file() {
+                named.push(word.clone());
+                continue;
+            }
+            let path = Path::new(word).canonicalize()?;
+            let file = path.file_name().unwrap_or_default().to_string_lossy();
+            let name = match format!("{PROGRAM_FOLDER}/{file}") {
+                taken if self.program.contains_key(&taken) => {
+                    format!("{PROGRAM_FOLDER}/{place}-{file}")
+                }
+                name => name,
+            };
+            self.program.insert(name.clone(), path);
+            named.push(name);
+        }
+        Ok((self, named))
+    }
+
+    /// Whether a file, or the hash of one, is of the program of the command line.
+    #[must_use]
+    pub fn is_of_program(&self, name: &str) -> bool {
+        let file = name.strip_suffix(HASH_SUFFIX).unwrap_or(name);
+        self.program.contains_key(file)
+    }
+
+    /// The command by which a program is started that `named_in` names, and its folder.
+    #[must_use]
+    pub fn command(&self, words: &[String], named_in: &str) -> (Vec<String>, PathBuf) {
+        let of_line = |word: &String| self.program.get(word);
+        let placed = words.iter().map(|word| match of_line(word) {
+            Some(path) => path.to_string_lossy().into_owned(),
+            None => word.clone(),
+        });
+        let is_of_line = words.iter().any(|word| of_line(word).is_some());
+        let file = match named_in {
+            "" => self.scenario.clone(),
+            rig => self.place(rig),
+        };
+        let folder = match file.parent() {
+            _ if is_of_line => Path::new("."),
+            None => Path::new("."),
+            Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
+            Some(folder) => folder,
+        };
+        (placed.collect(), folder.to_owned())
+    }
+
     /// The files beside another scenario in the same place.
     #[must_use]
     pub fn of_case(&self) -> Self {
         let scenario = self.scenario.with_file_name("case");
         Self {
             scenario,
-            rig: self.rig.clone(),
+            ..self.clone()
         }
     }
 
@@ -58,6 +120,12 @@ impl Beside {
     }
 
     fn folder_of<'a>(&'a self, name: &'a str) -> (&'a Path, &'a Path) {
+        if let Some(path) = self.program.get(name) {
+            return (
+                folder_of(path),
+                Path::new(path.file_name().unwrap_or_default()),
+            );
+        }
         let of_rig = Path::new(name).strip_prefix(shipped::FOLDER).ok();
         match (&self.rig, of_rig) {
             (Some(rig), Some(name)) => {

@@ -25,7 +25,7 @@ use crate::run::Run;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
 
-pub(crate) use process_laws::read_files;
+pub(crate) use process_laws::{read_files, read_programs};
 pub(crate) use signals::read_courses;
 pub(crate) use sweep::check as sweep;
 pub(crate) use tables::read_tables;

@@ -101,7 +101,49 @@ impl Curve {
     }
 }
 
+impl Curve {
+    /// Rows `(seconds, value)` until a time, with straight lines between them; two rows of one time are a jump. A piece that is no
+    /// straight line has a row in each spacing.
+    pub(crate) fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
+        let mut rows = vec![(0.0, self.at(0.0).value)];
+        let starts = self.segments.iter().map(|segment| segment.start_seconds);
+        let ends = starts.skip(1).chain([f64::INFINITY]);
+        for (segment, end) in self.segments.iter().zip(ends) {
+            let (start, end) = (segment.start_seconds, end.min(end_seconds));
+            if start > end {
+                break;
+            }
+            if let Some((_, before)) = rows.last().copied() {
+                rows.push((start, before));
+            }
+            let between = segment.corners_seconds(end, spacing_seconds).into_iter();
+            let between = between.filter(|time| (start..end).contains(time));
+            let times = [start].into_iter().chain(between).chain([end]);
+            rows.extend(times.map(|time| (time, segment.at(time).value)));
+        }
+        rows.dedup();
+        rows
+    }
+}
+
 impl Segment {
+    /// Where its straight lines meet.
+    fn corners_seconds(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<f64> {
+        match &self.piece {
+            Piece::Constant { .. } => Vec::new(),
+            Piece::Line { until_seconds, .. } => vec![*until_seconds],
+            Piece::Table { rows } => {
+                let times = rows.iter().map(|(seconds, _)| self.start_seconds + seconds);
+                times.collect()
+            }
+            Piece::Sine { .. } | Piece::Chirp { .. } => {
+                let first = libm::ceil(self.start_seconds / spacing_seconds);
+                let times = (0_u32..).map(|place| (first + f64::from(place)) * spacing_seconds);
+                times.take_while(|time| *time < end_seconds).collect()
+            }
+        }
+    }
+
     /// From then on it has no other values than before.
     fn is_new_until_seconds(&self) -> f64 {
         match &self.piece {

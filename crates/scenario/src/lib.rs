@@ -73,6 +73,6 @@ pub use load::{Objection, Texts, text_of};
 pub use nearest::{meant_or_known, nearest};
 pub use overrides::Override;
 pub use run::Run;
-pub use scenario::Scenario;
+pub use scenario::{NodeProgram, Scenario};
 pub use trial::Trial;
 pub use view::ControllerView;

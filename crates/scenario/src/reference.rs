@@ -187,6 +187,13 @@ impl Trajectory {
         }
     }
 
+    /// Rows `(seconds, set-point)` until a time, with straight lines between them; two rows of one time are a jump. A piece that is no
+    /// straight line has a row in each spacing.
+    #[must_use]
+    pub fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
+        self.0.rows(end_seconds, spacing_seconds)
+    }
+
     /// The stretches of scenario time that show every set-point until `end_seconds`. A stretch may end where it begins.
     pub fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
         self.0.stretches(end_seconds)
@@ -321,6 +328,29 @@ mod tests {
                 "{position} at {time}"
             );
             assert_eq!(reference.at(time), trajectory.at(time));
+        }
+        let rows = trajectory.rows(20.0, 0.001);
+        assert_eq!(
+            rows[..6],
+            [
+                (0.0, 10.0),
+                (1.0, 10.0),
+                (1.0, 30.0),
+                (2.0, 30.0),
+                (4.0, 20.0),
+                (5.0, 20.0)
+            ]
+        );
+        for time in (0..20_000).map(|cycle| f64::from(cycle) * 0.001) {
+            let behind = rows.partition_point(|(at, _)| *at <= time);
+            let (from, to) = (rows[behind - 1], rows[behind]);
+            let share = (time - from.0) / (to.0 - from.0);
+            let straight = from.1 + share * (to.1 - from.1);
+            let exact = trajectory.at(time).position;
+            assert!(
+                (straight - exact).abs() < 1e-9,
+                "{straight} for {exact} at {time}"
+            );
         }
         assert!(trajectory.at(6.0).has_exact_derivatives);
         assert!(trajectory.at(11.9).has_exact_derivatives);

@@ -27,8 +27,21 @@ pub struct Scenario {
     pub sweep: Option<Sweep>,
     /// The EDS of each drive that is somebody else's, by the drive's name.
     pub sheets: BTreeMap<String, String>,
+    /// The programs that play nodes, by the names of these.
+    pub programs: BTreeMap<String, NodeProgram>,
+    /// Whether the scenario has laws that are left out, since a program leads.
+    pub has_unused_law: bool,
     /// The copy of a rig that ships in a run folder: its name and its text.
     pub(crate) shipped_rig: Option<(String, String)>,
+}
+
+/// A program that plays a node.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct NodeProgram {
+    /// The program and its arguments.
+    pub command: Vec<String>,
+    /// The file that names it, by its name beside the scenario; empty for the scenario itself.
+    pub named_in: String,
 }
 
 impl Scenario {

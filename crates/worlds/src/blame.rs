@@ -80,6 +80,17 @@ pub(crate) fn end_by_node(
             let what = format!("no answer within {} s{}", patience.as_secs(), seen.when());
             Ok(seen.end(seen.node(name), None, what))
         }
+        WorldError::Coordinator(CoordinatorError::Participant(ref lockstep))
+            if !matches!(lockstep, LockstepError::Channel { .. }) =>
+        {
+            let name = lockstep.name();
+            let what = format!("{}{}", without(name, &error), seen.when());
+            Ok(seen.end(seen.node(name), None, what))
+        }
+        WorldError::Coordinator(CoordinatorError::Overloaded { ref name }) => {
+            let what = format!("{}{}", without(name, &error), seen.when());
+            Ok(seen.end(seen.node(name), None, what))
+        }
         WorldError::Process {
             name,
             how,
@@ -93,6 +104,12 @@ pub(crate) fn end_by_node(
         }),
         error => Err(error),
     }
+}
+
+/// An error without the name with which it begins.
+fn without(name: &str, error: &WorldError) -> String {
+    let text = error.to_string();
+    text.strip_prefix(name).unwrap_or(&text).trim().to_owned()
 }
 
 /// What the recording shows of the end.

@@ -8,14 +8,16 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use platform::bus::BusAddress;
+use platform::clock::Clock;
 use platform::process;
 use tokio::io::AsyncReadExt;
 use tokio::process::{Child, ChildStdin, Command};
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout};
 
 use crate::error::{Doing, WorldError};
 use crate::law_process::{folder_of, indented, more_patience};
 use crate::names::{CONTROLLER, PLANT_EMULATOR};
+use crate::programs::{ProgramOrder, StartedProgram};
 use plan::Plan;
 use recording::run_folder::RunFolder;
 
@@ -23,6 +25,8 @@ use recording::run_folder::RunFolder;
 const LOG_TAIL_LINES: usize = 12;
 /// Bytes at the end of a log that are searched for these lines.
 const LOG_TAIL_BYTES: usize = 4096;
+/// Time between two looks at a program.
+const LOOK: Duration = Duration::from_millis(20);
 /// How long a process may take to its orderly end, in wall time.
 const END_PATIENCE: Duration = Duration::from_secs(3);
 /// Exit codes of a node's process that say whose doing its end is; any other is its own.
@@ -30,8 +34,159 @@ const NOT_SET_UP: i32 = 3;
 const BUS_FAILED: i32 = 4;
 const INTERNAL: i32 = 70;
 
-/// A node's process.
-pub(super) struct NodeProcess {
+/// The process of a node: canrig's own, or a program.
+pub(super) enum NodeProcess {
+    Own(OwnProcess),
+    Program(ProgramProcess),
+}
+
+impl NodeProcess {
+    /// Starts this program again as the node `name`; `side_channel` is handed on.
+    pub(super) fn spawn(
+        name: &str,
+        plan: &Plan,
+        folder: &RunFolder,
+        bus: Option<&BusAddress>,
+        side_channel: Option<OwnedFd>,
+    ) -> Result<Self, WorldError> {
+        OwnProcess::spawn(name, plan, folder, bus, side_channel).map(Self::Own)
+    }
+
+    /// Starts the program of a node on a bus, in real time.
+    pub(super) fn start(order: ProgramOrder, bus: &BusAddress) -> Result<Self, WorldError> {
+        ProgramProcess::start(order, bus).map(Self::Program)
+    }
+
+    /// Another process in the place of one that a fault has killed.
+    pub(super) fn again(
+        &self,
+        plan: &Plan,
+        folder: &RunFolder,
+        bus: &BusAddress,
+    ) -> Result<Self, WorldError> {
+        match self {
+            Self::Own(own) => Self::spawn(&own.name, plan, folder, Some(bus), None),
+            Self::Program(program) => Self::start(program.order.clone(), bus),
+        }
+    }
+
+    /// Which node it is.
+    pub(super) fn name(&self) -> &str {
+        match self {
+            Self::Own(own) => &own.name,
+            Self::Program(program) => program.order.name(),
+        }
+    }
+
+    /// The number of its process, unless it has ended or is a program.
+    pub(super) fn number(&self) -> Option<u32> {
+        match self {
+            Self::Own(own) => own.child.id(),
+            Self::Program(_) => None,
+        }
+    }
+
+    /// Kills the process as a fault of the scenario.
+    pub(super) async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
+        match self {
+            Self::Own(own) => own.kill_by_fault().await,
+            Self::Program(program) => {
+                program.is_killed_by_fault = true;
+                program.started.program.kill();
+                Ok(())
+            }
+        }
+    }
+
+    /// Stops the process where it is as a fault of the scenario, or lets it go on.
+    pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
+        match self {
+            Self::Own(own) => own.suspend(is_suspended),
+            Self::Program(program) => {
+                program.started.program.suspend(is_suspended);
+                Ok(())
+            }
+        }
+    }
+
+    /// Waits for the process to end before it was asked to; the error that says so. One that a fault killed has not ended
+    /// early.
+    pub(super) async fn early_end(&mut self) -> WorldError {
+        match self {
+            Self::Own(own) => own.early_end().await,
+            Self::Program(program) => program.early_end().await,
+        }
+    }
+
+    /// Asks the node for its safe state and waits for its end; what a node of canrig's reports of itself, also where it ended badly.
+    pub(super) async fn stop(&mut self) -> (Option<String>, Result<(), WorldError>) {
+        match self {
+            Self::Own(own) => {
+                let (report, ended) = own.stop().await;
+                (Some(report), ended)
+            }
+            Self::Program(program) => (None, program.stop().await),
+        }
+    }
+}
+
+/// The process of a program, in real time.
+pub(super) struct ProgramProcess {
+    order: ProgramOrder,
+    started: StartedProgram,
+    is_killed_by_fault: bool,
+}
+
+impl ProgramProcess {
+    fn start(order: ProgramOrder, bus: &BusAddress) -> Result<Self, WorldError> {
+        let started = match bus {
+            BusAddress::Private(_) => Err(io::Error::other(
+                "a program cannot join a private bus: play with --bus embedded, or on a CAN interface",
+            )),
+            bus => order.start(bus.to_string(), "real", None),
+        };
+        let started = started.map_err(|source| WorldError::Spawn {
+            name: order.name().to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            order,
+            started,
+            is_killed_by_fault: false,
+        })
+    }
+
+    async fn early_end(&mut self) -> WorldError {
+        loop {
+            if !self.is_killed_by_fault
+                && let Some(end) = self.started.early_end(self.order.name())
+            {
+                return end;
+            }
+            sleep(LOOK).await;
+        }
+    }
+
+    async fn stop(&mut self) -> Result<(), WorldError> {
+        if self.is_killed_by_fault {
+            return Ok(());
+        }
+        // It may be suspended still.
+        self.started.program.suspend(false);
+        if let Some(end) = self.started.early_end(self.order.name()) {
+            return Err(end);
+        }
+        self.started.program.dismiss();
+        let clock = Clock::start();
+        while !self.started.has_ended() && clock.now() < platform::program::END_PATIENCE {
+            sleep(LOOK).await;
+        }
+        self.started.ended_well(self.order.name())
+    }
+}
+
+/// A process of canrig's own.
+pub(super) struct OwnProcess {
     name: String,
     child: Child,
     /// The node stops when this pipe ends, so it stops too when this process is killed.
@@ -43,10 +198,10 @@ pub(super) struct NodeProcess {
     is_killed_by_fault: bool,
 }
 
-impl NodeProcess {
+impl OwnProcess {
     /// Starts this program again as the node `name`. Its standard error goes into a log in the run's folder; its
     /// standard output is its report; `side_channel` is handed on.
-    pub(super) fn spawn(
+    fn spawn(
         name: &str,
         plan: &Plan,
         folder: &RunFolder,
@@ -97,18 +252,8 @@ impl NodeProcess {
         })
     }
 
-    /// Which node it is.
-    pub(super) fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// The number of its process; none once it has ended.
-    pub(super) fn number(&self) -> Option<u32> {
-        self.child.id()
-    }
-
     /// Kills the process as a fault of the scenario.
-    pub(super) async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
+    async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
         self.is_killed_by_fault = true;
         let killed = self.child.kill().await;
         killed.map_err(|source| WorldError::Spawn {
@@ -118,7 +263,7 @@ impl NodeProcess {
     }
 
     /// Stops the process where it is as a fault of the scenario, or lets it go on.
-    pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
+    fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
         if self.is_killed_by_fault {
             return Ok(());
         }
@@ -131,7 +276,7 @@ impl NodeProcess {
 
     /// Waits for the process to end before it was asked to; the error that says so. One that a fault killed has not ended
     /// early.
-    pub(super) async fn early_end(&mut self) -> WorldError {
+    async fn early_end(&mut self) -> WorldError {
         if self.is_killed_by_fault {
             return std::future::pending().await;
         }
@@ -145,7 +290,7 @@ impl NodeProcess {
     }
 
     /// Asks the node for its safe state and waits for its end; what the node reports of itself, also where it ended badly.
-    pub(super) async fn stop(&mut self) -> (String, Result<(), WorldError>) {
+    async fn stop(&mut self) -> (String, Result<(), WorldError>) {
         if self.is_killed_by_fault {
             self.lifeline = None;
             return (String::new(), Ok(()));

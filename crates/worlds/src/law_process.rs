@@ -13,7 +13,9 @@ use controller::process_law::{self, Player, Window};
 use fmu::Unpacked;
 use plan::Plan;
 use platform::clock::Clock;
-use platform::program::{END_PATIENCE, Order, Program, Received, START_PATIENCE};
+use platform::program::{
+    END_PATIENCE, Listener, Order, PORTS_VARIABLE, Program, Received, START_PATIENCE,
+};
 use platform::seat::{
     Header, IS_MISSING, Kind, MESSAGE_BYTES_MAX, numbers, read_answer, read_hello, read_values,
     write_numbers, write_welcome,
@@ -31,7 +33,7 @@ const LATE_IN_A_ROW_MAX: u32 = 20;
 const WAITS_MAX: u32 = 100;
 const WAIT: Duration = Duration::from_millis(100);
 /// Time that a process which closed its channel has to end.
-const CLOSED_PATIENCE: Duration = Duration::from_secs(10);
+pub(crate) const CLOSED_PATIENCE: Duration = Duration::from_secs(10);
 /// Said of a process that does not end then.
 const CLOSED: &str = "closed its channel";
 
@@ -82,14 +84,19 @@ impl LawPlace {
             false => "virtual",
         };
         let log = self.logs.as_ref().map(|logs| logs.join(log_name(part)));
-        let program = Program::start(&Order {
-            command: &command,
-            folder: &self.folder,
-            log: log.as_deref(),
-            environment: &[
-                ("CANRIG_CLOCK", clock.to_owned()),
-                ("CANRIG_SEED", self.seed.to_string()),
-            ],
+        let program = Listener::open().and_then(|listener| {
+            let seat = listener.path().to_string_lossy().into_owned();
+            let order = Order {
+                command: &command,
+                folder: &self.folder,
+                log: log.as_deref(),
+                environment: &[
+                    (PORTS_VARIABLE, seat),
+                    ("CANRIG_CLOCK", clock.to_owned()),
+                    ("CANRIG_SEED", self.seed.to_string()),
+                ],
+            };
+            Program::start(&order, Some(listener))
         });
         let program = program.map_err(|error| {
             let words = &part.plays;
@@ -136,15 +143,25 @@ pub(crate) fn more_patience(plan: &Plan) -> [Duration; 2] {
     }
 }
 
-/// What is started for the laws of a plan, a line each.
+/// What is started for a plan, a line each.
 #[must_use]
 pub fn started_by(plan: &Plan) -> Vec<String> {
+    let programs = plan.programs().into_iter().map(|(node, program)| {
+        let beside = &plan.shared.beside;
+        let (command, folder) = beside.command(&program.command, &program.named_in);
+        let (words, folder) = (command.join(" "), folder.display());
+        format!("{}: starts `{words}` in {folder}", node.name)
+    });
+    let left_out = plan.shared.has_unused_law.then(|| {
+        let name = &plan.controller().name;
+        format!("{name}: a program leads, so [controller] of the scenario is left out")
+    });
     let ours = plan.loops.iter();
     let ours = ours.filter(|one| one.is_ours(Part::Controller));
     let laws = ours.filter_map(|one| one.trial.controller.process_law());
     let folder = folder_of(plan);
     let line = |law: ProcessLaw| format!("law: starts `{}` in {}", law.plays, folder.display());
-    laws.map(line).collect()
+    programs.chain(left_out).chain(laws.map(line)).collect()
 }
 
 fn log_name(part: &process_law::Part) -> String {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use canopen::CanFrame;
 use platform::bus::Bus;
 use platform::clock::Clock;
-use platform::lockstep::{Local, LockstepError, Participant};
+use platform::lockstep::{Local, Participant};
 
 use crate::after_end::{self, ANSWER_TIME};
 use crate::blame::end_by_node;
@@ -19,9 +19,11 @@ use crate::law_process::LawPlace;
 use crate::names::{self, BENCH, CONTROLLER};
 use crate::nodes;
 use crate::played::End;
+use crate::programs::{Guests, Hosting, Seated};
 use plan::Plan;
 use recording::capture::Capture;
 use recording::log::Stamped;
+use scenario::node::{Node, Part};
 
 /// Frames of one loop in one cycle, those included that come more seldom.
 const FRAMES_PER_CYCLE: f64 = 5.0;
@@ -58,6 +60,15 @@ impl<'a> Role<'a> {
         }
     }
 
+    /// A node that canrig does not play itself.
+    pub(crate) fn guest(node: &Node, participant: &'a mut dyn Participant) -> Self {
+        let seat = match node.part {
+            Part::Controller => Seat::Controller,
+            _ => Seat::Drive(node.id),
+        };
+        Self { seat, participant }
+    }
+
     /// canrig's own node.
     pub fn bench(participant: &'a mut dyn Participant) -> Self {
         Self {
@@ -75,41 +86,74 @@ impl<'a> Role<'a> {
     }
 }
 
-/// Runs the scenario in this process; `logs` is the folder in which is kept what the processes of its laws print.
+/// Runs the scenario in this process, beside the programs that it needs.
 ///
 /// # Errors
 /// The bench failed, or the recording cannot be written.
 pub fn simulate(
     plan: &Plan,
-    logs: Option<&Path>,
+    hosting: &Hosting<'_>,
     capture: &mut Capture<'_>,
 ) -> Result<End, WorldError> {
     let laws = LawPlace {
-        logs: logs.map(Path::to_owned),
+        logs: hosting.logs.map(Path::to_owned),
         ..LawPlace::of(plan)
     };
-    let played = play_here(plan, laws, capture);
+    let played = Guests::seat(plan, hosting).and_then(|mut guests| {
+        let played = play_here(plan, laws, &mut guests, capture);
+        guests.finish(played)
+    });
     played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))
 }
 
-fn play_here(plan: &Plan, laws: LawPlace, capture: &mut Capture<'_>) -> Result<End, WorldError> {
+fn play_here(
+    plan: &Plan,
+    laws: LawPlace,
+    guests: &mut Guests,
+    capture: &mut Capture<'_>,
+) -> Result<End, WorldError> {
     let mut emulators = Vec::new();
-    for name in names::emulator_names(&plan.loops) {
+    for name in names::own_emulators(plan) {
         emulators.push((name, nodes::plant_emulator(plan, name)?));
     }
     let mut bench = DisturbanceProducer::new(plan)?;
     let views = nodes::controller_views(plan);
     let make = move || nodes::controller_of(&views, &laws);
-    let mut controller = nodes::faulty_controller(make, plan, |_| false)?;
+    let is_ours = !plan.is_external(plan.controller());
+    let controller = is_ours.then(|| nodes::faulty_controller(make, plan, |_| false));
+    let mut controller = controller.transpose()?;
     let emulators = emulators.iter_mut();
     let mut emulators =
         Vec::from_iter(emulators.map(|(name, node)| Local::new(*name, &mut **node)));
     let mut bench = Local::new(BENCH, &mut bench);
-    let mut controller = Local::new(CONTROLLER, &mut *controller);
+    let controller = controller.as_mut();
+    let mut controller = controller.map(|node| Local::new(CONTROLLER, &mut **node));
     let drives = emulators.iter_mut();
     let drives = drives.map(|one| Role::plant(plan, one));
-    let others = [Role::bench(&mut bench), Role::controller(&mut controller)];
-    play(plan, drives.chain(others).collect(), capture, None)
+    let controller = controller.as_mut().map(|one| Role::controller(one));
+    let mut guests = guests.participants();
+    let roles = in_order(drives, &mut guests, &mut bench, controller);
+    play(plan, roles, capture, None)
+}
+
+/// The participants in the order in which they are asked: drives, canrig's own node, the controller, each where it is.
+pub(crate) fn in_order<'a>(
+    drives: impl Iterator<Item = Role<'a>>,
+    guests: &'a mut [(Node, Seated<'_>)],
+    bench: &'a mut dyn Participant,
+    controller: Option<Role<'a>>,
+) -> Vec<Role<'a>> {
+    let mut roles = Vec::from_iter(drives);
+    for (node, participant) in guests {
+        roles.push(Role::guest(node, participant.participant()));
+    }
+    roles.extend(controller);
+    let is_last_a_manager = roles
+        .last()
+        .is_some_and(|role| role.seat == Seat::Controller);
+    let at = roles.len() - usize::from(is_last_a_manager);
+    roles.insert(at, Role::bench(bench));
+    roles
 }
 
 /// Plays the loops with these participants, the manager last: it is the first to stop, since it takes the current away and
@@ -162,11 +206,10 @@ pub fn play(
 fn is_gone(name: &str, error: &WorldError) -> bool {
     match error {
         WorldError::Coordinator(
-            CoordinatorError::Participant(
-                LockstepError::Ended { name: gone } | LockstepError::NoAnswer { name: gone, .. },
-            )
-            | CoordinatorError::Failed { name: gone, .. },
+            CoordinatorError::Failed { name: gone, .. }
+            | CoordinatorError::Overloaded { name: gone },
         ) => gone == name,
+        WorldError::Coordinator(CoordinatorError::Participant(error)) => error.name() == name,
         _ => false,
     }
 }

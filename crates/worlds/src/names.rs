@@ -1,12 +1,19 @@
 //! What the participants of a run are called, in messages and on the command line of their processes.
 
-use plan::ControlLoop;
+use plan::{ControlLoop, Plan};
+use scenario::node::Part;
 
 pub(crate) const CONTROLLER: &str = "controller";
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
 pub(crate) const BENCH: &str = "bench";
 /// What the plant emulator plays, and a real one is.
 pub(crate) const DRIVE: &str = "drive";
+
+/// The names of the participants that emulate the plants whose drives are canrig's.
+pub(crate) fn own_emulators(plan: &Plan) -> Vec<&str> {
+    let loops = plan.loops.iter();
+    emulator_names(loops.filter(|one| one.is_ours(Part::Drive)))
+}
 
 /// The names of the participants that emulate the plants of these loops, each once.
 #[must_use]

@@ -1,12 +1,13 @@
-//! What happens to the controller's process in real time: a crash is a SIGKILL, a hang a SIGSTOP.
+//! What happens to the processes of the controller and of programs in real time: a crash is a SIGKILL, a hang a SIGSTOP.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use faults::FaultKind;
 use plan::Plan;
+use scenario::node::Part;
 
-use crate::nodes::controller_faults;
+use crate::programs::{faults_at, participant_name};
 
 /// What is done to a process to play a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,31 +22,35 @@ pub(super) enum ProcessAction {
     Resume,
 }
 
-/// What a scenario's faults do to the controller's process, in the order of scenario time.
-pub(super) struct ProcessFaults(VecDeque<(Duration, ProcessAction)>);
+/// What a scenario's faults do to these processes, by the names of their nodes, in the order of scenario time.
+pub(super) struct ProcessFaults(VecDeque<(Duration, String, ProcessAction)>);
 
 impl ProcessFaults {
     pub(super) fn new(plan: &Plan) -> Self {
-        let faults = controller_faults(plan).faults;
-        let mut actions: Vec<_> = faults
-            .iter()
-            .flat_map(|fault| {
+        let programs = plan.programs().into_iter().map(|(node, _)| node);
+        let programs = programs.filter(|node| node.part != Part::Controller);
+        let mut actions = Vec::new();
+        for node in programs.chain([plan.controller()]) {
+            for fault in faults_at(plan, node).faults {
                 let (begin, end) = match fault.kind {
                     FaultKind::Crash(_) => (ProcessAction::Kill, ProcessAction::Start),
                     FaultKind::Hang => (ProcessAction::Suspend, ProcessAction::Resume),
-                    _ => return Vec::new(),
+                    _ => continue,
                 };
-                vec![(fault.from, begin), (fault.until, end)]
-            })
-            .collect();
-        actions.sort_by_key(|(time, _)| *time);
+                let name = participant_name(node);
+                actions.push((fault.from, name.to_owned(), begin));
+                actions.push((fault.until, name.to_owned(), end));
+            }
+        }
+        actions.sort_by_key(|(time, ..)| *time);
         Self(actions.into())
     }
 
-    /// The next action, once its time has come.
-    pub(super) fn due(&mut self, scenario_time: Duration) -> Option<ProcessAction> {
-        let is_due = |action: &mut (Duration, ProcessAction)| action.0 <= scenario_time;
-        self.0.pop_front_if(is_due).map(|(_, action)| action)
+    /// The next action and the node, once its time has come.
+    pub(super) fn due(&mut self, scenario_time: Duration) -> Option<(String, ProcessAction)> {
+        let is_due = |action: &mut (Duration, String, ProcessAction)| action.0 <= scenario_time;
+        let action = self.0.pop_front_if(is_due);
+        action.map(|(_, name, action)| (name, action))
     }
 }
 
@@ -66,7 +71,11 @@ mod tests {
         let plan = Plan::new(scenario, &Catalogue::shipped());
         let mut actions = ProcessFaults::new(&plan);
         assert_eq!(actions.due(Duration::ZERO), None);
-        let all: Vec<_> = std::iter::from_fn(|| actions.due(Duration::from_secs(5))).collect();
+        let all = std::iter::from_fn(|| actions.due(Duration::from_secs(5)));
+        let all = Vec::from_iter(all.map(|(name, action)| {
+            assert_eq!(name, "controller");
+            action
+        }));
         assert_eq!(
             all,
             [

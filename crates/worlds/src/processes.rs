@@ -4,7 +4,7 @@ use std::future::{Future, pending, poll_fn};
 use std::task::Poll;
 
 use platform::bus::{Bus, BusAddress};
-use platform::lockstep::{ANSWER_PATIENCE, Local, LockstepError, Remote, channel};
+use platform::lockstep::{ANSWER_PATIENCE, Local, LockstepError, Remote, Setting, channel};
 use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 use tokio::runtime::Runtime;
@@ -20,15 +20,17 @@ use crate::law_process;
 use crate::lockstep::{self, Role};
 use crate::names::{self, BENCH, CONTROLLER};
 use crate::played::{End, Played};
+use crate::programs::{Guests, Hosting};
 use plan::Plan;
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
+use scenario::node::Part;
 
 /// A process that was stopped.
 pub(super) struct Stopped {
     pub(super) name: String,
-    /// What the node reports of itself.
-    pub(super) report: String,
+    /// What a node of canrig's reports of itself.
+    pub(super) report: Option<String>,
     /// Whether it ended well.
     pub(super) ended: Result<(), WorldError>,
 }
@@ -124,10 +126,14 @@ pub(super) fn runtime() -> Result<Runtime, WorldError> {
 pub fn in_lockstep(
     plan: &Plan,
     folder: &RunFolder,
+    hosting: &Hosting<'_>,
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<Played, WorldError> {
-    let played = play(plan, folder, capture, bus);
+    let played = Guests::seat(plan, hosting).and_then(|mut guests| {
+        let played = play(plan, folder, &mut guests, capture, bus);
+        guests.finish(played)
+    });
     let end = played.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))?;
     Ok(Played::in_virtual_time(end))
 }
@@ -135,6 +141,7 @@ pub fn in_lockstep(
 fn play(
     plan: &Plan,
     folder: &RunFolder,
+    guests: &mut Guests,
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<End, WorldError> {
@@ -156,9 +163,10 @@ fn play(
     let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
-    let emulators = names::emulator_names(&plan.loops);
+    let emulators = names::own_emulators(plan);
     let count = emulators.len();
-    for name in emulators.into_iter().chain([CONTROLLER]) {
+    let controller = (!plan.is_external(plan.controller())).then_some(CONTROLLER);
+    for name in emulators.into_iter().chain(controller) {
         let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {
             name: name.to_owned(),
             source,
@@ -172,7 +180,7 @@ fn play(
         let mut remotes = Vec::new();
         let patience = ANSWER_PATIENCE + more_patience(plan) + law_process::more_patience(plan)[0];
         for (name, channel) in channels {
-            let remote = Remote::accept_within(name, channel, patience);
+            let remote = Remote::accept(name, channel, Some(patience), Setting::default());
             remotes.push(remote.map_err(CoordinatorError::from)?);
         }
         let mut bench = DisturbanceProducer::new(plan)?;
@@ -180,16 +188,11 @@ fn play(
         let (emulators, manager) = remotes.split_at_mut(count);
         let drives = emulators.iter_mut();
         let drives = drives.map(|one| Role::plant(plan, one));
-        let manager = manager.iter_mut().map(|one| Role::controller(one));
-        lockstep::play(
-            plan,
-            drives
-                .chain([Role::bench(&mut bench)])
-                .chain(manager)
-                .collect(),
-            capture,
-            wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus),
-        )
+        let manager = manager.first_mut().map(|one| Role::controller(one));
+        let mut guests = guests.participants();
+        let roles = lockstep::in_order(drives, &mut guests, &mut bench, manager);
+        let wire = wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus);
+        lockstep::play(plan, roles, capture, wire)
     })();
     runtime.block_on(with_end(played, &mut processes))
 }
@@ -208,7 +211,7 @@ async fn with_end(
         // How a process ended says more than that it does not answer.
         Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
             name,
-        }))) => processes.early_end_of(&name).await,
+        }))) if processes.get_mut(&name).is_some() => processes.early_end_of(&name).await,
         Err(error) => error,
     };
     // Whoever is left has ended before the error is reported, which is the first one.

@@ -15,14 +15,15 @@ use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
 use crate::fmu_plant::more_patience;
 use crate::law_process;
-use crate::names::{BENCH, CONTROLLER, DRIVE, emulator_names};
+use crate::names::{BENCH, CONTROLLER, DRIVE, own_emulators};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, Stopped, runtime};
+use crate::programs::ProgramOrder;
 use crate::second_master::SecondMasterWatch;
 use crate::silence::SilenceWatch;
 use crate::stalls::StallRecorder;
-use plan::{ControlLoop, Plan};
+use plan::Plan;
 use recording::capture::Capture;
 use recording::latency::{Host, NodeReport};
 use recording::run_folder::RunFolder;
@@ -157,15 +158,20 @@ fn start_nodes(
     folder: &RunFolder,
     connection: &BusConnection,
 ) -> Result<Processes, WorldError> {
-    let is_ours = |one: &&ControlLoop| one.is_ours(Part::Drive);
-    let emulators = emulator_names(plan.loops.iter().filter(is_ours)).into_iter();
     // One controller leads all loops.
     let controller = (plan.loops.iter())
         .all(|one| one.is_ours(Part::Controller))
         .then_some(CONTROLLER);
-    let spawn = |name| NodeProcess::spawn(name, plan, folder, Some(connection.address()), None);
-    let processes = emulators.chain(controller).map(spawn);
-    Ok(Processes::new(processes.collect::<Result<_, _>>()?))
+    let address = connection.address();
+    let spawn = |name| NodeProcess::spawn(name, plan, folder, Some(address), None);
+    let own = own_emulators(plan).into_iter().chain(controller).map(spawn);
+    let mut processes = own.collect::<Result<Vec<_>, _>>()?;
+    for order in ProgramOrder::all(plan, Some(folder.path()), None) {
+        if order.is_started() {
+            processes.push(NodeProcess::start(order, address)?);
+        }
+    }
+    Ok(Processes::new(processes))
 }
 
 /// Waits until the bench's own node has ended: it has stopped the drive, or failed.
@@ -188,7 +194,9 @@ fn with_reports(
         ended,
     } in stopped
     {
-        if ended.is_ok() || !report.is_empty() {
+        if let Some(report) = report
+            && (ended.is_ok() || !report.is_empty())
+        {
             let report = read_report(&name, &report);
             reports.insert(name, report);
         }
@@ -288,24 +296,23 @@ impl Run<'_, '_> {
         Ok(())
     }
 
-    /// Does to the controller's process what the scenario's faults say by now. Faults of an external controller were refused
+    /// Does to the processes of nodes what the scenario's faults say by now. Faults of an external controller were refused
     /// before the run.
     async fn play_faults(&mut self, faults: &mut ProcessFaults) -> Result<(), WorldError> {
-        let controller = self.processes.get_mut(CONTROLLER);
-        let (Some(controller), Some(time)) = (controller, self.capture.scenario_time()) else {
+        let Some(time) = self.capture.scenario_time() else {
             return Ok(());
         };
-        while let Some(action) = faults.due(time) {
+        while let Some((name, action)) = faults.due(time) {
+            let Some(process) = self.processes.get_mut(&name) else {
+                continue;
+            };
             match action {
-                ProcessAction::Kill => controller.kill_by_fault().await?,
-                ProcessAction::Suspend => controller.suspend(true)?,
-                ProcessAction::Resume => controller.suspend(false)?,
+                ProcessAction::Kill => process.kill_by_fault().await?,
+                ProcessAction::Suspend => process.suspend(true)?,
+                ProcessAction::Resume => process.suspend(false)?,
                 ProcessAction::Start => {
-                    let address = self.connection.address();
-                    let (plan, folder) = (self.plan, self.folder);
-                    *controller =
-                        NodeProcess::spawn(CONTROLLER, plan, folder, Some(address), None)?;
-                    self.stalls.watch(controller);
+                    *process = process.again(self.plan, self.folder, self.connection.address())?;
+                    self.stalls.watch(process);
                 }
             }
         }

@@ -13,6 +13,7 @@ use recording::timeline::{Timeline, decode};
 use worlds::End;
 use worlds::catalogue::catalogue;
 use worlds::lockstep::simulate;
+use worlds::programs::Hosting;
 
 fn two_axes() -> Plan {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/two_axes.toml");
@@ -23,7 +24,10 @@ fn simulated(plan: &Plan) -> Frames {
     let watch = Watch::default();
     let clock = plan.scenario_clock().unwrap();
     let mut capture = Capture::in_memory(clock, &watch);
-    assert_eq!(simulate(plan, None, &mut capture).unwrap(), End::Completed);
+    assert_eq!(
+        simulate(plan, &Hosting::default(), &mut capture).unwrap(),
+        End::Completed
+    );
     capture.finish().unwrap().0
 }
 
@@ -56,7 +60,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         let clock = plan.scenario_clock().unwrap();
         let mut capture = Capture::in_memory(clock, &watch);
         // A fault of the scenario is seen to its end.
-        let end = simulate(&plan, None, &mut capture).unwrap();
+        let end = simulate(&plan, &Hosting::default(), &mut capture).unwrap();
         assert_eq!(end, End::Completed);
         let (frames, _) = capture.finish().unwrap();
         let timelines = decode(&frames, &plan).unwrap();

@@ -25,6 +25,7 @@ use runner::run::RUNS;
 use runner::run::{RunPlace, run};
 use runner::scenarios;
 use worlds::law_process::started_by;
+use worlds::programs::Hosting;
 use worlds::{Played, lockstep};
 
 /// Failing cases that are shrunk; more of them have the same cause more often than not.
@@ -287,7 +288,11 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     let judged = caught(|| {
         let judged = run(&plan, place, &watch, taps, |own, capture| {
             own.path().clone_into(&mut folder.borrow_mut());
-            lockstep::simulate(&plan, Some(own.path()), capture).map(Played::in_virtual_time)
+            let hosting = Hosting {
+                logs: Some(own.path()),
+                ..Hosting::default()
+            };
+            lockstep::simulate(&plan, &hosting, capture).map(Played::in_virtual_time)
         });
         Ok(judged.map(|_| ()))
     });

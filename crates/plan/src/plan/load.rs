@@ -132,6 +132,7 @@ impl Plan {
         let varied = self.loops.iter().zip(scenario.loops);
         let varied = varied.map(|(base, one)| base.varied(one));
         let mut plan = Self::of_loops(scenario.run, varied.collect());
+        plan.shared.programs = scenario.programs;
         plan.shared.beside = beside;
         plan.shared.contours = scenario.contours;
         plan.shared.rig = Arc::new(scenario.rig);
@@ -251,8 +252,9 @@ fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive
 /// The plan of loops that `make` makes, each with its real drive.
 fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let mut external = External::default();
-    let others = scenario.rig.node.values().filter(|node| node.external);
-    others.for_each(|node| external.insert(node.node_id));
+    for node in scenario.rig.node.values().filter(|node| !node.is_ours()) {
+        external.insert(node.node_id, node.program.is_some());
+    }
     let trials = std::mem::take(&mut scenario.loops).into_iter();
     let loops = trials.map(|trial| {
         Ok(ControlLoop {
@@ -265,6 +267,8 @@ fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<
     let mut plan = Plan::of_loops(scenario.run, loops);
     plan.shared.contours = scenario.contours;
     plan.shared.sweep = scenario.sweep;
+    plan.shared.programs = scenario.programs;
+    plan.shared.has_unused_law = scenario.has_unused_law;
     plan.shared.rig = Arc::new(scenario.rig);
     Ok(plan)
 }

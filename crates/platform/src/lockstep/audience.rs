@@ -1,6 +1,13 @@
 //! Who listens to a node, and whom it may make speak.
 
+use std::cmp::Reverse;
+
 use canopen::{CanFrame, Filter, FilterSet};
+
+use super::protocol::FILTERS_MAX;
+
+/// Identifiers of 11 bits.
+const IDENTIFIERS: u16 = 0x800;
 
 /// What the other participants of a bus do with a node's frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,6 +34,35 @@ impl Audience {
     pub fn may_answer(&self, frame: &CanFrame) -> bool {
         self.accepted.accepts(frame) && !self.silent.accepts(frame)
     }
+
+    /// What nobody answers, as blocks of identifiers: the largest ones, if there are too many.
+    #[must_use]
+    pub fn quiet(&self) -> Vec<Filter> {
+        let is_quiet = |id: u16| !self.may_answer(&CanFrame::new(id, &[]));
+        let mut blocks = Vec::new();
+        add_blocks(0, IDENTIFIERS, &is_quiet, &mut blocks);
+        blocks.sort_by_key(|(first, size)| (Reverse(*size), *first));
+        blocks.truncate(FILTERS_MAX);
+        let filter = |(first, size): (u16, u16)| {
+            let exact = Filter::exact(first);
+            Filter {
+                mask: exact.mask & !u32::from(size - 1),
+                ..exact
+            }
+        };
+        blocks.into_iter().map(filter).collect()
+    }
+}
+
+/// Adds the blocks of identifiers for which all of this holds, each with its size, a power of two.
+fn add_blocks(first: u16, size: u16, holds: &impl Fn(u16) -> bool, blocks: &mut Vec<(u16, u16)>) {
+    if (first..first + size).all(holds) {
+        blocks.push((first, size));
+    } else if size > 1 {
+        let half = size / 2;
+        add_blocks(first, half, holds, blocks);
+        add_blocks(first + half, half, holds, blocks);
+    }
 }
 
 #[cfg(test)]
@@ -42,5 +78,27 @@ mod tests {
         let may_answer = |id| audience.may_answer(&CanFrame::new(id, &[]));
         assert!(may_answer(0x080) && !may_answer(0x210) && !may_answer(0x290));
         assert!(Audience::default().may_answer(&CanFrame::new(0x290, &[])));
+    }
+
+    #[test]
+    fn quiet_is_all_that_nobody_answers() {
+        let audience = Audience {
+            accepted: vec![Filter::exact(0x080), Filter::block(0x200, 0x7F0)].into(),
+            silent: vec![Filter::exact(0x20F)].into(),
+        };
+        let filters = audience.quiet();
+        assert!(filters.len() < 30, "{filters:?}");
+        let quiet = FilterSet::from(filters);
+        for id in 0..IDENTIFIERS {
+            let frame = CanFrame::new(id, &[]);
+            assert_eq!(
+                quiet.accepts(&frame),
+                !audience.may_answer(&frame),
+                "{id:#x}"
+            );
+        }
+        let remote = CanFrame::from_raw(0x4000_0300, 0, [0; 8]).unwrap();
+        assert!(!quiet.accepts(&remote));
+        assert_eq!(Audience::default().quiet(), []);
     }
 }

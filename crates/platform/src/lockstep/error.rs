@@ -3,8 +3,8 @@
 use std::io;
 use std::time::Duration;
 
-use super::protocol::ProtocolError;
 use super::step::StepError;
+use crate::seat::Misread;
 
 /// Why the coordinator got no answer.
 #[derive(Debug, thiserror::Error)]
@@ -24,12 +24,12 @@ pub enum LockstepError {
         name: String,
     },
     /// The process sent something that is not the protocol.
-    #[error("{name} broke the lock-step protocol: {source}")]
+    #[error("{name} answered with what is no answer: {source}")]
     Protocol {
         /// The participant.
         name: String,
         /// What was wrong.
-        source: ProtocolError,
+        source: Misread,
     },
     /// The step was not possible.
     #[error("{name} could not be stepped: {source}")]
@@ -39,12 +39,26 @@ pub enum LockstepError {
         /// What was wrong.
         source: StepError,
     },
-    /// The side channel failed.
-    #[error("the side channel to {name} failed: {source}")]
+    /// The channel failed.
+    #[error("the channel to {name} failed: {source}")]
     Channel {
         /// The participant.
         name: String,
         /// The system's error.
         source: io::Error,
     },
+}
+
+impl LockstepError {
+    /// The participant.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::NoAnswer { name, .. }
+            | Self::Ended { name }
+            | Self::Protocol { name, .. }
+            | Self::Step { name, .. }
+            | Self::Channel { name, .. } => name,
+        }
+    }
 }

@@ -9,11 +9,12 @@ use rustix::io::Errno;
 use rustix::net::SendFlags;
 
 use super::answer::Answer;
-use super::protocol::{self, FRAMES_MAX, Hello, PACKET_MAX, ProtocolError, Request};
+use super::protocol::{self, FRAMES_MAX, Hello, Request};
 use super::remote::receive_packet;
 use super::step::{StepError, Stepper};
 use crate::bus::{Bus, BusError};
 use crate::clock::Clock;
+use crate::seat::{MESSAGE_BYTES_MAX, Misread};
 
 /// How long an announced frame may take to arrive on the wire, in wall time.
 pub const WIRE_PATIENCE: Duration = Duration::from_secs(10);
@@ -25,8 +26,8 @@ pub enum FollowError {
     #[error("the coordinator ended before the node had stopped")]
     CoordinatorGone,
     /// The coordinator sent something that is not the protocol.
-    #[error("the coordinator broke the lock-step protocol: {0}")]
-    Protocol(#[from] ProtocolError),
+    #[error("the coordinator sent what is no message of lock-step: {0}")]
+    Protocol(#[from] Misread),
     /// The step was not possible.
     #[error("the node could not be stepped: {0}")]
     Step(#[from] StepError),
@@ -77,7 +78,7 @@ pub fn follow(
         wire: wire.map(|bus| Wire::new(bus, node)),
         stepper: Stepper::new(node),
         channel,
-        packet: Vec::with_capacity(PACKET_MAX),
+        packet: Vec::with_capacity(MESSAGE_BYTES_MAX),
         delivered: Vec::with_capacity(FRAMES_MAX),
         answer: Answer {
             frames: Vec::with_capacity(FRAMES_MAX),
@@ -99,17 +100,21 @@ struct Follower<'a> {
 impl Follower<'_> {
     fn run(&mut self, node: &mut dyn Node) -> Result<(), FollowError> {
         let hello = Hello {
+            name: String::new(),
             filters: node.filters_as_configured(),
             silent_filters: node.silent_filters(),
             next_deadline: node.next_deadline(),
         };
         protocol::encode_hello(&mut self.packet, &hello)?;
         self.send()?;
+        self.receive()?;
+        let quiet = protocol::decode_welcome(&self.packet)?;
+        self.stepper.meet(quiet.into());
         loop {
             self.receive()?;
-            let impossible = match self.serve(node) {
-                Ok(Served::NothingToAnswer) => continue,
-                Ok(Served::Step) => None,
+            let (number, request) = protocol::decode_request(&self.packet, &mut self.delivered)?;
+            let impossible = match self.serve(node, &request) {
+                Ok(()) => None,
                 // What the node cannot do is its failure; what the wire does not carry is not.
                 Err(FollowError::Step(error)) => {
                     self.answer.frames.clear();
@@ -118,7 +123,7 @@ impl Follower<'_> {
                 }
                 Err(error) => return Err(error),
             };
-            protocol::encode_done(&mut self.packet, &self.answer)?;
+            protocol::encode_done(&mut self.packet, number, &self.answer)?;
             self.send()?;
             if let Some(error) = impossible {
                 return Err(error.into());
@@ -131,11 +136,10 @@ impl Follower<'_> {
         }
     }
 
-    /// Does what the packet asks and writes the answer.
-    fn serve(&mut self, node: &mut dyn Node) -> Result<Served, FollowError> {
-        let request = protocol::decode_request(&self.packet, &mut self.delivered)?;
-        match request {
-            Request::Advance { to, until } => {
+    /// Does what was asked and writes the answer.
+    fn serve(&mut self, node: &mut dyn Node, request: &Request) -> Result<(), FollowError> {
+        match *request {
+            Request::Grant { to, until } => {
                 if let Some(wire) = &mut self.wire {
                     wire.replace_with_copies(&mut self.delivered)?;
                 }
@@ -143,15 +147,11 @@ impl Follower<'_> {
                     .advance(node, (to, until), &self.delivered, &mut self.answer)?;
             }
             Request::Stop { at } => self.stepper.stop(node, at, &mut self.answer)?,
-            Request::Audience(audience) => {
-                self.stepper.meet(audience);
-                return Ok(Served::NothingToAnswer);
-            }
         }
         if let Some(wire) = &mut self.wire {
             wire.expect_own(&self.answer.frames);
         }
-        Ok(Served::Step)
+        Ok(())
     }
 
     fn send(&self) -> Result<(), FollowError> {
@@ -170,14 +170,6 @@ impl Follower<'_> {
             Err(errno) => Err(FollowError::Channel(errno.into())),
         }
     }
-}
-
-/// What a packet asked for.
-enum Served {
-    /// A step, which is answered.
-    Step,
-    /// Only to know something.
-    NothingToAnswer,
 }
 
 /// The real bus that carries the announced frames.

@@ -55,7 +55,7 @@ impl Participant for Local<'_> {
     }
 
     fn meet(&mut self, audience: &Audience) {
-        self.stepper.meet(audience.clone());
+        self.stepper.meet(audience.quiet().into());
     }
 
     fn advance(

@@ -1,260 +1,281 @@
-//! The packets of the side channel: little-endian, one message each, bounded.
-//!
-//! | message | direction | layout |
-//! |---|---|---|
-//! | Hello | process → coordinator | 1, version `u8`, filter count `u16`, next deadline `u64`, filters, silent filters |
-//! | Advance | coordinator → process | 2, 0, frame count `u16`, to `u64`, until `u64`, frames |
-//! | Stop | coordinator → process | 3, 0, 0 `u16`, at `u64` |
-//! | Done | process → coordinator | 4, progress `u8`, frame count `u16`, next deadline `u64`, reached `u64`, frames, failure text |
-//! | Audience | coordinator → process | 5, 0, filter count `u16`, 0 `u64`, filters accepted, silent filters |
-//!
-//! Times are nanoseconds; a deadline of all ones is none. A frame is its time `u64`, identifier with the kernel's flags
-//! `u32`, length `u8` and 8 data bytes, a filter its id `u32` and mask `u32`. Progress is 0 running, 1 stopped, 2 failed; only a failure has a text.
+//! What canrig and a node say to each other at a *bus seat*, byte by byte, as `docs/reference/seats.md` has it. The frame of a message
+//! is [`crate::seat`]'s.
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Progress};
+use canopen::{CanFrame, Filter, FilterSet, Progress};
 
 use super::answer::Answer;
-use super::audience::Audience;
+use crate::seat::{
+    FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, name_of, split_of, text_of,
+    write_name,
+};
 
 /// Frames in one message, at most.
-pub const FRAMES_MAX: usize = 2048;
+pub const FRAMES_MAX: usize = 1024;
 
-/// Bytes of a failure's text, at most.
-const TEXT_MAX: usize = 1024;
+/// The seat of a node, in HELLO.
+const BUS_SEAT: u8 = 0;
+/// In the flags of HELLO: the node gets error frames.
+const ERRORS_TOO: u8 = 2;
 /// Filters of a node, at most (the kernel's `CAN_RAW_FILTER_MAX`).
-const FILTERS_MAX: usize = 512;
-const HEADER_BYTES: usize = 12;
-const TIME_BYTES: usize = 8;
-const FRAME_BYTES: usize = 21;
+pub(super) const FILTERS_MAX: usize = 512;
+const FILTER_BYTES: usize = 8;
+/// A frame of up to 8 bytes.
+const RECORD_BYTES: usize = 24;
+/// Where the parts of a message begin.
+const FLAGS_AT: usize = 17;
+const COUNT_AT: usize = 2;
+const FILTERS_AT: usize = 56;
+const BODY_AT: usize = 16;
+const RECORDS_AT: usize = 24;
 
-/// No message is longer.
-pub(super) const PACKET_MAX: usize =
-    HEADER_BYTES + TIME_BYTES + FRAMES_MAX * FRAME_BYTES + TEXT_MAX;
-
-const VERSION: u8 = 2;
-const HELLO: u8 = 1;
-const ADVANCE: u8 = 2;
-const STOP: u8 = 3;
-const DONE: u8 = 4;
-const AUDIENCE: u8 = 5;
-const NO_DEADLINE: u64 = u64::MAX;
-
-/// What is wrong with a message.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ProtocolError {
-    /// The message ends in the middle of a field, or is empty.
-    #[error("the message ends too early ({length} bytes)")]
-    TooShort {
-        /// Its length.
-        length: usize,
-    },
-    /// The message goes on after its end.
-    #[error("the message has {excess} bytes too many")]
-    TooLong {
-        /// Bytes after the end.
-        excess: usize,
-    },
-    /// Another message was due.
-    #[error("message kind {kind} where {expected} was due")]
-    UnexpectedKind {
-        /// The kind that came.
-        kind: u8,
-        /// The kinds that were due.
-        expected: &'static str,
-    },
-    /// The other end is another version.
-    #[error("protocol version {theirs}, ours is {VERSION}: build both ends from the same source")]
-    Version {
-        /// The other end's version.
-        theirs: u8,
-    },
-    /// More items than a message may hold.
-    #[error("{count} {what} (limit {limit})")]
-    TooMany {
-        /// How many.
-        count: usize,
-        /// Of what.
-        what: &'static str,
-        /// The limit.
-        limit: usize,
-    },
-    /// A field outside its values.
-    #[error("{field} is {value}")]
-    BadValue {
-        /// The field.
-        field: &'static str,
-        /// Its value.
-        value: u8,
-    },
-    /// A time that does not fit 64 bits of nanoseconds.
-    #[error("{time:?} exceeds 584 years")]
-    TimeTooLarge {
-        /// The time.
-        time: Duration,
-    },
-}
-
-/// What a process reports of itself first.
+/// HELLO of a node.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Hello {
+    pub(super) name: String,
     pub(super) filters: Vec<Filter>,
     pub(super) silent_filters: Vec<Filter>,
     pub(super) next_deadline: Option<Duration>,
 }
 
-/// What the coordinator asks of a process. Its frames are left in the caller's buffer.
-#[derive(Debug, PartialEq, Eq)]
-pub(super) enum Request {
-    Advance { to: Duration, until: Duration },
-    Stop { at: Duration },
-    Audience(Audience),
+/// What a node is told of its run, in WELCOME.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Setting {
+    /// The time of the run, later than 0 for a node that begins anew.
+    pub now: Duration,
+    /// The rate of the bus.
+    pub bits_per_second: u32,
+    /// The seed of the run.
+    pub seed: u64,
+    /// The node-ID.
+    pub node_id: u8,
 }
 
-/// Writes a Hello over `packet`.
-pub(super) fn encode_hello(packet: &mut Vec<u8>, hello: &Hello) -> Result<(), ProtocolError> {
-    let count = limited(hello.filters.len(), "filters", FILTERS_MAX)?;
-    let deadline = deadline_nanoseconds(hello.next_deadline)?;
-    write_header(packet, HELLO, VERSION, count, deadline);
+/// A question of canrig. Its frames are left in the caller's buffer.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Request {
+    Grant { to: Duration, until: Duration },
+    Stop { at: Duration },
+}
+
+/// The bounds of an answer.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked {
+    pub(super) number: u32,
+    pub(super) from: Duration,
+    pub(super) to: Duration,
+    pub(super) until: Duration,
+}
+
+/// Writes HELLO.
+pub(super) fn encode_hello(packet: &mut Vec<u8>, hello: &Hello) -> Result<(), Misread> {
+    let header = Header {
+        a: VERSION,
+        count: counted(hello.filters.len(), FILTERS_MAX, "filters", COUNT_AT)?,
+        number: MAGIC,
+        time: deadline(hello.next_deadline),
+        ..Header::of(Kind::Hello)
+    };
+    let silent = hello.silent_filters.len();
+    let silent = counted(silent, FILTERS_MAX, "silent filters", FLAGS_AT + 1)?;
+    header.begin(packet);
+    packet.extend_from_slice(&[BUS_SEAT, 0]);
+    packet.extend_from_slice(&silent.to_le_bytes());
+    packet.extend_from_slice(&[0; 4]);
+    write_name(packet, &hello.name);
     write_filters(packet, &hello.filters);
     write_filters(packet, &hello.silent_filters);
     Ok(())
 }
 
-/// Reads a Hello.
-pub(super) fn decode_hello(packet: &[u8]) -> Result<Hello, ProtocolError> {
-    let mut reader = Reader::new(packet);
-    reader.expect_kind(HELLO, "hello")?;
-    let theirs = reader.u8()?;
-    if theirs != VERSION {
-        return Err(ProtocolError::Version { theirs });
+/// Reads HELLO.
+pub(super) fn decode_hello(packet: &[u8]) -> Result<Hello, Misread> {
+    let (header, name, rest) = name_of(packet, BUS_SEAT)?;
+    let count = counted(header.count.into(), FILTERS_MAX, "filters", COUNT_AT)?;
+    let flags = packet[FLAGS_AT];
+    if flags & !ERRORS_TOO != 0 {
+        let what = format!("flags 0x{flags:02X}, and 0x{ERRORS_TOO:02X} alone is known");
+        return Err(Misread::new(FLAGS_AT, what));
     }
-    let count = limited(usize::from(reader.u16()?), "filters", FILTERS_MAX)?;
-    let next_deadline = reader.deadline()?;
-    let (filters, silent_filters) = reader.two_lists_of_filters(count)?;
+    let silent = u16::from_le_bytes([packet[FLAGS_AT + 1], packet[FLAGS_AT + 2]]);
+    let silent = counted(silent.into(), FILTERS_MAX, "silent filters", FLAGS_AT + 1)?;
+    let expected = usize::from(count) + usize::from(silent);
+    ends_at(packet, FILTERS_AT + expected * FILTER_BYTES)?;
+    let mut filters = filters(rest);
+    let silent_filters = filters.split_off(count.into());
+    if flags & ERRORS_TOO != 0 {
+        filters.push(Filter::ERRORS);
+    }
     Ok(Hello {
+        name,
         filters,
         silent_filters,
-        next_deadline,
+        next_deadline: time_or_never(header.time),
     })
 }
 
-/// Writes an Audience over `packet`.
-pub(super) fn encode_audience(
+/// Writes WELCOME.
+pub(super) fn encode_welcome(
     packet: &mut Vec<u8>,
-    audience: &Audience,
-) -> Result<(), ProtocolError> {
-    let limit = 2 * FILTERS_MAX;
-    let count = limited(audience.accepted.filters().len(), "filters", limit)?;
-    limited(audience.silent.filters().len(), "filters", limit)?;
-    write_header(packet, AUDIENCE, 0, count, 0);
-    write_filters(packet, audience.accepted.filters());
-    write_filters(packet, audience.silent.filters());
+    setting: &Setting,
+    quiet: &[Filter],
+) -> Result<(), Misread> {
+    let header = Header {
+        a: VERSION,
+        count: counted(quiet.len(), FILTERS_MAX, "quiet filters", COUNT_AT)?,
+        time: nanoseconds(setting.now),
+        ..Header::of(Kind::Welcome)
+    };
+    header.begin(packet);
+    packet.extend_from_slice(&setting.bits_per_second.to_le_bytes());
+    // Frames of a higher rate of data are not spoken yet.
+    packet.extend_from_slice(&setting.bits_per_second.to_le_bytes());
+    packet.extend_from_slice(&setting.seed.to_le_bytes());
+    packet.extend_from_slice(&[setting.node_id, 0, 0, 0, 0, 0, 0, 0]);
+    write_filters(packet, quiet);
     Ok(())
 }
 
-/// Writes an Advance over `packet`.
-pub(super) fn encode_advance(
+/// Reads the quiet filters of WELCOME.
+pub(super) fn decode_welcome(packet: &[u8]) -> Result<Vec<Filter>, Misread> {
+    let (header, body) = split_of(packet, Kind::Welcome)?;
+    ends_at(packet, 40 + usize::from(header.count) * FILTER_BYTES)?;
+    Ok(filters(&body[24..]))
+}
+
+/// Writes GRANT.
+pub(super) fn encode_grant(
     packet: &mut Vec<u8>,
-    to: Duration,
-    until: Duration,
+    asked: &Asked,
     frames: &[(Duration, CanFrame)],
-) -> Result<(), ProtocolError> {
-    let count = limited(frames.len(), "frames", FRAMES_MAX)?;
-    write_header(packet, ADVANCE, 0, count, nanoseconds(to)?);
-    packet.extend_from_slice(&nanoseconds(until)?.to_le_bytes());
-    write_frames(packet, frames)
-}
-
-/// Writes a Stop over `packet`.
-pub(super) fn encode_stop(packet: &mut Vec<u8>, at: Duration) -> Result<(), ProtocolError> {
-    write_header(packet, STOP, 0, 0, nanoseconds(at)?);
+) -> Result<(), Misread> {
+    let header = Header {
+        count: counted(frames.len(), FRAMES_MAX, "frames", COUNT_AT)?,
+        number: asked.number,
+        time: nanoseconds(asked.to),
+        ..Header::of(Kind::Grant)
+    };
+    header.begin(packet);
+    packet.extend_from_slice(&nanoseconds(asked.until).to_le_bytes());
+    write_records(packet, frames);
     Ok(())
 }
 
-/// Reads an Advance, a Stop or an Audience; `frames` is overwritten with the frames delivered.
+/// Writes STOP.
+pub(super) fn encode_stop(packet: &mut Vec<u8>, asked: &Asked) {
+    let header = Header {
+        number: asked.number,
+        time: nanoseconds(asked.to),
+        ..Header::of(Kind::Stop)
+    };
+    header.begin(packet);
+}
+
+/// Reads GRANT or STOP with its number; `frames` is overwritten with the frames delivered.
 pub(super) fn decode_request(
     packet: &[u8],
     frames: &mut Vec<(Duration, CanFrame)>,
-) -> Result<Request, ProtocolError> {
-    let mut reader = Reader::new(packet);
-    let kind = reader.u8()?;
-    reader.u8()?;
-    let count = reader.u16()?;
-    let time = Duration::from_nanos(reader.u64()?);
+) -> Result<(u32, Request), Misread> {
     frames.clear();
-    let request = match kind {
-        ADVANCE => {
-            let until = Duration::from_nanos(reader.u64()?);
-            reader.frames(count, frames)?;
-            Request::Advance { to: time, until }
-        }
-        STOP => Request::Stop { at: time },
-        AUDIENCE => {
-            let (accepted, silent) = reader.two_lists_of_filters(usize::from(count))?;
-            Request::Audience(Audience {
-                accepted: accepted.into(),
-                silent: silent.into(),
-            })
-        }
-        _ => {
-            return Err(ProtocolError::UnexpectedKind {
-                kind,
-                expected: "advance, stop or audience",
-            });
-        }
-    };
-    reader.end()?;
-    Ok(request)
+    let (header, _) = Header::split(packet)?;
+    let time = Duration::from_nanos(header.time);
+    if header.kind == Kind::Stop as u8 {
+        ends_at(packet, BODY_AT)?;
+        return Ok((header.number, Request::Stop { at: time }));
+    }
+    let (header, body) = split_of(packet, Kind::Grant)?;
+    let until = time_in(packet, body)?;
+    let rest = read_records(packet, header.count.into(), frames)?;
+    ends_at(packet, packet.len() - rest.len())?;
+    Ok((header.number, Request::Grant { to: time, until }))
 }
 
-/// Writes a Done over `packet`.
-pub(super) fn encode_done(packet: &mut Vec<u8>, answer: &Answer) -> Result<(), ProtocolError> {
-    let count = limited(answer.frames.len(), "frames", FRAMES_MAX)?;
-    let (progress, text) = match &answer.progress {
+/// Writes DONE.
+pub(super) fn encode_done(
+    packet: &mut Vec<u8>,
+    number: u32,
+    answer: &Answer,
+) -> Result<(), Misread> {
+    let (a, text) = match &answer.progress {
         Progress::Running => (0, ""),
-        Progress::Stopped => (1, ""),
-        Progress::Failed(text) => (2, shortened(text)),
+        Progress::Stopped => (STOPPED, ""),
+        Progress::Failed(text) => (FAILED, text_of(text)),
     };
-    let deadline = deadline_nanoseconds(answer.next_deadline)?;
-    write_header(packet, DONE, progress, count, deadline);
-    packet.extend_from_slice(&nanoseconds(answer.reached)?.to_le_bytes());
-    write_frames(packet, &answer.frames)?;
+    let header = Header {
+        a,
+        count: counted(answer.frames.len(), FRAMES_MAX, "frames", COUNT_AT)?,
+        number,
+        time: deadline(answer.next_deadline),
+        ..Header::of(Kind::Done)
+    };
+    header.begin(packet);
+    packet.extend_from_slice(&nanoseconds(answer.reached).to_le_bytes());
+    write_records(packet, &answer.frames);
     packet.extend_from_slice(text.as_bytes());
     Ok(())
 }
 
-/// Reads a Done over the answer before.
-pub(super) fn decode_done(packet: &[u8], answer: &mut Answer) -> Result<(), ProtocolError> {
-    let mut reader = Reader::new(packet);
-    reader.expect_kind(DONE, "done")?;
-    let progress = reader.u8()?;
-    let count = reader.u16()?;
-    answer.next_deadline = reader.deadline()?;
-    answer.reached = Duration::from_nanos(reader.u64()?);
-    reader.frames(count, &mut answer.frames)?;
-    answer.progress = match progress {
+/// Reads DONE over the answer before. Behind an own frame that is not quiet the node has not gone on.
+pub(super) fn decode_done(
+    packet: &[u8],
+    asked: &Asked,
+    quiet: &FilterSet,
+    answer: &mut Answer,
+) -> Result<(), Misread> {
+    let (header, body) = split_of(packet, Kind::Done)?;
+    if header.number != asked.number {
+        let what = format!("number {}, and {} was asked", header.number, asked.number);
+        return Err(Misread::new(4, what));
+    }
+    answer.frames.clear();
+    answer.next_deadline = time_or_never(header.time);
+    answer.reached = time_in(packet, body)?;
+    let rest = read_records(packet, header.count.into(), &mut answer.frames)?;
+    answer.progress = match header.a {
         0 => Progress::Running,
-        1 => Progress::Stopped,
-        2 => Progress::Failed(String::from_utf8_lossy(reader.rest()).into_owned()),
-        value => {
-            return Err(ProtocolError::BadValue {
-                field: "progress",
-                value,
-            });
-        }
+        STOPPED => Progress::Stopped,
+        FAILED => Progress::Failed(String::from_utf8_lossy(rest).into_owned()),
+        a => return Err(Misread::new(1, format!("{a}, which is neither 0, 1 nor 2"))),
     };
-    reader.end()
+    if header.a != FAILED {
+        ends_at(packet, packet.len() - rest.len())?;
+    }
+    is_possible(asked, quiet, answer)
 }
 
-fn write_header(packet: &mut Vec<u8>, kind: u8, second: u8, count: usize, time: u64) {
-    let count = u16::try_from(count).expect("limits of counts fit 16 bits");
-    packet.clear();
-    packet.push(kind);
-    packet.push(second);
-    packet.extend_from_slice(&count.to_le_bytes());
-    packet.extend_from_slice(&time.to_le_bytes());
+/// Whether an answer keeps to the time that was granted.
+fn is_possible(asked: &Asked, quiet: &FilterSet, answer: &Answer) -> Result<(), Misread> {
+    let earliest = match answer.progress {
+        Progress::Running => asked.to,
+        _ => asked.from,
+    };
+    let (mut latest, mut last) = (asked.until, asked.from);
+    for (place, (time, frame)) in answer.frames.iter().enumerate() {
+        let at = RECORDS_AT + place * RECORD_BYTES;
+        if *time < last || *time > answer.reached {
+            let reached = answer.reached;
+            let what =
+                format!("frame {frame} at {time:?}, which lies outside {last:?} to {reached:?}");
+            return Err(Misread::new(at, what));
+        }
+        if frame.is_error() {
+            let what = format!("frame {frame} is an error frame, which no node sends");
+            return Err(Misread::new(at + 8, what));
+        }
+        last = *time;
+        if !quiet.accepts(frame) {
+            latest = latest.min(last.max(asked.to));
+        }
+    }
+    if answer.reached < earliest || answer.reached > latest {
+        let what = format!(
+            "it reached {:?}, which lies outside {earliest:?} to {latest:?}",
+            answer.reached
+        );
+        return Err(Misread::new(BODY_AT, what));
+    }
+    Ok(())
 }
 
 fn write_filters(packet: &mut Vec<u8>, filters: &[Filter]) {
@@ -264,151 +285,123 @@ fn write_filters(packet: &mut Vec<u8>, filters: &[Filter]) {
     }
 }
 
-fn write_frames(
-    packet: &mut Vec<u8>,
-    frames: &[(Duration, CanFrame)],
-) -> Result<(), ProtocolError> {
+fn filters(bytes: &[u8]) -> Vec<Filter> {
+    let word = |bytes: &[u8]| {
+        let word = bytes.first_chunk().copied();
+        u32::from_le_bytes(word.unwrap_or_default())
+    };
+    let filter = |bytes: &[u8; FILTER_BYTES]| Filter {
+        id: word(bytes),
+        mask: word(&bytes[4..]),
+    };
+    bytes.as_chunks().0.iter().map(filter).collect()
+}
+
+fn write_records(packet: &mut Vec<u8>, frames: &[(Duration, CanFrame)]) {
     for (at, frame) in frames {
-        let length = u8::try_from(frame.data().len()).expect("a frame has at most 8 bytes");
-        packet.extend_from_slice(&nanoseconds(*at)?.to_le_bytes());
-        packet.extend_from_slice(&frame.raw_id().to_le_bytes());
-        packet.push(length);
-        packet.extend_from_slice(&frame.buffer());
+        let mut record = [0; RECORD_BYTES];
+        record[..8].copy_from_slice(&nanoseconds(*at).to_le_bytes());
+        record[8..12].copy_from_slice(&frame.raw_id().to_le_bytes());
+        record[12] = frame.length();
+        record[16..].copy_from_slice(&frame.buffer());
+        packet.extend_from_slice(&record);
     }
-    Ok(())
 }
 
-fn limited(count: usize, what: &'static str, limit: usize) -> Result<usize, ProtocolError> {
+/// Reads the records of a message; the rest behind them.
+fn read_records<'a>(
+    packet: &'a [u8],
+    count: usize,
+    frames: &mut Vec<(Duration, CanFrame)>,
+) -> Result<&'a [u8], Misread> {
+    counted(count, FRAMES_MAX, "frames", COUNT_AT)?;
+    let length = count * RECORD_BYTES;
+    let Some((records, rest)) = packet[RECORDS_AT..].split_at_checked(length) else {
+        return Err(short(packet, RECORDS_AT + length));
+    };
+    let records = records.as_chunks::<RECORD_BYTES>().0.iter();
+    for (place, record) in records.enumerate() {
+        let at = RECORDS_AT + place * RECORD_BYTES;
+        let [
+            t0,
+            t1,
+            t2,
+            t3,
+            t4,
+            t5,
+            t6,
+            t7,
+            i0,
+            i1,
+            i2,
+            i3,
+            length,
+            flags,
+            ..,
+        ] = *record;
+        let data = *record.last_chunk().unwrap_or(&[0; 8]);
+        let id = u32::from_le_bytes([i0, i1, i2, i3]);
+        let frame = CanFrame::from_raw(id, length, data).filter(|_| flags == 0);
+        let Some(frame) = frame else {
+            let what = format!(
+                "a frame of {length} bytes with flags 0x{flags:02X}: frames have at most 8 bytes and no flags here"
+            );
+            return Err(Misread::new(at + 12, what));
+        };
+        let time = u64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7]);
+        frames.push((Duration::from_nanos(time), frame));
+    }
+    Ok(rest)
+}
+
+/// The time behind a header.
+fn time_in(packet: &[u8], body: &[u8]) -> Result<Duration, Misread> {
+    let time = body.first_chunk();
+    let time = time.ok_or_else(|| short(packet, RECORDS_AT))?;
+    Ok(Duration::from_nanos(u64::from_le_bytes(*time)))
+}
+
+/// Refuses a message of another length.
+fn ends_at(packet: &[u8], end: usize) -> Result<(), Misread> {
+    match packet.len() {
+        length if length < end => Err(short(packet, end)),
+        length if length > end => Err(Misread::new(
+            end,
+            format!("the message ends here, and {} bytes follow", length - end),
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn short(packet: &[u8], end: usize) -> Misread {
+    let length = packet.len();
+    Misread::new(
+        length,
+        format!("the message has {end} bytes, and this one ends here"),
+    )
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "limits of counts fit 16 bits"
+)]
+fn counted(count: usize, limit: usize, what: &str, byte: usize) -> Result<u16, Misread> {
     if count > limit {
-        return Err(ProtocolError::TooMany { count, what, limit });
+        let what = format!("{count} {what}, where {limit} is the limit");
+        return Err(Misread::new(byte, what));
     }
-    Ok(count)
+    Ok(count as u16)
 }
 
-fn nanoseconds(time: Duration) -> Result<u64, ProtocolError> {
-    u64::try_from(time.as_nanos()).map_err(|_| ProtocolError::TimeTooLarge { time })
+/// Times of virtual time fit: 64 bits are 584 years.
+fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(NEVER)
 }
 
-fn deadline_nanoseconds(deadline: Option<Duration>) -> Result<u64, ProtocolError> {
-    deadline.map_or(Ok(NO_DEADLINE), nanoseconds)
+fn deadline(deadline: Option<Duration>) -> u64 {
+    deadline.map_or(NEVER, nanoseconds)
 }
 
-/// The longest start of `text` that fits.
-fn shortened(text: &str) -> &str {
-    let mut end = text.len().min(TEXT_MAX);
-    while !text.is_char_boundary(end) {
-        end -= 1;
-    }
-    &text[..end]
-}
-
-/// Reads fields from the front of a message.
-struct Reader<'a> {
-    rest: &'a [u8],
-    length: usize,
-}
-
-impl<'a> Reader<'a> {
-    fn new(packet: &'a [u8]) -> Self {
-        Self {
-            rest: packet,
-            length: packet.len(),
-        }
-    }
-
-    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], ProtocolError> {
-        let (head, rest) = self
-            .rest
-            .split_first_chunk::<N>()
-            .ok_or(ProtocolError::TooShort {
-                length: self.length,
-            })?;
-        self.rest = rest;
-        Ok(*head)
-    }
-
-    fn u8(&mut self) -> Result<u8, ProtocolError> {
-        self.bytes().map(u8::from_le_bytes)
-    }
-
-    fn u16(&mut self) -> Result<u16, ProtocolError> {
-        self.bytes().map(u16::from_le_bytes)
-    }
-
-    fn u32(&mut self) -> Result<u32, ProtocolError> {
-        self.bytes().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Result<u64, ProtocolError> {
-        self.bytes().map(u64::from_le_bytes)
-    }
-
-    fn deadline(&mut self) -> Result<Option<Duration>, ProtocolError> {
-        let value = self.u64()?;
-        Ok((value != NO_DEADLINE).then(|| Duration::from_nanos(value)))
-    }
-
-    fn expect_kind(&mut self, due: u8, expected: &'static str) -> Result<(), ProtocolError> {
-        let kind = self.u8()?;
-        if kind != due {
-            return Err(ProtocolError::UnexpectedKind { kind, expected });
-        }
-        Ok(())
-    }
-
-    fn frames(
-        &mut self,
-        count: u16,
-        frames: &mut Vec<(Duration, CanFrame)>,
-    ) -> Result<(), ProtocolError> {
-        let count = limited(usize::from(count), "frames", FRAMES_MAX)?;
-        frames.clear();
-        for _ in 0..count {
-            let at = Duration::from_nanos(self.u64()?);
-            let id = self.u32()?;
-            let length = self.u8()?;
-            let frame =
-                CanFrame::from_raw(id, length, self.bytes()?).ok_or(ProtocolError::BadValue {
-                    field: "frame length",
-                    value: length,
-                })?;
-            frames.push((at, frame));
-        }
-        Ok(())
-    }
-
-    fn filter(&mut self) -> Result<Filter, ProtocolError> {
-        Ok(Filter {
-            id: self.u32()?,
-            mask: self.u32()?,
-        })
-    }
-
-    /// The first `count` filters, and all that follow.
-    fn two_lists_of_filters(
-        &mut self,
-        count: usize,
-    ) -> Result<(Vec<Filter>, Vec<Filter>), ProtocolError> {
-        let first = (0..count)
-            .map(|_| self.filter())
-            .collect::<Result<_, _>>()?;
-        let mut second = Vec::new();
-        while !self.rest.is_empty() {
-            second.push(self.filter()?);
-        }
-        Ok((first, second))
-    }
-
-    fn rest(&mut self) -> &'a [u8] {
-        std::mem::take(&mut self.rest)
-    }
-
-    fn end(&self) -> Result<(), ProtocolError> {
-        if !self.rest.is_empty() {
-            return Err(ProtocolError::TooLong {
-                excess: self.rest.len(),
-            });
-        }
-        Ok(())
-    }
+fn time_or_never(time: u64) -> Option<Duration> {
+    (time != NEVER).then(|| Duration::from_nanos(time))
 }

@@ -1,10 +1,10 @@
-//! The coordinator's end of the side channel to a process.
+//! The coordinator's end of the channel to a node in another process.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter};
+use canopen::{CanFrame, Filter, FilterSet, Progress};
 use rustix::io::Errno;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType};
@@ -13,10 +13,14 @@ use super::answer::Answer;
 use super::audience::Audience;
 use super::error::LockstepError;
 use super::participant::Participant;
-use super::protocol::{self, PACKET_MAX, ProtocolError};
+use super::protocol::{self, Asked, FRAMES_MAX, Setting};
+use super::step::{StepError, TICKS_PER_INSTANT_MAX};
+use crate::seat::{MESSAGE_BYTES_MAX, Misread};
 
 /// How long a process may take to answer, in wall time.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
+/// A wait for an answer. Where the machine stands still, that is one wait of the patience.
+const WAIT: Duration = Duration::from_millis(100);
 
 /// A side channel: the coordinator's end and the process's end. Both close on `exec`; `process::child` hands the second
 /// one on. Drop the process's end once it is handed on, or its death goes unnoticed.
@@ -32,86 +36,140 @@ pub fn channel() -> io::Result<(OwnedFd, OwnedFd)> {
     )?)
 }
 
-/// A node in another process, which runs [`super::follow`].
+/// A node in another process, at a bus seat.
+#[derive(Debug)]
 pub struct Remote {
     name: String,
     channel: OwnedFd,
-    patience: Duration,
+    /// For ever if `None`.
+    patience: Option<Duration>,
+    setting: Setting,
     filters: Vec<Filter>,
     silent_filters: Vec<Filter>,
+    /// What of its own nobody answers.
+    quiet: FilterSet,
     next_deadline: Option<Duration>,
+    /// The time that it has reached, and how often it was asked there in a row.
+    reached: (Duration, u32),
+    number: u32,
+    is_welcome: bool,
     packet: Vec<u8>,
 }
 
 /// What went wrong on the channel, not yet with the participant's name.
 enum Failure {
-    Protocol(ProtocolError),
+    Protocol(Misread),
     Channel(Errno),
 }
 
-impl Remote {
-    /// Waits for the process at the other end to introduce itself; `name` is for messages.
-    ///
-    /// # Errors
-    /// When it does not within [`ANSWER_PATIENCE`], is gone, or speaks another protocol.
-    pub fn accept(name: impl Into<String>, channel: OwnedFd) -> Result<Self, LockstepError> {
-        Self::accept_within(name, channel, ANSWER_PATIENCE)
+impl From<Misread> for Failure {
+    fn from(misread: Misread) -> Self {
+        Self::Protocol(misread)
     }
+}
 
-    /// As [`Remote::accept`] with another patience, for the introduction and for every answer.
+impl Remote {
+    /// Waits for the process at the other end to introduce itself; `name` is for messages. Each answer may take as long as the
+    /// `patience`, for ever if that is `None`.
     ///
     /// # Errors
-    /// As [`Remote::accept`].
-    pub fn accept_within(
+    /// When it does not, is gone, or speaks another protocol.
+    pub fn accept(
         name: impl Into<String>,
         channel: OwnedFd,
-        patience: Duration,
+        patience: Option<Duration>,
+        setting: Setting,
     ) -> Result<Self, LockstepError> {
         let mut remote = Self {
             name: name.into(),
             channel,
             patience,
+            setting,
             filters: Vec::new(),
             silent_filters: Vec::new(),
+            quiet: Vec::new().into(),
             next_deadline: None,
-            packet: Vec::with_capacity(PACKET_MAX),
+            reached: (setting.now, 0),
+            number: 0,
+            is_welcome: false,
+            packet: Vec::with_capacity(MESSAGE_BYTES_MAX),
         };
-        set_socket_timeout(&remote.channel, Timeout::Recv, Some(patience))
-            .map_err(|errno| remote.error(Failure::Channel(errno)))?;
-        remote.receive()?;
-        let hello = protocol::decode_hello(&remote.packet)
-            .map_err(|error| remote.error(Failure::Protocol(error)))?;
-        remote.filters = hello.filters;
-        remote.silent_filters = hello.silent_filters;
-        remote.next_deadline = hello.next_deadline;
+        remote
+            .meet_process()
+            .map_err(|failure| remote.error(failure))?;
         Ok(remote)
     }
 
-    /// Sends what an encoder wrote to the packet.
-    fn send(&mut self, encoded: Result<(), ProtocolError>) -> Result<(), LockstepError> {
-        encoded.map_err(|error| self.error(Failure::Protocol(error)))?;
-        // One packet at a time is under way and it is smaller than the socket's buffer, so this never waits.
+    fn meet_process(&mut self) -> Result<(), Failure> {
+        set_socket_timeout(&self.channel, Timeout::Recv, Some(WAIT)).map_err(Failure::Channel)?;
+        self.receive()?;
+        let hello = protocol::decode_hello(&self.packet)?;
+        self.filters = hello.filters;
+        self.silent_filters = hello.silent_filters;
+        self.next_deadline = hello.next_deadline;
+        Ok(())
+    }
+
+    fn welcome(&mut self, quiet: &[Filter]) -> Result<(), Failure> {
+        self.is_welcome = true;
+        protocol::encode_welcome(&mut self.packet, &self.setting, quiet)?;
+        self.send()
+    }
+
+    /// Asks for an answer to GRANT; to STOP where no frames are given.
+    fn ask(
+        &mut self,
+        (to, until): (Duration, Duration),
+        frames: Option<&[(Duration, CanFrame)]>,
+        answer: &mut Answer,
+    ) -> Result<(), Failure> {
+        if !self.is_welcome {
+            self.welcome(&[])?;
+        }
+        self.number = self.number.wrapping_add(1);
+        let asked = Asked {
+            number: self.number,
+            from: self.reached.0,
+            to,
+            until,
+        };
+        match frames {
+            Some(frames) => protocol::encode_grant(&mut self.packet, &asked, frames)?,
+            None => protocol::encode_stop(&mut self.packet, &asked),
+        }
+        self.send()?;
+        self.receive()?;
+        protocol::decode_done(&self.packet, &asked, &self.quiet, answer)?;
+        self.next_deadline = answer.next_deadline;
+        let (before, times) = self.reached;
+        let times = if answer.reached == before {
+            times + 1
+        } else {
+            0
+        };
+        self.reached = (answer.reached, times);
+        Ok(())
+    }
+
+    /// Sends the packet. One at a time is under way and it is smaller than the socket's buffer, so this never waits.
+    fn send(&self) -> Result<(), Failure> {
         let flags = SendFlags::NOSIGNAL | SendFlags::DONTWAIT;
         let sent = rustix::net::send(&self.channel, &self.packet, flags);
-        sent.map(drop)
-            .map_err(|errno| self.error(Failure::Channel(errno)))
+        sent.map(drop).map_err(Failure::Channel)
     }
 
-    fn read_answer(&mut self, answer: &mut Answer) -> Result<(), LockstepError> {
-        self.receive()?;
-        protocol::decode_done(&self.packet, answer)
-            .map_err(|error| self.error(Failure::Protocol(error)))?;
-        self.next_deadline = answer.next_deadline;
-        Ok(())
-    }
-
-    fn receive(&mut self) -> Result<(), LockstepError> {
-        receive_packet(&self.channel, &mut self.packet)
-            .map_err(|errno| self.error(Failure::Channel(errno)))?;
-        if self.packet.is_empty() {
-            return Err(self.error(Failure::Channel(Errno::PIPE)));
+    fn receive(&mut self) -> Result<(), Failure> {
+        let mut left = self.patience;
+        loop {
+            match receive_packet(&self.channel, &mut self.packet) {
+                Ok(()) if self.packet.is_empty() => return Err(Failure::Channel(Errno::PIPE)),
+                Ok(()) => return Ok(()),
+                Err(Errno::AGAIN) if left != Some(Duration::ZERO) => {
+                    left = left.map(|left| left.saturating_sub(WAIT));
+                }
+                Err(errno) => return Err(Failure::Channel(errno)),
+            }
         }
-        Ok(())
     }
 
     fn error(&self, failure: Failure) -> LockstepError {
@@ -120,7 +178,7 @@ impl Remote {
             Failure::Protocol(source) => LockstepError::Protocol { name, source },
             Failure::Channel(Errno::AGAIN) => LockstepError::NoAnswer {
                 name,
-                patience: self.patience,
+                patience: self.patience.unwrap_or_default(),
             },
             Failure::Channel(Errno::PIPE | Errno::CONNRESET) => LockstepError::Ended { name },
             Failure::Channel(errno) => LockstepError::Channel {
@@ -128,6 +186,18 @@ impl Remote {
                 source: errno.into(),
             },
         }
+    }
+
+    /// Refuses a node whose deadline does not move.
+    fn refuse_stuck(&self) -> Result<(), LockstepError> {
+        let (at, times) = self.reached;
+        if times <= TICKS_PER_INSTANT_MAX {
+            return Ok(());
+        }
+        Err(LockstepError::Step {
+            name: self.name.clone(),
+            source: StepError::Stuck { at },
+        })
     }
 }
 
@@ -150,8 +220,9 @@ impl Participant for Remote {
 
     /// Nothing is answered to it; a channel that fails now fails at the first step too.
     fn meet(&mut self, audience: &Audience) {
-        let encoded = protocol::encode_audience(&mut self.packet, audience);
-        let _ = self.send(encoded);
+        let quiet = audience.quiet();
+        let _ = self.welcome(&quiet);
+        self.quiet = quiet.into();
     }
 
     fn advance(
@@ -161,15 +232,31 @@ impl Participant for Remote {
         frames: &[(Duration, CanFrame)],
         answer: &mut Answer,
     ) -> Result<(), LockstepError> {
-        let encoded = protocol::encode_advance(&mut self.packet, to, until, frames);
-        self.send(encoded)?;
-        self.read_answer(answer)
+        let (mut rest, mut queued) = (frames, Vec::new());
+        while let Some((part, later)) = rest.split_at_checked(FRAMES_MAX)
+            && let (Some((last, _)), false) = (part.last(), later.is_empty())
+        {
+            let asked = self.ask((*last, *last), Some(part), answer);
+            asked.map_err(|failure| self.error(failure))?;
+            queued.append(&mut answer.frames);
+            rest = later;
+            if answer.progress != Progress::Running {
+                answer.frames = queued;
+                return Ok(());
+            }
+        }
+        let asked = self.ask((to, until), Some(rest), answer);
+        asked.map_err(|failure| self.error(failure))?;
+        if !queued.is_empty() {
+            queued.append(&mut answer.frames);
+            answer.frames = queued;
+        }
+        self.refuse_stuck()
     }
 
     fn stop(&mut self, at: Duration, answer: &mut Answer) -> Result<(), LockstepError> {
-        let encoded = protocol::encode_stop(&mut self.packet, at);
-        self.send(encoded)?;
-        self.read_answer(answer)
+        let asked = self.ask((at, at), None, answer);
+        asked.map_err(|failure| self.error(failure))
     }
 }
 

@@ -5,11 +5,10 @@ use std::time::Duration;
 use canopen::{CanFrame, FilterSet, Node, Progress};
 
 use super::answer::Answer;
-use super::audience::Audience;
 use super::protocol::FRAMES_MAX;
 
 /// Ticks that a node may want at one instant before it counts as stuck.
-const TICKS_PER_INSTANT_MAX: u32 = 1000;
+pub(super) const TICKS_PER_INSTANT_MAX: u32 = 1000;
 
 /// Why a step was not possible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -57,7 +56,8 @@ pub(super) struct Stepper {
     progress: Progress,
     /// What the node takes without saying anything.
     silent: FilterSet,
-    audience: Audience,
+    /// What of its own nobody answers.
+    quiet: FilterSet,
 }
 
 impl Stepper {
@@ -68,7 +68,7 @@ impl Stepper {
             next_deadline: node.next_deadline(),
             progress: node.progress(),
             silent: node.silent_filters().into(),
-            audience: Audience::default(),
+            quiet: Vec::new().into(),
         }
     }
 
@@ -77,9 +77,9 @@ impl Stepper {
         self.next_deadline
     }
 
-    /// Remembers who listens.
-    pub(super) fn meet(&mut self, audience: Audience) {
-        self.audience = audience;
+    /// Remembers what nobody answers.
+    pub(super) fn meet(&mut self, quiet: FilterSet) {
+        self.quiet = quiet;
     }
 
     /// Advances the node to `to`, then on to `until` if it may.
@@ -157,10 +157,7 @@ impl Stepper {
         let mut checked = 0;
         while self.is_running() && self.now < until {
             let fresh = &queued[checked..];
-            if fresh
-                .iter()
-                .any(|(_, frame)| self.audience.may_answer(frame))
-            {
+            if fresh.iter().any(|(_, frame)| !self.quiet.accepts(frame)) {
                 break;
             }
             checked = queued.len();

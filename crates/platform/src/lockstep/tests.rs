@@ -11,6 +11,7 @@ use super::protocol::*;
 use super::remote::receive_packet;
 use super::*;
 use crate::bus::{Bus, BusError};
+use crate::seat::{MESSAGE_BYTES_MAX, Misread};
 use crate::test_nodes::Echo;
 
 const MS: Duration = Duration::from_millis(1);
@@ -23,11 +24,15 @@ fn ping(byte: u8) -> CanFrame {
     CanFrame::new(0x100, &[byte])
 }
 
+fn accept(name: &str, channel: OwnedFd) -> Result<Remote, LockstepError> {
+    Remote::accept(name, channel, Some(ANSWER_PATIENCE), Setting::default())
+}
+
 /// An echo in a thread and the coordinator's view of it.
 fn remote_echo() -> (Remote, JoinHandle<Result<(), FollowError>>) {
     let (ours, theirs) = channel().unwrap();
     let echo = std::thread::spawn(move || follow(&mut Echo::new(MS), theirs, None::<&mut dyn Bus>));
-    (Remote::accept("echo", ours).unwrap(), echo)
+    (accept("echo", ours).unwrap(), echo)
 }
 
 fn step(
@@ -174,7 +179,7 @@ fn a_step_that_the_remote_node_cannot_do_is_its_failure() {
 fn a_dead_process_is_named() {
     let (ours, theirs) = channel().unwrap();
     drop(theirs);
-    let error = Remote::accept("controller", ours).err().unwrap();
+    let error = accept("controller", ours).err().unwrap();
     assert!(matches!(error, LockstepError::Ended { .. }));
     assert_eq!(
         error.to_string(),
@@ -183,7 +188,7 @@ fn a_dead_process_is_named() {
 
     let (ours, theirs) = channel().unwrap();
     send(&theirs, &hello_packet());
-    let mut remote = Remote::accept("controller", ours).unwrap();
+    let mut remote = accept("controller", ours).unwrap();
     drop(theirs);
     assert!(matches!(
         step(&mut remote, MS, &[]),
@@ -195,9 +200,10 @@ fn a_dead_process_is_named() {
 fn a_process_that_dies_in_the_middle_of_a_step_is_named() {
     let (ours, theirs) = channel().unwrap();
     send(&theirs, &hello_packet());
-    let mut remote = Remote::accept("controller", ours).unwrap();
-    let dying =
-        std::thread::spawn(move || receive_packet(&theirs, &mut Vec::with_capacity(PACKET_MAX)));
+    let mut remote = accept("controller", ours).unwrap();
+    let dying = std::thread::spawn(move || {
+        receive_packet(&theirs, &mut Vec::with_capacity(MESSAGE_BYTES_MAX))
+    });
     let error = step(&mut remote, MS, &[]).unwrap_err();
     assert!(matches!(error, LockstepError::Ended { .. }), "{error}");
     dying.join().unwrap().unwrap();
@@ -207,7 +213,7 @@ fn a_process_that_dies_in_the_middle_of_a_step_is_named() {
 fn a_silent_process_is_named() {
     let (ours, theirs) = channel().unwrap();
     send(&theirs, &hello_packet());
-    let mut remote = Remote::accept_within("plant", ours, ms(30)).unwrap();
+    let mut remote = Remote::accept("plant", ours, Some(ms(30)), Setting::default()).unwrap();
     let error = step(&mut remote, MS, &[]).unwrap_err();
     assert!(
         matches!(error, LockstepError::NoAnswer { .. }),
@@ -226,44 +232,123 @@ fn a_coordinator_that_dies_ends_the_process() {
     ));
 }
 
-#[test]
-fn malformed_answers_are_errors() {
-    let mut done = Vec::new();
-    let answer = Answer {
-        frames: vec![(MS, ping(1))],
+/// What is wrong with an answer to 0 to 2 ms that may go on to 4 ms, where 0x100 is quiet.
+fn wrong(packet: &[u8]) -> Option<String> {
+    let asked = Asked {
+        number: 7,
+        from: Duration::ZERO,
+        to: ms(2),
+        until: ms(4),
+    };
+    let quiet = vec![Filter::exact(0x100)].into();
+    let misread = decode_done(packet, &asked, &quiet, &mut Answer::default());
+    misread.err().map(|misread: Misread| misread.to_string())
+}
+
+fn answer_of(frames: &[(Duration, CanFrame)], reached: Duration) -> Answer {
+    Answer {
+        frames: frames.to_vec(),
         next_deadline: None,
-        reached: MS,
+        reached,
         progress: Progress::Running,
-    };
-    encode_done(&mut done, &answer).unwrap();
-    let decode = |packet: &[u8]| {
-        let mut decoded = story(&mut Local::new("echo", &mut Echo::new(MS))).remove(1);
-        decode_done(packet, &mut decoded).map(|()| decoded)
-    };
-    assert_eq!(decode(&done), Ok(answer));
-    for end in 0..done.len() {
+    }
+}
+
+fn done(answer: &Answer) -> Vec<u8> {
+    let mut packet = Vec::new();
+    encode_done(&mut packet, 7, answer).unwrap();
+    packet
+}
+
+#[test]
+fn malformed_answers_are_named_with_their_byte() {
+    let packet = done(&answer_of(&[(MS, ping(1))], ms(2)));
+    assert_eq!(packet.len(), 48);
+    assert_eq!(wrong(&packet), None);
+    for end in 0..packet.len() {
         assert!(
-            matches!(decode(&done[..end]), Err(ProtocolError::TooShort { .. })),
+            wrong(&packet[..end]).unwrap().contains("ends here"),
             "cut at {end}"
         );
     }
     let with = |index: usize, value: u8| {
-        let mut packet = done.clone();
+        let mut packet = packet.clone();
         packet[index] = value;
-        decode(&packet).unwrap_err().to_string()
+        wrong(&packet).unwrap()
     };
-    assert_eq!(with(0, 9), "message kind 9 where done was due");
-    assert_eq!(with(1, 7), "progress is 7");
-    assert_eq!(with(2, 2), "the message ends too early (41 bytes)");
-    assert_eq!(with(2, 0), "the message has 21 bytes too many");
-    assert_eq!(with(3, 0xFF), "65281 frames (limit 2048)");
-    assert_eq!(with(32, 9), "frame length is 9");
+    assert_eq!(with(0, 9), "byte 0: kind 9, where DONE is 4");
+    assert_eq!(with(1, 7), "byte 1: 7, which is neither 0, 1 nor 2");
+    assert_eq!(with(4, 6), "byte 4: number 6, and 7 was asked");
+    let short = "byte 48: the message has 72 bytes, and this one ends here";
+    assert_eq!(with(2, 2), short);
+    let long = "byte 24: the message ends here, and 24 bytes follow";
+    assert_eq!(with(2, 0), long);
+    assert_eq!(
+        with(3, 0xFF),
+        "byte 2: 65281 frames, where 1024 is the limit"
+    );
+    assert!(with(36, 9).starts_with("byte 36: a frame of 9 bytes with flags 0x00"));
+    assert!(with(37, 4).starts_with("byte 36: a frame of 1 bytes with flags 0x04"));
+    assert!(with(35, 0x20).contains("is an error frame, which no node sends"));
+}
+
+#[test]
+fn an_answer_keeps_to_the_time_that_was_granted() {
+    let other = CanFrame::new(0x200, &[]);
+    for (frames, reached, said) in [
+        (&[(ms(3), ping(1))][..], ms(4), None),
+        (&[(MS, ping(1)), (MS, other)], ms(2), None),
+        (&[(ms(3), ping(1)), (ms(3), other)], ms(3), None),
+        (
+            &[],
+            MS,
+            Some("byte 16: it reached 1ms, which lies outside 2ms to 4ms"),
+        ),
+        (
+            &[],
+            ms(5),
+            Some("byte 16: it reached 5ms, which lies outside 2ms to 4ms"),
+        ),
+        // It went on behind a frame that may be answered.
+        (
+            &[(MS, other)],
+            ms(3),
+            Some("byte 16: it reached 3ms, which lies outside 2ms to 2ms"),
+        ),
+        (
+            &[(ms(3), other)],
+            ms(4),
+            Some("byte 16: it reached 4ms, which lies outside 2ms to 3ms"),
+        ),
+        (
+            &[(MS, ping(1)), (Duration::ZERO, ping(2))],
+            ms(2),
+            Some("byte 48: frame 100#02 at 0ns, which lies outside 1ms to 2ms"),
+        ),
+        (
+            &[(ms(3), ping(1))],
+            ms(2),
+            Some("byte 24: frame 100#01 at 3ms, which lies outside 0ns to 2ms"),
+        ),
+    ] {
+        let packet = done(&answer_of(frames, reached));
+        assert_eq!(wrong(&packet).as_deref(), said);
+    }
+    // One that stops need not go on.
+    let stopped = Answer {
+        progress: Progress::Stopped,
+        ..answer_of(&[], MS)
+    };
+    assert_eq!(wrong(&done(&stopped)), None);
 }
 
 #[test]
 fn malformed_requests_end_the_process_with_an_error() {
-    for garbage in [&[2, 0][..], &[7; 40], &[2; 5000]] {
+    for garbage in [&[3, 0][..], &[7; 40], &[3; 5000]] {
         let (ours, theirs) = channel().unwrap();
+        let mut welcome = Vec::new();
+        encode_welcome(&mut welcome, &Setting::default(), &[]).unwrap();
+        send(&ours, &welcome);
         send(&ours, garbage);
         let error = follow(&mut Echo::new(MS), theirs, None).unwrap_err();
         assert!(matches!(error, FollowError::Protocol(_)), "{error}");
@@ -271,33 +356,94 @@ fn malformed_requests_end_the_process_with_an_error() {
 }
 
 #[test]
-fn another_version_is_refused() {
-    let mut packet = hello_packet();
-    packet[1] = 77;
-    let (ours, theirs) = channel().unwrap();
-    send(&theirs, &packet);
-    let error = Remote::accept("plant", ours).err().unwrap().to_string();
-    assert!(error.contains("protocol version 77, ours is 2"), "{error}");
+fn another_version_and_another_seat_are_refused() {
+    for (byte, value, said) in [
+        (1, 77, "byte 1: version 77, where 1 is spoken"),
+        (16, 1, "byte 16: seat 1, and a node's is 0"),
+        (17, 4, "byte 17: flags 0x04, and 0x02 alone is known"),
+    ] {
+        let mut packet = hello_packet();
+        packet[byte] = value;
+        let (ours, theirs) = channel().unwrap();
+        send(&theirs, &packet);
+        let error = accept("plant", ours).err().unwrap().to_string();
+        assert!(error.ends_with(said), "{error}");
+    }
 }
 
 #[test]
-fn the_largest_step_fits_one_packet() {
+fn a_welcome_has_these_bytes() {
+    let setting = Setting {
+        now: Duration::ZERO,
+        bits_per_second: 1_000_000,
+        seed: 5,
+        node_id: 1,
+    };
+    let mut welcome = Vec::new();
+    encode_welcome(&mut welcome, &setting, &[Filter::exact(0x210)]).unwrap();
+    let mut expected = vec![2, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+    expected.extend([
+        0x40, 0x42, 0x0F, 0, 0x40, 0x42, 0x0F, 0, 5, 0, 0, 0, 0, 0, 0, 0,
+    ]);
+    expected.extend([1, 0, 0, 0, 0, 0, 0, 0, 0x10, 2, 0, 0, 0xFF, 7, 0, 0xC0]);
+    assert_eq!(welcome, expected);
+    assert_eq!(decode_welcome(&welcome), Ok(vec![Filter::exact(0x210)]));
+}
+
+#[test]
+fn more_frames_than_a_message_holds_go_in_several() {
     let frames = vec![(MS, ping(1)); FRAMES_MAX];
     let mut node = Echo::new(MS);
     node.deadline = ms(100);
     let (ours, theirs) = channel().unwrap();
     let echo = std::thread::spawn(move || follow(&mut node, theirs, None));
-    let mut remote = Remote::accept("echo", ours).unwrap();
+    let mut remote = accept("echo", ours).unwrap();
+    let more = [&frames[..], &frames, &frames[..5]].concat();
     assert_eq!(
         step(&mut remote, MS, &frames).unwrap().frames.len(),
         FRAMES_MAX
     );
+    assert_eq!(
+        step(&mut remote, MS, &more).unwrap().frames.len(),
+        more.len()
+    );
     stop(&mut remote, MS);
     echo.join().unwrap().unwrap();
-    assert!(matches!(
-        step(&mut remote, MS, &[frames, vec![(MS, ping(2))]].concat()),
-        Err(LockstepError::Protocol { .. })
-    ));
+}
+
+#[test]
+fn a_process_whose_deadline_does_not_move_is_named() {
+    let (ours, theirs) = channel().unwrap();
+    send(&theirs, &hello_packet());
+    let mut remote = accept("controller", ours).unwrap();
+    let stuck = std::thread::spawn(move || {
+        let mut packet = Vec::with_capacity(MESSAGE_BYTES_MAX);
+        receive_packet(&theirs, &mut packet).unwrap();
+        while receive_packet(&theirs, &mut packet).is_ok() && !packet.is_empty() {
+            let (number, _) = decode_request(&packet, &mut Vec::new()).unwrap();
+            let mut done = Vec::new();
+            let answer = answer_of(&[], MS);
+            encode_done(
+                &mut done,
+                number,
+                &Answer {
+                    next_deadline: Some(MS),
+                    ..answer
+                },
+            )
+            .unwrap();
+            send(&theirs, &done);
+        }
+    });
+    let error = (0..2000).find_map(|_| step(&mut remote, MS, &[]).err());
+    assert!(
+        error
+            .unwrap()
+            .to_string()
+            .contains("its deadline does not move")
+    );
+    drop(remote);
+    stuck.join().unwrap();
 }
 
 /// A wire whose frames come from a channel of the test.
@@ -345,7 +491,7 @@ fn announced_with(
         let mut node = Echo::new(MS);
         follow(&mut node, theirs, Some(&mut wire))
     });
-    let mut remote = Remote::accept("echo", ours).unwrap();
+    let mut remote = accept("echo", ours).unwrap();
     let answer = step(&mut remote, MS / 2, &[(MS / 2, ping(1))]);
     drop(remote);
     (answer, echo.join().unwrap())
@@ -380,6 +526,7 @@ fn a_frame_missing_on_the_wire_is_an_error() {
 fn hello_packet() -> Vec<u8> {
     let mut packet = Vec::new();
     let hello = Hello {
+        name: "echo".to_owned(),
         filters: vec![Filter::ALL],
         silent_filters: vec![Filter::exact(0x210)],
         next_deadline: None,
@@ -431,7 +578,7 @@ fn own_frames_that_come_back_are_not_delivered() {
         let mut node = Talker([ping(1), ping(2)].into(), vec![], Some(Duration::ZERO));
         follow(&mut node, theirs, Some(&mut wire)).map(|()| node.1)
     });
-    let mut remote = Remote::accept("talker", ours).unwrap();
+    let mut remote = accept("talker", ours).unwrap();
     let queued = step(&mut remote, Duration::ZERO, &[]).unwrap().frames;
     assert_eq!(queued.len(), 2);
     // The coordinator puts its frames on the wire in another order, then another node's.

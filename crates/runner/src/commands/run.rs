@@ -13,7 +13,7 @@ use crate::console::{print_error, usage_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
-use crate::play::{PlayArgs, Testbed, play_all, prepared, refuse_external};
+use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all, prepared};
 use crate::scenarios::{is_scenario, scenario_files};
 use plan::{ControlLoop, Plan};
 use recording::capture::{Capture, Watch};
@@ -40,10 +40,8 @@ pub struct RunArgs {
     /// The clock of the processes
     #[arg(long, value_enum, default_value_t = ClockChoice::RealTime)]
     pub clock: ClockChoice,
-    /// Nodes of the rig that canrig does not start but expects on the bus, such as a real drive; several with commas. A fan needs
-    /// its drive too, since a real fan cannot cool an emulated wire. A limit on a value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
-    #[arg(long, value_name = "NODE", value_delimiter = ',')]
-    pub external: Vec<String>,
+    #[command(flatten)]
+    pub guests: GuestArgs,
     /// End after the pre-flight of an external drive: interface, nodes, objects, direction under a slow heating ramp, stop
     #[arg(long)]
     pub dry_run: bool,
@@ -88,16 +86,14 @@ struct RunTestbed<'a> {
     /// Between two scenarios.
     vigil: Cell<Option<Vigil>>,
     clock: ClockChoice,
-    /// The names of the external nodes.
-    external: Vec<String>,
+    guests: GuestArgs,
     preflight: Preflight,
     listener: &'a dyn Listener,
 }
 
 impl<'a> RunTestbed<'a> {
-    /// Finds the bus, and refuses what does not go together.
+    /// Finds the bus.
     fn resolve(args: &RunArgs, listener: &'a dyn Listener) -> Result<Self, Exit> {
-        refuse(args).map_err(usage_error)?;
         let bus = choose_bus(&args.bus, args.require_vcan);
         let placed = bus.and_then(|bus| BusPlace::take(&bus).map(|place| (bus, place)));
         let (bus, place) = placed.map_err(|error| {
@@ -109,7 +105,7 @@ impl<'a> RunTestbed<'a> {
             _place: place,
             vigil: Cell::new(None),
             clock: args.clock,
-            external: args.external.clone(),
+            guests: args.guests.clone(),
             preflight: Preflight::new(!args.no_heating),
             listener,
         })
@@ -244,12 +240,12 @@ impl Testbed for RunTestbed<'_> {
     }
 
     fn prepare(&self, plan: Plan) -> Result<Plan, String> {
-        let plan = plan.with_external(&self.external)?;
-        if self.clock == ClockChoice::Lockstep {
-            refuse_external(&plan)?;
-        }
-        let external = plan.external_names();
-        if !external.is_empty() {
+        let plan = match self.clock {
+            ClockChoice::RealTime => plan.with_external(&self.guests.external)?,
+            ClockChoice::Lockstep => in_virtual_time(plan, &self.guests.external)?,
+        };
+        let external = plan.expected_names();
+        if !external.is_empty() && self.clock == ClockChoice::RealTime {
             let names = external.join(", ");
             self.note(format!("external: {names} (expected on the bus)"));
         }
@@ -279,17 +275,13 @@ impl Testbed for RunTestbed<'_> {
     ) -> Result<Played, WorldError> {
         match self.clock {
             ClockChoice::RealTime => self.in_real_time(plan, folder, capture),
-            ClockChoice::Lockstep => processes::in_lockstep(plan, folder, capture, &self.bus),
+            ClockChoice::Lockstep => {
+                let announce = |text: &str| self.note(text.to_owned());
+                let hosting = self.guests.hosting(folder.path(), &announce);
+                processes::in_lockstep(plan, folder, &hosting, capture, &self.bus)
+            }
         }
     }
-}
-
-/// Refuses arguments that do not go together.
-fn refuse(args: &RunArgs) -> Result<(), &'static str> {
-    if args.clock == ClockChoice::Lockstep && !args.external.is_empty() {
-        return Err("--external needs --clock real-time: an external node keeps its own time");
-    }
-    Ok(())
 }
 
 /// Faults of the bus need the modelled one; no real bus delays or loses frames on demand.

@@ -1,14 +1,19 @@
 //! `canrig simulate`: scenarios in one process and virtual time.
 
+use std::cell::Cell;
+use std::path::Path;
+
 use clap::Args;
 
-use crate::event::RunEvent;
+use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
-use crate::play::{PlayArgs, Testbed, play_all, refuse_external};
+use crate::play::{GuestArgs, PlayArgs, Testbed, in_virtual_time, play_all};
 use plan::Plan;
 use recording::capture::Capture;
 use recording::frame_queue::WhenFull;
+use recording::log::Stamped;
 use recording::run_folder::RunFolder;
+use worlds::programs::Hosting;
 use worlds::{Played, WorldError, lockstep};
 
 /// Arguments of `simulate`.
@@ -16,6 +21,11 @@ use worlds::{Played, WorldError, lockstep};
 pub struct SimulateArgs {
     #[command(flatten)]
     pub play: PlayArgs,
+    #[command(flatten)]
+    pub guests: GuestArgs,
+    /// Play each scenario twice, and name the first frame in which the two plays differ
+    #[arg(long)]
+    pub twice: bool,
 }
 
 /// Plays the scenarios; the worst exit of all.
@@ -24,16 +34,98 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
     let listener = args.play.listener();
     let where_and_when = "bus: modelled · clock: lock-step, in one process";
     listener.on_event(&RunEvent::Note(where_and_when.to_owned()));
-    play_all(&args.play, &OneProcess, &*listener)
+    let testbed = OneProcess {
+        guests: &args.guests,
+        listener: &*listener,
+        is_twice: args.twice,
+        has_difference: Cell::new(false),
+    };
+    let exit = play_all(&args.play, &testbed, &*listener);
+    match testbed.has_difference.get() {
+        true => exit.max(Exit::VerdictFailed),
+        false => exit,
+    }
 }
 
-/// All nodes in this process, on a modelled bus.
-struct OneProcess;
+/// All of canrig's nodes in this process, on a modelled bus.
+struct OneProcess<'a> {
+    guests: &'a GuestArgs,
+    listener: &'a dyn Listener,
+    is_twice: bool,
+    /// Two plays of a scenario were not the same.
+    has_difference: Cell<bool>,
+}
 
-impl Testbed for OneProcess {
+impl OneProcess<'_> {
+    /// Plays once more what was played, and says whether the frames are the same.
+    fn compare(&self, plan: &Plan, first: &Capture<'_>) -> Result<(), WorldError> {
+        let clock = plan.scenario_clock()?;
+        let mut second = Capture::in_memory(clock, first.watch());
+        let announce = |text: &str| self.listener.on_event(&RunEvent::Note(text.to_owned()));
+        let hosting = Hosting {
+            logs: None,
+            ..self.guests.hosting(Path::new(""), &announce)
+        };
+        lockstep::simulate(plan, &hosting, &mut second)?;
+        let difference = difference(plan, first, &second);
+        let is_same = difference.is_none();
+        let path = plan.shared.beside.scenario().display();
+        self.has_difference
+            .set(self.has_difference.get() || !is_same);
+        self.listener.on_event(&match difference {
+            Some(difference) => RunEvent::Failed(format!("{path}: {difference}")),
+            None => RunEvent::Note(format!(
+                "played twice: the same {} frames",
+                first.frames().len()
+            )),
+        });
+        Ok(())
+    }
+}
+
+/// The first frame in which two plays differ, with its sender and its time; none if they are the same.
+fn difference(plan: &Plan, first: &Capture<'_>, second: &Capture<'_>) -> Option<String> {
+    let (one, other) = (first.frames(), second.frames());
+    let same = one
+        .iter()
+        .zip(other)
+        .take_while(|(one, other)| one == other);
+    let place = same.count();
+    let frames = [one.get(place), other.get(place)];
+    let earliest = frames
+        .into_iter()
+        .flatten()
+        .min_by_key(|frame| frame.time)?;
+    let database = plan.database();
+    let sender = |frame: &Stamped| {
+        let message = database.message_of(&frame.frame);
+        message.and_then(|message| message.sender.clone())
+    };
+    let told = frames.map(|frame| match frame {
+        Some(frame) => {
+            let sender = sender(frame).map_or_else(String::new, |sender| format!(" of {sender}"));
+            let seconds = frame.time.as_secs_f64();
+            format!("{}{sender} at {seconds:.6} s of the bus", frame.frame)
+        }
+        None => "no frame any more".to_owned(),
+    });
+    let when = match first
+        .zero()
+        .and_then(|zero| earliest.time.checked_sub(zero))
+    {
+        Some(time) => format!("at {:.6} s", time.as_secs_f64()),
+        None => "before the scenario began".to_owned(),
+    };
+    let [one, other] = told;
+    Some(format!(
+        "two plays differ {when}, in frame {}: {one} in the first, {other} in the second",
+        place + 1
+    ))
+}
+
+impl Testbed for OneProcess<'_> {
     fn prepare(&self, plan: Plan) -> Result<Plan, String> {
-        refuse_external(&plan)?;
-        Ok(plan)
+        in_virtual_time(plan, &self.guests.external)
     }
 
     fn when_full(&self) -> WhenFull {
@@ -46,7 +138,13 @@ impl Testbed for OneProcess {
         folder: &RunFolder,
         capture: &mut Capture<'_>,
     ) -> Result<Played, WorldError> {
-        lockstep::simulate(plan, Some(folder.path()), capture).map(Played::in_virtual_time)
+        let announce = |text: &str| self.listener.on_event(&RunEvent::Note(text.to_owned()));
+        let hosting = self.guests.hosting(folder.path(), &announce);
+        let end = lockstep::simulate(plan, &hosting, capture)?;
+        if self.is_twice && !capture.is_interrupted() {
+            self.compare(plan, capture)?;
+        }
+        Ok(Played::in_virtual_time(end))
     }
 }
 
@@ -55,7 +153,6 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::event::Listener;
     use crate::play::{ValueArgs, ViewerArgs};
 
     struct Nobody;
@@ -90,7 +187,13 @@ mod tests {
                 values: ValueArgs::default(),
                 viewer: ViewerArgs::default(),
             };
-            play_all(&args, &OneProcess, &Nobody)
+            let testbed = OneProcess {
+                guests: &GuestArgs::default(),
+                listener: &Nobody,
+                is_twice: false,
+                has_difference: Cell::new(false),
+            };
+            play_all(&args, &testbed, &Nobody)
         };
         assert_eq!(exit([&met, &met]), Exit::Pass);
         assert_eq!(exit([&missed, &met]), Exit::VerdictFailed);

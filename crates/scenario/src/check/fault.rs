@@ -6,6 +6,9 @@ use crate::fault::{Fault, Faults, Group, Time};
 use crate::plant::PlantModel;
 use crate::rig::nodes::Rig;
 
+/// Faults of nodes that a program can have, too.
+const PROGRAM_FAULTS: [&str; 3] = ["crash", "hang", "nmt_stop"];
+
 /// Faults that begin within the run and end after they begin.
 pub(super) fn faults(
     document: &Document<'_>,
@@ -15,7 +18,8 @@ pub(super) fn faults(
 ) -> Vec<Problem> {
     let problems = faults.iter().flat_map(|fault| {
         let found = times(document, fault, duration_seconds).into_iter();
-        found.chain(forged(document, fault, rig))
+        let found = found.chain(forged(document, fault, rig));
+        found.chain(at_program(document, fault, rig))
     });
     problems.collect()
 }
@@ -63,6 +67,21 @@ fn forged(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> 
     let drive = rig.drive_of_loop(of_loop);
     let label = format!("0x{forged:03X} is `{drive}_truth`");
     Some(document.problem(&path, message, label))
+}
+
+/// A fault at a node that a program plays, which canrig can only end, halt and order to stop.
+fn at_program(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> {
+    let node = &fault.node.as_ref()?.name;
+    rig.node.get(node)?.program.as_ref()?;
+    let (group, name) = (fault.kind.group, fault.kind.name);
+    let is_possible = group == Group::Bus || PROGRAM_FAULTS.contains(&name);
+    (!is_possible).then(|| {
+        let message = format!("{} cannot happen to a program", fault.kind.heading());
+        let known = PROGRAM_FAULTS.join(", ");
+        let label =
+            format!("`{node}` is one: what can be done to it is {known}, and faults of the bus");
+        document.problem(&fault.path(), message, label)
+    })
 }
 
 /// Faults of a plant that mean nothing to it.

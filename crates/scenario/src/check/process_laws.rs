@@ -1,9 +1,9 @@
-//! Finds the files of laws that a process of its own plays: where they may lie, and their hashes.
+//! Finds the files of programs, of laws and of nodes: where they may lie, and their hashes.
 
 use std::env;
 use std::io;
 use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use toml::Value;
 
@@ -14,7 +14,7 @@ use crate::fingerprint::HASH_SUFFIX;
 use crate::process_law::Plays;
 use crate::table::{ReadTable, is_inside_folder};
 
-const OUTSIDE: &str = "no absolute path, no `..`: it lies in the scenario's folder, or below it";
+const OUTSIDE: &str = "no absolute path, no `..`: it lies in this file's folder, or below it";
 
 /// Finds the files of a law that a process plays, and puts their hashes among what was read. A recording may lack file and hash.
 pub(crate) fn read_files(
@@ -29,19 +29,15 @@ pub(crate) fn read_files(
     let name = controller.law_name();
     let mut files = Files {
         document,
+        beside: "",
+        whose: "the law",
         is_recorded,
         read_file,
     };
     let mut problems = Vec::new();
     match &law.plays {
         Plays::Command(words) => {
-            for (place, word) in words.iter().enumerate() {
-                let path = format!("controller.{name}.command.{place}");
-                problems.extend(match place {
-                    0 => files.program(&path, word),
-                    _ => files.argument(&path, word),
-                });
-            }
+            problems.extend(files.command(&format!("controller.{name}.command"), words));
         }
         Plays::Library(file) | Plays::Fmu(file) => {
             let path = format!("controller.{name}.file");
@@ -59,6 +55,28 @@ pub(crate) fn read_files(
     problems
 }
 
+/// Finds the files of the programs that play nodes, as [`read_files`] does; `beside` is the file that names them, as the scenario does.
+pub(crate) fn read_programs<'a>(
+    document: &Document<'_>,
+    programs: impl IntoIterator<Item = (&'a String, &'a Vec<String>)>,
+    beside: &str,
+    is_recorded: bool,
+    read_file: ReadTable<'_>,
+) -> Vec<Problem> {
+    let mut files = Files {
+        document,
+        beside,
+        whose: "the node",
+        is_recorded,
+        read_file,
+    };
+    let mut problems = Vec::new();
+    for (node, words) in programs {
+        problems.extend(files.command(&format!("node.{node}.program"), words));
+    }
+    problems
+}
+
 /// Whether a value is the same in JSON.
 fn is_finite(value: &Value) -> bool {
     match value {
@@ -72,11 +90,27 @@ fn is_finite(value: &Value) -> bool {
 
 struct Files<'a, 'b> {
     document: &'a Document<'b>,
+    /// The file beside which the others lie, by its name beside the scenario; empty for the scenario itself.
+    beside: &'a str,
+    /// What they are part of.
+    whose: &'static str,
     is_recorded: bool,
     read_file: ReadTable<'a>,
 }
 
 impl Files<'_, '_> {
+    fn command(&mut self, path: &str, words: &[String]) -> Vec<Problem> {
+        let words = words.iter().enumerate();
+        let problems = words.filter_map(|(place, word)| {
+            let path = format!("{path}.{place}");
+            match place {
+                0 => self.program(&path, word),
+                _ => self.argument(&path, word),
+            }
+        });
+        problems.collect()
+    }
+
     /// The first word of a command.
     fn program(&mut self, path: &str, word: &str) -> Option<Problem> {
         if word.contains('/') {
@@ -86,7 +120,7 @@ impl Files<'_, '_> {
             return None;
         }
         let message = format!("no program `{word}` is on PATH");
-        let label = format!("one beside the scenario is written `./{word}`");
+        let label = format!("one beside this file is written `./{word}`");
         Some(self.document.problem(path, message, label))
     }
 
@@ -110,9 +144,11 @@ impl Files<'_, '_> {
         }
         match self.hash(file) {
             Err(error) if !self.is_recorded => Some(match error.kind() {
-                io::ErrorKind::NotFound => {
-                    self.wrong(path, file, "there is no such file beside the scenario")
-                }
+                io::ErrorKind::NotFound => self.wrong(
+                    path,
+                    file,
+                    &format!("there is no such file beside {}", self.kind()),
+                ),
                 _ => self.wrong(path, file, &error.to_string()),
             }),
             _ => None,
@@ -120,6 +156,7 @@ impl Files<'_, '_> {
     }
 
     fn hash(&mut self, file: &str) -> io::Result<()> {
+        let file = beside(self.beside, file);
         let read = (self.read_file)(&format!("{file}{HASH_SUFFIX}"));
         match read {
             Err(_) if self.is_recorded => Ok(()),
@@ -127,10 +164,29 @@ impl Files<'_, '_> {
         }
     }
 
+    /// The file that names it, for people.
+    fn kind(&self) -> &'static str {
+        match self.beside {
+            "" => "the scenario",
+            _ => "the rig file",
+        }
+    }
+
     fn wrong(&self, path: &str, file: &str, label: &str) -> Problem {
-        let message = format!("`{file}` cannot be a file of the law");
+        let message = format!("`{file}` cannot be a file of {}", self.whose);
         self.document.problem(path, message, label)
     }
+}
+
+/// The name of a file that another one names, as the scenario has it; `of` is empty for the scenario.
+fn beside(of: &str, file: &str) -> String {
+    let place = match of {
+        "" => PathBuf::from(file),
+        of => Path::new(of).with_file_name(file),
+    };
+    // Without `.` in it: a hash stands under one name.
+    let place = PathBuf::from_iter(place.components());
+    place.to_string_lossy().into_owned()
 }
 
 /// Whether a program is found by its name alone.

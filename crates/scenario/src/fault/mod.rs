@@ -171,6 +171,12 @@ impl Faults {
         self.only(Fault::is_at_controller)
     }
 
+    /// Those at the node with this node-ID.
+    #[must_use]
+    pub fn at_node(&self, node_id: u8) -> Self {
+        self.only(|fault| fault.node.as_ref().is_some_and(|node| node.id == node_id))
+    }
+
     /// Those at a drive with this node-ID, and at the plant that it moves.
     #[must_use]
     pub fn at_drive(&self, node_id: u8, plant: &str) -> Self {

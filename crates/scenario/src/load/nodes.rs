@@ -347,7 +347,7 @@ impl Check<'_> {
                         problems.push(self.problem(&format!("{path}.{part}"), message, label));
                     }
                     // Who knows the plant of a drive that is somebody else's?
-                    (false, true) if node.external => {}
+                    (false, true) if !node.is_ours() => {}
                     (false, true) => {
                         let message = format!("`{name}` lacks its {part}");
                         let label = format!("[node.{name}.{part}] is missing");
@@ -365,7 +365,7 @@ impl Check<'_> {
         let mut problems = Vec::new();
         for (name, node) in &self.rig.node {
             let path = format!("node.{name}");
-            match (node.external, node.kind) {
+            match (!node.is_ours(), node.kind) {
                 (false, _) | (true, NodeKind::Io) => {
                     problems.extend(node.keys_of_external().map(|key| {
                         let message = format!("`{name}` can have no {key}");
@@ -373,12 +373,13 @@ impl Check<'_> {
                         self.problem(&format!("{path}.{key}"), message, label)
                     }));
                 }
+                (true, NodeKind::Controller) if !node.external => {}
                 (true, NodeKind::Controller) => {
                     let message = "a rig file's controller is canrig's".to_owned();
                     let path = format!("{path}.external");
                     let problem = self.document.problem(&path, message, "here");
                     problems.push(problem.with_help(
-                        "to test one of your own, leave this out and play with --external controller",
+                        "to test one of your own, leave this out and play with --external controller, or write program = [\"./controller\"]",
                     ));
                 }
                 (true, NodeKind::Drive) => problems.extend(self.external_drive(name)),
@@ -449,15 +450,15 @@ impl Check<'_> {
         let is_other = |(drive, node): &(&String, &RigNode)| {
             let moved = self.rig.plant_of(drive);
             moved.is_some_and(|plant| self.rig.node[name].plants().contains(plant))
-                && node.external != self.rig.node[name].external
+                && node.is_ours() != self.rig.node[name].is_ours()
         };
         let (drive, node) = self.rig.node.iter().find(is_other)?;
-        let (message, label) = match node.external {
-            true => (
+        let (message, label) = match node.is_ours() {
+            false => (
                 format!("`{name}` acts on the plant of `{drive}`, which nobody emulates"),
                 format!("`{drive}` is external: `{name}` must be so too, or have no port there"),
             ),
-            false => (
+            true => (
                 format!("`{name}` cannot act on an emulated plant"),
                 format!("it is external, and `{drive}` is not"),
             ),
@@ -486,7 +487,7 @@ impl Check<'_> {
             for (key, port, wanted) in parts.chain(outputs) {
                 let path = format!("node.{name}.{key}");
                 let Some(port) = port else {
-                    if node.kind == NodeKind::Drive && !node.external {
+                    if node.kind == NodeKind::Drive && node.is_ours() {
                         let message = format!("`{name}` is wired to no plant");
                         let label = format!("`{key}` is missing, as in \"PLANT.{wanted}\"");
                         problems.push(self.problem(&path, message, label));
@@ -573,7 +574,7 @@ impl Check<'_> {
         let is_said = is_one_in_two || self.rig.loops.values().any(|one| one.drives.is_empty());
         let is_followed = |drive: &str| self.rig.loops.values().any(|one| one.followed() == drive);
         for drive in self.of_kind(NodeKind::Drive) {
-            let is_watched = is_followed(drive) && !self.rig.node[drive].external;
+            let is_watched = is_followed(drive) && self.rig.node[drive].is_ours();
             if !led.contains_key(drive) && !is_watched && !is_said {
                 let message = format!("no loop leads the drive `{drive}`");
                 let label = format!(

@@ -22,8 +22,8 @@ const PLANT: &str = "plant";
 const NODE: &str = "node";
 /// What a real drive may never do.
 const LIMITS: &str = "limits";
-/// The key of a node that is a value and no table.
-const TRUTH: &str = "truth_every_cycles";
+/// The keys of a node that are values and no tables.
+const VALUES: [&str; 2] = ["truth_every_cycles", "program"];
 /// Keys of a node that say what is there and how it is wired, which only the rig file does.
 const WIRING: [&str; 12] = [
     "kind",
@@ -220,10 +220,10 @@ impl<'text> Overlay<'_, 'text> {
         node: &DeTable<'text>,
     ) -> Option<Problem> {
         let (name, key): (&str, &str) = (name.get_ref(), part.get_ref());
-        if key != TRUTH && !node.contains_key(key) {
+        if !VALUES.contains(&key) && !node.contains_key(key) {
             let parts = node.iter().filter(|(_, value)| value.get_ref().is_table());
             let parts = parts.map(|(part, _)| part.get_ref().as_ref());
-            let label = match nearest(key, parts.chain([TRUTH])) {
+            let label = match nearest(key, parts.chain(VALUES)) {
                 Some(meant) => format!("did you mean `{meant}`?"),
                 None => "a scenario gives other values and adds nothing".to_owned(),
             };

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::contours::read_contours;
 use super::files::{Files, RigText};
 use super::overlay::overlaid;
-use super::sections::Selector;
+use super::sections::{CONTROLLER, Selector};
 use super::sweep::read_sweep;
 use super::{
     FindObjections, KIND, Objection, Reading, Texts, build, in_unit, nodes, none_of, read_law,
@@ -23,7 +23,7 @@ use crate::fingerprint::HASH_SUFFIX;
 use crate::outside::Outside;
 use crate::rig::nodes::Rig;
 use crate::run::{Header, Run};
-use crate::scenario::Scenario;
+use crate::scenario::{NodeProgram, Scenario};
 use crate::schema;
 use crate::table::{ReadTable, is_inside_folder};
 use crate::trial::{Sections, Trial};
@@ -199,6 +199,14 @@ fn resolve(
     let sheets = read_sheets(&rig, &rig_document, &files.rig.beside, read_file);
     let sheets = sheets.map_err(|problems| nodes::fail(rig_name, problems))?;
     find_fmus(&rig, files, &rig_document, reading, read_file)?;
+    let programs = read_programs(
+        &rig,
+        files,
+        &rig_document,
+        reading,
+        read_file,
+        &mut problems,
+    )?;
     let selector = Selector {
         scenario: document,
         rig: &rig,
@@ -257,11 +265,13 @@ fn resolve(
     } = &files.rig;
     let scenario = Scenario {
         run,
-        rig,
         loops,
         contours,
         sweep,
         sheets,
+        has_unused_law: rig.is_led_by_program() && document.has(CONTROLLER),
+        rig,
+        programs,
         shipped_rig: is_shipped.then(|| (beside.clone(), text.clone())),
     };
     match (asked.object)(&scenario) {
@@ -463,6 +473,52 @@ fn wrong_name(file: &str) -> Option<&'static str> {
         file if !file.ends_with(".fmu") => Some("its name must end in .fmu"),
         _ => None,
     }
+}
+
+/// The programs of nodes, with their files; what is wrong with one that the scenario names is added to the problems.
+fn read_programs(
+    rig: &Rig,
+    files: &Files<'_>,
+    rig_document: &Document<'_>,
+    reading: Reading,
+    read_file: ReadTable<'_>,
+    problems: &mut Vec<Problem>,
+) -> Result<BTreeMap<String, NodeProgram>, ScenarioError> {
+    let document = &files.scenario;
+    let named = |node: &str| match document.has(&format!("node.{node}.program")) {
+        true => "",
+        false => &files.rig.beside,
+    };
+    let all = || {
+        let nodes = rig.node.iter();
+        nodes.filter_map(|(name, node)| Some((name, node.program.as_ref()?)))
+    };
+    // The files of a case were found before.
+    if !matches!(reading, Reading::Case) {
+        let is_recorded = matches!(reading, Reading::Recorded);
+        let of_rig = all().filter(|(name, _)| !named(name).is_empty());
+        let (text, beside) = (rig_document, &files.rig.beside);
+        let found = check::read_programs(text, of_rig, beside, is_recorded, read_file);
+        if !found.is_empty() {
+            return Err(nodes::fail(&files.rig.name, found));
+        }
+        let own = all().filter(|(name, _)| named(name).is_empty());
+        problems.extend(check::read_programs(
+            document,
+            own,
+            "",
+            is_recorded,
+            read_file,
+        ));
+    }
+    let program = |(name, command): (&String, &Vec<String>)| {
+        let program = NodeProgram {
+            command: command.clone(),
+            named_in: named(name).to_owned(),
+        };
+        (name.clone(), program)
+    };
+    Ok(all().map(program).collect())
 }
 
 /// Reads the EDS of each drive that is somebody else's, where the rig file, `beside` the scenario, names one.

@@ -68,8 +68,11 @@ pub(super) type Selected<'text> = (Vec<OfLoop<'text>>, Vec<Problem>);
 impl<'text> Selector<'_, 'text> {
     pub(super) fn select(&self) -> Selected<'text> {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
-        // A law of no loop is not another problem for each loop that it does not close.
-        let mut problems = self.strange_tables(CONTROLLER, &loops);
+        // A law of no loop is not another problem for each loop that it does not close; one that is left out is none at all.
+        let mut problems = match self.rig.is_led_by_program() {
+            true => Vec::new(),
+            false => self.strange_tables(CONTROLLER, &loops),
+        };
         let is_law_said = !problems.is_empty();
         problems.extend(self.strangers(&loops));
         let mut tables = Vec::new();
@@ -153,7 +156,7 @@ impl<'text> Selector<'_, 'text> {
 
     /// `[controller.LOOP.LAW]`, else `[controller.all.LAW]`; where there is one loop, `[controller.LAW]` too.
     fn law(&self, name: &str) -> Result<Spanned<DeValue<'text>>, Problem> {
-        if self.is_led(name) {
+        if self.is_led(name) || self.rig.is_led_by_program() {
             return Ok(self.no_law());
         }
         let laws = self.root().get(CONTROLLER);
@@ -195,7 +198,7 @@ impl<'text> Selector<'_, 'text> {
         })
     }
 
-    /// What a drive has that the law of another one leads.
+    /// The table of a drive that the law of another one leads, or a program.
     fn no_law(&self) -> Spanned<DeValue<'text>> {
         let span = self.scenario.key_span(CONTROLLER);
         let nothing = Spanned::new(span.clone(), DeValue::Table(DeTable::new()));

@@ -86,7 +86,7 @@ impl Rig {
             .plant
             .keys()
             .map(|plant| BTreeSet::from([plant.as_str()]));
-        let ours = self.node.iter().filter(|(_, node)| !node.external);
+        let ours = self.node.iter().filter(|(_, node)| node.is_ours());
         let first = ours.filter_map(|(name, _)| self.plant_of(name)).next();
         let is_moved = |plants: &BTreeSet<&str>| {
             let mut moved = self.node.keys().filter_map(|name| self.plant_of(name));
@@ -338,10 +338,17 @@ impl Rig {
         found.map(|(name, node)| (name.as_str(), node))
     }
 
+    /// Whether a program plays the controller.
+    #[must_use]
+    pub fn is_led_by_program(&self) -> bool {
+        let controller = self.controller();
+        controller.is_some_and(|(_, node)| node.program.is_some())
+    }
+
     /// What is known of a drive that is not canrig's; none for a drive that canrig emulates.
     #[must_use]
     pub fn real_drive(&self, drive: &str) -> Option<RealDrive> {
-        let node = self.node.get(drive).filter(|node| node.external)?;
+        let node = self.node.get(drive).filter(|node| !node.is_ours())?;
         let emulated = RigDrive::default();
         Some(RealDrive {
             drive: RigDrive {
@@ -422,7 +429,7 @@ impl Rig {
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
-        for (name, node) in self.node.iter().filter(|(_, node)| !node.external) {
+        for (name, node) in self.node.iter().filter(|(_, node)| node.is_ours()) {
             let Some(amplifier) = &node.amplifier else {
                 continue;
             };
@@ -494,6 +501,17 @@ impl Rig {
         });
         nodes.collect()
     }
+}
+
+/// The name of the controller in the text of a rig file, if that can be read.
+#[must_use]
+pub fn controller_in(text: &str) -> Option<String> {
+    let rig: toml::Table = text.parse().ok()?;
+    let mut nodes = rig.get("node")?.as_table()?.iter();
+    let is_controller =
+        |node: &toml::Value| node.get("kind")?.as_str().map(|kind| kind == "controller");
+    let (name, _) = nodes.find(|(_, node)| is_controller(node) == Some(true))?;
+    Some(name.clone())
 }
 
 /// What several nodes share.
@@ -579,6 +597,12 @@ pub struct RigNode {
     /// an io node acts on the plant of an external drive.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub external: bool,
+    /// A program in any language that plays the node, with its arguments, without a shell: canrig starts it. It is searched on `PATH`;
+    /// one with a `/` in its name is a file in the folder of this file or below it, where the program runs. A drive that is a program
+    /// needs what an external one does.
+    #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 4096)))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<Vec<String>>,
     /// Of an external drive: its EDS, beside the rig file; that of the emulated drive if left out.
     #[schemars(length(min = 1, max = 200))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -609,6 +633,12 @@ pub struct RigNode {
 }
 
 impl RigNode {
+    /// Whether canrig itself plays it.
+    #[must_use]
+    pub fn is_ours(&self) -> bool {
+        !self.external && self.program.is_none()
+    }
+
     /// What its sensor measures, and what its amplifier gives.
     #[must_use]
     pub fn measurand(&self) -> Measurand {

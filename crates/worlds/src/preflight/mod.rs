@@ -121,7 +121,10 @@ impl Preflight {
         session: Session<'_>,
         report: &dyn Fn(&PreflightEvent),
     ) -> Result<End, WorldError> {
-        let is_external = |one: &&ControlLoop| one.is_external(Part::Drive);
+        // A program is not there before its run, and no current flows in it.
+        let is_external = |one: &&ControlLoop| {
+            one.is_external(Part::Drive) && !one.external.is_program(&one.nodes.drive)
+        };
         let has_passed = |one: &&ControlLoop| self.passed.borrow().contains(&who(one));
         let unchecked = plan.loops.iter().filter(is_external);
         let unchecked = Vec::from_iter(unchecked.filter(|one| !has_passed(one)));

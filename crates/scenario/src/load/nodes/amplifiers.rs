@@ -16,7 +16,7 @@ impl Check<'_> {
             let command = node.command_of();
             let is_current = command == Command::Current;
             let path = format!("node.{name}.amplifier");
-            if !is_current && node.external {
+            if !is_current && !node.is_ours() {
                 let message = format!("`{name}` is external and would give a {}", command.signal());
                 let label = "the limits of a real drive are those of a current";
                 let path = format!("{path}.port");

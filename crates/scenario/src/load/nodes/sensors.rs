@@ -69,7 +69,7 @@ impl Check<'_> {
 
     /// A count of the drive's position that its 32 bits hold at the ends of the range, and that shows the converter's steps.
     fn increment(&self, name: &str, node: &RigNode, sensor: &Sensor) -> Option<Problem> {
-        if node.external {
+        if !node.is_ours() {
             let path = format!("node.{name}.sensor.position_increment");
             return sensor.position_increment.map(|increment| {
                 let message = format!("the counts of `{name}` are its maker's");

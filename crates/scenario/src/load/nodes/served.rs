@@ -26,7 +26,7 @@ impl Check<'_> {
             let drives = one.drives.iter().enumerate();
             let external = drives.filter(|(_, drive)| {
                 let node = self.rig.node.get(*drive);
-                node.is_some_and(|node| node.external)
+                node.is_some_and(|node| !node.is_ours())
             });
             external.map(move |(place, drive)| {
                 let path = format!("loop.{name}.outputs.{place}");
@@ -86,7 +86,7 @@ impl Check<'_> {
         let named = Vec::from_iter(nodes.flat_map(|node| node.plants()));
         let mut drives = self.rig.node.iter();
         let is_one_ours =
-            drives.any(|(name, node)| !node.external && self.rig.plant_of(name).is_some());
+            drives.any(|(name, node)| node.is_ours() && self.rig.plant_of(name).is_some());
         let is_moved = |plant: &str| {
             let mut drives = self.of_kind(NodeKind::Drive);
             drives.any(|drive| self.rig.plant_of(drive) == Some(plant))

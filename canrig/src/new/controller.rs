@@ -1,0 +1,159 @@
+//! `canrig new controller`: a controller in another language, with a scenario that it plays as it is, and its test.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use recording::run_folder::write_whole;
+use scenario::own::is_name;
+
+use super::{IGNORED, NewError, in_new_folder, make};
+
+/// What stands in the files for the controller's name.
+const NAME: &str = "my_controller";
+/// What stands in the scenario for the command.
+const PROGRAM: &str = "\"PROGRAM\"";
+const SCENARIO: &str = include_str!("controller/scenario.toml");
+const README: &str = include_str!("controller/README.md");
+
+/// A language.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, ValueEnum)]
+pub(crate) enum Language {
+    /// C99, with canrig.h
+    C,
+    /// Python, with its standard library
+    Python,
+}
+
+/// The controller to write.
+#[derive(Args, Debug)]
+pub(crate) struct ControllerArgs {
+    /// Name of the controller and of its scenario: small letters, digits and underscores
+    pub name: String,
+    /// The language
+    #[arg(long, value_enum)]
+    pub language: Language,
+    /// Folder of the files, which must not be there yet [default: NAME]
+    #[arg(long, value_name = "FOLDER")]
+    pub path: Option<PathBuf>,
+}
+
+impl Language {
+    /// The words of the command in the scenario, and how it is built and tested.
+    fn words(self) -> [&'static str; 3] {
+        match self {
+            Self::C => ["\"./controller\"", "make", "make test"],
+            Self::Python => ["\"python3\", \"controller.py\"", "", "python3 -m unittest"],
+        }
+    }
+
+    fn files(self) -> [(&'static str, &'static str); 3] {
+        match self {
+            Self::C => [
+                ("controller.c", include_str!("controller/controller.c")),
+                ("canrig.h", include_str!("../../../include/canrig.h")),
+                ("Makefile", include_str!("controller/Makefile")),
+            ],
+            Self::Python => [
+                ("controller.py", include_str!("controller/controller.py")),
+                (
+                    "canrig_node.py",
+                    include_str!("../../../python/canrig/node.py"),
+                ),
+                (
+                    "test_controller.py",
+                    include_str!("controller/test_controller.py"),
+                ),
+            ],
+        }
+    }
+}
+
+/// Writes the files, and returns what to do with them.
+pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
+    let name = &args.name;
+    if !is_name(name) {
+        return Err(NewError::PlainName(name.clone(), "controller"));
+    }
+    let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
+    let [program, build, test] = args.language.words();
+    let renamed = |text: &str| text.replace(NAME, name);
+    let readme = renamed(README).replace("    BUILD\n", &indented(build));
+    let command = program.replace(['"', ','], "");
+    let readme = readme.replace("TEST", test).replace("COMMAND", &command);
+    let own = args
+        .language
+        .files()
+        .map(|(file, text)| (file.to_owned(), renamed(text)));
+    let shared = [
+        (
+            format!("{name}.toml"),
+            renamed(SCENARIO).replace(PROGRAM, program),
+        ),
+        ("README.md".to_owned(), readme),
+        (".gitignore".to_owned(), IGNORED.to_owned()),
+    ];
+    in_new_folder(&folder, |folder| {
+        own.iter().chain(&shared).try_for_each(|(file, text)| {
+            make(&folder.join(file), |path| {
+                write_whole(path, |output| output.write_all(text.as_bytes()))
+            })
+        })
+    })?;
+    let folder = folder.display();
+    let steps = [build, &format!("canrig simulate {name}.toml"), test];
+    let steps = steps.iter().filter(|step| !step.is_empty());
+    let steps = Vec::from_iter(steps.map(|step| format!("\n  {step}")));
+    Ok(format!(
+        "{folder} holds a controller and a scenario. Play and test it:\n  cd {folder}{}",
+        steps.concat()
+    ))
+}
+
+/// A line of a block; nothing of nothing.
+fn indented(line: &str) -> String {
+    match line {
+        "" => String::new(),
+        line => format!("    {line}\n"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use plan::Plan;
+    use worlds::catalogue::catalogue;
+
+    use super::*;
+
+    #[test]
+    fn a_controller_is_written_once_and_its_scenario_is_valid() {
+        let parent = tempfile::tempdir().unwrap();
+        for (language, file) in [
+            (Language::C, "canrig.h"),
+            (Language::Python, "canrig_node.py"),
+        ] {
+            let args = ControllerArgs {
+                name: "lift".to_owned(),
+                language,
+                path: Some(parent.path().join(file)),
+            };
+            let said = written(&args).unwrap();
+            assert!(said.contains("canrig simulate lift.toml"), "{said}");
+            let folder = parent.path().join(file);
+            assert!(folder.join(file).exists());
+            // What is compiled first is not there yet.
+            fs::write(folder.join("controller"), "").unwrap();
+            let plan = Plan::load(&folder.join("lift.toml"), catalogue()).unwrap();
+            assert_eq!(plan.programs().len(), 1);
+            let readme = fs::read_to_string(folder.join("README.md")).unwrap();
+            assert!(
+                readme.contains("# lift") && !readme.contains("my_"),
+                "{readme}"
+            );
+            let again = written(&args).unwrap_err();
+            assert!(matches!(again, NewError::Exists(_)), "{again}");
+        }
+    }
+}

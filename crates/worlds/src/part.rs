@@ -1,0 +1,93 @@
+//! The part of a plan that a program may know: its node, the bus, and of each loop the frames, the limits and the set-point. Nothing of
+//! the plant, of disturbances, faults and limits of the verdict.
+
+use dbc::{ByteOrder, Kind, Message, Signal, SignalHandle};
+use plan::{ControlLoop, Plan};
+use scenario::node::{Node, Part};
+use serde_json::{Value, json};
+
+/// Version of the file.
+const VERSION: u32 = 1;
+/// Rows of a set-point that is no straight line, at most; of a longer one they are further apart than a cycle.
+const ROWS_MAX: f64 = 100_000.0;
+
+/// The part of a node.
+pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
+    let kind = match node.part {
+        Part::Controller => "controller",
+        Part::Drive => "drive",
+        Part::Io => "io",
+        Part::Bench => "bench",
+    };
+    let loops = plan.loops.iter();
+    let loops = loops.filter(|one| one.nodes.all().any(|other| other.id == node.id));
+    json!({
+        "version": VERSION,
+        "node": {"name": node.name, "node_id": node.id, "kind": kind},
+        "bus": {
+            "bits_per_second": 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
+            "period_seconds": plan.sync_period().as_secs_f64(),
+        },
+        "loops": Vec::from_iter(loops.map(|one| of_loop(plan, one, node.part))),
+    })
+}
+
+fn of_loop(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
+    let wiring = &one.trial.wiring;
+    let current = wiring.current();
+    let drive = &one.nodes.drive;
+    let mut told = json!({
+        "name": one.name(),
+        "drive": {"name": drive.name, "node_id": drive.id},
+        "io": Vec::from_iter(one.nodes.io.iter().map(|io| json!({"name": io.name, "node_id": io.id}))),
+        "signal": wiring.feedback.measurand.rename("position_millimetres"),
+        "range": wiring.feedback.range(),
+        "command_range": [current.min, current.max],
+        "reads": frame(plan, one.position().ok()),
+        "writes": frame(plan, one.target_current().ok()),
+    });
+    if part == Part::Controller && wiring.led_by.is_none() {
+        let (end, period) = (
+            plan.duration().as_secs_f64(),
+            plan.sync_period().as_secs_f64(),
+        );
+        let spacing = period.max(end / ROWS_MAX);
+        told["set_point"] = json!(one.trial.reference.trajectory().rows(end, spacing));
+    }
+    told
+}
+
+/// The frame of a signal.
+fn frame(plan: &Plan, signal: Option<SignalHandle>) -> Value {
+    let messages = plan.database().messages().iter();
+    let id = signal.map(|signal| signal.raw_id());
+    let mut messages = messages.filter(|message| Some(message.raw_id) == id);
+    messages.next().map_or(Value::Null, |message| {
+        let Message {
+            raw_id,
+            length_bytes,
+            signals,
+            ..
+        } = message;
+        let signals = Vec::from_iter(signals.iter().map(layout));
+        json!({"id": raw_id, "length": length_bytes, "signals": signals})
+    })
+}
+
+fn layout(signal: &Signal) -> Value {
+    let coding = &signal.coding;
+    json!({
+        "name": signal.name,
+        "unit": signal.unit,
+        "start_bit": coding.start_bit,
+        "bits": coding.length_bits,
+        "is_little_endian": coding.byte_order == ByteOrder::LittleEndian,
+        "kind": match coding.kind {
+            Kind::Unsigned => "unsigned",
+            Kind::Signed => "signed",
+            Kind::Float32 | Kind::Float64 => "float",
+        },
+        "factor": coding.factor,
+        "offset": coding.offset,
+    })
+}

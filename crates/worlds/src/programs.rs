@@ -1,0 +1,553 @@
+//! Nodes that are programs, in virtual time: started by canrig, or expected by their names, each at a bus seat.
+
+use std::collections::VecDeque;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use canopen::{CanFrame, Filter, Node as CanNode, Progress};
+use faults::{FaultPlan, Faulty};
+use platform::clock::Clock;
+use platform::lockstep::{
+    ANSWER_PATIENCE, Answer, Local, LockstepError, Participant, Remote, Setting,
+};
+use platform::program::{
+    BUS_VARIABLE, END_PATIENCE, Listener, ORDERLY, Order, Program, START_PATIENCE,
+};
+use scenario::node::{Node, Part};
+use tempfile::NamedTempFile;
+
+use crate::coordinator::CoordinatorError;
+use crate::error::{Doing, WorldError};
+use crate::law_process::{CLOSED_PATIENCE, indented};
+use crate::names::CONTROLLER;
+use crate::part;
+use plan::Plan;
+
+/// Time in which a node that canrig does not start must come to its seat.
+const EXPECTED_PATIENCE: Duration = Duration::from_secs(15);
+/// Time between two looks whether it has come.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// How programs are hosted, and who hears of it.
+#[derive(Clone, Copy)]
+pub struct Hosting<'a> {
+    /// The folder of what they print; it is not kept if `None`.
+    pub logs: Option<&'a Path>,
+    /// How long an answer may take; for ever if `None`.
+    pub patience: Option<Duration>,
+    /// Reports where a node is expected.
+    pub announce: &'a dyn Fn(&str),
+}
+
+impl Default for Hosting<'_> {
+    fn default() -> Self {
+        Self {
+            logs: None,
+            patience: Some(ANSWER_PATIENCE),
+            announce: &|_| (),
+        }
+    }
+}
+
+/// How a program is started and spoken with.
+#[derive(Clone, Debug)]
+pub(crate) struct ProgramOrder {
+    node: Node,
+    /// Its command and its folder; it is expected if `None`.
+    command: Option<(Vec<String>, PathBuf)>,
+    log: Option<PathBuf>,
+    part: String,
+    seed: u64,
+    bits_per_second: u32,
+    patience: Option<Duration>,
+}
+
+/// The name of a node among the participants of a run.
+pub(crate) fn participant_name(node: &Node) -> &str {
+    match node.part {
+        Part::Controller => CONTROLLER,
+        _ => &node.name,
+    }
+}
+
+impl ProgramOrder {
+    /// Orders for all nodes that canrig does not play itself: drives, io nodes, the controller.
+    pub(crate) fn all(plan: &Plan, logs: Option<&Path>, patience: Option<Duration>) -> Vec<Self> {
+        let mut nodes: Vec<&Node> = Vec::new();
+        for node in plan.nodes() {
+            if plan.is_external(node) && !nodes.contains(&node) {
+                nodes.push(node);
+            }
+        }
+        nodes.sort_by_key(|node| node.part == Part::Controller);
+        let order = |node: &Node| {
+            let program = plan.shared.programs.get(&node.name);
+            let beside = &plan.shared.beside;
+            Self {
+                node: node.clone(),
+                command: program.map(|one| beside.command(&one.command, &one.named_in)),
+                log: logs.map(|logs| logs.join(format!("{}.log", node.name))),
+                part: part::of(plan, node).to_string(),
+                seed: plan.shared.run.seed,
+                bits_per_second: 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
+                patience,
+            }
+        };
+        nodes.into_iter().map(order).collect()
+    }
+
+    /// Its name among the participants.
+    pub(crate) fn name(&self) -> &str {
+        participant_name(&self.node)
+    }
+
+    /// Whether canrig starts it.
+    pub(crate) fn is_started(&self) -> bool {
+        self.command.is_some()
+    }
+
+    /// Starts the program of the node, on a bus.
+    ///
+    /// # Errors
+    /// The system refuses it.
+    pub(crate) fn start(
+        &self,
+        bus: String,
+        clock: &str,
+        listener: Option<Listener>,
+    ) -> io::Result<StartedProgram> {
+        let Some((command, folder)) = &self.command else {
+            return Err(io::Error::other("the node has no program"));
+        };
+        let mut part = NamedTempFile::with_prefix("canrig-part-")?;
+        part.write_all(self.part.as_bytes())?;
+        let order = Order {
+            command,
+            folder,
+            log: self.log.as_deref(),
+            environment: &[
+                (BUS_VARIABLE, bus),
+                ("CANRIG_NODE", self.node.name.clone()),
+                ("CANRIG_NODE_ID", self.node.id.to_string()),
+                ("CANRIG_PART", part.path().to_string_lossy().into_owned()),
+                ("CANRIG_CLOCK", clock.to_owned()),
+                ("CANRIG_SEED", self.seed.to_string()),
+            ],
+        };
+        let program = Program::start(&order, listener)?;
+        Ok(StartedProgram {
+            program,
+            _part: part,
+        })
+    }
+
+    /// Brings the node to a seat of its own, at a time of the run.
+    ///
+    /// # Errors
+    /// It does not come, or speaks another protocol.
+    fn seat(&self, now: Duration, announce: &dyn Fn(&str)) -> Result<ProgramNode, WorldError> {
+        let name = self.name();
+        let refused = |source| WorldError::Spawn {
+            name: name.to_owned(),
+            source,
+        };
+        let listener = Listener::open().map_err(refused)?;
+        let bus = format!("lockstep:{}", listener.path().display());
+        let (channel, program) = if self.command.is_some() {
+            let started = self.start(bus, "virtual", Some(listener));
+            let mut started = started.map_err(refused)?;
+            if !started.program.accept().map_err(refused)? {
+                let how = || format!("did not come to its seat in {} s", START_PATIENCE.as_secs());
+                return Err(started.broken(name, how, Duration::ZERO));
+            }
+            (started.program.take_channel(), Some(started))
+        } else {
+            announce(&format!("{}: expected at {bus}", self.node.name));
+            let clock = Clock::start();
+            let mut channel = None;
+            while channel.is_none() && clock.now() < EXPECTED_PATIENCE {
+                channel = listener.accept(LOOK).map_err(refused)?;
+            }
+            (channel, None)
+        };
+        let Some(channel) = channel else {
+            return Err(WorldError::Process {
+                name: name.to_owned(),
+                how: format!(
+                    "did not come to its seat in {} s",
+                    EXPECTED_PATIENCE.as_secs()
+                ),
+                log: String::new(),
+                doing: Doing::GaveUp,
+            });
+        };
+        let setting = Setting {
+            now,
+            bits_per_second: self.bits_per_second,
+            seed: self.seed,
+            node_id: self.node.id,
+        };
+        match Remote::accept(name, channel, self.patience, setting) {
+            Ok(remote) => Ok(ProgramNode {
+                order: self.clone(),
+                program,
+                remote,
+            }),
+            Err(error) => Err(match program {
+                Some(program) => program.explained(error),
+                None => CoordinatorError::from(error).into(),
+            }),
+        }
+    }
+}
+
+/// A program that canrig started for a node.
+#[derive(Debug)]
+pub(crate) struct StartedProgram {
+    pub(crate) program: Program,
+    /// The file with its part.
+    _part: NamedTempFile,
+}
+
+impl StartedProgram {
+    /// Its end before it was asked to, if it has ended.
+    pub(crate) fn early_end(&mut self, name: &str) -> Option<WorldError> {
+        let (how, output) = self.program.ended(Duration::ZERO)?;
+        Some(WorldError::Process {
+            name: name.to_owned(),
+            doing: match how.starts_with("cannot be started") {
+                true => Doing::NotSetUp,
+                false => Doing::GaveUp,
+            },
+            how: how + " in the middle of the run",
+            log: end_of(&output),
+        })
+    }
+
+    /// Whether it has ended.
+    pub(crate) fn has_ended(&mut self) -> bool {
+        self.program.ended(Duration::ZERO).is_some()
+    }
+
+    /// The end of a program that did not do its part, with the end of its output: how it ended by itself, else what was wrong.
+    fn broken(mut self, name: &str, what: impl Fn() -> String, patience: Duration) -> WorldError {
+        let ended = self.program.ended(patience);
+        let is_by_itself = ended.is_some();
+        if !is_by_itself {
+            self.program.kill();
+        }
+        let (how, output) = ended
+            .or_else(|| self.program.ended(END_PATIENCE))
+            .unwrap_or_default();
+        let doing = match is_by_itself {
+            true if how.starts_with("cannot be started") => Doing::NotSetUp,
+            true => Doing::GaveUp,
+            false => Doing::Crashed,
+        };
+        WorldError::Process {
+            name: name.to_owned(),
+            how: if is_by_itself { how } else { what() },
+            log: end_of(&output),
+            doing,
+        }
+    }
+
+    /// What an error of the protocol with this program comes from.
+    fn explained(self, error: LockstepError) -> WorldError {
+        match error {
+            LockstepError::Ended { name } => {
+                self.broken(&name, || "closed its channel".to_owned(), CLOSED_PATIENCE)
+            }
+            LockstepError::NoAnswer { name, patience } => {
+                let seconds = patience.as_secs();
+                let what = || format!("gave no answer within {seconds} s");
+                self.broken(&name, what, Duration::ZERO)
+            }
+            LockstepError::Protocol { name, source } => {
+                let what = || format!("answered with what is no answer: {source}");
+                self.broken(&name, what, Duration::ZERO)
+            }
+            LockstepError::Step { name, source } => {
+                self.broken(&name, || source.to_string(), Duration::ZERO)
+            }
+            error @ LockstepError::Channel { .. } => CoordinatorError::from(error).into(),
+        }
+    }
+
+    /// Waits for the end of a program that has nothing more to do.
+    ///
+    /// # Errors
+    /// It did not end by itself, or ended badly.
+    fn end(mut self, name: &str) -> Result<(), WorldError> {
+        self.program.dismiss();
+        // What it comes to is seen below.
+        let _ = self.program.ended(END_PATIENCE);
+        self.ended_well(name)
+    }
+
+    /// Whether a program that was dismissed has ended as it should.
+    ///
+    /// # Errors
+    /// It has not.
+    pub(crate) fn ended_well(&mut self, name: &str) -> Result<(), WorldError> {
+        let (how, output) = match self.program.ended(Duration::ZERO) {
+            Some((how, _)) if how == ORDERLY => return Ok(()),
+            Some(ended) => ended,
+            None => ("did not end".to_owned(), String::new()),
+        };
+        Err(WorldError::Process {
+            name: name.to_owned(),
+            how: how + " when it was to stop",
+            log: end_of(&output),
+            doing: Doing::Crashed,
+        })
+    }
+}
+
+fn end_of(output: &str) -> String {
+    match output {
+        "" => String::new(),
+        output => format!("; the end of its output:\n{}", indented(output)),
+    }
+}
+
+/// A node at its seat.
+#[derive(Debug)]
+struct ProgramNode {
+    order: ProgramOrder,
+    /// Before the program, which waits at its other end.
+    remote: Remote,
+    /// `None` of one that canrig did not start.
+    program: Option<StartedProgram>,
+}
+
+impl ProgramNode {
+    /// # Errors
+    /// The program did not end as it should.
+    fn end(self) -> Result<(), WorldError> {
+        let Self {
+            order,
+            program,
+            remote,
+        } = self;
+        drop(remote);
+        program.map_or(Ok(()), |program| program.end(order.name()))
+    }
+}
+
+/// A node at its seat as one that is asked at each event, which faults need.
+#[derive(Debug)]
+struct Asked {
+    /// `None` once it is gone.
+    node: Option<ProgramNode>,
+    filters: Vec<Filter>,
+    answer: Answer,
+    queued: VecDeque<CanFrame>,
+    /// Why it is gone, where that was not its part to play.
+    failure: Option<WorldError>,
+}
+
+impl Asked {
+    fn new(node: ProgramNode) -> Self {
+        Self {
+            filters: node.remote.filters().to_vec(),
+            answer: Answer {
+                next_deadline: node.remote.next_deadline(),
+                ..Answer::default()
+            },
+            queued: VecDeque::new(),
+            failure: None,
+            node: Some(node),
+        }
+    }
+
+    fn ask(&mut self, ask: impl FnOnce(&mut Remote, &mut Answer) -> Result<(), LockstepError>) {
+        let Some(node) = &mut self.node else { return };
+        match ask(&mut node.remote, &mut self.answer) {
+            Ok(()) => self
+                .queued
+                .extend(self.answer.frames.iter().map(|(_, frame)| *frame)),
+            Err(error) => {
+                let program = self.node.take().and_then(|node| node.program);
+                let failure = match program {
+                    Some(program) => program.explained(error),
+                    None => CoordinatorError::from(error).into(),
+                };
+                self.answer.next_deadline = None;
+                self.answer.progress = Progress::Failed(failure.to_string());
+                self.failure = Some(failure);
+            }
+        }
+    }
+
+    /// Ends the process of a node that a fault ends, and starts another one in its place.
+    fn renew(&mut self) {
+        let Some(node) = self.node.take() else { return };
+        let order = node.order.clone();
+        if let Some(started) = &node.program {
+            started.program.kill();
+        }
+        let now = self.answer.reached;
+        drop(node);
+        match order.seat(now, &|_| ()) {
+            Ok(node) => *self = Self::new(node),
+            Err(failure) => {
+                self.answer.progress = Progress::Failed(failure.to_string());
+                self.failure = Some(failure);
+            }
+        }
+    }
+}
+
+impl CanNode for Asked {
+    fn filters(&self) -> Vec<Filter> {
+        self.filters.clone()
+    }
+
+    fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
+        self.ask(|remote, answer| remote.advance(now, now, &[(now, *frame)], answer));
+    }
+
+    fn on_tick(&mut self, now: Duration) {
+        self.ask(|remote, answer| remote.advance(now, now, &[], answer));
+    }
+
+    fn on_stop(&mut self, now: Duration) {
+        self.ask(|remote, answer| remote.stop(now, answer));
+    }
+
+    fn next_frame(&mut self) -> Option<CanFrame> {
+        self.queued.pop_front()
+    }
+
+    fn next_deadline(&self) -> Option<Duration> {
+        self.answer.next_deadline
+    }
+
+    fn progress(&self) -> Progress {
+        self.answer.progress.clone()
+    }
+}
+
+/// A node that canrig does not play itself, as a participant.
+pub(crate) enum Seated<'a> {
+    Plain(&'a mut Remote),
+    Asked(Local<'a>),
+}
+
+impl Seated<'_> {
+    /// The participant.
+    pub(crate) fn participant(&mut self) -> &mut dyn Participant {
+        match self {
+            Self::Plain(remote) => *remote,
+            Self::Asked(local) => local,
+        }
+    }
+}
+
+/// A node of a run that canrig does not play itself.
+enum Guest {
+    Plain(ProgramNode),
+    Faulty(Box<Faulty<Asked>>, Node),
+}
+
+/// The nodes of a run that canrig does not play itself, at their seats.
+pub(crate) struct Guests(Vec<Guest>);
+
+impl Guests {
+    /// Brings them to their seats.
+    ///
+    /// # Errors
+    /// One of them does not come, or speaks another protocol.
+    pub(crate) fn seat(plan: &Plan, hosting: &Hosting<'_>) -> Result<Self, WorldError> {
+        let mut guests = Vec::new();
+        for order in ProgramOrder::all(plan, hosting.logs, hosting.patience) {
+            let node = order.seat(Duration::ZERO, hosting.announce)?;
+            guests.push(match plan.has_faults() {
+                false => Guest::Plain(node),
+                true => {
+                    let faults = faults_at(plan, &order.node);
+                    let clock = plan.scenario_clock()?;
+                    let faulty = Faulty::new(Asked::new(node), faults, clock, Asked::renew);
+                    Guest::Faulty(Box::new(faulty), order.node)
+                }
+            });
+        }
+        Ok(Self(guests))
+    }
+
+    /// Them as participants, the controller last.
+    pub(crate) fn participants(&mut self) -> Vec<(Node, Seated<'_>)> {
+        fn participant(guest: &mut Guest) -> (Node, Seated<'_>) {
+            match guest {
+                Guest::Plain(node) => (node.order.node.clone(), Seated::Plain(&mut node.remote)),
+                Guest::Faulty(faulty, node) => {
+                    let name = participant_name(node).to_owned();
+                    (node.clone(), Seated::Asked(Local::new(name, &mut **faulty)))
+                }
+            }
+        }
+        self.0.iter_mut().map(participant).collect()
+    }
+
+    /// Ends them after a run, and says what it came to.
+    ///
+    /// # Errors
+    /// Why the run broke off, or which of them did not end as it should.
+    pub(crate) fn finish<T>(self, played: Result<T, WorldError>) -> Result<T, WorldError> {
+        let mut played = played;
+        for guest in self.0.into_iter().rev() {
+            played = guest.finish(played);
+        }
+        played
+    }
+}
+
+impl Guest {
+    fn finish<T>(self, played: Result<T, WorldError>) -> Result<T, WorldError> {
+        let node = match self {
+            Self::Plain(node) => node,
+            Self::Faulty(mut faulty, _) => {
+                let asked = faulty.node_mut();
+                if let (Some(failure), true) = (asked.failure.take(), played.is_ok()) {
+                    return Err(failure);
+                }
+                match asked.node.take() {
+                    // One that a fault ended, or that gave up, has nothing more to end well.
+                    Some(node) if asked.answer.progress == Progress::Stopped => node,
+                    _ => return played,
+                }
+            }
+        };
+        let name = node.order.name().to_owned();
+        match played {
+            Ok(played) => node.end().map(|()| played),
+            Err(WorldError::Coordinator(error)) => Err(node.explained(error, &name)),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+impl ProgramNode {
+    /// What an error of virtual time comes from, where this node is why.
+    fn explained(self, error: CoordinatorError, own: &str) -> WorldError {
+        let Some(program) = self.program else {
+            return error.into();
+        };
+        match error {
+            CoordinatorError::Participant(error) if error.name() == own => program.explained(error),
+            CoordinatorError::Overloaded { ref name } if name == own => {
+                let what = error.to_string();
+                let what = what.strip_prefix(name.as_str()).unwrap_or(&what).trim();
+                program.broken(name, || what.to_owned(), Duration::ZERO)
+            }
+            error => error.into(),
+        }
+    }
+}
+
+/// What happens to a node, in a run with faults.
+pub(crate) fn faults_at(plan: &Plan, node: &Node) -> FaultPlan {
+    FaultPlan::new(&plan.shared.run.faults.at_node(node.id), node.id)
+}
