@@ -267,9 +267,8 @@ impl Reference {
 mod tests {
     use super::*;
 
-    #[test]
-    fn every_kind_of_piece_takes_its_turn() {
-        let reference = Reference {
+    fn one_of_each() -> Reference {
+        Reference {
             hold: vec![Hold {
                 at_seconds: 0.0,
                 position_millimetres: 10.0,
@@ -304,7 +303,40 @@ mod tests {
                 until_hertz: 0.75,
                 spacing: Spacing::Linear,
             }],
-        };
+        }
+    }
+
+    #[test]
+    fn rows_are_the_set_point_in_straight_lines() {
+        let trajectory = one_of_each().trajectory();
+        let rows = trajectory.rows(20.0, 0.001);
+        assert_eq!(
+            rows[..6],
+            [
+                (0.0, 10.0),
+                (1.0, 10.0),
+                (1.0, 30.0),
+                (2.0, 30.0),
+                (4.0, 20.0),
+                (5.0, 20.0)
+            ]
+        );
+        for time in (0..20_000).map(|cycle| f64::from(cycle) * 0.001) {
+            let behind = rows.partition_point(|(at, _)| *at <= time);
+            let (from, to) = (rows[behind - 1], rows[behind]);
+            let share = (time - from.0) / (to.0 - from.0);
+            let straight = from.1 + share * (to.1 - from.1);
+            let exact = trajectory.at(time).position;
+            assert!(
+                (straight - exact).abs() < 1e-9,
+                "{straight} for {exact} at {time}"
+            );
+        }
+    }
+
+    #[test]
+    fn every_kind_of_piece_takes_its_turn() {
+        let reference = one_of_each();
         let trajectory = reference.trajectory();
         let expected = [
             (0.5, 10.0),
@@ -328,29 +360,6 @@ mod tests {
                 "{position} at {time}"
             );
             assert_eq!(reference.at(time), trajectory.at(time));
-        }
-        let rows = trajectory.rows(20.0, 0.001);
-        assert_eq!(
-            rows[..6],
-            [
-                (0.0, 10.0),
-                (1.0, 10.0),
-                (1.0, 30.0),
-                (2.0, 30.0),
-                (4.0, 20.0),
-                (5.0, 20.0)
-            ]
-        );
-        for time in (0..20_000).map(|cycle| f64::from(cycle) * 0.001) {
-            let behind = rows.partition_point(|(at, _)| *at <= time);
-            let (from, to) = (rows[behind - 1], rows[behind]);
-            let share = (time - from.0) / (to.0 - from.0);
-            let straight = from.1 + share * (to.1 - from.1);
-            let exact = trajectory.at(time).position;
-            assert!(
-                (straight - exact).abs() < 1e-9,
-                "{straight} for {exact} at {time}"
-            );
         }
         assert!(trajectory.at(6.0).has_exact_derivatives);
         assert!(trajectory.at(11.9).has_exact_derivatives);

@@ -448,7 +448,7 @@ impl Seated<'_> {
 
 /// A node of a run that canrig does not play itself.
 enum Guest {
-    Plain(ProgramNode),
+    Plain(Box<ProgramNode>),
     Faulty(Box<Faulty<Asked>>, Node),
 }
 
@@ -465,7 +465,7 @@ impl Guests {
         for order in ProgramOrder::all(plan, hosting.logs, hosting.patience) {
             let node = order.seat(Duration::ZERO, hosting.announce)?;
             guests.push(match plan.has_faults() {
-                false => Guest::Plain(node),
+                false => Guest::Plain(Box::new(node)),
                 true => {
                     let faults = faults_at(plan, &order.node);
                     let clock = plan.scenario_clock()?;
@@ -507,7 +507,7 @@ impl Guests {
 impl Guest {
     fn finish<T>(self, played: Result<T, WorldError>) -> Result<T, WorldError> {
         let node = match self {
-            Self::Plain(node) => node,
+            Self::Plain(node) => *node,
             Self::Faulty(mut faulty, _) => {
                 let asked = faulty.node_mut();
                 if let (Some(failure), true) = (asked.failure.take(), played.is_ok()) {

@@ -218,28 +218,8 @@ fn resolve(
         return Err(fail(problems));
     }
     let (run, has_all_faults) = read_run(&selector, &mut problems);
-    let (tables, wrong_tables) = selector.select();
-    problems.extend(wrong_tables);
-    let mut loops = Vec::new();
-    for one in tables {
-        let wiring = rig.wiring_of(rig.drive_of_loop(&one.name));
-        let measurand = wiring.feedback.measurand.clone();
-        let mut reader = TrialReader {
-            document: document.with_root(one.tree),
-            factors: &one.factors,
-            rig: &rig,
-            rig_path: &files.path,
-            scenario_path: Path::new(&files.name),
-            run: run.as_ref(),
-            has_all_faults,
-            read_file: &mut *read_file,
-            asked,
-        };
-        match reader.read(wiring) {
-            Ok(one) => loops.extend(one),
-            Err(found) => problems.extend(in_unit(found, &measurand)),
-        }
-    }
+    let told = (run.as_ref(), has_all_faults);
+    let loops = read_loops(&selector, files, told, read_file, asked, &mut problems);
     let contours = read_contours(document, &rig).unwrap_or_else(|found| {
         problems.extend(found);
         Vec::new()
@@ -278,6 +258,42 @@ fn resolve(
         None => Ok(scenario),
         Some(objection) => Err(objected(files, &rig_document, &scenario.rig, objection)),
     }
+}
+
+/// What is tried in each loop, without those that cannot be read. Of the run is told what it is, and whether all of its faults could be
+/// read.
+fn read_loops(
+    selector: &Selector<'_, '_>,
+    files: &Files<'_>,
+    (run, has_all_faults): (Option<&Arc<Run>>, bool),
+    read_file: ReadTable<'_>,
+    asked: &Asked<'_>,
+    problems: &mut Vec<Problem>,
+) -> Vec<Trial> {
+    let Selector { scenario, rig } = *selector;
+    let (tables, wrong_tables) = selector.select();
+    problems.extend(wrong_tables);
+    let mut loops = Vec::new();
+    for one in tables {
+        let wiring = rig.wiring_of(rig.drive_of_loop(&one.name));
+        let measurand = wiring.feedback.measurand.clone();
+        let mut reader = TrialReader {
+            document: scenario.with_root(one.tree),
+            factors: &one.factors,
+            rig,
+            rig_path: &files.path,
+            scenario_path: Path::new(&files.name),
+            run,
+            has_all_faults,
+            read_file: &mut *read_file,
+            asked,
+        };
+        match reader.read(wiring) {
+            Ok(one) => loops.extend(one),
+            Err(found) => problems.extend(in_unit(found, &measurand)),
+        }
+    }
+    loops
 }
 
 /// An objection at its place: in the scenario where that has a value for it, else in the rig file.
