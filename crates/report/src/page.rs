@@ -1,28 +1,52 @@
-//! What all HTML pages share: one file, no script, nothing loaded from elsewhere, light and dark.
+//! What all HTML pages share: one file, nothing loaded from elsewhere, light and dark. A page with plots has a script, which
+//! is the only one that a browser runs in it.
 
+use base64::prelude::{BASE64_STANDARD, Engine};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use platform::terminal::printable;
+use sha2::{Digest, Sha256};
 
 use super::terminal;
 use judge::verdict::{Metric, Outcome};
 
+/// The script and the style of plots.
+const PLOTS_SCRIPT: &str = include_str!("plots.js");
+const PLOTS_STYLE: &str = include_str!("plots.css");
+
 /// A page of this title. As on a terminal, no name in it turns the text around it or hides a part of itself.
 pub fn page(title: &str, body: &Markup) -> String {
+    // No name can look like this, since the signs of elements are escaped in names.
+    let has_plots = body.0.contains("<figure class=\"plot");
     let page = html! {
         (DOCTYPE)
         html lang="en" {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
+                @if has_plots { meta http-equiv="Content-Security-Policy" content=(policy(PLOTS_SCRIPT)); }
                 // An icon of no bytes, so that browsers ask nobody for one.
                 link rel="icon" href="data:,";
                 title { (title) }
-                style { (PreEscaped(include_str!("style.css"))) }
+                style {
+                    (PreEscaped(include_str!("style.css")))
+                    @if has_plots { (PreEscaped(PLOTS_STYLE)) }
+                }
             }
-            body { main { (body) } }
+            body {
+                main { (body) }
+                @if has_plots { script { (PreEscaped(PLOTS_SCRIPT)) } }
+            }
         }
     };
     printable(&page.into_string()).into_owned() + "\n"
+}
+
+/// Nothing is loaded, and of scripts this one runs alone.
+fn policy(script: &str) -> String {
+    let hash = BASE64_STANDARD.encode(Sha256::digest(script));
+    format!(
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'"
+    )
 }
 
 /// A name as files have it, which may be broken after each underscore.
@@ -78,6 +102,7 @@ pub fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plot::{Colour, Plot, Shape};
 
     #[test]
     fn no_name_turns_or_hides_text_around_it() {
@@ -86,5 +111,25 @@ mod tests {
         assert!(page.contains("a\\u202eb_\\u001b[31m\\u200b&lt;c&gt;"));
         assert!(page.contains("<title>\\u2066run</title>"));
         assert!(page.contains("25 °C → ≤ 3 mm"));
+    }
+
+    #[test]
+    fn a_page_with_plots_has_one_script_which_its_policy_names_and_any_other_none() {
+        let mut plot = Plot::over_time("<script>", "mm");
+        let (x, y) = ([0.0, 1.0], [0.0, 1.0]);
+        plot.draw("</script>", Colour::Measured, Shape::Line, &x, &y);
+        let with_plot = page("run", &plot.render());
+        let script = with_plot.split_once("<script>").unwrap().1;
+        let script = script.split_once("</script>").unwrap().0;
+        assert_eq!(script, PLOTS_SCRIPT);
+        assert_eq!(with_plot.matches("<script").count(), 1);
+        let hash = BASE64_STANDARD.encode(Sha256::digest(script));
+        let policy = format!(
+            "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}';"
+        );
+        // maud escapes no single quotes.
+        assert!(with_plot.contains(&policy), "{policy}");
+        let without = page("run", &html! { p { "<figure class=\"plot" } });
+        assert!(!without.contains("<script") && !without.contains("Content-Security-Policy"));
     }
 }

@@ -2,7 +2,7 @@
 
 use maud::{Markup, PreEscaped, html};
 
-use super::plot::{HEIGHT, Plot, PlotCurve, WIDTH};
+use super::plot::{Plot, SIDE};
 
 /// Size of one plot with everything round its drawing.
 const PLOT_WIDTH: f64 = 1100.0;
@@ -22,6 +22,9 @@ text { font: 13px sans-serif; fill: #5b6470; }
 path { fill: none; stroke-width: 1.5px; stroke-linejoin: round; stroke-linecap: round; vector-effect: non-scaling-stroke; }
 .grid { stroke: #e8ebef; stroke-width: 1px; }
 .dashed { stroke-dasharray: 6 4; }
+.over { stroke-dasharray: 8 6; }
+.over-two { stroke-dasharray: 3 9; }
+.points { stroke-width: 3px; }
 .area { fill-opacity: .35; }
 .band { fill: #2da44e; fill-opacity: .15; }
 .c0 { stroke: #57606a; } .c1 { stroke: #0969da; } .c2 { stroke: #1a7f37; } .c3 { stroke: #bf3989; }
@@ -54,10 +57,10 @@ fn drawn(plot: &Plot<'_>) -> Markup {
             (plot.title)
             @if !plot.y_unit.is_empty() { " (" (plot.y_unit) ")" }
         }
-        @for (place, curve) in (1..).map(|number| width - 160.0 * f64::from(number)).zip(plot.curves.iter().rev()) {
-            (key(place, curve))
+        @for (place, curve) in (1..).map(|number| width - 160.0 * f64::from(number)).zip(plot.curves.iter().zip(&drawing.classes).rev()) {
+            (key(place, &curve.0.label, curve.1))
         }
-        svg width=(width) height=(height) viewBox=(format!("0 0 {WIDTH} {HEIGHT}")) preserveAspectRatio="none" {
+        svg width=(width) height=(height) viewBox=(format!("0 0 {SIDE} {SIDE}")) preserveAspectRatio="none" {
             (drawing.content)
         }
         rect.frame width=(width) height=(height) {}
@@ -72,10 +75,10 @@ fn drawn(plot: &Plot<'_>) -> Markup {
 }
 
 /// What a curve is called, beside a piece of it.
-fn key(place: f64, curve: &PlotCurve<'_>) -> Markup {
+fn key(place: f64, label: &str, class: &str) -> Markup {
     html! {
-        path.(curve.colour.class()).dashed[curve.shape.is_dashed()] d=(format!("M{place} -15h26")) {}
-        text x=(place + 32.0) y="-11" { (curve.label) }
+        path.(class) d=(format!("M{place} -15h26")) {}
+        text x=(place + 32.0) y="-11" { (label) }
     }
 }
 

@@ -3,6 +3,7 @@
 use maud::{Markup, html};
 use scenario::expect::{Demand, SignalCheck};
 
+use super::signals::{CHANGES, common_distance};
 use crate::plot::{Colour, Patch, Plot, Shape};
 use crate::run::RunLoop;
 use crate::unit::shown_unit;
@@ -18,6 +19,8 @@ struct Drawn<'a> {
     trace: &'a SignalTrace,
     time_seconds: Series<f64>,
     values: Series<f64>,
+    /// Cycles from sample to sample, where that is not each cycle.
+    each_cycles: Option<usize>,
     /// The rows of the courses that it must follow.
     courses: Vec<(Vec<f64>, Vec<f64>)>,
     patches: Vec<Patch>,
@@ -32,7 +35,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
         .iter()
         .filter(|trace| checks.iter().any(|check| is_about(own, check, trace)))
         .take(PLOTS_MAX)
-        .map(|trace| drawn(trace, own))
+        .map(|trace| drawn(trace, own, run.timeline.period_seconds))
         .collect();
     html! {
         @if !drawn.is_empty() {
@@ -47,12 +50,13 @@ fn is_about(own: &ControlLoop, check: &SignalCheck, trace: &SignalTrace) -> bool
     own.names().find(&check.name) == Ok(&trace.path)
 }
 
-fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop) -> Drawn<'a> {
+fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop, period_seconds: f64) -> Drawn<'a> {
     let scenario = &own.trial;
     let mut drawn = Drawn {
         trace,
         time_seconds: trace.samples.iter().map(|one| one.time_seconds).collect(),
         values: trace.samples.iter().map(|one| one.value).collect(),
+        each_cycles: common_distance(&first_cycles(trace, period_seconds)),
         courses: Vec::new(),
         patches: Vec::new(),
     };
@@ -77,6 +81,18 @@ fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop) -> Drawn<'a> {
     drawn
 }
 
+/// The cycles of the first samples.
+fn first_cycles(trace: &SignalTrace, period_seconds: f64) -> Vec<usize> {
+    let samples = trace.samples.iter().take(CHANGES);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a time since the begin of the scenario"
+    )]
+    let cycles = samples.map(|one| (one.time_seconds / period_seconds).round() as usize);
+    cycles.collect()
+}
+
 /// Where a signal is on the bus: among several loops with the name of the drive whose frame it is in.
 fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
     let drive = &own.nodes.drive.name;
@@ -90,10 +106,14 @@ fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
 fn plot<'a>(drawn: &'a Drawn<'_>, name: &'a str) -> Plot<'a> {
     let mut plot = Plot::over_time(name, shown_unit(&drawn.trace.unit));
     plot.patches.clone_from(&drawn.patches);
+    let (label, shape) = match drawn.each_cycles {
+        None => ("recorded".to_owned(), Shape::Line),
+        Some(cycles) => (format!("recorded (each {cycles} cycles)"), Shape::Points),
+    };
     plot.draw(
-        "recorded",
+        label,
         Colour::Measured,
-        Shape::Line,
+        shape,
         &drawn.time_seconds,
         &drawn.values,
     );

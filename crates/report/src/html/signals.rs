@@ -34,12 +34,13 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let (close_ups, left_out) = close_ups(run);
     in_time.extend(close_ups);
     let mut error_plot = Plot::over_time("Error", shown_unit(timeline.measurand.unit.symbol()));
-    error_plot.draw(
-        "set-point − measured",
+    let label = "set-point − measured";
+    draw(
+        &mut error_plot,
+        timeline,
+        label,
         Colour::Measured,
-        Shape::Line,
-        &timeline.time_seconds,
-        &error,
+        (0, &error),
     );
     in_time.push(error_plot);
     let command = timeline.measurand.command;
@@ -196,7 +197,6 @@ fn of_another_plant<'a>(
 
 fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     let timeline = run.timeline;
-    let time = &timeline.time_seconds;
     let mut plot = Plot::over_time(
         timeline.measurand.title(),
         shown_unit(timeline.measurand.unit.symbol()),
@@ -209,29 +209,31 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
         .map(settling_band)
         .collect();
     if let Some(column) = timeline.column("true_position_millimetres") {
-        plot.draw("true", Colour::True, Shape::Line, time, &column.values);
+        draw(
+            &mut plot,
+            timeline,
+            "true",
+            Colour::True,
+            (0, &column.values),
+        );
     }
-    plot.draw(
-        "measured",
-        Colour::Measured,
-        Shape::Line,
-        time,
-        timeline.position(),
-    );
+    let measured = (0, &timeline.position()[..]);
+    draw(&mut plot, timeline, "measured", Colour::Measured, measured);
     if let Some(column) = used(timeline, "reference_position_millimetres") {
-        plot.draw(
-            "filtered reference",
+        let label = "filtered reference";
+        draw(
+            &mut plot,
+            timeline,
+            label,
             Colour::Estimated,
-            Shape::Line,
-            time,
-            &column.values,
+            first_sent(column),
         );
     }
     plot.draw(
         "set-point",
         Colour::Wanted,
         Shape::Dashed,
-        time,
+        &timeline.time_seconds,
         &timeline.set_point_millimetres,
     );
     plot
@@ -351,16 +353,92 @@ fn of_signals<'a>(
     let mut plot = Plot::over_time(title, unit);
     for (name, label, colour) in signals {
         if let Some(column) = used(timeline, name) {
-            plot.draw(
-                *label,
-                *colour,
-                Shape::Line,
-                &timeline.time_seconds,
-                &column.values,
-            );
+            draw(&mut plot, timeline, label, *colour, first_sent(column));
         }
     }
     plot
+}
+
+/// Draws a signal: as points where it has a sample in few cycles only, which its label says.
+fn draw<'a>(
+    plot: &mut Plot<'a>,
+    timeline: &'a Timeline,
+    label: &str,
+    colour: Colour,
+    (first, values): (usize, &'a [f64]),
+) {
+    let (label, shape) = match sampling(values) {
+        Sampling::EachCycle => (label.to_owned(), Shape::Line),
+        Sampling::Few(cycles) => (format!("{label} (each {cycles} cycles)"), Shape::Points),
+        Sampling::Held(cycles) => (format!("{label} (held for {cycles} cycles)"), Shape::Line),
+    };
+    plot.draw(
+        label,
+        colour,
+        shape,
+        &timeline.time_seconds[first..],
+        values,
+    );
+}
+
+/// How often a signal has a new value.
+#[derive(Debug, PartialEq)]
+enum Sampling {
+    EachCycle,
+    /// In each so many cycles, with none between them.
+    Few(usize),
+    /// The same, held between them.
+    Held(usize),
+}
+
+/// Changes of a signal that say how often it is sampled.
+pub(super) const CHANGES: usize = 64;
+
+/// Looks at the first changes of a signal; those of a signal that hardly changes say nothing.
+fn sampling(values: &[f64]) -> Sampling {
+    let values = &values[..values.len().min(1 << 20)];
+    let is_finite = |row: &usize| values[*row].is_finite();
+    let is_new = |row: &usize| values[*row] != values[*row - 1] && values[*row - 1].is_finite();
+    let held = (1..values.len()).filter(is_finite).filter(is_new);
+    let held = Vec::from_iter(held.take(CHANGES));
+    let lone = |row: &usize| is_finite(row) && !values[*row - 1].is_finite();
+    let lone = Vec::from_iter((1..values.len()).filter(lone).take(CHANGES));
+    match (held.len(), common_distance(&lone), common_distance(&held)) {
+        (..CHANGES, Some(cycles), _) => Sampling::Few(cycles),
+        (_, None, Some(cycles)) => Sampling::Held(cycles),
+        _ => Sampling::EachCycle,
+    }
+}
+
+/// Cycles of which the distances between all these rows are multiples; none where that is each cycle, or where they are too few
+/// to say so.
+pub(super) fn common_distance(rows: &[usize]) -> Option<usize> {
+    let apart = rows.array_windows().map(|[from, to]| to.abs_diff(*from));
+    let cycles = apart.fold(0, greatest_divisor);
+    (rows.len() >= CHANGES && cycles > 1).then_some(cycles)
+}
+
+fn greatest_divisor(a: usize, b: usize) -> usize {
+    if b == 0 {
+        a
+    } else {
+        greatest_divisor(b, a % b)
+    }
+}
+
+/// The values of a column from its first row that is one. A node that computes nothing yet sends 0, which holds for some
+/// cycles of the scenario.
+fn first_sent(column: &Column) -> (usize, &[f64]) {
+    const NOTHING_YET_CYCLES: usize = 20;
+    let values = &column.values[..];
+    let zeros = values.iter().take_while(|value| **value == 0.0).count();
+    let is_computed = column.name.starts_with("estimated_");
+    let first = if is_computed && zeros < NOTHING_YET_CYCLES {
+        zeros
+    } else {
+        0
+    };
+    (first, &values[first..])
 }
 
 /// ξ over the temperature: the loop that makes the wire hard to control.
@@ -395,4 +473,37 @@ fn hysteresis(timeline: &Timeline) -> Plot<'_> {
         }
     }
     plot
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_is_sampled_in_each_cycle_in_few_or_held() {
+        let rows = |value: fn(u32) -> f64| Vec::from_iter((0..2000).map(value));
+        let each = rows(|row| f64::from(row % 7));
+        let few = rows(|row| {
+            if row % 10 == 3 {
+                f64::from(row)
+            } else {
+                f64::NAN
+            }
+        });
+        let held = rows(|row| f64::from(row.saturating_sub(5) / 10));
+        let step = rows(|row| if row < 1000 { 10.0 } else { 35.0 });
+        assert_eq!(sampling(&each), Sampling::EachCycle);
+        assert_eq!(sampling(&few), Sampling::Few(10));
+        assert_eq!(sampling(&held), Sampling::Held(10));
+        assert_eq!(sampling(&step), Sampling::EachCycle);
+        // Lost samples are gaps, not a rate.
+        let lossy = rows(|row| {
+            if row % 97 == 5 {
+                f64::NAN
+            } else {
+                f64::from(row % 7)
+            }
+        });
+        assert_eq!(sampling(&lossy), Sampling::EachCycle);
+    }
 }

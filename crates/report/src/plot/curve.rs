@@ -1,5 +1,8 @@
 //! What a plot consists of: curves, what stands behind them, and what its height stands for.
 
+/// Places at which two curves are compared.
+const LOOKED_AT: u32 = 400;
+
 /// One of the colours that the style sheet defines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Colour {
@@ -44,6 +47,8 @@ pub enum Shape {
     DashedPath,
     /// An area down to the lower edge.
     Area,
+    /// Over time, not joined: between them nothing is known.
+    Points,
 }
 
 impl Shape {
@@ -52,8 +57,14 @@ impl Shape {
         matches!(self, Self::Path | Self::DashedPath)
     }
 
-    pub(crate) fn is_dashed(self) -> bool {
-        matches!(self, Self::Dashed | Self::DashedPath)
+    /// The class of the style sheet that tells it from a line.
+    pub(crate) fn class(self) -> Option<&'static str> {
+        match self {
+            Self::Dashed | Self::DashedPath => Some("dashed"),
+            Self::Area => Some("area"),
+            Self::Points => Some("points"),
+            Self::Line | Self::Path => None,
+        }
     }
 }
 
@@ -67,6 +78,27 @@ pub struct PlotCurve<'a> {
 }
 
 impl PlotCurve<'_> {
+    /// The value at a place of the horizontal axis; none before the first one, and where it is not finite.
+    fn value_at(&self, x: f64) -> Option<f64> {
+        let place = self.x.partition_point(|own| *own <= x).checked_sub(1)?;
+        self.y.get(place).copied().filter(|y| y.is_finite())
+    }
+
+    /// Whether the curve runs over another for most of a stretch of x, so near that it hides it.
+    pub(super) fn hides(&self, other: &Self, (from, until): (f64, f64), near: f64) -> bool {
+        let is_line = |shape| matches!(shape, Shape::Line | Shape::Dashed);
+        if !is_line(self.shape) || !is_line(other.shape) {
+            return false;
+        }
+        let places = (0..=LOOKED_AT).map(|place| f64::from(place) / f64::from(LOOKED_AT));
+        let places = places.map(|share| from + share * (until - from));
+        let both = places.filter_map(|x| Some((self.value_at(x)?, other.value_at(x)?)));
+        let (near, all) = both.fold((0, 0), |(count, all), (own, other)| {
+            (count + usize::from((own - other).abs() <= near), all + 1)
+        });
+        2 * near > all
+    }
+
     /// The points that a stretch of x shows. In the plane all are shown.
     pub(super) fn within(&self, stretch: Option<(f64, f64)>) -> (&[f64], &[f64]) {
         match stretch {

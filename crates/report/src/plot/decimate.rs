@@ -3,19 +3,19 @@
 use platform::series::{give_back, passing};
 
 use super::range::{NOTHING, extended, finite_range};
-use super::scale::{DrawingScale, HEIGHT, WIDTH};
+use super::scale::{DrawingScale, SIDE};
 
 /// Points that are joined, in whole units of the drawing.
 pub(super) type Polyline = Vec<(i32, i32)>;
 
 /// Width of a pixel column in units of the drawing.
-const COLUMN: i32 = 4;
+const COLUMN: i32 = 80;
 
 /// So many gaps within a pixel column, which nobody can tell apart, are drawn. Of more the page would grow with the run.
 const GAPS_MAX: usize = 4;
 
-/// Side of a cell of a path in the plane.
-const CELL: i32 = 4;
+/// Width and height of a cell of a path in the plane.
+const CELL: (i32, i32) = (80, 256);
 
 /// A curve over time: of each pixel column the first, the lowest, the highest and the last point. A point that is not
 /// finite interrupts it.
@@ -46,6 +46,42 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> V
     }
     end(&mut line, &mut lines);
     lines
+}
+
+/// Single samples over time: of each pixel column the first, the lowest, the highest and the last of them.
+pub(super) fn points(x: &[f64], y: &[f64], scale: &DrawingScale) -> Polyline {
+    let mut points = Polyline::new();
+    let mut column = Vec::new();
+    let mut until = f64::NEG_INFINITY;
+    for (x, y) in passing(x).zip(passing(y)) {
+        let (along, down) = scale.place(*x, *y);
+        let Some(point) = whole((along, down)) else {
+            continue;
+        };
+        if along >= until {
+            points.extend(extremes(&column));
+            column.clear();
+            until = column_end(along);
+        }
+        column.push(point);
+    }
+    points.extend(extremes(&column));
+    points
+}
+
+/// The first, the lowest, the highest and the last of some points, each once and in their order.
+fn extremes(points: &[(i32, i32)]) -> impl Iterator<Item = (i32, i32)> {
+    let places = || 0..points.len();
+    let by_height = |place: &usize| points[*place].1;
+    let ends = [places().next(), places().next_back()];
+    let heights = [
+        places().min_by_key(by_height),
+        places().max_by_key(by_height),
+    ];
+    let mut found = Vec::from_iter(ends.into_iter().chain(heights).flatten());
+    found.sort_unstable();
+    found.dedup();
+    found.into_iter().map(|place| points[place])
 }
 
 /// A path in the plane. Where it passes a second time, it is not drawn again.
@@ -203,7 +239,7 @@ fn whole((x, y): (f64, f64)) -> Option<(i32, i32)> {
 
 /// The nearest whole unit.
 fn nearest(value: f64) -> i32 {
-    let value = value.clamp(-1e6, 1e6);
+    let value = value.clamp(-1e9, 1e9);
     #[expect(
         clippy::cast_possible_truncation,
         reason = "clamped to far less than i32"
@@ -213,7 +249,7 @@ fn nearest(value: f64) -> i32 {
 }
 
 fn cell((x, y): (i32, i32)) -> (i32, i32) {
-    (x / CELL, y / CELL)
+    (x / CELL.0, y / CELL.1)
 }
 
 /// Which cells of the drawing a path has passed.
@@ -222,14 +258,11 @@ struct Passed(Vec<bool>);
 impl Passed {
     #[expect(
         clippy::cast_possible_truncation,
-        reason = "constants of a few thousand"
+        reason = "a constant of some thousands"
     )]
-    const COLUMNS: i32 = WIDTH as i32 / CELL + 1;
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "constants of a few thousand"
-    )]
-    const ROWS: i32 = HEIGHT as i32 / CELL + 1;
+    const SIDE: i32 = SIDE as i32;
+    const COLUMNS: i32 = Self::SIDE / CELL.0 + 1;
+    const ROWS: i32 = Self::SIDE / CELL.1 + 1;
 
     fn new() -> Self {
         let cells = usize::try_from(Self::COLUMNS * Self::ROWS).unwrap_or(0);
@@ -255,25 +288,52 @@ mod tests {
     use proptest::prelude::*;
 
     /// A drawing whose units are those of the values.
+    const UNITS: DrawingScale = DrawingScale {
+        x: 0.0,
+        y: 0.0,
+        right: 1.0,
+        down: 1.0,
+    };
+
     fn decimated(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
         let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
-        over_time(
-            &x,
-            &y,
-            &DrawingScale {
-                x: 0.0,
-                y: 0.0,
-                right: 1.0,
-                down: 1.0,
-            },
-        )
+        over_time(&x, &y, &UNITS)
+    }
+
+    #[test]
+    fn single_samples_stay_and_of_many_the_extremes() {
+        let (x, y): (Vec<f64>, Vec<f64>) = (0..30)
+            .map(|row| {
+                let y = f64::from(if row == 13 { 900 } else { row });
+                (f64::from(10 * row), if row % 3 == 1 { y } else { f64::NAN })
+            })
+            .unzip();
+        // Of the rows 1, 4 and 7 no more than the two ends are needed; 13 is the lowest of 10, 13.
+        let expected = [1, 4, 7, 10, 13, 16, 19, 22, 25, 28];
+        let expected = expected.map(|row| (10 * row, if row == 13 { 900 } else { row }));
+        let found = points(&x, &y, &UNITS);
+        assert!(
+            found.iter().all(|point| expected.contains(point)),
+            "{found:?}"
+        );
+        assert!(
+            found.contains(&(130, 900)) && found[0] == (10, 1),
+            "{found:?}"
+        );
+        assert_eq!(found.last(), Some(&(280, 28)));
+        let many = points(
+            &[0.0, 1.0, 2.0, 3.0, 4.0],
+            &[1.0, 7.0, 2.0, -3.0, 2.0],
+            &UNITS,
+        );
+        assert_eq!(many, [(0, 1), (1, 7), (3, -3), (4, 2)]);
     }
 
     #[test]
     fn a_peak_of_one_sample_stays() {
         let points = (0..100_000).map(|sample| {
             let y = if sample == 50_123 { 900.0 } else { 500.0 };
-            (f64::from(sample) * WIDTH / 1e5, y)
+            (f64::from(sample) * SIDE / 1e5, y)
         });
         let lines = decimated(points);
         assert_eq!(lines.len(), 1);
@@ -300,7 +360,7 @@ mod tests {
                     _ if sample == samples / 2 => 900.0,
                     _ => f64::from(sample % 7),
                 };
-                (f64::from(sample) * WIDTH / f64::from(samples), y)
+                (f64::from(sample) * SIDE / f64::from(samples), y)
             });
             let lines = decimated(points);
             let highest = lines.iter().flatten().map(|point| point.1).max();
@@ -315,18 +375,21 @@ mod tests {
         let points = |missing: fn(u32) -> bool| {
             (0..60).map(move |sample| {
                 let y = if missing(sample) { f64::NAN } else { 1.0 };
-                (f64::from(sample) / 5.0, y)
+                (f64::from(sample) * 4.0, y)
             })
         };
         // Of three pixels the middle one has the gaps.
         let inside = decimated(points(|sample| {
             (22..34).contains(&sample) && sample % 2 == 0
         }));
-        assert_eq!(inside, [vec![(0, 1), (12, 1)]]);
+        assert_eq!(inside, [vec![(0, 1), (236, 1)]]);
         let at_its_begin = decimated(points(|sample| {
-            (18..34).contains(&sample) && sample % 2 == 0
+            (20..34).contains(&sample) && sample % 2 == 0
         }));
-        assert_eq!(at_its_begin, [vec![(0, 1), (3, 1)], vec![(4, 1), (12, 1)]]);
+        assert_eq!(
+            at_its_begin,
+            [vec![(0, 1), (76, 1)], vec![(84, 1), (236, 1)]]
+        );
     }
 
     #[test]
@@ -334,8 +397,8 @@ mod tests {
         let turn = |number: u32| f64::from(number % 1000) * std::f64::consts::TAU / 1000.0;
         let circle = |number| {
             (
-                1600.0 + 1000.0 * libm::cos(turn(number)),
-                500.0 + 400.0 * libm::sin(turn(number)),
+                32e3 + 20e3 * libm::cos(turn(number)),
+                32e3 + 25e3 * libm::sin(turn(number)),
             )
         };
         let points = |turns: u32| {
@@ -358,7 +421,7 @@ mod tests {
             (0.5, 1),
             (-0.5, -1),
             (2.5, 3),
-            (-1e9, -1_000_000),
+            (-1e10, -1_000_000_000),
         ] {
             assert_eq!(whole((value, value)), Some((nearest, nearest)), "{value}");
         }
@@ -374,7 +437,7 @@ mod tests {
         #[test]
         fn the_size_is_bounded(values in prop::collection::vec(prop_oneof![9 => -1e9..1e9f64, 1 => Just(f64::NAN)], 0..20_000)) {
             let count = values.len() as f64;
-            let points = values.iter().enumerate().map(|(number, value)| (number as f64 * WIDTH / count, *value));
+            let points = values.iter().enumerate().map(|(number, value)| (number as f64 * SIDE / count, *value));
             let lines = decimated(points);
             let columns = usize::try_from(Passed::COLUMNS).unwrap() + 1;
             let gaps = values.iter().filter(|value| value.is_nan()).count();

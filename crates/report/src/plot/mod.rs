@@ -2,7 +2,7 @@
 //!
 //! A [`Plot`] is curves of values. `view` chooses the values at its edges and draws between them: `range` says which values
 //! those are, `ticks` labels them, `scale` turns values into units of the drawing, and `decimate` leaves out the points that
-//! nobody can see.
+//! nobody can see. `plots.js` reads the samples from the curves that are drawn, so a page has no other data.
 
 mod curve;
 mod decimate;
@@ -17,7 +17,10 @@ use self::ticks::{apart, decades, ticks};
 use self::view::View;
 
 pub use curve::{Colour, Extent, Patch, PlotCurve, Shape};
-pub(crate) use scale::{HEIGHT, WIDTH};
+pub(crate) use scale::SIDE;
+
+/// Part of the height within which two curves are drawn over each other.
+const HIDDEN_WITHIN: f64 = 0.006;
 
 /// A plot.
 pub struct Plot<'a> {
@@ -44,7 +47,9 @@ pub struct PlotDrawing {
     pub x_labels: Vec<(f64, String)>,
     /// Labels at per cent from the top.
     pub y_labels: Vec<(f64, String)>,
-    is_cut: bool,
+    /// The classes of each curve.
+    pub classes: Vec<String>,
+    view: View,
 }
 
 impl<'a> Plot<'a> {
@@ -94,14 +99,15 @@ impl<'a> Plot<'a> {
             .map(|curve| curve.label.as_str())
             .collect();
         html! {
-            figure.plot.square[self.extent == Extent::Plane] {
+            figure.plot.square[self.extent == Extent::Plane].log[self.extent == Extent::Logarithmic].plane[self.is_plane()]
+                data-view=(drawing.edges()) data-unit=[(!self.y_unit.is_empty()).then_some(self.y_unit)] {
                 figcaption {
                     strong { (self.title) }
                     @if !self.y_unit.is_empty() { " (" (self.y_unit) ")" }
-                    @if drawing.is_cut { ", peaks cut" }
+                    @if drawing.view.is_cut { ", peaks cut" }
                     span.legend {
-                        @for curve in &self.curves {
-                            span { i.(curve.colour.class()).dashed[curve.shape.is_dashed()] {} (curve.label) }
+                        @for (curve, class) in self.curves.iter().zip(&drawing.classes) {
+                            span { i.(class) {} (curve.label) }
                         }
                     }
                 }
@@ -109,7 +115,7 @@ impl<'a> Plot<'a> {
                     div.y aria-hidden="true" {
                         @for (place, label) in &drawing.y_labels { span style=(format!("top:{place:.2}%")) { (label) } }
                     }
-                    svg viewBox=(format!("0 0 {WIDTH} {HEIGHT}")) preserveAspectRatio="none" role="img"
+                    svg viewBox=(format!("0 0 {SIDE} {SIDE}")) preserveAspectRatio="none" role="img"
                         aria-label=(format!("{}: {}", self.title, names.join(", "))) {
                         (drawing.content)
                     }
@@ -129,10 +135,11 @@ impl<'a> Plot<'a> {
             Extent::Logarithmic => decades(view.y),
             _ => ticks(view.y),
         };
+        let classes = self.classes(&view);
         let content = html! {
             (PreEscaped(view.grid(&x_ticks, &y_ticks)))
             @for patch in &self.patches { (PreEscaped(view.patch(patch))) }
-            @for curve in &self.curves { (PreEscaped(view.curve(curve))) }
+            @for (curve, class) in self.curves.iter().zip(&classes) { (PreEscaped(view.curve(curve, class))) }
         };
         let along = |(value, label)| (view.along(value), label);
         let down = |(value, label)| (100.0 - view.up(value), label);
@@ -140,8 +147,40 @@ impl<'a> Plot<'a> {
             content,
             x_labels: apart(x_ticks).into_iter().map(along).collect(),
             y_labels: y_ticks.into_iter().map(down).collect(),
-            is_cut: view.is_cut,
+            classes,
+            view,
         }
+    }
+
+    /// The classes of each curve: one that hides others is dashed, so that they are seen through it.
+    fn classes(&self, view: &View) -> Vec<String> {
+        let near = HIDDEN_WITHIN * (view.y.1 - view.y.0);
+        let class = |(number, curve): (usize, &PlotCurve<'_>)| {
+            let below = self.curves[..number].iter();
+            let hidden = below
+                .filter(|other| curve.hides(other, view.x, near))
+                .count();
+            let over = match (curve.shape, hidden) {
+                (Shape::Line, 1) => Some("over"),
+                (Shape::Line, 2..) => Some("over-two"),
+                _ => curve.shape.class(),
+            };
+            let colour = curve.colour.class();
+            over.map_or_else(|| colour.clone(), |over| format!("{colour} {over}"))
+        };
+        self.curves.iter().enumerate().map(class).collect()
+    }
+
+    fn is_plane(&self) -> bool {
+        self.curves.iter().any(|curve| curve.shape.is_path())
+    }
+}
+
+impl PlotDrawing {
+    /// The values at the left, the right, the lower and the upper edge.
+    fn edges(&self) -> String {
+        let ((left, right), (bottom, top)) = (self.view.x, self.view.y);
+        format!("{left} {right} {bottom} {top}")
     }
 }
 

@@ -1,8 +1,8 @@
 //! The drawing's own units, and the way from values to them.
 
-/// Size of the drawing in its own units; it is stretched to the place that the page gives it.
-pub(crate) const WIDTH: f64 = 3200.0;
-pub(crate) const HEIGHT: f64 = 1000.0;
+/// Width and height of the drawing in its own units; it is stretched to the place that the page gives it. They are so many
+/// since the page's script reads values from the curves.
+pub(crate) const SIDE: f64 = 64_000.0;
 
 /// From values to the drawing's units, by way of the upper left corner.
 pub(super) struct DrawingScale {

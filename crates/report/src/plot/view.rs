@@ -7,7 +7,7 @@ use platform::series::passing;
 use super::curve::{Extent, Patch, PlotCurve, Shape};
 use super::decimate::{self, Polyline};
 use super::range::{NOTHING, extended, typical, with_room};
-use super::scale::{DrawingScale, HEIGHT, WIDTH};
+use super::scale::{DrawingScale, SIDE};
 
 /// Free room above and below the curves, by the height.
 const MARGIN: f64 = 0.05;
@@ -97,8 +97,8 @@ impl View {
 
     /// The way from values to units of the drawing. It is computed once for all points of a curve, since divisions are slow.
     fn scale(&self) -> DrawingScale {
-        let right = WIDTH / (self.x.1 - self.x.0);
-        let down = HEIGHT / (self.y.0 - self.y.1);
+        let right = SIDE / (self.x.1 - self.x.0);
+        let down = SIDE / (self.y.0 - self.y.1);
         DrawingScale {
             x: self.x.0,
             y: self.y.1,
@@ -110,10 +110,10 @@ impl View {
     pub(super) fn grid(&self, x_ticks: &[(f64, String)], y_ticks: &[(f64, String)]) -> String {
         let mut path = String::new();
         for (x, _) in x_ticks {
-            let _ = write!(path, "M{:.0} 0V{HEIGHT}", self.place(*x, 0.0).0);
+            let _ = write!(path, "M{:.0} 0V{SIDE}", self.place(*x, 0.0).0);
         }
         for (y, _) in y_ticks {
-            let _ = write!(path, "M0 {:.0}H{WIDTH}", self.place(0.0, *y).1);
+            let _ = write!(path, "M0 {:.0}H{SIDE}", self.place(0.0, *y).1);
         }
         format!(r#"<path class="grid" d="{path}"/>"#)
     }
@@ -134,25 +134,23 @@ impl View {
         )
     }
 
-    pub(super) fn curve(&self, curve: &PlotCurve<'_>) -> String {
+    /// A curve as an element of the drawing. It is over so many others that it would hide.
+    pub(super) fn curve(&self, curve: &PlotCurve<'_>, class: &str) -> String {
         let (x, y) = curve.within(Some(self.x));
         let scale = self.scale();
-        let lines = match curve.shape {
-            shape if shape.is_path() => {
-                decimate::path(passing(x).zip(passing(y)).map(|(x, y)| scale.place(*x, *y)))
+        let data = match curve.shape {
+            Shape::Points => points_data(&decimate::points(x, y, &scale)),
+            Shape::Area => path_data(&decimate::over_time(x, y, &scale), true),
+            Shape::Line | Shape::Dashed => path_data(&decimate::over_time(x, y, &scale), false),
+            Shape::Path | Shape::DashedPath => {
+                let places = passing(x).zip(passing(y));
+                path_data(
+                    &decimate::path(places.map(|(x, y)| scale.place(*x, *y))),
+                    false,
+                )
             }
-            _ => decimate::over_time(x, y, &scale),
         };
-        let class = curve.colour.class();
-        let (more, close) = match curve.shape {
-            Shape::Dashed | Shape::DashedPath => (" dashed", false),
-            Shape::Area => (" area", true),
-            Shape::Line | Shape::Path => ("", false),
-        };
-        format!(
-            r#"<path class="{class}{more}" d="{}"/>"#,
-            path_data(&lines, close)
-        )
+        format!(r#"<path class="{class}" d="{data}"/>"#)
     }
 }
 
@@ -162,7 +160,7 @@ fn all_x(curves: &[PlotCurve<'_>]) -> (f64, f64) {
         .iter()
         .fold(NOTHING, |range, curve| match (curve.shape, curve.x) {
             // Over time the ends are the extremes.
-            (Shape::Line | Shape::Dashed | Shape::Area, [first, .., last]) => {
+            (Shape::Line | Shape::Dashed | Shape::Area | Shape::Points, [first, .., last]) => {
                 extended(range, &[*first, *last])
             }
             (_, x) => extended(range, x),
@@ -189,12 +187,37 @@ fn path_data(lines: &[Polyline], close: bool) -> String {
             data.push_str("h0");
         }
         for (step, [from, to]) in line.array_windows().enumerate() {
-            let before = if step == 0 { 'l' } else { ' ' };
-            let _ = write!(data, "{before}{} {}", to.0 - from.0, to.1 - from.1);
+            let before = if step == 0 { "l" } else { " " };
+            push_step(&mut data, before, *from, *to);
         }
         if close {
-            let _ = write!(data, "V{HEIGHT}H{}z", start.0);
+            let _ = write!(data, "V{SIDE}H{}z", start.0);
         }
     }
     data
+}
+
+/// The commands of an SVG path that draws each point as a dot.
+fn points_data(points: &[(i32, i32)]) -> String {
+    let mut data = String::new();
+    if let Some((x, y)) = points.first() {
+        let _ = write!(data, "M{x} {y}h0");
+    }
+    for [from, to] in points.array_windows() {
+        push_step(&mut data, "m", *from, *to);
+        data.push_str("h0");
+    }
+    data
+}
+
+/// A step from point to point; a minus sign parts two numbers too.
+fn push_step(data: &mut String, before: &str, from: (i32, i32), to: (i32, i32)) {
+    let (right, down) = (to.0 - from.0, to.1 - from.1);
+    let before = if before == " " && right < 0 {
+        ""
+    } else {
+        before
+    };
+    let between = if down < 0 { "" } else { " " };
+    let _ = write!(data, "{before}{right}{between}{down}");
 }
