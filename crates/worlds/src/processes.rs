@@ -24,7 +24,6 @@ use crate::programs::{Guests, Hosting};
 use plan::Plan;
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
-use scenario::node::Part;
 
 /// A process that was stopped.
 pub(super) struct Stopped {
