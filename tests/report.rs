@@ -5,7 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::support::{canrig, elements, only_run, output, scenario, short_scenario};
+use crate::support::{canrig, only_run, output, scenario, short_scenario};
+
+/// The elements of a page, after a look at its script: it is that of the plots alone, and nothing is loaded.
+pub(crate) fn elements(page: &str) -> &str {
+    assert_eq!(page.matches("<script").count(), 1);
+    assert!(page.contains("default-src 'none'; img-src data:;"));
+    for loads in ["src=", "url(", "@import", "http://", "https://"] {
+        assert!(!page.contains(loads), "{loads}");
+    }
+    page.split_once("<script>").expect("a script").0
+}
 
 /// The program with a command that makes no runs.
 fn tool(arguments: &[&str], paths: &[&Path]) -> (Option<i32>, String, String) {

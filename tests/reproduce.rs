@@ -2,7 +2,8 @@
 
 use std::fs;
 
-use crate::support::{canrig, elements, only_run, output};
+use crate::report::elements;
+use crate::support::{canrig, only_run, output};
 
 /// What a reader looks for in the table of the headlines: the quantity and of what.
 const HEADLINES: [(&str, &str); 9] = [

@@ -42,16 +42,6 @@ pub(crate) fn output(command: &mut Command) -> (Option<i32>, String, String) {
     )
 }
 
-/// The elements of a page, after a look at its script: it is that of the plots alone, and nothing is loaded.
-pub(crate) fn elements(page: &str) -> &str {
-    assert_eq!(page.matches("<script").count(), 1);
-    assert!(page.contains("default-src 'none'; img-src data:;"));
-    for loads in ["src=", "url(", "@import", "http://", "https://"] {
-        assert!(!page.contains(loads), "{loads}");
-    }
-    page.split_once("<script>").expect("a script").0
-}
-
 /// The only run folder below a folder.
 pub(crate) fn only_run(folder: &Path) -> PathBuf {
     let runs = runs(folder);
