@@ -229,12 +229,12 @@ mod tests {
         let output = folder.path().join("merged");
         let merge =
             |parts: &[PathBuf]| merge_parts(parts, &campaign, &plan, &output, Shown::Nothing);
-        let error = merge(&parts[..1]).unwrap_err();
+        let error = merge(&parts[1..2]).unwrap_err();
         assert_eq!(error.exit(), Exit::CannotStart);
         assert!(
             error
                 .to_string()
-                .starts_with("2 of 4 cases are missing: 2, 4."),
+                .starts_with("2 of 4 cases are missing: 1, 3."),
             "{error}"
         );
         assert_eq!(merge(&parts).unwrap(), Exit::CannotStart);

@@ -781,6 +781,19 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_folder_has_the_first_header_that_checks() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(Header::read(folder.path()).unwrap().is_none());
+        fs::write(folder.path().join("rows.jsonl"), "{}\n").unwrap();
+        assert!(Header::read(folder.path()).unwrap().is_none());
+        for sweep in ["s", "t"] {
+            Writer::begin(folder.path(), &header(sweep)).unwrap();
+        }
+        let found = Header::read(folder.path()).unwrap().unwrap();
+        assert_eq!((found.sweep.as_str(), found.runs), ("s", 12));
+    }
+
+    #[test]
     fn a_line_that_is_longer_than_any_row_is_refused_and_not_read_to_its_end() {
         let folder = tempfile::tempdir().unwrap();
         write(folder.path(), &CASES);
