@@ -232,6 +232,7 @@ static inline int canrig_ask_(canrig *bus) {
     if (bus->in[0] != CANRIG_GRANT_ || (size_t)length != 24 + 24 * bus->records) return -EPROTO;
     bus->until = canrig_get_(bus->in + 16, 8);
     bus->may_go_on = 1;
+    if (bus->in[1] & 1 && bus->now < bus->to) bus->now = bus->to; /* it was halted */
     for (size_t i = 0; i < bus->queued; i++)
         if (!canrig_is_quiet_(bus, (uint32_t)canrig_get_(bus->out + 24 + 24 * i + 8, 4))) bus->may_go_on = 0;
     return 0;

@@ -636,6 +636,66 @@ fn nothing_is_started_by_what_plays_nothing() {
 }
 
 #[test]
+fn played_twice_the_first_frame_that_differs_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let random = "take()\nenabled()\nn, t, f = ask()\ndone(n, t, frame(t, 0x7F0, os.urandom(8)), next=t)\nplay()";
+    let twice = ["simulate", "--twice"];
+    for (name, does, code, said) in [
+        ("same", "take()\nplay()", 0, "played twice: the same "),
+        ("random", random, 1, "node.toml: two plays differ at "),
+    ] {
+        let folder = folder.path().join(name);
+        fs::create_dir(&folder).unwrap();
+        let node = controller_that(&folder, does);
+        let (ended, text, _) = played(&node, &folder.join("runs"), &twice);
+        assert_eq!(ended, Some(code), "{text}");
+        assert!(text.contains(said), "{text}");
+        assert_eq!(text.contains(": 7F0#"), code == 1, "{text}");
+    }
+    let controller = new_controller(folder.path(), "python");
+    let random = controller.with_file_name("controller.py");
+    let text = fs::read_to_string(&random).unwrap();
+    let wrong = text.replace("round(1000 * amperes)", "hash(object()) % 9");
+    assert_ne!(text, wrong);
+    fs::write(&random, wrong).unwrap();
+    let (ended, text, _) = played(&controller, &folder.path().join("runs"), &twice);
+    assert_eq!(ended, Some(1), "{text}");
+    assert!(text.contains(" of controller at "), "{text}");
+}
+
+#[test]
+fn a_crash_and_a_hang_happen_to_a_program_alike_in_both_worlds() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = in_c(folder.path());
+    let text = fs::read_to_string(&scenario).unwrap();
+    for (fault, resets) in [("crash", 2), ("hang", 1)] {
+        let table = format!(
+            "[[fault.node.{fault}]]\nnode = \"controller\"\nfrom_seconds = 1.0\nuntil_seconds = 1.5\n[expect]"
+        );
+        let path = scenario.with_file_name(format!("{fault}.toml"));
+        fs::write(&path, text.replacen("[expect]", &table, 1)).unwrap();
+        let mut logs = Vec::new();
+        for world in [SIMULATED, IN_LOCKSTEP] {
+            let runs = folder.path().join(format!("{fault}-{}", world[0]));
+            let (code, said, run) = played(&path, &runs, world);
+            assert!(matches!(code, Some(0 | 1)), "{said}");
+            assert!(!said.contains("when it was to stop"), "{said}");
+            let log = String::from_utf8(read(&run, "bus.log")).unwrap();
+            let seen = log
+                .lines()
+                .filter(|line| line.contains(" 000#8210"))
+                .count();
+            assert!(
+                (resets..=resets + 1).contains(&seen),
+                "{fault}: {seen} resets"
+            );
+            logs.push(log);
+        }
+        assert!(logs[0] == logs[1], "{fault}");
+    }
+}
+
+#[test]
 fn a_program_from_elsewhere_is_refused_at_its_place() {
     let folder = tempfile::tempdir().unwrap();
     let node = controller_that(folder.path(), "take()\nplay()");
@@ -668,7 +728,11 @@ fn a_program_from_elsewhere_is_refused_at_its_place() {
             &fault("node.slow_cycle"),
             "slow_cycle",
         ),
-        ("[[reference.hold]]", &fault("node.late_heartbeat"), ""),
+        (
+            "[[reference.hold]]",
+            &fault("node.slow_cycle").replace("from", "delay_milliseconds = 1.0\nfrom"),
+            "cannot happen to a program",
+        ),
     ] {
         let wrong = folder.path().join("wrong.toml");
         fs::write(&wrong, text.replacen(is, becomes, 1)).unwrap();

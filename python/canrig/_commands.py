@@ -90,7 +90,7 @@ def sweep(
         if show is not None and event["of"]:
             show(event["done"] / event["of"], f"{event['done']} of {event['of']} runs")
 
-    ended = call(["sweep", "--events", *options, "--", os.fspath(scenario)], on_event)
+    ended = call(["sweep", "--events", *options, _argument(scenario)], on_event)
     # A row may be invalid, or its run broken off, so the exit code does not say whether there is a table.
     if last.get("event") != "ended":
         raise error_of(ended.code, ended.message)
@@ -156,7 +156,7 @@ def _play(
         if seen is not None:
             seen(event)
 
-    arguments = [command, "--events", *_options(values, output), *options, "--", os.fspath(scenario)]
+    arguments = [command, "--events", *_options(values, output), *options, _argument(scenario)]
     ended = call(arguments, on_event)
     played = Run(judged[0]["folder"]) if judged else None
     if played is not None and ended.code in _VERDICTS:
@@ -187,6 +187,12 @@ def _succeed(ended: Ended) -> Ended:
     if ended.code != 0:
         raise error_of(ended.code, ended.message)
     return ended
+
+
+def _argument(scenario: StrPath) -> str:
+    """A file on the command line: behind ``--`` would be a program."""
+    path = os.fspath(scenario)
+    return f"./{path}" if path.startswith("-") else path
 
 
 def _options(values: Optional[Values], output: StrPath) -> List[str]:

@@ -65,6 +65,7 @@ _KERNEL_FRAME = struct.Struct("=IB3x8s")
 _VERSION, _MAGIC, _NEVER = 1, 0x47495243, 0xFFFFFFFFFFFFFFFF
 _HELLO, _WELCOME, _GRANT, _DONE, _STOP = 1, 2, 3, 4, 5
 _STOPPED, _FAILED = 1, 2
+_HALTED = 1
 _BUS_SEAT, _ERRORS_TOO = 0, 2
 _WELCOME_BYTES = 40
 _WAKE_UPS_MAX = 1000
@@ -164,7 +165,7 @@ class _VirtualBus(Bus):
         length = self._receive()
         if length < _WELCOME_BYTES or self._buffer[0] != _WELCOME:
             raise RuntimeError(f"canrig sent a message of kind {self._buffer[0]} in place of WELCOME")
-        _, _, _, _, self._now = _HEADER.unpack_from(self._buffer)
+        self._now: int = _HEADER.unpack_from(self._buffer)[4]
         #: Rate of the bus, seed of the run, node-ID.
         self.bits_per_second, _, self.seed, self.node_id = struct.unpack_from("<IIQB", self._buffer, 16)
         self._quiet = list(_FILTER.iter_unpack(bytes(self._buffer[_WELCOME_BYTES:length])))
@@ -191,7 +192,7 @@ class _VirtualBus(Bus):
     def _ask(self) -> bool:
         """Receives a question; true if it is for the end."""
         length = self._receive()
-        kind, _, count, self._number, self._to = _HEADER.unpack_from(self._buffer)
+        kind, a, count, self._number, self._to = _HEADER.unpack_from(self._buffer)
         self._is_asked, self._may_go_on, self._until = True, False, self._to
         self._records, self._record = iter(()), None
         if kind == _STOP:
@@ -200,6 +201,8 @@ class _VirtualBus(Bus):
         if kind != _GRANT or length != 24 + count * _RECORD.size:
             raise RuntimeError(f"canrig sent a message of kind {kind}, and a node knows GRANT and STOP")
         (self._until,) = struct.unpack_from("<Q", self._buffer, 16)
+        if a & _HALTED:
+            self._now = max(self._now, self._to)
         self._records = _RECORD.iter_unpack(bytes(self._buffer[24:length]))
         self._record = next(self._records, None)
         self._may_go_on = all(self._is_quiet(_RECORD.unpack(record)[1]) for record in self._queued)
@@ -307,7 +310,7 @@ class _RealBus(Bus):
                 if end < until:
                     raise Ended("canrig waits no longer")
                 return None
-            if self._lifeline in ready and not os.read(self._lifeline, 8):
+            if self._lifeline is not None and self._lifeline in ready and not os.read(self._lifeline, 8):
                 self._lifeline, self.is_stopping, self._end = None, True, self.now_ns + _SECOND
                 return None
             if self._channel in ready:
@@ -349,7 +352,7 @@ class Layout:
     def decode(self, data: bytes) -> Dict[str, float]:
         """The signals that the data have, by their names."""
         raw = int.from_bytes(data, "little")
-        values = {}
+        values: Dict[str, float] = {}
         for signal in self.signals:
             first, bits = signal["start_bit"], signal["bits"]
             if first + bits <= 8 * len(data):
@@ -369,17 +372,21 @@ class Layout:
 
 
 def _physical(raw: int, signal: Dict[str, Any]) -> float:
-    bits = signal["bits"]
+    bits: int = signal["bits"]
+    factor: float = signal["factor"]
+    offset: float = signal["offset"]
+    value: float
     if signal["kind"] == "float":
         value = struct.unpack("<f" if bits == 32 else "<d", raw.to_bytes(bits // 8, "little"))[0]
     else:
         is_negative = signal["kind"] == "signed" and raw >> bits - 1
         value = raw - (1 << bits) if is_negative else raw
-    return value * signal["factor"] + signal["offset"]
+    return value * factor + offset
 
 
 def _steps(value: float, signal: Dict[str, Any]) -> int:
-    bits, steps = signal["bits"], (value - signal["offset"]) / signal["factor"]
+    bits: int = signal["bits"]
+    steps: float = (value - signal["offset"]) / signal["factor"]
     if signal["kind"] == "float":
         return int.from_bytes(struct.pack("<f" if bits == 32 else "<d", steps), "little")
     low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signal["kind"] == "signed" else (0, (1 << bits) - 1)
@@ -477,7 +484,9 @@ class Node:
             elif not self.bus.is_stopping and self._times:
                 at, _, name, period = heapq.heappop(self._times)
                 if period:
-                    self._push(at + period, name, period)
+                    # What was missed is skipped.
+                    missed = (self.bus.now_ns - at) // period
+                    self._push(at + (1 + max(0, missed)) * period, name, period)
                 self.on_time(name)
         self.on_stop()
 
@@ -495,7 +504,7 @@ class Node:
         self._push(max(0, round(seconds * _SECOND)), name, 0)
 
     def every(self, period: float, name: str) -> None:
-        """Asks for :meth:`on_time` now and then after each period, in seconds."""
+        """Asks for :meth:`on_time` now and then after each period, in seconds; what was missed is skipped."""
         self._push(self.bus.now_ns, name, max(1, round(period * _SECOND)))
 
     def _push(self, at: int, name: str, period: int) -> None:

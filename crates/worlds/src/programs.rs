@@ -381,6 +381,12 @@ impl Asked {
         }
     }
 
+    /// Whether it wanted to do something before, and a fault has halted it.
+    fn is_late(&self, now: Duration) -> bool {
+        let wanted = self.answer.next_deadline;
+        wanted.is_some_and(|wanted| wanted < now)
+    }
+
     /// Ends the process of a node that a fault ends, and starts another one in its place.
     fn renew(&mut self) {
         let Some(node) = self.node.take() else { return };
@@ -406,11 +412,19 @@ impl CanNode for Asked {
     }
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        self.ask(|remote, answer| remote.advance(now, now, &[(now, *frame)], answer));
+        let is_late = self.is_late(now);
+        self.ask(|remote, answer| {
+            is_late.then(|| remote.was_halted());
+            remote.advance(now, now, &[(now, *frame)], answer)
+        });
     }
 
     fn on_tick(&mut self, now: Duration) {
-        self.ask(|remote, answer| remote.advance(now, now, &[], answer));
+        let is_late = self.is_late(now);
+        self.ask(|remote, answer| {
+            is_late.then(|| remote.was_halted());
+            remote.advance(now, now, &[], answer)
+        });
     }
 
     fn on_stop(&mut self, now: Duration) {

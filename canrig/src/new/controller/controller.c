@@ -85,9 +85,9 @@ static double pid(double wanted, double position, double period) {
     return current > high ? high : current < low ? low : current;
 }
 
-static int     is_up, is_enabled;
-static int64_t cycle = -1; /* scenario time 0 is the first SYNC after the drive reported Operation enabled */
-static int     step;       /* of the bring-up */
+static int      is_up, is_enabled;
+static uint64_t sync_at, zero = CANRIG_NEVER; /* of the scenario: the first SYNC after the drive reported Operation enabled */
+static int      step;                         /* of the bring-up */
 
 /* One thing after the other, each as the answer to the one before comes. */
 static void bring_up(void) {
@@ -107,8 +107,9 @@ static void on_frame(const canrig_frame *frame) {
     int32_t  micrometres;
     memcpy(&micrometres, frame->data + 2, 4);
     is_enabled = (statusword & 0x6F) == 0x27;
-    double period = 1e-9 * (double)period_ns, current = 0;
-    if (is_enabled && cycle >= 0) current = pid(1e-3 * set_point((double)cycle * period), 1e-6 * micrometres, period);
+    double current = 0;
+    if (is_enabled && zero != CANRIG_NEVER)
+        current = pid(1e-3 * set_point((double)(sync_at - zero) / 1e9), 1e-6 * micrometres, (double)period_ns / 1e9);
     command(towards_enabled(statusword), current);
 }
 
@@ -136,12 +137,13 @@ int main(void) {
         uint64_t now = canrig_now(&bus);
         if (now >= next_heartbeat) {
             send_frame(HEARTBEAT + OWN, (uint8_t[]){OPERATIONAL}, 1);
-            next_heartbeat += HEARTBEAT_NS;
+            while (next_heartbeat <= now) next_heartbeat += HEARTBEAT_NS;
         }
         if (now >= next_sync) {
-            if (is_enabled) cycle++;
+            sync_at = next_sync;
+            if (is_enabled && zero == CANRIG_NEVER) zero = sync_at;
             send_frame(SYNC, NULL, 0);
-            next_sync += period_ns;
+            while (next_sync <= now) next_sync += period_ns; /* what was missed is skipped */
         }
         if (now >= next_look) { /* for the drive's boot-up, then for the end of the bring-up */
             next_look = now + LOOK_NS;

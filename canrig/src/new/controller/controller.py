@@ -52,7 +52,7 @@ class Controller(node.Node):
 
     def on_start(self):
         self.pid, self.is_up, self.is_enabled, self.step = Pid(), False, False, 0
-        self.cycle = -1  # scenario time 0 is the first SYNC after the drive reported Operation enabled
+        self.sync_at = self.zero = None  # of the scenario: the first SYNC after the drive reported Operation enabled
         self.every(0.02, "heartbeat")
         self.at(self.now, "look")
         self.reset_at = self.now
@@ -61,7 +61,9 @@ class Controller(node.Node):
         if name == "heartbeat":
             self.send(HEARTBEAT + OWN, bytes([5]))
         elif name == "sync":
-            self.cycle += self.is_enabled
+            self.sync_at = self.bus.now_ns
+            if self.is_enabled and self.zero is None:
+                self.zero = self.sync_at
             self.send(SYNC)
         elif self.step > len(OBJECTS):
             self.every(PERIOD, "sync")
@@ -94,8 +96,8 @@ class Controller(node.Node):
         else:
             statusword, micrometres = struct.unpack_from("<Hi", frame.data)
             self.is_enabled, current = statusword & 0x6F == 0x27, 0.0
-            if self.is_enabled and self.cycle >= 0:
-                wanted = PART.loops[0].set_point(self.cycle * PERIOD)
+            if self.is_enabled and self.zero is not None:
+                wanted = PART.loops[0].set_point((self.sync_at - self.zero) / 1e9)
                 current = self.pid(1e-3 * wanted, 1e-6 * micrometres)
             self.command(towards_enabled(statusword), current)
 

@@ -66,6 +66,8 @@ pub(super) struct Asked {
     pub(super) from: Duration,
     pub(super) to: Duration,
     pub(super) until: Duration,
+    /// A fault has halted the node: what it wanted to do before `to` is late.
+    pub(super) was_halted: bool,
 }
 
 /// Writes HELLO.
@@ -151,6 +153,7 @@ pub(super) fn encode_grant(
     frames: &[(Duration, CanFrame)],
 ) -> Result<(), Misread> {
     let header = Header {
+        a: asked.was_halted.into(),
         count: counted(frames.len(), FRAMES_MAX, "frames", COUNT_AT)?,
         number: asked.number,
         time: nanoseconds(asked.to),

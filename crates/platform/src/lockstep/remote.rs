@@ -53,6 +53,7 @@ pub struct Remote {
     reached: (Duration, u32),
     number: u32,
     is_welcome: bool,
+    was_halted: bool,
     packet: Vec<u8>,
 }
 
@@ -92,12 +93,18 @@ impl Remote {
             reached: (setting.now, 0),
             number: 0,
             is_welcome: false,
+            was_halted: false,
             packet: Vec::with_capacity(MESSAGE_BYTES_MAX),
         };
         remote
             .meet_process()
             .map_err(|failure| remote.error(failure))?;
         Ok(remote)
+    }
+
+    /// Tells the process with the next question that it was halted until then.
+    pub fn was_halted(&mut self) {
+        self.was_halted = true;
     }
 
     fn meet_process(&mut self) -> Result<(), Failure> {
@@ -132,6 +139,7 @@ impl Remote {
             from: self.reached.0,
             to,
             until,
+            was_halted: std::mem::take(&mut self.was_halted),
         };
         match frames {
             Some(frames) => protocol::encode_grant(&mut self.packet, &asked, frames)?,

@@ -239,6 +239,7 @@ fn wrong(packet: &[u8]) -> Option<String> {
         from: Duration::ZERO,
         to: ms(2),
         until: ms(4),
+        was_halted: false,
     };
     let quiet = vec![Filter::exact(0x100)].into();
     let misread = decode_done(packet, &asked, &quiet, &mut Answer::default());
