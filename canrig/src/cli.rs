@@ -51,6 +51,7 @@ Examples:
   canrig simulate scenarios/step.toml        in one process, at once
   canrig simulate step --set reference.step[0].position_millimetres=20
                                              one that ships, with another value
+  canrig simulate step -- ./controller       your own controller in place of the law
   canrig examples --to scenarios             all that ship, as files
   canrig identify RUN                        the wire's parameters from a recording
   canrig reproduce                           the paper's experiments, on one page
@@ -69,6 +70,7 @@ Examples:
   canrig export RUN -f blf -o run.blf        the frames as Vector's binary log
   canrig new plant hot_plate                 a plant of your own, in a crate of its own
   canrig new law fuzzy                       a control law of your own
+  canrig new controller lift --language c    a controller of your own, in C or Python
   canrig fmu motor.fmu                       a plant from a modelling tool: its ports
   canrig fmu --export dc_motor -o motor.fmu  one of ours, for another tool
   canrig doctor                              what does this machine lack?
