@@ -15,8 +15,8 @@ const ALIGNMENT: usize = 16;
 const BYTES_MAX: usize = 1 << 30;
 const WHY_BYTES: usize = 256;
 
-type Bytes = unsafe extern "C" fn(*const Setup) -> usize;
-type Init = unsafe extern "C" fn(*mut c_void, *const Setup, *mut c_char) -> c_int;
+type Bytes = unsafe extern "C" fn(*const SetupInC) -> usize;
+type Init = unsafe extern "C" fn(*mut c_void, *const SetupInC, *mut c_char) -> c_int;
 type Step = unsafe extern "C" fn(
     *mut c_void,
     c_double,
@@ -28,7 +28,7 @@ type Step = unsafe extern "C" fn(
 
 /// `canrig_law_setup`.
 #[repr(C)]
-struct Setup {
+struct SetupInC {
     version: u32,
     reads_count: u32,
     writes_count: u32,
@@ -124,7 +124,7 @@ pub struct LawLibrary {
     terms: usize,
     reads: usize,
     // What the law was given stays where it is, and the library is closed last.
-    _setup: Box<Setup>,
+    _setup: Box<SetupInC>,
     _names: [Names; 4],
     _numbers: [Vec<f64>; 3],
     _library: Library,
@@ -158,7 +158,7 @@ impl LawLibrary {
             ranges.clone().map(|range| range[0]).collect(),
             ranges.map(|range| range[1]).collect::<Vec<_>>(),
         ];
-        let given = Box::new(Setup {
+        let given = Box::new(SetupInC {
             version: 1,
             reads_count: names[0].count()?,
             writes_count: names[1].count()?,
