@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
 use scenario::Override;
+use scenario::node::Part;
 use scenario::overrides::{OverrideError, overridden};
 use scenario::rig::nodes::{Rig, controller_in};
 use scenario::rig::shipped::{FOLDER, text as shipped_rig};
@@ -128,7 +129,7 @@ fn led_by(
     });
     // What is wrong with the rig is said when it is loaded.
     let controller = rig.and_then(|rig| controller_in(&rig));
-    let controller = controller.unwrap_or_else(|| "controller".to_owned());
+    let controller = controller.unwrap_or_else(|| Part::Controller.word().to_owned());
     let words = toml::Value::from(words.to_vec());
     let program = format!("node.{controller}.program={words}").parse();
     let program = program.map(|program: Override| overridden(text, &[program]));
