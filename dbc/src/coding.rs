@@ -81,21 +81,6 @@ impl Scale {
     }
 }
 
-impl Range {
-    /// All numbers.
-    pub const ALL: Self = Self {
-        minimum: f64::NEG_INFINITY,
-        maximum: f64::INFINITY,
-    };
-
-    /// Whether a value is in it.
-    #[must_use]
-    #[inline]
-    pub fn contains(&self, value: f64) -> bool {
-        self.minimum <= value && value <= self.maximum
-    }
-}
-
 impl Coding {
     /// A little-endian integer whose raw value is `units` times the physical one, plus `raw_offset`.
     #[must_use]
@@ -227,21 +212,17 @@ impl Coding {
         }
     }
 
-    /// The values that are certainly those of a sender who cuts off what the bits cannot hold: all but the ends of an integer that
-    /// are reached by cutting. Integers below 16 bits are numbers of states, and all of these have a meaning.
+    /// The greatest magnitude of a value that was certainly not cut off, since the bits hold a greater one; infinite for floats. Integers
+    /// below 16 bits are numbers of states, and all of these have a meaning.
     #[must_use]
-    pub fn certain(&self) -> Range {
-        let count = (2.0_f64).powi(self.length_bits.into());
-        let [lowest, highest] = match self.kind {
-            Kind::Signed if self.length_bits >= 16 => [-count / 2.0, count / 2.0 - 1.0],
-            Kind::Unsigned if self.length_bits >= 16 => [f64::NEG_INFINITY, count - 1.0],
-            _ => return Range::ALL,
+    pub fn magnitude_max(&self) -> f64 {
+        let bits = i32::from(self.length_bits);
+        let steps = match self.kind {
+            Kind::Signed if bits >= 16 => (2.0_f64).powi(bits - 1),
+            Kind::Unsigned if bits >= 16 => (2.0_f64).powi(bits),
+            _ => return f64::INFINITY,
         };
-        let ends = [lowest + 0.5, highest - 0.5].map(|raw| raw * self.factor + self.offset);
-        Range {
-            minimum: ends[0].min(ends[1]),
-            maximum: ends[0].max(ends[1]),
-        }
+        (steps - 1.5) * self.factor.abs()
     }
 
     /// Bits from the first bit of the payload to behind the signal, in the signal's byte order.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use canopen::CanFrame;
-use dbc::{Database, Range, SignalHandle};
+use dbc::{Database, SignalHandle};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
 
@@ -36,8 +36,8 @@ pub struct SignalTrace {
 struct Collected {
     handle: SignalHandle,
     follows_sync: bool,
-    /// The values that are taken for those of the sender.
-    certain: Range,
+    /// The greatest magnitude of a value that is taken for that of the sender.
+    magnitude_max: f64,
     /// What is known of it before its samples.
     trace: SignalTrace,
     samples: SeriesWriter<SignalSample>,
@@ -103,7 +103,10 @@ impl TraceReader {
         let time_seconds = time.as_secs_f64();
         for collected in &mut self.collected {
             let value = collected.handle.decode(frame);
-            let Some(value) = value.filter(|value| collected.certain.contains(*value)) else {
+            let Some(value) = value.filter(|value| {
+                let is_beyond = value.abs() > collected.magnitude_max;
+                !is_beyond
+            }) else {
                 continue;
             };
             let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
@@ -148,9 +151,9 @@ fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Colle
     Some(Collected {
         handle: database.signal(path)?,
         follows_sync: columns.is_some(),
-        certain: match is_computed {
-            true => definition.coding.certain(),
-            false => Range::ALL,
+        magnitude_max: match is_computed {
+            true => definition.coding.magnitude_max(),
+            false => f64::INFINITY,
         },
         trace: SignalTrace {
             path: path.to_owned(),

@@ -1,10 +1,8 @@
 //! Fills the columns of a timeline, one value for each cycle. Most signals keep a value for long, so rows are filled many
 //! at a time, and only the signals whose bits changed are decoded.
 
-use std::time::Duration;
-
 use canopen::CanFrame;
-use dbc::{Range, Signal, SignalHandle};
+use dbc::{Signal, SignalHandle};
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;
 use platform::series::SeriesWriter;
@@ -40,26 +38,36 @@ impl Columns {
     }
 
     /// Takes a frame of the latest of so many cycles. What is measured when that cycle is over belongs to no cycle.
-    pub(super) fn on_frame(
-        &mut self,
-        frame: &CanFrame,
-        (rows, time): (usize, Duration),
-        is_late: bool,
-    ) {
+    pub(super) fn on_frame(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
         let mut messages = self.0.iter_mut();
         let message = messages.find(|message| message.raw_id == frame.raw_id());
         if let Some(message) = message.filter(|message| !(is_late && message.is_measured)) {
-            message.on_frame(frame, rows, time);
+            message.on_frame(frame, rows);
         }
     }
 
     /// The signals whose frames could not hold what they had to, each from when on, in the order of time.
-    pub(super) fn beyond(&self) -> Vec<(Duration, &str)> {
+    pub(super) fn beyond(&self) -> Vec<(f64, &str)> {
         let signals = self.0.iter().flat_map(|message| &message.signals);
-        let beyond = signals.filter_map(|signal| Some((signal.beyond?, signal.name.as_str())));
+        let beyond = signals.filter_map(|signal| Some((signal.beyond_seconds?, &*signal.name)));
         let mut beyond = Vec::from_iter(beyond);
-        beyond.sort_unstable();
+        beyond.sort_by(|(left, _), (right, _)| left.total_cmp(right));
         beyond
+    }
+
+    /// Gives the rows that are taken out next their times.
+    pub(super) fn stamp(&mut self, time_seconds: &[f64]) {
+        for signal in self.0.iter_mut().flat_map(|message| &mut message.signals) {
+            let Some(row) = signal.beyond.take() else {
+                continue;
+            };
+            match time_seconds.get(row) {
+                Some(time) => {
+                    signal.beyond_seconds.get_or_insert(*time);
+                }
+                None => signal.beyond = row.checked_sub(time_seconds.len()),
+            }
+        }
     }
 
     /// Takes the first rows out.
@@ -76,10 +84,11 @@ struct SignalColumn {
     handle: SignalHandle,
     name: String,
     unit: String,
-    /// The values that are taken for those of the sender.
-    certain: Range,
-    /// When it first had another one.
-    beyond: Option<Duration>,
+    /// The greatest magnitude of a value that is taken for that of the sender.
+    magnitude_max: f64,
+    /// The first row with such a value that is not there yet, and when the first of all was.
+    beyond: Option<usize>,
+    beyond_seconds: Option<f64>,
     /// The value from the first row on that is not there yet.
     latest: f64,
     /// The rows up to the last change.
@@ -90,11 +99,12 @@ impl SignalColumn {
     fn new(handle: SignalHandle, name: String, signal: &Signal, is_computed: bool) -> Self {
         Self {
             handle,
-            certain: match is_computed {
-                true => signal.coding.certain(),
-                false => Range::ALL,
+            magnitude_max: match is_computed {
+                true => signal.coding.magnitude_max(),
+                false => f64::INFINITY,
             },
             beyond: None,
+            beyond_seconds: None,
             name,
             unit: signal.unit.clone(),
             latest: f64::NAN,
@@ -103,15 +113,13 @@ impl SignalColumn {
     }
 
     /// Has another value from a row on; none where its frame could not hold it.
-    fn change(&mut self, row: usize, value: f64, time: Duration) {
+    fn change(&mut self, row: usize, value: f64) {
         self.fill(row);
-        self.latest = match self.certain.contains(value) {
-            true => value,
-            false => {
-                self.beyond.get_or_insert(time);
-                f64::NAN
-            }
-        };
+        self.latest = value;
+        if value.abs() > self.magnitude_max {
+            self.beyond.get_or_insert(row);
+            self.latest = f64::NAN;
+        }
     }
 
     /// Has no value from a row on.
@@ -169,7 +177,7 @@ impl MessageColumns {
         }
     }
 
-    fn on_frame(&mut self, frame: &CanFrame, rows: usize, time: Duration) {
+    fn on_frame(&mut self, frame: &CanFrame, rows: usize) {
         // The latest row is not over, and there is none before the first cycle.
         let row = rows.saturating_sub(1);
         self.end_before(row);
@@ -180,7 +188,7 @@ impl MessageColumns {
                 continue;
             }
             if let Some(value) = signal.handle.decode(frame) {
-                signal.change(row, value, time);
+                signal.change(row, value);
                 continue;
             }
             is_whole = false;

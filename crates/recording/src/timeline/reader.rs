@@ -216,8 +216,7 @@ impl TimelineReader {
         let is_late = time.is_some_and(|time| self.is_late(time));
         // What comes behind the last cycle, and how the nodes stop, is no part of it.
         if time.is_none_or(|time| time < self.end) && !self.is_over {
-            let rows = (self.cycle.len(), time.unwrap_or_default());
-            self.columns.on_frame(frame, rows, is_late);
+            self.columns.on_frame(frame, self.cycle.len(), is_late);
             if let Some(time) = time {
                 self.commands.on_frame(frame, time, is_late);
             }
@@ -321,6 +320,7 @@ impl TimelineReader {
         let time_seconds: Series<f64> = starts
             .map(|cycle| cycle_start_seconds(*cycle, period_seconds))
             .collect();
+        self.columns.stamp(&time_seconds);
         let columns = self.columns.take_rows(rows);
         if self.passing.is_order_lost {
             self.sources.lose_order();
@@ -383,7 +383,7 @@ fn beyond(columns: &Columns) -> Events {
     let beyond = columns.beyond().into_iter();
     let events = beyond.map(|(time, name)| {
         let text = format!("{name} is beyond what its frame holds, and not known while it is");
-        (time.as_secs_f64(), Event::new(Level::Error, &text))
+        (time, Event::new(Level::Error, &text))
     });
     events.collect()
 }
@@ -511,7 +511,7 @@ mod tests {
         let texts = Vec::from_iter(beyond.map(|event| (event.time_seconds, &*event.what.text)));
         let text =
             "true_position_millimetres is beyond what its frame holds, and not known while it is";
-        assert_eq!(texts, [(0.0012, text)]);
+        assert_eq!(texts, [(0.001, text)]);
     }
 
     #[test]
