@@ -19,9 +19,9 @@ const SWEEP: &str = "../scenarios/sweeps/plants.toml";
 const CASES: [usize; 2] = [1, 201];
 /// Cycles of these cases; the benchmark's name says it again, for `benches/run`.
 const CYCLES: u64 = 24_000;
-/// One case resolves its scenario and the rig that it names: 22 256 were counted when the limit was set. A sweep that resolves its
+/// One case resolves its scenario and the rig that it names: 22 486 were counted when the limit was set, 200 more than before nodes were asked by the bus seat. A sweep that resolves its
 /// rig once is to bring this below 21 670.
-const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22_300;
+const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22_530;
 
 /// What is played: the sweep's cases follow from it.
 fn cases() -> SweepCases {

@@ -212,19 +212,6 @@ impl Coding {
         }
     }
 
-    /// The greatest magnitude of a value that was certainly not cut off, since the bits hold a greater one; infinite for floats. Integers
-    /// below 16 bits are numbers of states, and all of these have a meaning.
-    #[must_use]
-    pub fn magnitude_max(&self) -> f64 {
-        let bits = i32::from(self.length_bits);
-        let steps = match self.kind {
-            Kind::Signed if bits >= 16 => (2.0_f64).powi(bits - 1),
-            Kind::Unsigned if bits >= 16 => (2.0_f64).powi(bits),
-            _ => return f64::INFINITY,
-        };
-        (steps - 1.5) * self.factor.abs()
-    }
-
     /// Bits from the first bit of the payload to behind the signal, in the signal's byte order.
     #[inline]
     fn end_bit(&self) -> usize {

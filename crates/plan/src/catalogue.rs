@@ -239,8 +239,6 @@ pub struct ColumnMessage<'a> {
     pub message: &'a Message,
     /// Whether it brings what a drive measures in each cycle.
     pub is_measured: bool,
-    /// Whether a model or a law computes its values, as nothing limits them to what a frame holds.
-    pub is_computed: bool,
     /// Its signals by their names in the loop.
     pub signals: Vec<(String, &'a Signal)>,
 }
@@ -265,11 +263,6 @@ pub fn columns<'a>(
     let of_law = of_law.map(|name| (name, None));
     let of_io = io.iter().map(|io| (message(&io.name, RPDO1), Some(io)));
     let own = of_drive.chain(of_law).chain(of_io);
-    let is_command = [drive]
-        .into_iter()
-        .chain(io)
-        .map(|node| message(&node.name, RPDO1));
-    let is_command = Vec::from_iter(is_command);
     let own = own.filter_map(move |(name, node)| {
         let message = database.message(&name)?;
         let name_of = |signal: &Signal| match node {
@@ -288,8 +281,6 @@ pub fn columns<'a>(
     own.chain(followed)
         .map(move |(message, signals)| ColumnMessage {
             is_measured: is_feedback.contains(&message.name),
-            is_computed: !is_feedback.contains(&message.name)
-                && !is_command.contains(&message.name),
             message,
             signals,
         })

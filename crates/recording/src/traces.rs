@@ -36,8 +36,6 @@ pub struct SignalTrace {
 struct Collected {
     handle: SignalHandle,
     follows_sync: bool,
-    /// The greatest magnitude of a value that is taken for that of the sender.
-    magnitude_max: f64,
     /// What is known of it before its samples.
     trace: SignalTrace,
     samples: SeriesWriter<SignalSample>,
@@ -102,11 +100,7 @@ impl TraceReader {
         };
         let time_seconds = time.as_secs_f64();
         for collected in &mut self.collected {
-            let value = collected.handle.decode(frame);
-            let Some(value) = value.filter(|value| {
-                let is_beyond = value.abs() > collected.magnitude_max;
-                !is_beyond
-            }) else {
+            let Some(value) = collected.handle.decode(frame) else {
                 continue;
             };
             let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
@@ -145,19 +139,12 @@ fn collect(path: &str, sync_period: Duration, one: &ControlLoop) -> Option<Colle
     let (message, _) = path.split_once('.')?;
     let is_cyclic = !cycle_time(message, database)?.is_zero();
     let silence = || silence_seconds_max(message, sync_period, database);
-    let definition = database.definition(path)?;
-    let columns = one.columns().find(|one| one.message.name == message);
-    let is_computed = columns.as_ref().is_some_and(|one| one.is_computed);
     Some(Collected {
         handle: database.signal(path)?,
-        follows_sync: columns.is_some(),
-        magnitude_max: match is_computed {
-            true => definition.coding.magnitude_max(),
-            false => f64::INFINITY,
-        },
+        follows_sync: one.columns().any(|one| one.message.name == message),
         trace: SignalTrace {
             path: path.to_owned(),
-            unit: definition.unit.clone(),
+            unit: database.definition(path)?.unit.clone(),
             silence_seconds_max: is_cyclic.then(silence),
             samples: Series::default(),
         },

@@ -46,30 +46,6 @@ impl Columns {
         }
     }
 
-    /// The signals whose frames could not hold what they had to, each from when on, in the order of time.
-    pub(super) fn beyond(&self) -> Vec<(f64, &str)> {
-        let signals = self.0.iter().flat_map(|message| &message.signals);
-        let beyond = signals.filter_map(|signal| Some((signal.beyond_seconds?, &*signal.name)));
-        let mut beyond = Vec::from_iter(beyond);
-        beyond.sort_by(|(left, _), (right, _)| left.total_cmp(right));
-        beyond
-    }
-
-    /// Gives the rows that are taken out next their times.
-    pub(super) fn stamp(&mut self, time_seconds: &[f64]) {
-        for signal in self.0.iter_mut().flat_map(|message| &mut message.signals) {
-            let Some(row) = signal.beyond.take() else {
-                continue;
-            };
-            match time_seconds.get(row) {
-                Some(time) => {
-                    signal.beyond_seconds.get_or_insert(*time);
-                }
-                None => signal.beyond = row.checked_sub(time_seconds.len()),
-            }
-        }
-    }
-
     /// Takes the first rows out.
     pub(super) fn take_rows(&mut self, rows: usize) -> Vec<Column> {
         let messages = self.0.iter_mut();
@@ -84,11 +60,6 @@ struct SignalColumn {
     handle: SignalHandle,
     name: String,
     unit: String,
-    /// The greatest magnitude of a value that is taken for that of the sender.
-    magnitude_max: f64,
-    /// The first row with such a value that is not there yet, and when the first of all was.
-    beyond: Option<usize>,
-    beyond_seconds: Option<f64>,
     /// The value from the first row on that is not there yet.
     latest: f64,
     /// The rows up to the last change.
@@ -96,15 +67,9 @@ struct SignalColumn {
 }
 
 impl SignalColumn {
-    fn new(handle: SignalHandle, name: String, signal: &Signal, is_computed: bool) -> Self {
+    fn new(handle: SignalHandle, name: String, signal: &Signal) -> Self {
         Self {
             handle,
-            magnitude_max: match is_computed {
-                true => signal.coding.magnitude_max(),
-                false => f64::INFINITY,
-            },
-            beyond: None,
-            beyond_seconds: None,
             name,
             unit: signal.unit.clone(),
             latest: f64::NAN,
@@ -112,20 +77,10 @@ impl SignalColumn {
         }
     }
 
-    /// Has another value from a row on; none where its frame could not hold it.
+    /// Has another value from a row on.
     fn change(&mut self, row: usize, value: f64) {
         self.fill(row);
         self.latest = value;
-        if value.abs() > self.magnitude_max {
-            self.beyond.get_or_insert(row);
-            self.latest = f64::NAN;
-        }
-    }
-
-    /// Has no value from a row on.
-    fn lose(&mut self, row: usize) {
-        self.fill(row);
-        self.latest = f64::NAN;
     }
 
     /// Has all rows before this one.
@@ -164,10 +119,8 @@ impl MessageColumns {
     fn new(columns: ColumnMessage<'_>) -> Self {
         let message = columns.message;
         let signals = columns.signals.into_iter();
-        let is_computed = columns.is_computed;
-        let signals = signals.map(|(name, signal)| {
-            SignalColumn::new(message.handle(signal), name, signal, is_computed)
-        });
+        let signals =
+            signals.map(|(name, signal)| SignalColumn::new(message.handle(signal), name, signal));
         Self {
             raw_id: message.raw_id,
             signals: signals.collect(),
@@ -193,7 +146,7 @@ impl MessageColumns {
             }
             is_whole = false;
             if self.is_measured && self.rows < rows {
-                signal.lose(row);
+                signal.change(row, f64::NAN);
             }
         }
         self.latest = is_whole.then_some(*frame);
@@ -213,7 +166,7 @@ impl MessageColumns {
     fn end_before(&mut self, row: usize) {
         if self.is_measured && self.rows < row {
             for signal in &mut self.signals {
-                signal.lose(self.rows);
+                signal.change(self.rows, f64::NAN);
             }
             self.latest = None;
         }

@@ -15,7 +15,7 @@ use super::commands::CommandReader;
 use super::decoded::{Column, Timeline, cycle_start_seconds};
 use super::passing::{Passed, Passing};
 use crate::drive_reports::{DriveReportReader, DriveReports};
-use crate::events::{Event, EventReader, Events, Level};
+use crate::events::{EventReader, Events};
 use crate::fan::FanReader;
 use crate::identifiers::{Identifiers, Readers};
 use crate::log::Stamped;
@@ -299,10 +299,7 @@ impl TimelineReader {
         rest.uncommanded = uncommanded;
         rest.late_commands = self.commands.take_late();
         rest.syncs_seconds = self.syncs_seconds.take(self.syncs_seconds.len());
-        rest.events = events
-            .merged(self.losses.take_all(latest))
-            .merged(silences)
-            .merged(beyond(&self.columns));
+        rest.events = events.merged(self.losses.take_all(latest)).merged(silences);
         rest.lost_heartbeats = self.losses.take_heartbeats();
         rest.temperature_silence = self.losses.temperature_silence();
         rest.emergencies = self.events.take_emergencies(zero);
@@ -320,7 +317,6 @@ impl TimelineReader {
         let time_seconds: Series<f64> = starts
             .map(|cycle| cycle_start_seconds(*cycle, period_seconds))
             .collect();
-        self.columns.stamp(&time_seconds);
         let columns = self.columns.take_rows(rows);
         if self.passing.is_order_lost {
             self.sources.lose_order();
@@ -376,16 +372,6 @@ impl TimelineReader {
 fn place(columns: &[Column], name: &str) -> Result<usize, SignalMissing> {
     let place = columns.iter().position(|column| column.name == name);
     place.ok_or_else(|| SignalMissing::new(name))
-}
-
-/// Says of signals that their frames could not hold them, from when on.
-fn beyond(columns: &Columns) -> Events {
-    let beyond = columns.beyond().into_iter();
-    let events = beyond.map(|(time, name)| {
-        let text = format!("{name} is beyond what its frame holds, and not known while it is");
-        (time, Event::new(Level::Error, &text))
-    });
-    events.collect()
 }
 
 /// When a cycle begins.
@@ -489,31 +475,6 @@ mod tests {
         assert_eq!(samples, [(0.0, 1.0), (0.001, 2.0), (0.0027, 9.0)]);
     }
 
-    /// The emulator cuts it off; that the load is just there is less likely.
-    #[test]
-    fn a_true_position_at_the_end_of_its_frame_is_not_known() {
-        let (plan, mut frames) = two_cycles();
-        let database = plan.database();
-        let signal = database.require("drive_tpdo2.true_position_millimetres");
-        let mut message = database.builder("drive_tpdo2").unwrap();
-        for (micros, millimetres) in [(1200, 2147.0), (2200, 5e3), (2300, -5e3)] {
-            message.set(signal.as_ref().unwrap(), millimetres);
-            frames.push(Stamped::new(Duration::from_micros(micros), message.frame()));
-        }
-        frames.sort_by_key(|stamped| stamped.time);
-        let [timeline] = <[_; 1]>::try_from(decode(&frames, &plan).unwrap()).unwrap();
-        let values = &timeline.column("true_position_millimetres").unwrap().values;
-        assert!(values[0] == 2147.0 && values[1].is_nan(), "{values:?}");
-        let beyond = timeline
-            .events
-            .iter()
-            .filter(|event| event.what.text.contains("beyond"));
-        let texts = Vec::from_iter(beyond.map(|event| (event.time_seconds, &*event.what.text)));
-        let text =
-            "true_position_millimetres is beyond what its frame holds, and not known while it is";
-        assert_eq!(texts, [(0.001, text)]);
-    }
-
     #[test]
     fn pieces_have_all_rows_and_events_once() {
         let (plan, frames) = two_cycles();
@@ -576,7 +537,7 @@ mod tests {
             let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
             let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
             let plan = Plan::new(trial, &Catalogue::shipped());
-            let one = plan.only_loop().unwrap();
+            let one = plan.leading();
             let (trial, database) = (&one.trial, &*one.database);
             let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];
             let mut expected = paths.map(|path| Simple {
