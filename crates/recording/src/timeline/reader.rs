@@ -537,7 +537,7 @@ mod tests {
             let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n";
             let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
             let plan = Plan::new(trial, &Catalogue::shipped());
-            let one = plan.leading();
+            let one = plan.only_loop().unwrap();
             let (trial, database) = (&one.trial, &*one.database);
             let paths = [POSITION, "drive_tpdo1.current_amperes", STATUSWORD, "drive_rpdo1.target_current_amperes"];
             let mut expected = paths.map(|path| Simple {
