@@ -321,7 +321,7 @@ fn a_page_explains_what_it_shows_in_the_unit_of_its_loop() {
     let folder = tempfile::tempdir().unwrap();
     let page = |name| unbroken(&simulated(folder.path(), name).join("report.html"));
     let disturbed = page("sma_pair_disturbance.toml");
-    let (first, second) = disturbed.split_once("Loop extensor").unwrap();
+    let (first, second) = disturbed.split_once(">Loop extensor</h2>").unwrap();
     assert!(first.contains("<strong>Error</strong> (deg)") && !second.contains(">Error<"));
     assert!(disturbed.contains("Yellow: a disturbance acts."));
     assert!(!disturbed.contains("Green: settling band"));

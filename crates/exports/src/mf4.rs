@@ -6,6 +6,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use recording::frames::Frames;
+use recording::run_folder::file as run_file;
 use recording::timeline::{self, Series, Timeline};
 use recording::work::Way;
 
@@ -28,7 +29,7 @@ const VALUE_BYTES: u32 = 8;
 const PATH_SEPARATOR: u16 = b'.' as u16;
 
 /// Writes the file to an output that has a buffer. Time 0 is that of the scenario; `start` is when that was, since the beginning
-/// of 1970. Where a signal has no value it is NaN. The frames are read once to count them, and once more for each kind.
+/// of 1970. Where a signal has no value it is NaN. `dbc` says what the frames mean; it is attached as `frames.dbc`. The frames are read once to count them, and once more for each kind.
 ///
 /// # Errors
 /// The output does not take it.
@@ -36,21 +37,24 @@ pub fn write(
     output: impl Write,
     timelines: &[Timeline],
     frames: &Frames,
+    dbc: &str,
     start: Duration,
 ) -> io::Result<()> {
-    write_file(output, &signals(timelines), frames, start)
+    write_file(output, &signals(timelines), frames, dbc, start)
 }
 
 fn write_file(
     mut output: impl Write,
     signals: &[Signal],
     frames: &Frames,
+    dbc: &str,
     start: Duration,
 ) -> io::Result<()> {
     let mut file = Mf4File::new();
     let frame_groups = bus::groups(&mut file, frames);
     let data_group = file.signals(signals, frame_groups);
-    file.finish(data_group, start);
+    let attachment = file.attachment(run_file::FRAMES, "text/plain", dbc.as_bytes());
+    file.finish(data_group, attachment, start);
     let mut from = 0;
     for (to, data) in &file.data {
         output.write_all(&file.bytes[from..*to])?;
@@ -268,6 +272,21 @@ impl Mf4File {
         self.block(b"##CG", &links, &data)
     }
 
+    /// A file within the file.
+    fn attachment(&mut self, name: &str, mime_type: &str, content: &[u8]) -> u64 {
+        /// The content is here, as it is: neither beside the file nor compressed nor hashed.
+        const EMBEDDED: u64 = 1;
+        let [name, mime_type] = [name, mime_type].map(|text| self.text(b"##TX", text));
+        let mut data = EMBEDDED.to_le_bytes().to_vec();
+        data.resize(data.len() + 16, 0);
+        // As long as it was.
+        for _ in 0..2 {
+            data.extend_from_slice(&wide(content.len()).to_le_bytes());
+        }
+        data.extend_from_slice(content);
+        self.block(b"##AT", &[0, name, mime_type, 0], &data)
+    }
+
     /// Who wrote the file; the standard demands it.
     fn history(&mut self, nanos: u64) -> u64 {
         let version = env!("CARGO_PKG_VERSION");
@@ -282,13 +301,13 @@ impl Mf4File {
     }
 
     /// Appends the last block, and fills in the header.
-    fn finish(&mut self, data_group: u64, start: Duration) {
+    fn finish(&mut self, data_group: u64, attachment: u64, start: Duration) {
         let nanos = u64::try_from(start.as_nanos()).unwrap_or(0);
         let history = self.history(nanos);
         let mut data = nanos.to_le_bytes().to_vec();
         // UTC; no classes, flags, angles or distances.
         data.resize(32, 0);
-        let header = block(b"##HD", &[data_group, history, 0, 0, 0, 0], &data);
+        let header = block(b"##HD", &[data_group, history, 0, attachment, 0, 0], &data);
         self.bytes[HEADER_AT..HEADER_AT + HEADER_BYTES].copy_from_slice(&header);
     }
 }
@@ -350,7 +369,7 @@ mod tests {
         assert_eq!(length(&file, group), 104);
         let history = file.history(0);
         assert_eq!(length(&file, history), 56);
-        file.finish(0, Duration::ZERO);
+        file.finish(0, 0, Duration::ZERO);
         assert_eq!(name(&file.bytes, 64), b"##HD");
     }
 
@@ -371,7 +390,16 @@ mod tests {
             values: &values,
         });
         let mut file = Vec::new();
-        write_file(&mut file, &signals, &frames.into(), at(250)).unwrap();
+        let dbc = "VERSION \"\"\n";
+        write_file(&mut file, &signals, &frames.into(), dbc, at(250)).unwrap();
+        let attached = number(&file, 64 + 24 + 3 * 8);
+        assert_eq!(name(&file, attached), b"##AT");
+        let content = usize::try_from(attached).unwrap() + 24 + 4 * 8 + 40;
+        assert_eq!(&file[content..content + dbc.len()], dbc.as_bytes());
+        assert_eq!(
+            number(&file, attached + 8),
+            (24 + 4 * 8 + 40 + dbc.len()) as u64
+        );
         let mut groups = Vec::new();
         let mut next = number(&file, 64 + 24);
         while next != 0 {

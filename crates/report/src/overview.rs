@@ -14,8 +14,12 @@ use scenario::metrics::METRICS;
 
 /// Runs whose positions are laid over each other in one plot; with more nobody can distinguish them.
 const RUNS_IN_A_PLOT: usize = 7;
+/// Plots of the page; of runs that do not pass first.
+const PLOTS_MAX: usize = 40;
 /// Metrics that stand side by side in one table; with more of them it would be wider than a screen of 1300 pixels.
 const COLUMNS_MAX: usize = 8;
+/// The same beside what a run was.
+const FIRST_COLUMNS_MAX: usize = 6;
 
 /// One of the runs.
 pub struct ListedRun<'a> {
@@ -27,6 +31,10 @@ pub struct ListedRun<'a> {
     pub timelines: &'a [Timeline],
     /// What it came to.
     pub verdict: &'a Verdict,
+    /// When it was played; none where nobody knows.
+    pub played: Option<String>,
+    /// How long its scenario lasts.
+    pub duration_seconds: f64,
 }
 
 impl ListedRun<'_> {
@@ -75,26 +83,43 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
         .filter(|run| run.verdict.outcome == Outcome::Pass)
         .count();
     let title = format!("{passed} of {} runs passed", runs.len());
-    let columns = columns(runs);
-    let (first, others) = columns.split_at(columns.len().min(COLUMNS_MAX));
+    let mut runs = Vec::from_iter(runs);
+    runs.sort_by_key(|run| urgency(run.verdict.outcome));
+    let runs = &runs[..];
+    let (limited, others) = columns(runs);
+    let (first, further) = limited.split_at(limited.len().min(FIRST_COLUMNS_MAX));
     let groups = by_set_point(runs);
+    let plots = groups.iter().flat_map(|group| group.chunks(RUNS_IN_A_PLOT));
+    let left_out = plots.clone().skip(PLOTS_MAX).map(<[_]>::len).sum::<usize>();
     let body = html! {
         h1 { (title) }
         (table(runs, first, true))
-        p.soft { "Below each value stands its limit; red where the limit is not met." }
-        @if !others.is_empty() {
-            h2 { "More metrics" }
+        p.soft { "Below each value stands its limit. ✗ marks a limit that is not met." }
+        @for few in further.chunks(COLUMNS_MAX) { (table(runs, few, false)) }
+        @if !others.is_empty() { details {
+            summary { "Metrics without a limit" }
             @for few in others.chunks(COLUMNS_MAX) { (table(runs, few, false)) }
-        }
+        } }
         (checks(runs))
         h2 { (heading(&groups)) }
-        div.plots.even { @for group in groups { @for few in group.chunks(RUNS_IN_A_PLOT) { (positions(few)) } } }
+        div.plots.even { @for few in plots.take(PLOTS_MAX) { (positions(few)) } }
+        @if left_out > 0 { p.soft { (left_out) " more courses are not drawn here; the page of each run has its own." } }
     };
     page::page(&title, &body)
 }
 
-/// The metrics of which a run has a value or a limit: those with limits first, else in the order of verdicts.
-fn columns<'a>(runs: &'a [ListedRun<'_>]) -> Vec<&'a str> {
+/// What must be looked at comes first.
+fn urgency(outcome: Outcome) -> u8 {
+    match outcome {
+        Outcome::Fail => 0,
+        Outcome::Incomplete => 1,
+        Outcome::Inconclusive => 2,
+        Outcome::Pass => 3,
+    }
+}
+
+/// The metrics that any run limits, then those of which any has a value, each in the order of verdicts.
+fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
     let metrics = || runs.iter().flat_map(|run| &run.verdict.metrics);
     let limited: BTreeSet<&str> = metrics()
         .filter(|metric| metric.limit.is_some())
@@ -111,23 +136,29 @@ fn columns<'a>(runs: &'a [ListedRun<'_>]) -> Vec<&'a str> {
         let own = name.rsplit_once('.').map_or(name, |(_, own)| own);
         METRICS.iter().position(|metric| metric.name == own)
     };
-    names.sort_by_key(|name| (!limited.contains(name), place(name).unwrap_or(usize::MAX)));
-    names
+    names.sort_by_key(|name| place(name).unwrap_or(usize::MAX));
+    names.into_iter().partition(|name| limited.contains(name))
 }
 
 /// One row a run, one column a metric. A table that does not hold every run leaves out those without any of its metrics.
-fn table(runs: &[ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup {
-    let is_listed =
-        |run: &&ListedRun<'_>| has_every_run || names.iter().any(|name| run.metric(name).is_some());
+fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup {
+    let is_listed = |run: &&&ListedRun<'_>| {
+        has_every_run || names.iter().any(|name| run.metric(name).is_some())
+    };
     html! {
-        div.wide { table.stacked {
+        div.wide { table.stacked.listed {
             thead { tr {
                 th { "scenario" } th { "result" }
+                @if has_every_run { th { "played" } }
                 @for name in names { th.number { (page::name(name)) } }
             } }
-            tbody { @for run in runs.iter().filter(is_listed) { tr {
+            tbody { @for run in runs.iter().filter(is_listed) { tr data-outcome=(run.verdict.outcome.word()) {
                 td.name { (linked(run, runs)) }
                 (result(run))
+                @if has_every_run { td.nowrap data-name="played" { div {
+                    (run.played.as_deref().unwrap_or_default())
+                    div.soft { (run.duration_seconds) " s in " (page::clock(run.verdict)) }
+                } } }
                 @for name in names { (cell(run, name)) }
             } } }
         } }
@@ -135,12 +166,12 @@ fn table(runs: &[ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup 
 }
 
 /// What the scenarios check besides the metrics, one row each.
-fn checks(runs: &[ListedRun<'_>]) -> Markup {
+fn checks(runs: &[&ListedRun<'_>]) -> Markup {
     html! { @if runs.iter().any(|run| run.checks().next().is_some()) {
         h2 { "Checks of signals and sequences" }
-        div.wide { table.stacked {
+        div.wide { table.stacked.listed {
             thead { tr { th { "scenario" } th { "check" } th.number { "measured" } th.number { "limit" } th { "result" } } }
-            tbody { @for run in runs { @for check in run.checks() { tr {
+            tbody { @for run in runs { @for check in run.checks() { tr data-outcome=(run.verdict.outcome.word()) {
                 td.name { (linked(run, runs)) }
                 td data-name="check" { (page::name(&check.name)) }
                 td.number data-name="measured" { (terminal::measured(check)) }
@@ -152,10 +183,10 @@ fn checks(runs: &[ListedRun<'_>]) -> Markup {
 }
 
 /// The scenario with the way to the run's page; with the folder where several runs are of this scenario.
-fn linked(run: &ListedRun<'_>, runs: &[ListedRun<'_>]) -> Markup {
+fn linked(run: &ListedRun<'_>, runs: &[&ListedRun<'_>]) -> Markup {
     html! { div {
         @match &run.page { Some(page) => a href=(page) { (run.scenario()) }, None => (run.scenario()) }
-        @if !is_alone(run, runs.iter()) { div.soft { (run.folder) } }
+        @if !is_alone(run, runs.iter().copied()) { div.soft { (run.folder) } }
     } }
 }
 
@@ -173,7 +204,7 @@ fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
     html! { @match run.metric(name) {
         Some(metric) => td.number data-name=(name) {
             div {
-                span.fail[metric.passed == Some(false)] { (terminal::measured(metric)) }
+                span.fail[metric.passed == Some(false)] { @if metric.passed == Some(false) { "✗ " } (terminal::measured(metric)) }
                 @if metric.limit.is_some() { div.soft { (terminal::limit(name, metric.limit)) } }
             }
         },
@@ -182,9 +213,9 @@ fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
 }
 
 /// Runs with the same set-point belong in one plot, loop by loop.
-fn by_set_point<'a>(runs: &'a [ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
+fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     let mut groups: Vec<Vec<Course<'_>>> = Vec::new();
-    for course in runs.iter().flat_map(ListedRun::courses) {
+    for course in runs.iter().flat_map(|run| run.courses()) {
         let is_alike = |other: &Course<'_>| {
             other.name == course.name
                 && other.timeline.measurand == course.timeline.measurand

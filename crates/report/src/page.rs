@@ -7,7 +7,7 @@ use platform::terminal::printable;
 use sha2::{Digest, Sha256};
 
 use super::terminal;
-use judge::verdict::{Metric, Outcome};
+use judge::verdict::{Metric, Outcome, Verdict};
 
 /// The script and the style of plots.
 const PLOTS_SCRIPT: &str = include_str!("plots.js");
@@ -59,6 +59,14 @@ pub fn badge(outcome: Outcome) -> Markup {
     html! { span.outcome.(class(outcome)) { (outcome.word()) } }
 }
 
+/// The clock that a run was played by.
+pub fn clock(verdict: &Verdict) -> &'static str {
+    match verdict.timing {
+        Some(_) => "real time",
+        None => "virtual time",
+    }
+}
+
 /// The class of an outcome in the style sheet.
 pub fn class(outcome: Outcome) -> &'static str {
     match outcome {
@@ -80,8 +88,10 @@ pub fn result(metric: &Metric, outcome: Outcome) -> Markup {
 }
 
 /// The metrics as a table.
-pub fn metrics(metrics: &[Metric], outcome: Outcome) -> Markup {
-    let tests_any = metrics.iter().any(|metric| !metric.requirements.is_empty());
+pub fn metrics<'a>(metrics: impl Iterator<Item = &'a Metric> + Clone, outcome: Outcome) -> Markup {
+    let tests_any = metrics
+        .clone()
+        .any(|metric| !metric.requirements.is_empty());
     html! {
         div.wide { table.stacked {
             thead { tr {

@@ -1,5 +1,5 @@
 "use strict";
-// Cross-hair, zoom and legends of the plots. The curves that the page draws are its data: each has 64000 units a side.
+// Filter of listed runs; cross-hair, zoom and legends of the plots. The curves that the page draws are its data: each has 64000 units a side.
 (() => {
   const SIDE = 64000;
   const MINUS = "\u2212";
@@ -11,6 +11,12 @@
   };
   const fixed = (value, decimals) =>
     (value + 0).toFixed(Math.min(Math.max(decimals, 0), 12)).replace("-", MINUS).replace(/^\u2212(0\.?0*)$/, "$1");
+  // As few digits as a value on an axis of this length is known by.
+  const known = (value, length) => {
+    const step = length / SIDE;
+    const [few, many] = [Math.floor, Math.ceil].map((whole) => clamped(whole(-Math.log10(step)), 0, 12));
+    return fixed(value, Math.abs(value - Number(value.toFixed(few))) <= step / 2 ? few : many);
+  };
   const clamped = (value, low, high) => Math.min(Math.max(value, low), high);
 
   // Samples of a path, in its order. A NaN lies between two that are not joined.
@@ -132,6 +138,7 @@
       this.reset = make("button", "reset", figure.querySelector("figcaption"));
       this.reset.type = "button";
       this.reset.textContent = "whole";
+      this.notes = [...figure.querySelectorAll(".note")].map((note) => [note.dataset.at.split(" ").map(Number), note]);
       this.axes.tabIndex = 0;
       this.axes.setAttribute("role", "application");
       this.axes.setAttribute("aria-label", `${this.title}. Arrows: cross-hair. Plus, minus, Escape: zoom.`);
@@ -247,10 +254,10 @@
     // A value of x in words, with its unit.
     along(value) {
       const unit = (this.x_label.match(/\(([^)]*)\)$/) || ["", ""])[1];
-      return `${fixed(value, Math.floor(Math.log10(SIDE / (this.right - this.left))))} ${unit}`.trim();
+      return `${known(value, this.right - this.left)} ${unit}`.trim();
     }
     reading(y) {
-      return fixed(this.height(y), this.is_log ? 0 : Math.ceil(Math.log10(SIDE / (this.top - this.bottom))));
+      return this.is_log ? fixed(this.height(y), 0) : known(this.height(y), this.top - this.bottom);
     }
     // The sample of any curve that is next to x.
     snapped(x) {
@@ -282,7 +289,11 @@
       this.stamp.textContent = this.along(this.to_value(x));
       curve.value.textContent = this.reading(y);
       this.walked = { curve, x, y };
-      return `${this.title}: ${curve.label} ${curve.value.textContent} ${this.unit} at ${this.stamp.textContent}`;
+      const [, note] = this.notes.find(([at]) => at[0] === x && at[1] === y) || [];
+      // Words stay until another point has some, so that they can be copied.
+      if (note) for (const [, other] of this.notes) other.hidden = other !== note;
+      return `${note ? note.textContent + ". " : ""}`
+        + `${this.title}: ${curve.label} ${curve.value.textContent} ${this.unit} at ${this.stamp.textContent}`;
     }
     walk_plane(steps) {
       const curve = this.walked && this.walked.curve.is_shown ? this.walked.curve : this.shown[0];
@@ -293,6 +304,41 @@
       if (Number.isNaN(x[place])) place += Math.sign(steps);
       return this.show_plane({ curve, x: x[place], y: y[place] });
     }
+  }
+
+  // A filter over the rows of tables that list runs, by their text and outcome.
+  const rows = [...document.querySelectorAll(".listed tbody tr")];
+  if (rows.length > 1) {
+    const form = document.createElement("form");
+    form.className = "filter";
+    document.querySelector(".listed").parentNode.before(form);
+    const label = make("label", "", form);
+    label.textContent = "Filter ";
+    const text = make("input", "", label);
+    text.type = "search";
+    const outcomes = [...new Set(rows.map((row) => row.dataset.outcome))].map((outcome) => {
+      const label = make("label", "", form);
+      const box = make("input", "", label);
+      box.type = "checkbox";
+      box.checked = true;
+      box.value = outcome;
+      label.append(` ${outcome}`);
+      return box;
+    });
+    const count = make("output", "soft", form);
+    const words = rows.map((row) => row.textContent.toLowerCase());
+    const apply = () => {
+      const wanted = text.value.toLowerCase().split(/\s+/);
+      const chosen = outcomes.filter((box) => box.checked).map((box) => box.value);
+      rows.forEach((row, number) => {
+        row.hidden = !chosen.includes(row.dataset.outcome) || !wanted.every((word) => words[number].includes(word));
+      });
+      const first = rows[0].parentNode;
+      count.textContent = `${[...first.rows].filter((row) => !row.hidden).length} of ${first.rows.length} runs`;
+    };
+    form.addEventListener("input", apply);
+    form.addEventListener("submit", (event) => event.preventDefault());
+    apply();
   }
 
   const plots = [...document.querySelectorAll("figure.plot")].map((figure) => new Plot(figure));

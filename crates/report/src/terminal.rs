@@ -106,16 +106,31 @@ pub fn table(verdict: &Verdict) -> String {
     table.to_string()
 }
 
+/// Columns of a terminal that says it has none, as in CI, and the fewest for which tables are made narrower.
+const TERMINAL_COLUMNS: u16 = 80;
+const TERMINAL_COLUMNS_MIN: u16 = 40;
+
 /// A table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
 pub fn empty_table<'a>(header: impl IntoIterator<Item = &'a str>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(Vec::from_iter(header));
+    if let Some(columns) = table.width().map(usable_columns) {
+        table.set_width(columns);
+    }
     if std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) {
         table.force_no_tty();
     }
     table
+}
+
+/// Columns for a table on a terminal of this width.
+fn usable_columns(columns: u16) -> u16 {
+    match columns {
+        0 => TERMINAL_COLUMNS,
+        _ => columns.max(TERMINAL_COLUMNS_MIN),
+    }
 }
 
 /// Latencies and latenesses in microseconds, what was lost, and why not to trust it.
@@ -164,9 +179,12 @@ pub(crate) fn answer(name: &str, value: f64) -> Option<&'static str> {
     metrics::answer(name, value).map(words)
 }
 
-/// Four significant digits, without an exponent.
+/// Four digits; a power of ten where a number would be long, or would have no digit but zeros.
 #[must_use]
 pub fn significant(value: f64) -> String {
+    if value.is_finite() && (value.abs() >= LONG_FROM || (value != 0.0 && value.abs() < 5e-5)) {
+        return power_of_ten(value);
+    }
     let decimals = match value.abs() {
         v if v >= 1000.0 => 0,
         v if v >= 100.0 => 1,
@@ -175,6 +193,26 @@ pub fn significant(value: f64) -> String {
         _ => 4,
     };
     format!("{value:.decimals$}")
+}
+
+/// Numbers from here on are shown with a power of ten.
+const LONG_FROM: f64 = 1e7;
+
+/// As `6e10` or `1.235e-6`.
+fn power_of_ten(value: f64) -> String {
+    let text = format!("{value:.3e}");
+    let (digits, power) = text.split_once('e').unwrap_or((&text, "0"));
+    let digits = digits.trim_end_matches('0').trim_end_matches('.');
+    format!("{digits}e{power}")
+}
+
+/// A number as a file has it, with a power of ten where it is long.
+#[must_use]
+pub fn as_written(value: f64) -> String {
+    match value.abs() >= LONG_FROM && value.is_finite() {
+        true => format!("{value:e}"),
+        false => value.to_string(),
+    }
 }
 
 /// What a metric must be; nothing where it has no limit.
@@ -187,9 +225,9 @@ pub fn limit(name: &str, limit: Option<Limit>) -> String {
         return wanted.to_owned();
     }
     match (limit.min, limit.max) {
-        (Some(min), Some(max)) => format!("{min} … {max}"),
-        (Some(min), None) => format!("≥ {min}"),
-        (None, Some(max)) => format!("≤ {max}"),
+        (Some(min), Some(max)) => format!("{} … {}", as_written(min), as_written(max)),
+        (Some(min), None) => format!("≥ {}", as_written(min)),
+        (None, Some(max)) => format!("≤ {}", as_written(max)),
         (None, None) => String::new(),
     }
 }
@@ -272,6 +310,44 @@ mod tests {
             ["drive 0x8130 is missing", "yes"]
         );
         assert_eq!(cells("sine_gain", Ok(1.0), 1.0), ["1.000", "1 … 1"]);
+    }
+
+    #[test]
+    fn numbers_have_four_digits_however_large_or_small() {
+        let shown = [
+            6e10, 1.234_56e7, 123_456.0, 35.041, 0.156, 1.2e-6, -3e12, 0.0,
+        ]
+        .map(significant);
+        let expected = [
+            "6e10", "1.235e7", "123456", "35.04", "0.1560", "1.2e-6", "-3e12", "0.0000",
+        ];
+        assert_eq!(shown, expected);
+        let below = Some(Limit {
+            min: None,
+            max: Some(6e10),
+        });
+        assert_eq!(limit("position_millimetres_max", below), "≤ 6e10");
+    }
+
+    #[test]
+    fn a_terminal_without_a_width_gets_tables_that_can_be_read() {
+        assert_eq!([0, 20, 60, 200].map(usable_columns), [80, 40, 60, 200]);
+        let mut table = empty_table(["signal", "rms", "differs by", "tolerance", "from", "result"]);
+        table.set_width(usable_columns(0));
+        table.add_row([
+            "true_position_millimetres",
+            "1.234",
+            "12.34",
+            "0.25",
+            "1.234 s",
+            "DIVERGES",
+        ]);
+        let text = table.to_string();
+        assert!(
+            text.lines().all(|line| line.chars().count() <= 80),
+            "{text}"
+        );
+        assert!(text.contains("DIVERGES"), "{text}");
     }
 
     #[test]

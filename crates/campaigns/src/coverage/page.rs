@@ -51,15 +51,18 @@ pub(super) fn to_html(
     let body = html! {
         h1 { "Requirements" }
         p { (summary(requirements)) }
-        div.wide { table {
+        div.wide { table.stacked {
             thead { tr {
                 th { "requirement" } th { "result" }
                 @for scenario in &scenarios { th { (scenario) } }
             } }
             tbody { @for requirement in requirements { tr {
                 td.name { (requirement.id) (remark(requirement)) }
-                td { (overall(requirement)) }
-                @for scenario in &scenarios { td { (cell(requirement, scenario, &page_of)) } }
+                td data-name="result" { (overall(requirement)) }
+                @for scenario in &scenarios {
+                    @let tested = cell(requirement, scenario, &page_of);
+                    td.none[tested.is_none()] data-name=(scenario) { (tested.unwrap_or_default()) }
+                }
             } } }
         } }
         p.soft { "Of several plays of a scenario the latest counts, of a sweep its worst run, and of several rows of a verdict the worst. Each result leads to its run." }
@@ -131,19 +134,17 @@ fn cell(
     requirement: &Requirement,
     scenario: &str,
     page_of: impl Fn(&Path) -> Option<String>,
-) -> Markup {
-    let test = requirement
-        .tests
-        .iter()
-        .find(|test| test.scenario == scenario);
-    html! { @if let Some(test) = test {
+) -> Option<Markup> {
+    let mut tests = requirement.tests.iter();
+    let test = tests.find(|test| test.scenario == scenario)?;
+    Some(html! { div {
         @let word = html! { span.(page::class(test.outcome)) { (test.outcome.word()) } };
         @match page_of(&test.run) {
             Some(page) => a href=(page) title=(tested_by(test)) { (word) },
             None => span title=(tested_by(test)) { (word) },
         }
         div.soft { (played(test, " ")) }
-    } }
+    } })
 }
 
 fn summary(requirements: &[Requirement]) -> String {

@@ -2,6 +2,7 @@
 
 use plan::Plan;
 use recording::capture::Watch;
+use report::terminal::significant;
 use scenario::expect::Limit;
 
 use super::row::SweepRow;
@@ -56,6 +57,12 @@ pub trait Cases: Sync {
     fn words(&self, number: usize) -> String {
         let values = self.keys().into_iter().zip(self.values(number));
         let values = values.map(|(key, value)| format!("{key} = {value}"));
+        values.collect::<Vec<_>>().join(", ")
+    }
+    /// The same in four digits, for a page.
+    fn short_words(&self, number: usize) -> String {
+        let values = self.keys().into_iter().zip(self.values(number));
+        let values = values.map(|(key, value)| format!("{key} = {}", significant(value)));
         values.collect::<Vec<_>>().join(", ")
     }
 }

@@ -5,6 +5,7 @@ use std::{fs, io};
 
 use super::cases::Cases;
 use super::page;
+use super::row::Ended;
 use super::store::{Rows, StoreError};
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
@@ -60,7 +61,7 @@ pub(crate) fn finish(
         let text = format!("{}{}", preamble(cases, failing), cases.text(failing.case));
         folder.write(&place(failing), text.as_bytes())?;
     }
-    let page = page::to_html(&summary, place);
+    let page = page::to_html(&summary, place, |case| command(cases, &summary, case));
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();
     if shown == Shown::All || (shown == Shown::Failures && exit != Exit::Pass) {
@@ -111,6 +112,24 @@ fn place(failing: &Failing) -> String {
     format!("{FAILING}/case-{}-{}.toml", failing.case, failing.id)
 }
 
+/// What plays a case alone, in the folder of the sweep. The faults of torture are no values that `--set` could give.
+fn command(cases: &dyn Cases, summary: &Summary, case: usize) -> Option<String> {
+    let mut failing = summary.failing.iter();
+    if let Some(one) = failing.find(|one| one.case == case) {
+        return (one.ended != Ended::Invalid).then(|| format!("canrig simulate {}", place(one)));
+    }
+    let values = cases.keys().into_iter().zip(cases.values(case));
+    let values = values.map(|(key, value)| format!(" --set '{key}={value}'"));
+    let is_sweep = cases.kind() == "sweep";
+    is_sweep.then(|| {
+        format!(
+            "canrig simulate {}{}",
+            file::SCENARIO,
+            String::from_iter(values)
+        )
+    })
+}
+
 /// What a reader of a single case must know.
 fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
     let one_line = |text: &str| text.replace(char::is_control, " ");
@@ -119,7 +138,7 @@ fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
         failing.case,
         cases.kind(),
         one_line(cases.name()),
-        failing.values,
+        cases.words(failing.case),
         failing.ended.word(),
         one_line(&failing.why),
     )
@@ -149,7 +168,6 @@ fn print_files(folder: &RunFolder, summary: &Summary) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sweep::row::Ended;
 
     #[test]
     fn of_failing_cases_only_those_of_now_stay_and_what_is_not_ours() {

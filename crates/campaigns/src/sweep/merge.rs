@@ -364,7 +364,7 @@ mod tests {
             unreachable!("as it was made")
         };
         let page = merged(&plan, &campaign, &|case| row_of_torture(cases, case));
-        assert!(page.contains("What drives it") && page.contains("sensor.stuck"));
+        assert!(page.contains("Sensitivity") && page.contains("sensor.stuck"));
     }
 
     /// What planning, merging and the report cost.
@@ -383,6 +383,6 @@ mod tests {
             unreachable!("as it was made")
         };
         let page = merged(&plan, &campaign, &|case| row_of_a_sweep(cases, case));
-        assert!(page.contains("What drives it") && page.contains("+0.9"));
+        assert!(page.contains("Sensitivity") && page.contains("+0.9"));
     }
 }

@@ -8,6 +8,7 @@ use super::row::Ended;
 use super::summary::{Failing, MetricSpread, Summary};
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 use report::{page, terminal};
+use scenario::expect::Limit;
 
 /// The heads of the metrics' table.
 const HEADS: [&str; 8] = [
@@ -52,9 +53,14 @@ pub(crate) fn to_text(summary: &Summary) -> String {
     }
 }
 
-/// The page. `place_of` says where the scenario of a case is.
+/// The page. `place_of` says where the scenario of a case is, `command_of` what plays a case; nothing of one that no command plays
+/// alone.
 #[must_use]
-pub(crate) fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> String {
+pub(crate) fn to_html(
+    summary: &Summary,
+    place_of: impl Fn(&Failing) -> String,
+    command_of: impl Fn(usize) -> Option<String>,
+) -> String {
     let worst = summary.worst();
     let body = html! {
         h1 { (summary.name) }
@@ -65,21 +71,21 @@ pub(crate) fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) 
             @for (ended, count) in &summary.ended { div { dt { (words(*ended)) } dd { (count) } } }
             div { dt { "canrig" } dd { (env!("CARGO_PKG_VERSION")) } }
         }
-        h2 { "What varies" }
-        div.wide { table {
+        h2 { "Parameters" }
+        div.wide { table.stacked {
             thead { tr { th { "key" } th { "values" } } }
-            tbody { @for (key, way) in &summary.keys { tr { td { (key) } td { (way) } } } }
+            tbody { @for (key, way) in &summary.keys { tr { td.name { (broken(key)) } td data-name="values" { (way) } } } }
         } }
         @if !summary.spreads.is_empty() {
-            h2 { "What came of it" }
+            h2 { "Results" }
             (metrics(&summary.spreads))
             div.plots.even { @for spread in &summary.spreads { (drawn(spread)) } }
-            p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits." }
+            p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits, the dashed line is the limit. Runs beyond the edge are dots on it." }
         }
-        (driven(&summary.driven))
+        (driven(&summary.driven, &command_of))
         @if !summary.failing.is_empty() {
             h2 { "Cases that do not pass" }
-            (failing(summary, place_of))
+            (failing(summary, place_of, command_of))
         }
     };
     page::page(&summary.name, &body)
@@ -87,14 +93,14 @@ pub(crate) fn to_html(summary: &Summary, place_of: impl Fn(&Failing) -> String) 
 
 fn metrics(spreads: &[MetricSpread]) -> Markup {
     html! {
-        div.wide { table {
+        div.wide { table.stacked {
             thead { tr { @for (place, head) in HEADS.iter().enumerate() { th.number[(1..6).contains(&place)] { (head) } } } }
             tbody { @for spread in spreads { tr {
-                td { (page::name(&spread.name)) }
-                td.number { (spread.count) }
-                @for value in spread.quantiles { td.number { (number(spread, value)) } }
-                td { (terminal::limit(&spread.name, spread.limit)) }
-                td.fail[spread.missed > 0] { (missed(spread)) }
+                td.name { (page::name(&spread.name)) }
+                td.number data-name="runs" { (spread.count) }
+                @for (head, value) in HEADS[2..].iter().zip(spread.quantiles) { td.number data-name=(head) { (number(spread, value)) } }
+                td.none[spread.limit.is_none()] data-name="limit" { (terminal::limit(&spread.name, spread.limit)) }
+                td.none[spread.limit.is_none()].fail[spread.missed > 0] data-name="missed by" { (missed(spread)) }
             } } }
         } }
     }
@@ -123,18 +129,39 @@ fn drawn(spread: &MetricSpread) -> Markup {
     }
     let name = &spread.name;
     let (x, y) = &spread.curve;
-    let range = without_outliers(spread);
-    let x_label = match range {
-        Some(_) => format!("{name} (the outermost are not shown)"),
-        None => name.clone(),
-    };
+    let range = shown_range(spread);
     let mut plot = Plot {
-        x_label: &x_label,
-        extent: Extent::All,
-        x_range: range,
+        x_label: name,
+        x_range: Some(range),
         ..Plot::over_time(name.as_str(), "% of the runs")
     };
     plot.draw("runs up to a value", Colour::Measured, Shape::Line, x, y);
+    let ends = |limit: Limit| [limit.min, limit.max].into_iter().flatten();
+    let limits = spread.limit.into_iter().flat_map(ends);
+    let limits = limits.filter(|limit| range.0 < *limit && *limit < range.1);
+    let limits = Vec::from_iter(limits.map(|limit| [limit; 2]));
+    for limit in &limits {
+        let label = format!("limit {}", terminal::value(name, limit[0]));
+        plot.draw(label, Colour::Wanted, Shape::Dashed, limit, &[0.0, 100.0]);
+    }
+    let outside = outside(spread, range);
+    let label = match outside.0.len() {
+        1 => "1 outlier",
+        _ => "outliers",
+    };
+    let [least, .., greatest] = spread.quantiles;
+    let label = format!(
+        "{label} ({} to {})",
+        terminal::value(name, least),
+        terminal::value(name, greatest)
+    );
+    plot.draw(
+        label,
+        Colour::Estimated,
+        Shape::Points,
+        &outside.0,
+        &outside.1,
+    );
     plot.patches.extend(spread.limit.map(|limit| Patch {
         class: "band",
         x: (
@@ -146,28 +173,35 @@ fn drawn(spread: &MetricSpread) -> Markup {
     plot.render()
 }
 
+/// The runs beyond the edges, at the edges: where they are, and how many per cent of the runs are up to them.
+fn outside(spread: &MetricSpread, (from, until): (f64, f64)) -> (Vec<f64>, Vec<f64>) {
+    let points = spread.curve.0.iter().zip(&spread.curve.1).step_by(2);
+    let beyond = points.filter(|(x, _)| !(from..=until).contains(*x));
+    beyond.map(|(x, y)| (x.clamp(from, until), *y)).unzip()
+}
+
 /// Which keys drive what has a limit, and the worst runs.
-fn driven(driven: &[Driven]) -> Markup {
+fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Markup {
     if driven.is_empty() {
         return html! {};
     }
     html! {
-        h2 { "What drives it" }
-        div.wide { table {
+        h2 { "Sensitivity" }
+        div.wide { table.stacked {
             thead { tr { th { "metric" } th { "follows most" } th.number { "runs looked at" } th { "worst cases" } } }
             tbody { @for one in driven { tr {
-                td { (page::name(&one.name)) }
-                td { @for (key, correlation) in &one.keys { (format!("{correlation:+.2} ")) (page::name(key)) br; } }
-                td.number { (one.of) }
-                td { (worst_cases(one)) }
+                td.name { (page::name(&one.name)) }
+                td data-name="follows most" { div { @for (key, correlation) in &one.keys { div { (format!("{correlation:+.2} ")) (broken(key)) } } } }
+                td.number data-name="runs looked at" { (one.of) }
+                td data-name="worst cases" { (worst_cases(one)) }
             } } }
         } }
-        div.plots.even.dots { @for one in driven { (scatter(one)) } }
+        div.plots.even.dots { @for one in driven { (scatter(one, &command_of)) } }
         p.soft {
             "The numbers are rank correlations (Spearman): +1 or \u{2212}1 where the metric always grows or falls with the key, 0 where \
              it does not follow it. Below 0.1 no key is named. The worst runs are the farthest beyond a limit, or the nearest to one; a \
              run that misses its limit without a value counts as the worst. Dots are runs, by the first of the keys; the worst of all \
-             runs have the second colour."
+             runs have the second colour, and what plays one of them is said when you point at it."
         }
     }
 }
@@ -180,7 +214,7 @@ fn worst_cases(driven: &Driven) -> String {
 }
 
 /// The runs in the plane of the first key and the metric.
-fn scatter(driven: &Driven) -> Markup {
+fn scatter(driven: &Driven, command_of: impl Fn(usize) -> Option<String>) -> Markup {
     let Some((key, _)) = driven.keys.first() else {
         return html! {};
     };
@@ -206,6 +240,12 @@ fn scatter(driven: &Driven) -> Markup {
         &worst_x,
         &worst_y,
     );
+    let note = |(case, key, value): &(usize, f64, f64)| {
+        let command = command_of(*case).map(|command| format!(": {command}"));
+        let text = format!("case {case}{}", command.unwrap_or_default());
+        value.is_finite().then_some((*key, *value, text))
+    };
+    plot.notes = driven.worst.iter().filter_map(note).collect();
     plot.render()
 }
 
@@ -218,29 +258,59 @@ fn with_margins<'a>(values: impl Iterator<Item = &'a f64>) -> Option<(f64, f64)>
     (margin > 0.0).then_some((least - margin, greatest + margin))
 }
 
-/// The range that is drawn: where few values lie far out, that of the others.
-fn without_outliers(spread: &MetricSpread) -> Option<(f64, f64)> {
+/// The range that is drawn: where few values lie far out that of the others, and in any case the limit.
+fn shown_range(spread: &MetricSpread) -> (f64, f64) {
     let [least, .., greatest] = spread.quantiles;
     let (low, high) = spread.bulk;
     let room = 0.5 * (high - low);
     let has_outliers = room > 0.0 && greatest - least > OUTLIERS_FROM * (high - low);
-    has_outliers.then(|| (least.max(low - room), greatest.min(high + room)))
+    let (mut from, mut until) = match has_outliers {
+        true => (least.max(low - room), greatest.min(high + room)),
+        false => (least, greatest),
+    };
+    // A limit far from all runs would press them together.
+    let near = 2.0 * (until - from);
+    for end in spread
+        .limit
+        .iter()
+        .flat_map(|limit| [limit.min, limit.max])
+        .flatten()
+    {
+        if end > from - near && end < until + near {
+            (from, until) = (from.min(end), until.max(end));
+        }
+    }
+    let margin = 0.02 * (until - from);
+    (from - margin, until + margin)
 }
 
-fn failing(summary: &Summary, place_of: impl Fn(&Failing) -> String) -> Markup {
+fn failing(
+    summary: &Summary,
+    place_of: impl Fn(&Failing) -> String,
+    command_of: impl Fn(usize) -> Option<String>,
+) -> Markup {
     let (shown, total) = (summary.failing.len(), summary.failing_total());
     html! {
         @if shown < total { p.unsure { "The first " (shown) " of " (total) "; the tables have all." } }
-        div.wide { table {
-            thead { tr { th.number { "case" } th { "result" } th { "why" } th { "values" } } }
+        p.soft { "The commands play a case alone, in this folder." }
+        div.wide { table.stacked {
+            thead { tr { th { "case" } th { "result" } th { "why" } th { "values" } } }
             tbody { @for one in &summary.failing { tr {
-                td.number { a href=(place_of(one)) { (one.case) } }
-                td.(class(one.ended)) { (words(one.ended)) }
-                td { (one.why) }
-                td { (one.values) }
+                td.name { a href=(place_of(one)) { (one.case) } }
+                td.(class(one.ended)) data-name="result" { (words(one.ended)) }
+                td.broken data-name="why" { (one.why) }
+                td.broken data-name="values" { div {
+                    (one.values)
+                    @if let Some(command) = command_of(one.case) { div { code { (command) } } }
+                } }
             } } }
         } }
     }
+}
+
+/// A key, which may be broken behind each point and underscore.
+fn broken(key: &str) -> Markup {
+    html! { @for part in key.split_inclusive('.') { (page::name(part)) wbr; } }
 }
 
 /// How many cases ended how, in one line.

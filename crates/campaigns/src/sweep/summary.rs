@@ -48,7 +48,7 @@ pub struct Failing {
     pub ended: Ended,
     /// The limits that were not met, or what happened.
     pub why: String,
-    /// The values of the keys.
+    /// The values of the keys, in four digits.
     pub values: String,
 }
 
@@ -128,7 +128,7 @@ impl Survey {
                 case: row.case,
                 ended: row.ended,
                 why: row.reason.unwrap_or_else(|| row.missed.join(", ")),
-                values: cases.words(row.case),
+                values: cases.short_words(row.case),
                 id: row.id,
             });
         }

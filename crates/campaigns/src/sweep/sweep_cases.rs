@@ -14,6 +14,7 @@ use super::row::{Ended, SweepRow};
 use crate::campaign::{NoResult, play_one};
 use plan::Plan;
 use recording::capture::Watch;
+use report::terminal::as_written;
 use scenario::hexadecimal;
 use worlds::catalogue::catalogue;
 
@@ -290,9 +291,12 @@ pub(crate) fn case_name(name: &str, case: &str) -> String {
 
 fn way_of(values: &[f64]) -> String {
     match values {
-        [first, _, _, _, .., last] => format!("{} values from {first} to {last}", values.len()),
+        [first, _, _, _, .., last] => {
+            let [first, last] = [first, last].map(|value| as_written(*value));
+            format!("{} values from {first} to {last}", values.len())
+        }
         few => {
-            let few: Vec<String> = few.iter().map(f64::to_string).collect();
+            let few: Vec<String> = few.iter().map(|value| as_written(*value)).collect();
             few.join(", ")
         }
     }
@@ -300,12 +304,24 @@ fn way_of(values: &[f64]) -> String {
 
 fn way_of_draws(distribution: Distribution) -> String {
     match distribution {
-        Distribution::Uniform { from, to } => format!("uniform from {from} to {to}"),
-        Distribution::LogUniform { from, to } => format!("log-uniform from {from} to {to}"),
+        Distribution::Uniform { from, to } => {
+            format!("uniform from {} to {}", as_written(from), as_written(to))
+        }
+        Distribution::LogUniform { from, to } => {
+            format!(
+                "log-uniform from {} to {}",
+                as_written(from),
+                as_written(to)
+            )
+        }
         Distribution::Normal {
             mean,
             standard_deviation,
-        } => format!("normal, {mean} ± {standard_deviation}"),
+        } => format!(
+            "normal, {} ± {}",
+            as_written(mean),
+            as_written(standard_deviation)
+        ),
     }
 }
 

@@ -178,6 +178,10 @@ impl Cases for TortureCases {
         drawn.collect::<Vec<_>>().join(", ")
     }
 
+    fn short_words(&self, number: usize) -> String {
+        self.words(number)
+    }
+
     fn text(&self, number: usize) -> String {
         let case = self.case(number).map(|case| case.text());
         case.unwrap_or_else(|reason| format!("# {reason}\n"))

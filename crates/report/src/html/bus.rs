@@ -50,9 +50,9 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
         plot.render()
     };
     Ok(html! {
-        h2 { "Bus and timing" }
+        h2 #bus { "Bus and timing" }
         p.soft { "Scenario time 0 to " (shared.run.duration_seconds) " s, by the stamps of the recorder." }
-        div.wide { table {
+        div.wide { table.small {
             thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::new(durations) { tr {
                 td { (name) }
@@ -71,14 +71,13 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
 fn host(timing: &Timing) -> Markup {
     html! {
         h3 { "As the nodes saw it" }
-        div.wide { table {
+        div.wide { table.small {
             thead { tr { th { "in µs" } th.number { "median" } th.number { "99 %" } th.number { "99.9 %" } th.number { "most" } } }
             tbody { @for (name, quantiles) in timing.rows() { tr {
                 td { (name) }
                 @for value in [quantiles.median, quantiles.p99, quantiles.p99_9, quantiles.max] { td.number { (format!("{value:.0}")) } }
             } } }
         } }
-        @for reason in &timing.distrust { p.unsure { "The timing is not trusted: " (reason) } }
     }
 }
 

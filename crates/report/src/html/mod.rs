@@ -13,7 +13,7 @@ use maud::{Markup, html};
 
 use crate::page;
 use crate::run::{Run, RunLoop};
-use judge::verdict::Verdict;
+use judge::verdict::{Metric, Verdict};
 use recording::events::{Events, Level};
 use recording::run_folder::file;
 use recording::timeline::{Timeline, events_of};
@@ -30,19 +30,20 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
     let (shared, verdict) = (&run.plan.shared, run.verdict);
     let body = html! {
         (head(run, remarks))
-        h2 { "Verdict" }
-        @if verdict.metrics.is_empty() { p.soft { "Nothing was judged." } }
-        @else { (page::metrics(&verdict.metrics, verdict.outcome)) }
+        @if run.plan.loops.len() > 1 { (contents(run)) }
+        h2 #verdict { "Verdict" }
+        (metrics(run))
         @for contour in &shared.contours { (contour::section(contour, run)) }
-        @for one in run.loops() { (of_loop(&one)) }
+        @for (number, one) in run.loops().enumerate() { (of_loop(number, &one)) }
         (bus::section(run)?)
         (events(&events_of(run.timelines)))
-        h2 { "Scenario" }
+        h2 #scenario { "Scenario" }
         details open { summary { (file::SCENARIO) } pre { (shared.text) } }
         @for (name, text) in shared.tables.iter().filter(|(name, _)| name.ends_with(".toml")) {
             details { summary { (name) } pre { (text) } }
         }
         (again(run.is_long))
+        (foot(run))
     };
     Ok(page::page(
         &format!("{}: {}", shared.run.name, verdict.outcome.word()),
@@ -50,10 +51,45 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
     ))
 }
 
-/// What a loop did.
-fn of_loop(run: &RunLoop<'_>) -> Markup {
+/// Links to the parts of the page.
+fn contents(run: &Run<'_>) -> Markup {
+    html! { nav.contents aria-label="Contents" {
+        a href="#verdict" { "Verdict" }
+        @for (number, one) in run.loops().enumerate() { a href=(format!("#loop-{number}")) { "Loop " (one.own.name()) } }
+        @for (id, name) in [("bus", "Bus and timing"), ("events", "Events"), ("scenario", "Scenario"), ("again", "Again")] {
+            a href=(format!("#{id}")) { (name) }
+        }
+    } }
+}
+
+/// The metrics; of several loops those of each by themselves, then what all share.
+fn metrics(run: &Run<'_>) -> Markup {
+    let verdict = run.verdict;
+    if verdict.metrics.is_empty() {
+        return html! { p.soft { "Nothing was judged." } };
+    }
+    let prefixes = run.loops().filter(|one| one.own.loop_name().is_some());
+    let prefixes = Vec::from_iter(prefixes.map(|one| (one.own.name(), one.own.prefix())));
+    let of_loop = |metric: &&Metric, prefix: &str| metric.name.starts_with(prefix);
+    let shared = verdict.metrics.iter();
+    let shared =
+        shared.filter(|metric| !prefixes.iter().any(|(_, prefix)| of_loop(metric, prefix)));
     html! {
-        @if let Some(name) = run.own.loop_name() { h2 { "Loop " (name) } }
+        @for (name, prefix) in &prefixes {
+            @let own = verdict.metrics.iter().filter(|metric| of_loop(metric, prefix));
+            @if own.clone().next().is_some() { h3 { "Loop " (name) } (page::metrics(own, verdict.outcome)) }
+        }
+        @if shared.clone().next().is_some() {
+            @if !prefixes.is_empty() { h3 { "All loops" } }
+            (page::metrics(shared, verdict.outcome))
+        }
+    }
+}
+
+/// What a loop did.
+fn of_loop(number: usize, run: &RunLoop<'_>) -> Markup {
+    html! {
+        @if let Some(name) = run.own.loop_name() { h2 id=(format!("loop-{number}")) { "Loop " (name) } }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
         @else { (signals::section(run)) }
         (response::section(run))
@@ -78,6 +114,8 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
         @if let Some(remark) = verdict.remark() { p { (remark) } }
         @if let Some(cause) = cause_besides(verdict) { p { (cause) } }
         @if let Some(end) = end_besides(verdict) { p { (end) } }
+        @for doubt in doubts(verdict) { p.unsure { (doubt) } }
+        @if let Some(free) = without_limit(verdict) { p.soft { (free) } }
         @for remark in remarks { p.unsure { "Of the recording as it is now, " (remark) ". This page shows the other frames." } }
         @if let Some(description) = &shared.run.description { p.soft { (description) } }
         dl.facts {
@@ -135,6 +173,39 @@ fn cause_besides(verdict: &Verdict) -> Option<&str> {
     (!reason.contains(words)).then_some(words)
 }
 
+/// Limits that were not judged, times that are not trusted, and frames that are not there.
+fn doubts(verdict: &Verdict) -> Vec<String> {
+    let metrics = || verdict.metrics.iter();
+    let not_judged = metrics().filter(|metric| metric.limit.is_some() && metric.passed.is_none());
+    let not_judged = not_judged.map(|metric| match &metric.remark {
+        Some(remark) => format!("Not judged: {}, {remark}.", metric.name),
+        None => format!("Not judged: {}.", metric.name),
+    });
+    let distrust = verdict.timing.iter().flat_map(|timing| &timing.distrust);
+    let distrust = distrust.map(|reason| format!("The timing is not trusted: {reason}."));
+    let frames = [
+        (
+            verdict.frames_lost,
+            "the recorder lost, so they are not judged",
+        ),
+        (verdict.fd_frames, "of CAN FD, whose data are not recorded"),
+    ];
+    let frames = frames.into_iter().filter(|(count, _)| *count > 0);
+    let frames = frames.map(|(count, words)| format!("{count} frames {words}."));
+    not_judged.chain(distrust).chain(frames).collect()
+}
+
+/// The values that the verdict does not stand for, since nothing limits them; nothing where none is limited, which the remark says.
+fn without_limit(verdict: &Verdict) -> Option<String> {
+    let free = verdict
+        .metrics
+        .iter()
+        .filter(|metric| metric.limit.is_none());
+    let free = Vec::from_iter(free.map(|metric| metric.name.as_str()));
+    let says_something = !free.is_empty() && free.len() < verdict.metrics.len();
+    says_something.then(|| format!("Without a limit: {}.", free.join(", ")))
+}
+
 /// Why no more was recorded, where the verdict's reason does not say it.
 fn end_besides(verdict: &Verdict) -> Option<String> {
     let end = verdict.ended_early.as_ref()?.to_string();
@@ -146,7 +217,7 @@ fn end_besides(verdict: &Verdict) -> Option<String> {
 
 fn events(events: &Events) -> Markup {
     html! {
-        h2 { "Events" }
+        h2 #events { "Events" }
         div.wide { table {
             thead { tr { th.number { "time (s)" } th { "event" } } }
             tbody { @for event in events.iter().take(EVENTS_MAX) { tr {
@@ -164,7 +235,7 @@ fn again(is_long: bool) -> Markup {
         true => (file::LONG_BUS_LOG, file::LONG_SIGNALS),
     };
     html! {
-        h2 { "Again" }
+        h2 #again { "Again" }
         p { "In this folder:" }
         pre {
             "canrig simulate " (file::SCENARIO) "                # in virtual time, in one process\n"
@@ -175,11 +246,33 @@ fn again(is_long: bool) -> Markup {
         }
         p {
             "Beside this page: "
-            @for (number, name) in [log, signals, file::VERDICT, file::JUNIT].into_iter().enumerate() {
+            @for (number, name) in [log, signals, file::VERDICT, file::JUNIT, file::PLAYED].into_iter().enumerate() {
                 @if number > 0 { ", " }
                 a href=(name) { (name) }
             }
             "."
         }
+    }
+}
+
+/// What was played by which program, for those who must know the version. When that was stands in `played.json` alone, since two
+/// plays leave the same page.
+fn foot(run: &Run<'_>) -> Markup {
+    let (shared, verdict) = (&run.plan.shared, run.verdict);
+    html! {
+        h2 { "Versions" }
+        dl.facts.versions {
+            div { dt { "program" } dd { "canrig " (verdict.version) } }
+            div { dt { "clock" } dd { (page::clock(verdict)) } }
+            div { dt { "duration" } dd { (shared.run.duration_seconds) " s" } }
+            div { dt { "seed" } dd { (verdict.seed) } }
+            @if let Some(identity) = &verdict.identity {
+                div { dt { "plant" } dd { (identity.plant) } }
+                div { dt { "law" } dd { (identity.law) } }
+                div.hash { dt { "program, SHA-256" } dd { code { (identity.program) } } }
+                @for (name, hash) in &identity.files { div.hash { dt { (name) ", SHA-256" } dd { code { (hash) } } } }
+            }
+        }
+        p.soft { "When and with which values of the command line it was played says " a href=(file::PLAYED) { (file::PLAYED) } "." }
     }
 }

@@ -37,6 +37,8 @@ pub struct Plot<'a> {
     pub patches: Vec<Patch>,
     /// The stretch of x that is shown; all of it when absent.
     pub x_range: Option<(f64, f64)>,
+    /// Words on single points, which are shown when a reader points at them.
+    pub notes: Vec<(f64, f64, String)>,
 }
 
 /// What is drawn of a plot: the same on a page and in a picture.
@@ -63,6 +65,7 @@ impl<'a> Plot<'a> {
             curves: Vec::new(),
             patches: Vec::new(),
             x_range: None,
+            notes: Vec::new(),
         }
     }
 
@@ -124,6 +127,10 @@ impl<'a> Plot<'a> {
                     }
                 }
                 p.x-label { (self.x_label) }
+                @for (x, y, text) in &self.notes {
+                    @let (x, y) = drawing.view.place(*x, *y);
+                    span.note data-at=(format!("{x:.0} {y:.0}")) hidden { (text) }
+                }
             }
         }
     }

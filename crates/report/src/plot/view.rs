@@ -91,7 +91,7 @@ impl View {
     }
 
     /// A point in the drawing's units.
-    fn place(&self, x: f64, y: f64) -> (f64, f64) {
+    pub(super) fn place(&self, x: f64, y: f64) -> (f64, f64) {
         self.scale().place(x, y)
     }
 

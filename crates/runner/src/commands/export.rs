@@ -124,7 +124,8 @@ fn conversion<'a>(
         Format::Blf => Box::new(move |output| blf::write(output, frames)),
         Format::Mf4 => {
             let (timelines, zero) = (recorded.timelines()?, zero(recorded)?);
-            Box::new(move |output| mf4::write(output, &timelines, frames, zero))
+            let dbc = recorded.plan.database().to_dbc();
+            Box::new(move |output| mf4::write(output, &timelines, frames, &dbc, zero))
         }
         Format::Mcap => {
             let (events, zero) = (recorded.events()?, zero(recorded)?);

@@ -8,6 +8,7 @@ use clap::Args;
 use crate::console::{WorkBar, print_error};
 use crate::exit::Exit;
 use crate::output::{link, renew_page, write_page};
+use crate::play_record::PlayRecord;
 use crate::recorded::{Recorded, RecordedError, refuse, require_run, runs_among};
 use judge::verdict::Verdict;
 use recording::run_folder::file;
@@ -104,6 +105,12 @@ fn together(runs: &[(Recorded, Vec<Timeline>, Verdict)], output: &Path) -> Strin
             page: link(output, &recorded.path.join(file::REPORT)),
             timelines,
             verdict,
+            // One that is damaged is refused by what needs it.
+            played: PlayRecord::read(&recorded.path)
+                .ok()
+                .flatten()
+                .map(|record| record.at.strftime("%Y-%m-%d %H:%M UTC").to_string()),
+            duration_seconds: recorded.plan.shared.run.duration_seconds,
         })
         .collect();
     overview::to_html(&runs)

@@ -25,6 +25,9 @@ pub struct SignalsArgs {
     /// signals of canrig's built-in drive and controller
     #[arg(value_name = "RUN|SCENARIO")]
     pub source: Option<PathBuf>,
+    /// List only signals with this text in their name, unit, sender, message or loop; of several each must be there
+    #[arg(long, short, value_name = "TEXT")]
+    pub filter: Vec<String>,
     /// Print the signals as JSON, with all named values
     #[arg(long)]
     pub json: bool,
@@ -73,6 +76,19 @@ impl<'a> ListedSignal<'a> {
         }
     }
 
+    /// Whether a text is in what names it, in capitals or not.
+    fn has(&self, text: &str) -> bool {
+        let words = [
+            self.path.as_str(),
+            &self.signal,
+            self.unit,
+            self.sender.unwrap_or_default(),
+            self.of_loop.unwrap_or_default(),
+        ];
+        let text = text.to_lowercase();
+        words.iter().any(|word| word.to_lowercase().contains(&text))
+    }
+
     /// From the smallest value to the largest, or the few values that it has, with their names.
     fn range(&self) -> String {
         if (1..=LABELS_SHOWN_MAX).contains(&self.values.len()) {
@@ -111,7 +127,8 @@ pub fn signals(args: &SignalsArgs) -> Exit {
                 .as_ref()
                 .map_or(Database::shipped(), |plan| plan.database());
             let loops = plan.as_ref().map_or(&[][..], |plan| &plan.loops);
-            let signals = listed(database, loops);
+            let mut signals = listed(database, loops);
+            signals.retain(|signal| args.filter.iter().all(|text| signal.has(text)));
             print(&match args.json {
                 true => serde_json::to_string_pretty(&signals).expect("plain data"),
                 false => table(&signals),

@@ -4,14 +4,16 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::page;
+use super::page::{self, Compared};
 use crate::console::{WorkBar, print, print_error};
 use crate::exit::Exit;
 use crate::output::write;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::comparison::{
-    Comparison, GivenTolerance, SIGNAL_WAYS, Scale, Tolerances, UnknownName, compare_runs,
+    Comparison, GivenTolerance, SIGNAL_WAYS, Scale, SignalDifference, Tolerances, UnknownName,
+    compare_runs,
 };
+use scenario::metrics::is_of_traffic;
 use worlds::catalogue::catalogue;
 
 /// The frames are read, decoded and judged.
@@ -33,6 +35,10 @@ pub struct CompareArgs {
     /// How much earlier or later a value of B may come
     #[arg(long, value_name = "MILLISECONDS", default_value_t = 5.0, value_parser = milliseconds)]
     pub time_tolerance: f64,
+    /// Compare the timing too where one run was played in real time and the other in virtual time: without it their behaviour
+    /// alone is compared
+    #[arg(long)]
+    pub timing: bool,
     /// Write a page with plots of what differs
     #[arg(long, short, value_name = "FILE")]
     pub output: Option<PathBuf>,
@@ -137,6 +143,9 @@ fn compared<'a>(
         (&a_timelines, &a_verdict),
         (&b_timelines, &b_verdict),
     );
+    if !args.timing && a_verdict.timing.is_some() != b_verdict.timing.is_some() {
+        leave_timing_out(&mut comparison);
+    }
     for recorded in [&a, &b] {
         let path = recorded.path.display();
         let remarks = recorded
@@ -148,11 +157,26 @@ fn compared<'a>(
         comparison.remarks.extend(remarks);
     }
     let page = args.output.as_deref().map(|place| {
-        let names = [&a, &b].map(|recorded| recorded.path.display().to_string());
-        (
-            place,
-            page::to_html(&comparison, &names, [&a_timelines, &b_timelines]),
-        )
+        let compared = Compared {
+            comparison: &comparison,
+            names: [&a, &b].map(|recorded| recorded.path.display().to_string()),
+            runs: [&a_timelines, &b_timelines],
+            time_tolerance_seconds: tolerances.time_seconds,
+        };
+        (place, page::to_html(&compared))
     });
     Ok((comparison, page))
+}
+
+/// Leaves out the metrics of the traffic, which say how the clock went: a run in virtual time misses nothing.
+fn leave_timing_out(comparison: &mut Comparison) {
+    let whole = comparison.remarks.is_empty();
+    let own = |name: &str| name.rsplit('.').next().is_some_and(is_of_traffic);
+    comparison.metrics.retain(|metric| !own(&metric.name));
+    comparison.agrees = whole
+        && comparison.signals.iter().all(SignalDifference::agrees)
+        && comparison.metrics.iter().all(|metric| metric.agrees);
+    comparison.remarks.push(
+        "one run was played in real time, the other in virtual time: the metrics of the timing are left out (--timing compares them)".to_owned(),
+    );
 }

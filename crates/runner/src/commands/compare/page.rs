@@ -12,8 +12,10 @@ use report::terminal;
 
 /// Signals that the terminal shows; the page shows all.
 const ROWS_MAX: usize = 8;
-/// Signals that are plotted.
-const PLOTS_MAX: usize = 6;
+/// Signals that are plotted, besides positions and currents.
+const PLOTS_MAX: usize = 12;
+/// Stretches of one signal that are marked; more of them look like one.
+const MARKED_MAX: usize = 200;
 
 /// The comparison for people at a terminal.
 #[must_use]
@@ -42,7 +44,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
             number(lag(signal)),
             match signal.tolerance {
                 Some(_) => result(signal.agrees()),
-                None => Cell::new("not judged"),
+                None => Cell::new("does not count"),
             },
         ]);
     }
@@ -139,23 +141,35 @@ fn result(agrees: bool) -> Cell {
     }
 }
 
+/// What is compared, and how.
+pub(super) struct Compared<'a> {
+    pub(super) comparison: &'a Comparison,
+    /// The paths of A and B.
+    pub(super) names: [String; 2],
+    pub(super) runs: [&'a [Timeline]; 2],
+    /// By how much a value of B may come earlier or later.
+    pub(super) time_tolerance_seconds: f64,
+}
+
 /// The comparison as a page.
 #[must_use]
-pub(super) fn to_html(
-    comparison: &Comparison,
-    names: &[String; 2],
-    runs: [&[Timeline]; 2],
-) -> String {
+pub(super) fn to_html(compared: &Compared<'_>) -> String {
+    let comparison = compared.comparison;
     let class = if comparison.agrees { "pass" } else { "fail" };
     let body = html! {
         h1 { "Two runs compared" }
         p { span.outcome.(class) { @if comparison.agrees { "agree" } @else { "diverge" } } }
         p { (summary(comparison)) "." }
         @for remark in &comparison.remarks { p { (remark) } }
-        dl.facts { @for (letter, name) in ["A", "B"].iter().zip(names) { div { dt { (letter) } dd { (name) } } } }
+        dl.facts.versions { @for (letter, name) in ["A", "B"].iter().zip(&compared.names) { div.hash { dt { (letter) } dd { (name) } } } }
+        p.soft {
+            "What counts: a signal beyond its tolerance, if no value of A within " (milliseconds(compared.time_tolerance_seconds))
+            " ms before or after is near enough, and a metric beyond its own. What has no tolerance, as currents, velocities and the terms of a \
+             law, is shown and does not count. The differences are drawn as they count."
+        }
         h2 { "Plots" }
-        div.plots { @for plot in plots(comparison, runs) { (plot) } }
-        @if !comparison.agrees { p.soft { "Red: from where the runs diverge." } }
+        div.plots.even { @for plot in plots(compared) { (plot) } }
+        @if comparison.signals.iter().any(|signal| !signal.agrees()) { p.soft { "Red: where a signal is beyond its tolerance." } }
         h2 { "Metrics" }
         (metrics(&comparison.metrics))
         h2 { "Signals" }
@@ -164,20 +178,37 @@ pub(super) fn to_html(
     page::page("Two runs compared", &body)
 }
 
-/// The position first, then what diverges most; under each signal the difference.
-fn plots(comparison: &Comparison, [a, b]: [&[Timeline]; 2]) -> Vec<Markup> {
-    let names = a.iter().map(|timeline| {
-        let position = timeline.measurand.rename("position_millimetres");
-        format!("{}{position}", timeline.prefix())
+fn milliseconds(seconds: f64) -> String {
+    terminal::significant(1e3 * seconds)
+}
+
+/// Positions and currents first, then what diverges most and what else counts and differs; beside each signal the difference.
+fn plots(compared: &Compared<'_>) -> Vec<Markup> {
+    let comparison = compared.comparison;
+    let names = compared.runs[0].iter().flat_map(|timeline| {
+        let own = ["position_millimetres", "current_amperes"];
+        own.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.rename(name)))
     });
     let names = Vec::from_iter(names);
-    let is_position = |signal: &&SignalDifference| names.contains(&signal.name);
-    let positions = comparison.signals.iter().filter(is_position);
-    let others = comparison.signals.iter();
-    let diverging = others.filter(|signal| !signal.agrees() && !is_position(signal));
-    let shown = positions.chain(diverging.take(PLOTS_MAX));
-    let plots = shown.flat_map(|signal| [both(signal, [a, b]), difference(signal, [a, b])]);
-    plots.collect()
+    let is_first = |signal: &&SignalDifference| names.contains(&signal.name);
+    let first = names
+        .iter()
+        .filter_map(|name| comparison.signals.iter().find(|one| one.name == *name));
+    let others = comparison.signals.iter().filter(|signal| !is_first(signal));
+    let differs = |signal: &SignalDifference| signal.largest.is_some_and(|largest| largest > 0.0);
+    let counting = others.filter(|signal| signal.tolerance.is_some() && differs(signal));
+    let shown = first.chain(counting.take(PLOTS_MAX));
+    let plots = shown.flat_map(|signal| {
+        let difference = differs(signal).then(|| difference(signal, compared));
+        let marked = difference
+            .iter()
+            .flat_map(|(rows, difference)| stretches(signal, rows, difference));
+        let marked = Vec::from_iter(marked);
+        let drawn =
+            difference.map(|(rows, values)| difference_plot(signal, &rows, &values, &marked));
+        [Some(both(signal, compared.runs, &marked)), drawn]
+    });
+    plots.flatten().collect()
 }
 
 fn values<'a>(run: &'a [Timeline], signal: &SignalDifference) -> &'a [f64] {
@@ -186,83 +217,121 @@ fn values<'a>(run: &'a [Timeline], signal: &SignalDifference) -> &'a [f64] {
     found.map_or(&[], |rows| rows.values)
 }
 
-fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2]) -> Markup {
+fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2], marked: &[Patch]) -> Markup {
     let mut plot = Plot::over_time(signal.name.as_str(), &signal.unit);
-    for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(3), b)] {
+    for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(2), b)] {
         let values = values(run, signal);
         plot.draw(label, colour, Shape::Line, &run[0].time_seconds, values);
     }
-    plot.patches.extend(apart(signal));
+    plot.patches.extend(marked);
     plot.render()
 }
 
-/// B less A at the cycles of A, within the tolerance or not.
-fn difference(signal: &SignalDifference, [a, b]: [&[Timeline]; 2]) -> Markup {
-    let [a_values, b_values] = [a, b].map(|run| values(run, signal));
-    let (a, b) = (&a[0], &b[0]);
+/// How far B is from the values of A a little before and after, at the cycles of A: with its sign, and 0 where it is among them.
+fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64>, Series<f64>) {
+    let [a_values, b_values] = compared.runs.map(|run| values(run, signal));
+    let [a, b] = compared.runs.map(|run| &run[0]);
     let mut others = b.cycle.iter().zip(b_values).peekable();
     let mut at = |cycle: &u64| {
         while others.next_if(|(other, _)| *other < cycle).is_some() {}
         let found = others.next_if(|(other, _)| *other == cycle);
         found.map(|(_, value)| *value)
     };
-    let rows = a.cycle.iter().zip(a_values);
-    let differences: Series<f64> = rows
-        .map(|(cycle, value)| at(cycle).unwrap_or(f64::NAN) - value)
-        .collect();
+    let reach = reach(compared.time_tolerance_seconds, a.period_seconds);
+    let rows = a.cycle.iter().zip(a_values).enumerate();
+    let differences = rows.map(|(row, (cycle, own))| {
+        let Some(value) = at(cycle).filter(|_| own.is_finite()) else {
+            return f64::NAN;
+        };
+        let near = &a_values[row.saturating_sub(reach)..a_values.len().min(row + reach + 1)];
+        let low = near.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = near.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        value - value.clamp(low, high)
+    });
+    (
+        a.time_seconds.iter().copied().collect(),
+        differences.collect(),
+    )
+}
+
+/// Rows before and after that count as the same time.
+fn reach(seconds: f64, period_seconds: f64) -> usize {
+    let rows = (seconds / period_seconds + 1e-6).floor().clamp(0.0, 1000.0);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped"
+    )]
+    let rows = rows as usize;
+    rows
+}
+
+fn difference_plot(
+    signal: &SignalDifference,
+    rows: &[f64],
+    differences: &[f64],
+    marked: &[Patch],
+) -> Markup {
     let title = format!("{}, B less A", signal.name);
     let mut plot = Plot::over_time(title, &signal.unit);
-    let label = "difference";
-    plot.draw(
-        label,
-        Colour::Run(5),
-        Shape::Line,
-        &a.time_seconds,
-        &differences,
-    );
-    plot.patches.extend(apart(signal));
+    plot.draw("difference", Colour::Run(5), Shape::Line, rows, differences);
+    plot.patches.extend(marked);
     plot.render()
 }
 
-/// What lies behind the curves from where the runs diverge.
-fn apart(signal: &SignalDifference) -> Option<Patch> {
-    signal.diverges_at_seconds.map(|from| Patch {
+/// What lies behind the curves where a signal is beyond its tolerance; of one that diverges nothing else.
+fn stretches(signal: &SignalDifference, rows: &[f64], differences: &[f64]) -> Vec<Patch> {
+    let (Some(tolerance), false) = (signal.tolerance, signal.agrees()) else {
+        return Vec::new();
+    };
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    let near = rows.last().map_or(0.0, |last| last / 500.0);
+    for (time, difference) in rows.iter().zip(differences) {
+        match found.last_mut() {
+            _ if difference.abs() <= tolerance || difference.is_nan() => {}
+            Some((_, until)) if time - *until <= near => *until = *time,
+            _ => found.push((*time, *time)),
+        }
+    }
+    let patch = |(from, until): (f64, f64)| Patch {
         class: "apart",
-        x: (from, f64::INFINITY),
+        x: (from, until.max(from + near)),
         y: (f64::NEG_INFINITY, f64::INFINITY),
-    })
+    };
+    found.into_iter().take(MARKED_MAX).map(patch).collect()
 }
 
 fn metrics(metrics: &[MetricDifference]) -> Markup {
-    html! { div.wide { table {
+    html! { div.wide { table.stacked {
         thead { tr { th { "metric" } th.number { "A" } th.number { "B" } th.number { "tolerance" } th { "result" } } }
         tbody { @for metric in metrics { tr {
-            td { (page::name(&metric.name)) }
-            td.number { (value(metric, metric.a)) }
-            td.number { (value(metric, metric.b)) }
-            td.number { (terminal::significant(metric.tolerance)) }
-            td { (word(metric.agrees)) }
+            td.name { (page::name(&metric.name)) }
+            td.number data-name="A" { (value(metric, metric.a)) }
+            td.number data-name="B" { (value(metric, metric.b)) }
+            td.number data-name="tolerance" { (terminal::significant(metric.tolerance)) }
+            td data-name="result" { (word(metric.agrees)) }
         } } }
     } } }
 }
 
 fn signals(signals: &[SignalDifference]) -> Markup {
-    html! { div.wide { table {
+    let time = |time: Option<f64>| time.map_or(String::new(), |time| format!("{time:.3}"));
+    html! { div.wide { table.stacked {
         thead { tr {
             th { "signal" } th { "unit" } th.number { "rms" } th.number { "differs by at most" } th.number { "at (s)" } th.number { "tolerance" }
             th.number { "diverges from (s)" } th.number { "in % of the cycles" } th.number { "B later by" } th { "result" }
         } }
         tbody { @for signal in signals { tr {
-            td { (page::name(&signal.name)) }
-            td { (signal.unit) }
-            td.number { (optional(signal.rms)) }
-            td.number { (optional(signal.largest)) }
-            td.number { (signal.largest_at_seconds.map_or(String::new(), |time| format!("{time:.3}"))) }
-            td.number { (optional(signal.tolerance)) }
-            td.number { (signal.diverges_at_seconds.map_or(String::new(), |time| format!("{time:.3}"))) }
-            td.number { (terminal::significant(signal.beyond_percent)) }
-            td.number { (lag(signal)) }
-            td { @if signal.tolerance.is_some() { (word(signal.agrees())) } @else { span.soft { "not judged" } } }
+            td.name { (page::name(&signal.name)) }
+            td.none[signal.unit.is_empty()] data-name="unit" { (signal.unit) }
+            td.number data-name="rms" { (optional(signal.rms)) }
+            td.number data-name="differs by at most" { (optional(signal.largest)) }
+            td.number.none[signal.largest_at_seconds.is_none()] data-name="at (s)" { (time(signal.largest_at_seconds)) }
+            td.number data-name="tolerance" { (optional(signal.tolerance)) }
+            td.number.none[signal.agrees()] data-name="diverges from (s)" { (time(signal.diverges_at_seconds)) }
+            td.number data-name="in % of the cycles" { (terminal::significant(signal.beyond_percent)) }
+            td.number.none[lag(signal).is_empty()] data-name="B later by" { (lag(signal)) }
+            td data-name="result" { @if signal.tolerance.is_some() { (word(signal.agrees())) } @else { span.nowrap { "does not count" } } }
         } } }
     } } }
 }
