@@ -92,7 +92,7 @@ fn every_experiment_is_played_and_every_target_is_met() {
     }
     let summary = page.split("<h2 id=").next().unwrap().replace("<wbr>", "");
     for (name, of) in HEADLINES {
-        let row = format!("{name}</td><td>{of}</td>");
+        let row = format!("{name}</td><td data-name=\"of\">{of}</td>");
         assert!(summary.contains(&row), "{row}");
     }
     // A law that knows its plant number for number says so, and the same law on another plant says that too.

@@ -91,7 +91,7 @@ pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
 
 fn summary(results: &[ExperimentResult]) -> Markup {
     html! {
-        div.wide { table {
+        div.wide { table.stacked {
             thead { tr { th { "experiment" } (head()) } }
             tbody { @for result in results {
                 @let headline = result.headline();
@@ -113,7 +113,7 @@ fn section(result: &ExperimentResult) -> Markup {
         p { (experiment.text) }
         @for table in &evaluation.tables { (plain(table)) }
         @if !evaluation.numbers.is_empty() {
-            div.wide { table {
+            div.wide { table.stacked {
                 thead { tr { (head()) } }
                 tbody { @for number in &evaluation.numbers { tr { (cells(number)) } } }
             } }
@@ -131,21 +131,23 @@ fn head() -> Markup {
 fn cells(number: &Quantity) -> Markup {
     html! {
         td.name { (page::name(number.name())) }
-        td { (number.of) }
-        td { (number.model.map_or("", Model::word)) }
-        td.number { (number.paper.unwrap_or("–")) }
-        td.number { @if number.metric.limit.is_some() { (limit(number.name(), number.metric.limit)) } @else { "–" } }
-        td.number { (measured(&number.metric)) }
-        td { (page::result(&number.metric, Outcome::Pass)) }
+        td data-name="of" { (number.of) }
+        td.none[number.model.is_none()] data-name="model" { (number.model.map_or("", Model::word)) }
+        td.number data-name="paper" { (number.paper.unwrap_or("–")) }
+        td.number data-name="target" { @if number.metric.limit.is_some() { (limit(number.name(), number.metric.limit)) } @else { "–" } }
+        td.number data-name="measured" { (measured(&number.metric)) }
+        td data-name="result" { (page::result(&number.metric, Outcome::Pass)) }
     }
 }
 
 fn plain(table: &NumberTable) -> Markup {
     html! {
-        div.wide { table {
+        div.wide { table.stacked {
             thead { tr { @for (place, head) in table.header.iter().enumerate() { th.number[place > 0] { (head) } } } }
             tbody { @for row in &table.rows { tr {
-                @for (place, cell) in row.iter().enumerate() { td.number[place > 0] { (cell) } }
+                @for (place, (cell, head)) in row.iter().zip(&table.header).enumerate() {
+                    @if place == 0 { td.name { (cell) } } @else { td.number data-name=(head) { (cell) } }
+                }
             } } }
         } }
     }
