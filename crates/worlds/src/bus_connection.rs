@@ -112,6 +112,14 @@ impl BusConnection {
         Ok(has_frames)
     }
 
+    /// The same after all nodes have left, with their last words.
+    pub(crate) fn collect_rest(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
+        if self.hub.is_some() {
+            drop(self.join(&[])?);
+        }
+        self.collect(capture)
+    }
+
     /// Throws the frames away that were recorded since the last time.
     pub fn discard(&mut self) {
         while self.recorder.next().is_some() {}

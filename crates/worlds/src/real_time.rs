@@ -85,7 +85,7 @@ pub fn play(
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         (end, bench, stopped)
     });
-    connection.collect(capture)?;
+    connection.collect_rest(capture)?;
     if let Err(second_master @ WorldError::SecondMaster(_)) = end {
         return Err(second_master);
     }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use canopen::{CanFrame, Filter};
-use rustix::event::epoll;
+use rustix::event::epoll::{self, EventFlags};
 use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{RecvFlags, SendFlags, SocketFlags, accept_with};
@@ -86,10 +86,15 @@ impl Switch {
                 Err(_) => return,
             };
             for event in ready {
+                let flags = event.flags;
                 match event.data.u64() {
                     STOP => return,
                     LISTENER => self.accept_client(),
-                    index => self.serve(usize::try_from(index).unwrap_or(CLIENTS_MAX)),
+                    index => {
+                        let index = usize::try_from(index).unwrap_or(CLIENTS_MAX);
+                        // Of one who has left all is taken before anybody else joins.
+                        while self.serve(index) && flags.contains(EventFlags::HUP) {}
+                    }
                 }
             }
         }
@@ -123,13 +128,13 @@ impl Switch {
         }
     }
 
-    /// Receives one packet from a client.
-    fn serve(&mut self, index: usize) {
+    /// Receives one packet from a client; false where there was none.
+    fn serve(&mut self, index: usize) -> bool {
         let Some(client) = self.clients.get_mut(index).and_then(Option::as_mut) else {
-            return;
+            return false;
         };
         match receive(client, &mut self.packet[..]) {
-            Packet::Nothing => {}
+            Packet::Nothing => return false,
             Packet::End => self.clients[index] = None,
             Packet::Bytes(length) if client.filters.is_some() => {
                 match self.packet.get(..length).and_then(decode_frame) {
@@ -147,6 +152,7 @@ impl Switch {
                 }
             }
         }
+        true
     }
 
     /// Records a frame and gives it to all others who want it.
@@ -195,7 +201,13 @@ impl Client {
 /// Receives one packet; a longer one than fits shows by its length.
 fn receive(client: &Client, packet: &mut [u8]) -> Packet {
     let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
-    match rustix::net::recv(&client.socket, packet, flags) {
+    let mut receive = || rustix::net::recv(&client.socket, &mut *packet, flags);
+    // Said once of a client that left with frames unread, before what it sent.
+    let received = match receive() {
+        Err(Errno::CONNRESET) => receive(),
+        received => received,
+    };
+    match received {
         Ok((_, 0)) => Packet::End,
         Ok((_, length)) => Packet::Bytes(length),
         Err(Errno::AGAIN | Errno::INTR) => Packet::Nothing,
@@ -211,4 +223,35 @@ fn watch(epoll: &OwnedFd, source: &OwnedFd, name: u64) -> io::Result<()> {
         epoll::EventFlags::IN,
     )?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use rustix::net::{AddressFamily, SocketType, send, socketpair};
+
+    use super::*;
+
+    /// A controller leaves with a command without current, while positions still come.
+    #[test]
+    fn all_that_a_client_sent_is_received_although_it_left_with_frames_unread() {
+        let kind = SocketType::SEQPACKET;
+        let (own, its) = socketpair(AddressFamily::UNIX, kind, SocketFlags::CLOEXEC, None).unwrap();
+        send(&own, b"unread", SendFlags::empty()).unwrap();
+        for said in [&b"first"[..], b"last one"] {
+            send(&its, said, SendFlags::empty()).unwrap();
+        }
+        drop(its);
+        let client = Client {
+            socket: own,
+            filters: None,
+            dropped: 0,
+            dropped_reported: 0,
+        };
+        let mut packet = [0; 16];
+        for length in [5, 8] {
+            let received = receive(&client, &mut packet);
+            assert!(matches!(received, Packet::Bytes(got) if got == length));
+        }
+        assert!(matches!(receive(&client, &mut packet), Packet::End));
+    }
 }
