@@ -88,6 +88,75 @@ fn a_controller_in_c_and_one_in_python_leave_the_same_bytes_in_both_worlds() {
     assert_eq!(settled(&verdicts[0]), settled(&verdicts[1]));
 }
 
+/// Each frame of a log: identifier and data.
+fn frames(log: &str) -> impl Iterator<Item = (&str, &str)> {
+    let words = log.lines().filter_map(|line| line.rsplit(' ').next());
+    words.filter_map(|word| word.split_once('#'))
+}
+
+/// A controller that takes the set-point from frames when it sends the SYNC behind them is the one that computes it from its part.
+#[test]
+fn the_bench_tells_the_set_point_of_the_next_sync() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = new_controller(folder.path(), "python");
+    let log = |scenario: &Path, name: &str| {
+        let (code, said, run) = played(scenario, &scenario.with_file_name(name), SIMULATED);
+        assert!(matches!(code, Some(0 | 1)), "{said}");
+        String::from_utf8(read(&run, "bus.log")).unwrap()
+    };
+    let computed = log(&scenario, "computed");
+    let controller = scenario.with_file_name("controller.py");
+    let source = fs::read_to_string(&controller).unwrap();
+    let mut followed = source.clone();
+    for (from, to) in [
+        ("filters = [", "filters = [0x301, "),
+        (
+            "        if frame.id == HEART",
+            "        if frame.id == 0x301:\n            told = PART.loops[0].set_points.decode(frame.data)\n            self.told = told[\"set_point_millimetres\"]\n        elif frame.id == HEART",
+        ),
+        (
+            "            self.sync_at = self.bus.now_ns\n",
+            "            self.sync_at = self.bus.now_ns\n            self.wanted = getattr(self, \"told\", 0.0)\n",
+        ),
+        (
+            "wanted = PART.loops[0].set_point((self.sync_at - self.zero) / 1e9)",
+            "wanted = self.wanted",
+        ),
+    ] {
+        assert_eq!(followed.matches(from).count(), 1, "{from}");
+        followed = followed.replace(from, to);
+    }
+    fs::write(&controller, followed).unwrap();
+    assert_eq!(log(&scenario, "followed"), computed);
+    fs::write(&controller, source).unwrap();
+
+    let count = |log: &str, wanted: &str| frames(log).filter(|(id, _)| *id == wanted).count();
+    let syncs = count(&computed, "080");
+    assert!(count(&computed, "301").abs_diff(syncs) <= 1, "{syncs}");
+    // 10 and 35 mm, each without a rate.
+    let is_told = |(id, data): (&str, &str)| {
+        id != "301" || ["0000204100000000", "00000C4200000000"].contains(&data)
+    };
+    assert!(frames(&computed).all(is_told));
+    let text = fs::read_to_string(&scenario).unwrap();
+    for (every, least, most) in [(0, 0, 0), (5, syncs / 5 - 20, syncs / 5 + 100)] {
+        let other = scenario.with_file_name(format!("every_{every}.toml"));
+        fs::write(
+            &other,
+            format!("{text}\n[bus]\nset_points_every_cycles = {every}\n"),
+        )
+        .unwrap();
+        let told = count(&log(&other, &every.to_string()), "301");
+        assert!((least..=most).contains(&told), "{every}: {told} of {syncs}");
+    }
+    let (_, listed, _) = output(
+        Command::new(env!("CARGO_BIN_EXE_canrig"))
+            .arg("signals")
+            .arg(&scenario),
+    );
+    assert!(listed.contains("bench_set_point"), "{listed}");
+}
+
 /// Questions for each SYNC that a controller in C answers with its header changed.
 fn questions_a_cycle(change: impl Fn(String) -> String) -> f64 {
     let folder = tempfile::tempdir().unwrap();

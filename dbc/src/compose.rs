@@ -49,6 +49,7 @@ const PLANT_SIGNALS: &str = "drive_tpdo2";
 /// Signals of a plant before the true position.
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
+const FLOAT_BITS: u8 = 32;
 const MILLIMETRES: &str = "mm";
 const AMPERES: &str = "A";
 /// One count of a current of the shipped drive, whose rated current is 1 A, and what its comments say of that.
@@ -348,6 +349,50 @@ impl Composer {
             }
             self.messages.push(message);
         }
+        self
+    }
+
+    /// Adds the set-point of a loop and its rate, by the name of the set-point and the symbols of both units.
+    #[must_use]
+    pub fn with_set_point(
+        mut self,
+        loop_name: &str,
+        identifier: u16,
+        signal: &str,
+        [unit, rate_unit]: [&str; 2],
+    ) -> Self {
+        let rate = format!("{signal}_per_second");
+        let float = |name: &str, unit: &str, start_bit, comment: &str| Signal {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            coding: Coding {
+                start_bit,
+                length_bits: FLOAT_BITS,
+                byte_order: ByteOrder::LittleEndian,
+                kind: Kind::Float32,
+                factor: 1.0,
+                offset: 0.0,
+                range: None,
+                scale: Scale::new(1.0),
+            },
+            labels: Vec::new(),
+            receivers: vec![self.controller.clone()],
+            object: String::new(),
+            comment: comment.to_owned(),
+        };
+        self.messages.push(Message {
+            name: names::set_point(loop_name),
+            raw_id: identifier.into(),
+            length_bytes: 2 * FLOAT_BITS / 8,
+            sender: Some("bench".to_owned()),
+            cycle_time_milliseconds: 0,
+            comment: "From the bench after a SYNC: what the scenario wants at the next one."
+                .to_owned(),
+            signals: vec![
+                float(signal, unit, 0, "Set-point."),
+                float(&rate, rate_unit, FLOAT_BITS, "Its first derivative."),
+            ],
+        });
         self
     }
 

@@ -87,6 +87,15 @@ pub fn terms(controller: &str, loop_name: &str, place: usize) -> String {
     }
 }
 
+/// The name of the message with the set-point of a loop; the loop's name is empty where it is the only one.
+#[must_use]
+pub fn set_point(loop_name: &str) -> String {
+    match loop_name {
+        "" => "bench_set_point".to_owned(),
+        name => format!("bench_{name}_set_point"),
+    }
+}
+
 impl Database {
     /// A signal of a message, both by name.
     ///

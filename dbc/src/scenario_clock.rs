@@ -57,10 +57,15 @@ impl ScenarioClock {
 
     /// The frames that it must receive.
     pub fn filters(&self) -> impl Iterator<Item = Filter> {
+        let sync = Filter::exact(SYNC_COB_ID);
+        [sync].into_iter().chain(self.silent_filters())
+    }
+
+    /// Those of them from which nothing follows before the next SYNC.
+    pub fn silent_filters(&self) -> impl Iterator<Item = Filter> {
         let mask = Filter::exact(0).mask;
         let statuswords = self.drives.iter().map(|drive| drive.statusword.raw_id());
-        let ids = [SYNC_COB_ID.into()].into_iter().chain(statuswords);
-        ids.map(move |id| Filter { id, mask })
+        statuswords.map(move |id| Filter { id, mask })
     }
 
     /// Reads every frame of the bus, in order; `true` when it is a SYNC of the scenario.

@@ -413,6 +413,8 @@ class Loop:
         self.writes: Optional[Layout] = Layout(told["writes"]) if told["writes"] else None
         #: Rows of time in seconds and set-point, with straight lines between them.
         self.rows: Sequence[Tuple[float, float]] = told.get("set_point", [])
+        #: The frame with the set-point of the next SYNC, where the bench sends it.
+        self.set_points: Optional[Layout] = Layout(told["set_points"]) if told.get("set_points") else None
         self._place = 0
 
     def set_point(self, seconds: float) -> float:

@@ -103,7 +103,24 @@ impl BusBudget {
         };
         let loops = plan.loops.iter();
         let of_loops = loops.flat_map(|one| of_loop(controller, &one.nodes.drive.name, one));
-        let mut shares = Vec::from_iter([sync].into_iter().chain(of_loops));
+        let every = plan.set_points_every_cycles();
+        let set_points = every.into_iter().flat_map(|every| {
+            let loops = plan.loops.iter();
+            let names = loops.map(|one| names::set_point(one.name()));
+            let messages = names.filter_map(|name| plan.database().message(&name));
+            let sent = Sent::of(messages);
+            (sent.count > 0).then(|| BusShare {
+                node: "bench".to_owned(),
+                what: format!("set-points ({})", sent.words()),
+                bits: sent.bits,
+                pace: Pace::Cycles {
+                    every,
+                    remainder: 0,
+                },
+            })
+        });
+        let all = [sync].into_iter().chain(of_loops).chain(set_points);
+        let mut shares = Vec::from_iter(all);
         let id = |name: &str| {
             plan.nodes()
                 .find(|node| node.name == name)

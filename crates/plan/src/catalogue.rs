@@ -407,6 +407,7 @@ impl Published {
             second_sdo,
             truth,
             terms,
+            ..
         } = *identifiers;
         let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
         let rename = |name: &str| feedback.measurand.rename(name);

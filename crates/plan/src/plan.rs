@@ -16,6 +16,7 @@ use scenario::sweep::Sweep;
 use scenario::wiring::{IoOutput, LoopOfRig, Measured, Wiring};
 use scenario::{Beside, NodeProgram, Run, Texts, Trial};
 
+use crate::bus_budget::BusBudget;
 use crate::catalogue::{Catalogue, ColumnMessage, Frames, Player, columns, followed, name_of_own};
 use crate::external::{External, no_such_node};
 use crate::loaded_drive::LoadedDrive;
@@ -150,7 +151,19 @@ impl Plan {
                 io.name, one.nodes.drive.name
             ));
         }
-        Ok(plan.composed())
+        let plan = plan.composed();
+        let refused = |why: String| format!("--external {}: {why}", names.join(" --external "));
+        let database = plan.database();
+        database
+            .refuse_duplicates()
+            .map_err(|error| refused(error.to_string()))?;
+        let budget = BusBudget::new(&plan);
+        match plan.set_points_every_cycles() {
+            Some(_) if !budget.fits() => Err(refused(format!(
+                "with the set-points for it, the frames need {budget}; write set_points_every_cycles = 0 into [bus], or a larger number"
+            ))),
+            _ => Ok(plan),
+        }
     }
 
     /// The same with the frames of its loops as they are now.
@@ -281,6 +294,12 @@ impl Plan {
         }
     }
 
+    /// In every how many cycles the bench sends the set-points; none where it does not.
+    #[must_use]
+    pub fn set_points_every_cycles(&self) -> Option<u8> {
+        set_points_every_cycles(&self.loops)
+    }
+
     /// A clock of scenario time that has not begun.
     ///
     /// # Errors
@@ -336,7 +355,29 @@ fn compose(loops: &[ControlLoop]) -> Database {
         let published = &one.frames.published;
         published.compose(composer, &one.trial.wiring, player)
     });
+    let are_sent = set_points_every_cycles(loops).is_some();
+    let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
+    let composer = followers.fold(composer, |composer, one| {
+        let wiring = &one.trial.wiring;
+        let measurand = &wiring.feedback.measurand;
+        let symbol = measurand.unit.symbol();
+        composer.with_set_point(
+            one.name(),
+            wiring.identifiers.set_point,
+            &measurand.rename("set_point_millimetres"),
+            [symbol, &format!("{symbol}/s")],
+        )
+    });
     composer.finish()
+}
+
+/// In every how many cycles the bench sends the set-points of these loops: where nobody says so, in each for somebody else's
+/// controller, who does not know the scenario.
+fn set_points_every_cycles(loops: &[ControlLoop]) -> Option<u8> {
+    let first = loops.first()?;
+    let own = first.trial.run.bus.set_points_every_cycles;
+    let every = own.unwrap_or_else(|| first.is_external(Part::Controller).into());
+    Some(every).filter(|every| *every > 0)
 }
 
 /// The place of a loop's nodes on the bus.
@@ -485,6 +526,12 @@ impl ControlLoop {
         message.ok_or_else(|| SignalMissing::new(&name))
     }
 
+    /// Whether it is given a set-point of its own.
+    #[must_use]
+    pub fn has_set_point(&self) -> bool {
+        self.trial.wiring.led_by.is_none() && !self.trial.reference.is_empty()
+    }
+
     /// The position that it follows.
     ///
     /// # Errors
@@ -560,7 +607,8 @@ impl ControlLoop {
             ..
         } = &self.nodes;
         let mut places = 0..names::TERMS_MAX;
-        is_of(drive, &names::OF_DRIVE, message)
+        names::set_point(self.name()) == message
+            || is_of(drive, &names::OF_DRIVE, message)
             || io.iter().any(|io| is_of(io, &names::OF_IO, message))
             || places.any(|place| names::terms(&controller.name, self.name(), place) == message)
     }

@@ -15,6 +15,11 @@ pub struct Bus {
     /// Time between two SYNCs, a multiple of 0.1 ms.
     #[schemars(range(min = 0.1, max = 100.0), extend("x-multiple-of" = 0.1))]
     pub sync_period_milliseconds: f64,
+    /// Every so many cycles the bench sends the set-point of each loop as a frame; 0 is never. 1 where the controller is a program
+    /// or external, else 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 100))]
+    pub set_points_every_cycles: Option<u8>,
 }
 
 impl Default for Bus {
@@ -22,6 +27,7 @@ impl Default for Bus {
         Self {
             bitrate_kilobits_per_second: 1000,
             sync_period_milliseconds: 1.0,
+            set_points_every_cycles: None,
         }
     }
 }

@@ -19,6 +19,9 @@ const FUNCTION_OFFSET: u16 = 0x80;
 const SDO2_REQUEST: u16 = 0x680;
 const SDO2_ANSWER: u16 = 0x6C0;
 const TRUTH: u16 = 0x6A0;
+/// Less the node-ID of the controller, whose RPDO2 to RPDO4 they would be: the set-points of the first loops. Its RPDO1 would come
+/// before the commands.
+const SET_POINTS: [u16; 3] = [0x300, 0x400, 0x500];
 /// Emergencies and the PDOs of a node, less its node-ID.
 const PREDEFINED: [u16; 9] = [
     0x080, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500,
@@ -37,6 +40,8 @@ pub struct Identifiers {
     pub truth: u16,
     /// The terms of the law.
     pub terms: [u16; TERMS],
+    /// The set-point that the bench sends.
+    pub set_point: u16,
 }
 
 impl Default for Identifiers {
@@ -64,14 +69,20 @@ impl Identifiers {
                 first + 2 * TPDO_DISTANCE,
                 first + 3 * TPDO_DISTANCE,
             ],
+            set_point: match number {
+                0..3 => SET_POINTS[number as usize] + controller as u16,
+                _ => 0,
+            },
         }
     }
 
-    fn all_mut(&mut self) -> [&mut u16; 3 + TERMS] {
+    /// Those of nodes.
+    fn of_nodes_mut(&mut self) -> [&mut u16; 3 + TERMS] {
         let Self {
             second_sdo: [request, answer],
             truth,
             terms: [first, second, third, fourth],
+            ..
         } = self;
         [request, answer, truth, first, second, third, fourth]
     }
@@ -103,7 +114,7 @@ impl Rig {
         }
         let mut homeless: Vec<(u8, &mut u16)> = Vec::new();
         for (drive, identifiers) in &mut all {
-            for identifier in identifiers.all_mut() {
+            for identifier in identifiers.of_nodes_mut() {
                 let is_free = *identifier < BELOW && !is_restricted(*identifier);
                 if !is_free || !taken.insert(*identifier) {
                     homeless.push((*drive, identifier));
@@ -111,14 +122,26 @@ impl Rig {
             }
         }
         homeless.sort_by_key(|(drive, _)| *drive);
-        let mut free = (0..BELOW)
-            .rev()
-            .filter(|id| !is_restricted(*id) && !taken.contains(id));
         for (_, identifier) in homeless {
-            *identifier = free.next().unwrap_or_default();
+            *identifier = take_free(&mut taken);
+        }
+        // After all others, whom they leave where they are on a bus without set-points.
+        for (_, identifiers) in &mut all {
+            let wanted = identifiers.set_point;
+            if is_restricted(wanted) || !taken.insert(wanted) {
+                identifiers.set_point = take_free(&mut taken);
+            }
         }
         for (one, (_, identifiers)) in self.loops.values_mut().zip(all) {
             one.identifiers = identifiers;
         }
     }
+}
+
+/// Takes the highest identifier that is free; 0 where there is none.
+fn take_free(taken: &mut BTreeSet<u16>) -> u16 {
+    let is_free = |id: &u16| !is_restricted(*id) && !taken.contains(id);
+    let free = (0..BELOW).rev().find(is_free).unwrap_or_default();
+    taken.insert(free);
+    free
 }

@@ -1,19 +1,21 @@
 //! The bench's own node on the bus: it commands the disturbance modules of all loops as the scenario says, and gives the orders
-//! that are faults. Beside a real drive it watches the limits of the rig.
+//! that are faults. To a controller that does not know the scenario it tells the set-points. Beside a real drive it watches the
+//! limits of the rig.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
-use dbc::SignalMissing;
-use dbc::names::{ADDED_LOAD, CONVECTION_FACTOR, RPDO1, message as message_name};
+use dbc::names::{ADDED_LOAD, CONVECTION_FACTOR, RPDO1, message as message_name, set_point};
+use dbc::{MessageBuilder, SignalHandle, SignalMissing};
 use plan::{ControlLoop, Plan};
 use scenario::disturbance::Disturbance;
 use scenario::fault::Faults;
 use scenario::node::Part;
 
 use crate::supervisor::Supervisor;
-use dbc::scenario_clock::ScenarioClock;
+use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
+use scenario::reference::Trajectory;
 
 /// Frames for which there is room from the beginning: what stops as many real drives as a rig may have.
 const FRAMES_AT_ONCE: usize = 64;
@@ -25,6 +27,7 @@ pub struct DisturbanceProducer {
     frames: VecDeque<(f64, CanFrame)>,
     /// What it sends now.
     due: VecDeque<CanFrame>,
+    set_points: SetPoints,
     real_drives: Vec<RealDrive>,
     /// The name of the drive that violated a limit first, and which limit.
     violation: Option<(String, String)>,
@@ -52,6 +55,7 @@ impl DisturbanceProducer {
             clock: plan.scenario_clock()?,
             frames: frames.into(),
             due: VecDeque::with_capacity(FRAMES_AT_ONCE),
+            set_points: SetPoints::new(plan)?,
             real_drives: Vec::new(),
             violation: None,
             is_stopped: false,
@@ -95,6 +99,69 @@ impl DisturbanceProducer {
 
     fn is_due(&self, now: Duration) -> bool {
         self.next_deadline().is_some_and(|deadline| deadline <= now)
+    }
+}
+
+/// The set-points that the bench sends, each behind a SYNC for the next one: it acts with the SYNC.
+struct SetPoints {
+    period: Duration,
+    every_cycles: u32,
+    loops: Vec<SentSetPoint>,
+}
+
+struct SentSetPoint {
+    trajectory: Trajectory,
+    frame: MessageBuilder,
+    value: SignalHandle,
+    rate: SignalHandle,
+}
+
+impl SetPoints {
+    fn new(plan: &Plan) -> Result<Self, SignalMissing> {
+        let every_cycles = plan.set_points_every_cycles();
+        let loops = plan.loops.iter();
+        let sent = loops.filter(|one| every_cycles.is_some() && one.has_set_point());
+        Ok(Self {
+            period: plan.sync_period(),
+            every_cycles: every_cycles.unwrap_or(1).into(),
+            loops: sent.map(SentSetPoint::new).collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// The frames behind a SYNC at this time of the scenario: with the values of the next SYNC, before its begin with those of time 0.
+    fn behind_sync(&mut self, time: Option<Duration>) -> impl Iterator<Item = CanFrame> {
+        let cycle = time.map(|time| time.div_duration_f64(self.period).round());
+        let is_due = cycle.is_none_or(|cycle| cycle % f64::from(self.every_cycles) == 0.0);
+        let at_seconds = cycle.map_or(0.0, |cycle| (cycle + 1.0) * self.period.as_secs_f64());
+        let due = self.loops.iter_mut().filter(move |_| is_due);
+        due.map(move |one| one.frame(at_seconds))
+    }
+}
+
+impl SentSetPoint {
+    fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
+        let message = set_point(one.name());
+        let value = one
+            .trial
+            .wiring
+            .feedback
+            .measurand
+            .rename("set_point_millimetres");
+        let database = &one.database;
+        let frame = database.builder(&message);
+        Ok(Self {
+            trajectory: one.trial.reference.trajectory(),
+            frame: frame.ok_or_else(|| SignalMissing::new(&message))?,
+            value: database.signal_of(&message, &value)?,
+            rate: database.signal_of(&message, &format!("{value}_per_second"))?,
+        })
+    }
+
+    fn frame(&mut self, at_seconds: f64) -> CanFrame {
+        let wanted = self.trajectory.at(at_seconds);
+        self.frame.set(&self.value, wanted.position);
+        self.frame.set(&self.rate, wanted.velocity);
+        self.frame.frame()
     }
 }
 
@@ -192,14 +259,26 @@ impl Node for DisturbanceProducer {
         for drive in &self.real_drives {
             filters.extend(drive.supervisor.iter().flat_map(Supervisor::filters));
         }
-        if !self.frames.is_empty() || !self.real_drives.is_empty() {
+        let has_orders = !self.frames.is_empty() || !self.set_points.loops.is_empty();
+        if has_orders || !self.real_drives.is_empty() {
             filters.extend(self.clock.filters());
         }
         filters
     }
 
+    fn silent_filters(&self) -> Vec<Filter> {
+        match self.real_drives.is_empty() {
+            true => self.clock.silent_filters().collect(),
+            false => Vec::new(),
+        }
+    }
+
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.clock.on_frame(now, frame);
+        if frame.standard_id() == Some(SYNC_COB_ID) && !self.is_stopped {
+            let time = self.clock.scenario_time(now);
+            self.due.extend(self.set_points.behind_sync(time));
+        }
         self.watch_limits(now, frame);
     }
 

@@ -1,6 +1,7 @@
 //! The part of a plan that a program may know: its node, the bus, and of each loop the frames, the limits and the set-point. Nothing of
 //! the plant, of disturbances, faults and limits of the verdict.
 
+use dbc::names;
 use dbc::{ByteOrder, Kind, Message, Signal, SignalHandle};
 use plan::{ControlLoop, Plan};
 use scenario::node::{Node, Part};
@@ -53,6 +54,8 @@ fn of_loop(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
         );
         let spacing = period.max(end / ROWS_MAX);
         told["set_point"] = json!(one.trial.reference.trajectory().rows(end, spacing));
+        let message = plan.database().message(&names::set_point(one.name()));
+        told["set_points"] = layout_of(message);
     }
     told
 }
@@ -62,7 +65,11 @@ fn frame(plan: &Plan, signal: Option<SignalHandle>) -> Value {
     let messages = plan.database().messages().iter();
     let id = signal.map(|signal| signal.raw_id());
     let mut messages = messages.filter(|message| Some(message.raw_id) == id);
-    messages.next().map_or(Value::Null, |message| {
+    layout_of(messages.next())
+}
+
+fn layout_of(message: Option<&Message>) -> Value {
+    message.map_or(Value::Null, |message| {
         let Message {
             raw_id,
             length_bytes,

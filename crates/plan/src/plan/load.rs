@@ -181,7 +181,7 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
     }
     let way_out = match budget.period_milliseconds_min() {
         Some(period) => format!(
-            "write sync_period_milliseconds = {period:.1} into [bus], or publish the truth less often (truth_every_cycles)"
+            "write sync_period_milliseconds = {period:.1} into [bus], or publish the truth less often (truth_every_cycles), or the set-points (set_points_every_cycles)"
         ),
         None => "no period would do: raise bitrate_kilobits_per_second in [bus]".to_owned(),
     };
