@@ -117,7 +117,7 @@ def check(scenario: StrPath, values: Optional[Values] = None) -> None:
 
     Raises :class:`canrig.CannotStart`, whose text underlines what is wrong.
     """
-    _succeed(call(["check", *_overrides(values), "--", os.fspath(scenario)]))
+    _succeed(call(["check", *_overrides(values), _argument(scenario)]))
 
 
 def examples() -> Dict[str, str]:
