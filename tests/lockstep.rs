@@ -11,6 +11,7 @@ use sha2::{Digest, Sha256};
 use worlds::lockstep::Role;
 
 use crate::net::judged_again;
+use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, root, runs, scenario};
 
 /// The files that must be the same to the byte.
@@ -381,6 +382,31 @@ fn two_axes_leave_the_same_bytes_as_processes() {
 #[test]
 fn two_drives_on_one_plant_leave_the_same_bytes_as_processes() {
     is_alike_in_processes(&scenario("sma_pair_step.toml"));
+}
+
+/// The fault finds its process, and messages its name.
+#[test]
+fn a_controller_with_another_name_is_a_process_of_that_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = fs::read_to_string(root().join("scenarios/rigs/dc_motor.toml")).unwrap();
+    assert!(rig.contains("[node.controller]"), "{rig}");
+    let rig = rig.replace("[node.controller]", "[node.hand]");
+    fs::write(folder.path().join("rig.toml"), rig).unwrap();
+    let scenario = folder.path().join("crash.toml");
+    let text = "schema = 1\nrig = \"rig.toml\"\nname = \"crash\"\nduration_seconds = 1.0\n[controller.pid]\n\
+                [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+                [[fault.node.crash]]\nfrom_seconds = 0.5\nnode = \"hand\"\n";
+    fs::write(&scenario, text).unwrap();
+    for world in [&["--clock", "lockstep"][..], &["--bus", "embedded"]] {
+        in_real_time(|| {
+            let runs = tempfile::tempdir().unwrap();
+            let mut run = canrig(runs.path(), "run");
+            let (_, stdout, stderr) = output(run.args(world).arg(&scenario));
+            let lost = "loss: no SYNC from hand from here on";
+            assert!(stdout.contains(lost), "{stdout}{stderr}");
+            assert!(!stdout.contains("from controller"), "{stdout}");
+        });
+    }
 }
 
 #[track_caller]

@@ -88,6 +88,69 @@ fn a_controller_in_c_and_one_in_python_leave_the_same_bytes_in_both_worlds() {
     assert_eq!(settled(&verdicts[0]), settled(&verdicts[1]));
 }
 
+/// The files of `tests/data/programs`: a drive and a fan in Python, and a scenario for both.
+fn drive_and_fan(folder: &Path) -> PathBuf {
+    let data = root().join("tests/data/programs");
+    for entry in fs::read_dir(data).unwrap() {
+        let path = entry.unwrap().path();
+        fs::copy(&path, folder.join(path.file_name().unwrap())).unwrap();
+    }
+    for (from, to) in [
+        ("tests/foreign/servo.eds", "servo.eds"),
+        ("python/canrig/node.py", "canrig_node.py"),
+    ] {
+        fs::copy(root().join(from), folder.join(to)).unwrap();
+    }
+    folder.join("step.toml")
+}
+
+#[test]
+fn a_drive_and_an_io_node_may_be_programs() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = drive_and_fan(folder.path());
+    let mut logs = Vec::new();
+    for (number, world) in [SIMULATED, IN_LOCKSTEP].into_iter().enumerate() {
+        let (code, said, run) = played(&scenario, &folder.path().join(number.to_string()), world);
+        assert_eq!(code, Some(0), "{said}");
+        let set = String::from_utf8(read(&run, "fan.log")).unwrap();
+        let set = Vec::from_iter(set.lines().filter_map(|line| line.split_once(' ')));
+        // A factor of 5 and of 1, in thousandths.
+        assert_eq!(
+            set.iter().map(|one| one.1).collect::<Vec<_>>(),
+            ["88130000", "e8030000"]
+        );
+        logs.push(["bus.log", "signals.csv"].map(|name| read(&run, name)));
+    }
+    assert!(logs[0] == logs[1]);
+}
+
+/// The limits of a real drive are watched in every world.
+#[test]
+fn a_program_that_leaves_the_limits_of_its_drive_is_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = drive_and_fan(folder.path());
+    let mut logs = Vec::new();
+    for (number, world) in [SIMULATED, IN_LOCKSTEP].into_iter().enumerate() {
+        let runs = folder.path().join(number.to_string());
+        let mut canrig = canrig(&runs, world[0]);
+        canrig.env("DRIVE_JUMPS_TO_MILLIMETRES", "50");
+        let (code, stdout, stderr) = output(canrig.arg(&scenario).args(&world[1..]));
+        let said = Vec::from_iter((stdout + &stderr).split_whitespace()).join(" ");
+        assert_eq!(code, Some(1), "{said}");
+        assert!(
+            said.contains("canrig stopped the drive: limit of the rig"),
+            "{said}"
+        );
+        let log = String::from_utf8(read(&only_run(&runs), "bus.log")).unwrap();
+        assert!(
+            frames(&log).any(|frame| frame == ("000", "0220")),
+            "NMT Stop"
+        );
+        logs.push(log);
+    }
+    assert_eq!(logs[0], logs[1]);
+}
+
 /// Each frame of a log: identifier and data.
 fn frames(log: &str) -> impl Iterator<Item = (&str, &str)> {
     let words = log.lines().filter_map(|line| line.rsplit(' ').next());

@@ -147,7 +147,8 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
 ];
 
 /// Rooms that get a plan as a whole.
-const BEHIND_THE_PLAN: [&str; 8] = [
+const BEHIND_THE_PLAN: [&str; 9] = [
+    "worlds",
     "recording",
     "judge",
     "report",
@@ -450,7 +451,6 @@ fn behind_the_plan_no_loop_and_no_node_is_another_than_the_others() {
         "nodes.first()",
         "drives[0]",
         "drives.first()",
-        "\"drive\"",
     ];
     let is_test = |path: &Path| {
         let path = path.to_string_lossy();
@@ -460,11 +460,16 @@ fn behind_the_plan_no_loop_and_no_node_is_another_than_the_others() {
         for name in one_of_several {
             must_not_name(package, name, is_test);
         }
-        // The name of the process that plays the controller, and of a table of scenarios.
+        // A kind of node, a check of the pre-flight, or a table of scenarios.
         let is_no_node = |path: &Path| {
             let is_test = is_test(path);
             let path = path.to_string_lossy();
             let files = [
+                "worlds/src/child.rs",
+                "worlds/src/part.rs",
+                "preflight/mod.rs",
+                "preflight/interview.rs",
+                "preflight/heating.rs",
                 "stalls.rs",
                 "timing.rs",
                 "identify/played.rs",
@@ -474,7 +479,9 @@ fn behind_the_plan_no_loop_and_no_node_is_another_than_the_others() {
             ];
             is_test || files.iter().any(|file| path.ends_with(file))
         };
-        must_not_name(package, "\"controller\"", is_no_node);
+        for node in ["\"controller\"", "\"drive\""] {
+            must_not_name(package, node, is_no_node);
+        }
     }
 }
 

@@ -15,7 +15,7 @@ use recording::log::Stamped;
 
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
-use crate::names::{CONTROLLER, emulator_name};
+use crate::names::emulator_name;
 
 /// A bus that was in such a state so shortly before the end is why a node gave up.
 const BUS_TROUBLE: Duration = Duration::from_secs(1);
@@ -215,9 +215,9 @@ impl<'a> Seen<'a> {
     }
 
     fn silent(&self, node: &str, silence: Duration) -> EarlyEnd {
-        let last = match node {
-            CONTROLLER => self.last_sync(),
-            drive => self.last_position(drive),
+        let last = match node == self.plan.controller().name {
+            true => self.last_sync(),
+            false => self.last_position(node),
         };
         let since = last.and_then(|last| self.seconds(last)).unwrap_or_default();
         EarlyEnd {
@@ -247,7 +247,7 @@ impl<'a> Seen<'a> {
                 "not heard at all within {seconds} s: no SYNC, no NMT, no heartbeat 0x{heartbeat:03X}; is it running, and on this bus?"
             ),
         };
-        self.end(CONTROLLER, None, what)
+        self.end(&self.plan.controller().name, None, what)
     }
 
     fn controller_id(&self) -> u16 {
@@ -256,7 +256,8 @@ impl<'a> Seen<'a> {
 
     /// A node that gave up by itself; of a controller that gave a drive up, the drive.
     fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
-        let given_up = self.drive_given_up().filter(|_| name == CONTROLLER);
+        let given_up = self.drive_given_up();
+        let given_up = given_up.filter(|_| name == self.plan.controller().name);
         let Some((drive, given_up)) = given_up else {
             let what = format!("{how}{}{log}", self.when());
             let node = self.node(name);
@@ -363,7 +364,7 @@ mod tests {
             frames: &frames,
             zero: Some(Duration::from_millis(10)),
         };
-        let end = seen.gave_up(CONTROLLER, "ended", "");
+        let end = seen.gave_up("controller", "ended", "");
         assert_eq!(end.node.as_deref(), Some("drive"));
         assert_eq!(
             (end.since_seconds, end.at_seconds),

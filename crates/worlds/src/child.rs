@@ -16,7 +16,7 @@ use tokio::time::{sleep, timeout};
 
 use crate::error::{Doing, WorldError};
 use crate::law_process::{folder_of, indented, more_patience};
-use crate::names::{CONTROLLER, PLANT_EMULATOR};
+use crate::names::PLANT_EMULATOR;
 use crate::programs::{ProgramOrder, StartedProgram};
 use plan::Plan;
 use recording::run_folder::RunFolder;
@@ -215,8 +215,10 @@ impl OwnProcess {
         let log = folder.path().join(format!("{name}.log"));
         let output = File::create(&log).map_err(fault)?;
         let mut command = process::myself().map_err(fault)?;
+        let is_controller = name == plan.controller().name;
         let role = match name {
-            CONTROLLER | PLANT_EMULATOR => &[name][..],
+            _ if is_controller => &["controller"][..],
+            PLANT_EMULATOR => &[PLANT_EMULATOR],
             plant => &[PLANT_EMULATOR, "--plant", plant],
         };
         command
@@ -225,7 +227,7 @@ impl OwnProcess {
             .arg("--scenario")
             .arg(folder.scenario());
         let mut end_patience = END_PATIENCE;
-        if name == CONTROLLER {
+        if is_controller {
             command.arg("--laws-in").arg(folder_of(plan));
             end_patience += more_patience(plan)[1];
         }

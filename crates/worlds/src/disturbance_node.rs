@@ -13,6 +13,7 @@ use scenario::disturbance::Disturbance;
 use scenario::fault::Faults;
 use scenario::node::Part;
 
+use crate::error::WorldError;
 use crate::supervisor::Supervisor;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use scenario::reference::Trajectory;
@@ -35,7 +36,8 @@ pub struct DisturbanceProducer {
 }
 
 impl DisturbanceProducer {
-    /// The bench's node on the bus of these loops, which has sent nothing.
+    /// The bench's node on the bus of these loops, which has sent nothing. At the first violation of a limit of a real drive it stops
+    /// all real drives.
     ///
     /// # Errors
     /// The database lacks a signal.
@@ -51,30 +53,23 @@ impl DisturbanceProducer {
         }
         frames.extend(stop_orders(&plan.shared.run.faults));
         frames.sort_by(|left, right| left.0.total_cmp(&right.0));
+        let loops = plan.loops.iter();
+        let real_drives = loops.filter(|one| one.is_external(Part::Drive));
         Ok(Self {
             clock: plan.scenario_clock()?,
             frames: frames.into(),
             due: VecDeque::with_capacity(FRAMES_AT_ONCE),
             set_points: SetPoints::new(plan)?,
-            real_drives: Vec::new(),
+            real_drives: real_drives.map(RealDrive::new).collect(),
             violation: None,
             is_stopped: false,
         })
     }
 
-    /// The same with a watch over the limits of each real drive. At the first violation all real drives are stopped.
-    #[must_use]
-    pub(crate) fn watching_real_drives(mut self, plan: &Plan) -> Self {
-        let is_real = |one: &&ControlLoop| one.is_external(Part::Drive);
-        let drives = plan.loops.iter().filter(is_real).map(RealDrive::new);
-        self.real_drives = drives.collect();
-        self
-    }
-
-    /// The name of the drive that violated a limit.
-    pub(crate) fn violating_drive(&self) -> Option<&str> {
-        let (drive, _) = self.violation.as_ref()?;
-        Some(drive)
+    /// The violation of a limit after which it stopped all real drives.
+    pub(crate) fn violation(&self) -> Option<WorldError> {
+        let (drive, violation) = self.violation.clone()?;
+        Some(WorldError::Violation { drive, violation })
     }
 
     fn stop_drives(&mut self) {
@@ -354,8 +349,7 @@ mod tests {
     fn a_violated_limit_stops_all_real_drives_at_once_and_only_once() {
         let mut plan = real(0x10);
         plan.loops.extend(real(0x12).loops);
-        let bench = DisturbanceProducer::new(&plan).unwrap();
-        let mut bench = bench.watching_real_drives(&plan);
+        let mut bench = DisturbanceProducer::new(&plan).unwrap();
         let stop = [
             CanFrame::new(0x210, &[2, 0, 0, 0]),
             CanFrame::new(0x000, &[2, 0x10]),

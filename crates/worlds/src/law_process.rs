@@ -40,6 +40,8 @@ const CLOSED: &str = "closed its channel";
 /// Where the processes of laws run, and how time passes there.
 #[derive(Clone, Debug)]
 pub struct LawPlace {
+    /// The controller that has them.
+    pub controller: String,
     /// Their working directory: the folder of the scenario.
     pub folder: PathBuf,
     /// The folder of what they print; it is not kept if `None`.
@@ -57,6 +59,7 @@ impl LawPlace {
     #[must_use]
     pub fn of(plan: &Plan) -> Self {
         Self {
+            controller: plan.controller().name.clone(),
             folder: folder_of(plan),
             logs: None,
             is_real_time: false,

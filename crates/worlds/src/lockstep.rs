@@ -16,7 +16,7 @@ use crate::coordinator::{Coordinator, CoordinatorError, Wire};
 use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
 use crate::law_process::LawPlace;
-use crate::names::{self, BENCH, CONTROLLER};
+use crate::names::{self, BENCH};
 use crate::nodes;
 use crate::played::End;
 use crate::programs::{Guests, Hosting, Seated};
@@ -125,15 +125,29 @@ fn play_here(
     let emulators = emulators.iter_mut();
     let mut emulators =
         Vec::from_iter(emulators.map(|(name, node)| Local::new(*name, &mut **node)));
-    let mut bench = Local::new(BENCH, &mut bench);
+    let mut seat = Local::new(BENCH, &mut bench);
     let controller = controller.as_mut();
-    let mut controller = controller.map(|node| Local::new(CONTROLLER, &mut **node));
+    let mut controller = controller.map(|node| Local::new(&plan.controller().name, &mut **node));
     let drives = emulators.iter_mut();
     let drives = drives.map(|one| Role::plant(plan, one));
     let controller = controller.as_mut().map(|one| Role::controller(one));
     let mut guests = guests.participants();
-    let roles = in_order(drives, &mut guests, &mut bench, controller);
-    play(plan, roles, capture, None)
+    let roles = in_order(drives, &mut guests, &mut seat, controller);
+    let played = play(plan, roles, capture, None);
+    or_violation(played, &bench)
+}
+
+/// The end of a run, or the violation of a limit for which the bench's own node gave up.
+pub(crate) fn or_violation(
+    played: Result<End, WorldError>,
+    bench: &DisturbanceProducer,
+) -> Result<End, WorldError> {
+    match (played, bench.violation()) {
+        (Err(WorldError::Coordinator(CoordinatorError::Failed { .. })), Some(violation)) => {
+            Err(violation)
+        }
+        (played, _) => played,
+    }
 }
 
 /// The participants in the order in which they are asked: drives, canrig's own node, the controller, each where it is.

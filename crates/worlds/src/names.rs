@@ -3,11 +3,8 @@
 use plan::{ControlLoop, Plan};
 use scenario::node::Part;
 
-pub(crate) const CONTROLLER: &str = "controller";
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
 pub(crate) const BENCH: &str = "bench";
-/// What the plant emulator plays, and a real one is.
-pub(crate) const DRIVE: &str = "drive";
 
 /// The names of the participants that emulate the plants whose drives are canrig's.
 pub(crate) fn own_emulators(plan: &Plan) -> Vec<&str> {

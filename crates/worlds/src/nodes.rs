@@ -11,7 +11,7 @@ use scenario::ControllerView;
 
 use crate::error::WorldError;
 use crate::law_process::LawPlace;
-use crate::names::{CONTROLLER, emulator_name};
+use crate::names::emulator_name;
 use plan::Plan;
 use plan::loaded_drive::LoadedDrive;
 
@@ -71,7 +71,7 @@ pub fn controller_of(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNo
         (view, real.map(|drive| (&drive.real, drive.eds.as_str())))
     });
     ControllerNode::of_loops(loops, &|part| laws.start(part)).map_err(|error| WorldError::Node {
-        name: CONTROLLER.to_owned(),
+        name: laws.controller.clone(),
         reason: error.to_string(),
     })
 }

@@ -7,7 +7,7 @@ use faults::FaultKind;
 use plan::Plan;
 use scenario::node::Part;
 
-use crate::programs::{faults_at, participant_name};
+use crate::programs::faults_at;
 
 /// What is done to a process to play a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,9 +37,8 @@ impl ProcessFaults {
                     FaultKind::Hang => (ProcessAction::Suspend, ProcessAction::Resume),
                     _ => continue,
                 };
-                let name = participant_name(node);
-                actions.push((fault.from, name.to_owned(), begin));
-                actions.push((fault.until, name.to_owned(), end));
+                actions.push((fault.from, node.name.clone(), begin));
+                actions.push((fault.until, node.name.clone(), end));
             }
         }
         actions.sort_by_key(|(time, ..)| *time);

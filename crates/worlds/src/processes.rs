@@ -18,7 +18,7 @@ use crate::error::WorldError;
 use crate::fmu_plant::more_patience;
 use crate::law_process;
 use crate::lockstep::{self, Role};
-use crate::names::{self, BENCH, CONTROLLER};
+use crate::names::{self, BENCH};
 use crate::played::{End, Played};
 use crate::programs::{Guests, Hosting};
 use plan::Plan;
@@ -35,27 +35,31 @@ pub(super) struct Stopped {
 }
 
 /// The nodes that are processes of their own, the manager last; without those that are somebody else's.
-pub(super) struct Processes(Vec<NodeProcess>);
+pub(super) struct Processes {
+    all: Vec<NodeProcess>,
+    manager: String,
+}
 
 impl Processes {
-    pub(super) fn new(processes: Vec<NodeProcess>) -> Self {
-        Self(processes)
+    pub(super) fn new(all: Vec<NodeProcess>, plan: &Plan) -> Self {
+        let manager = plan.controller().name.clone();
+        Self { all, manager }
     }
 
     pub(super) fn iter(&self) -> impl Iterator<Item = &NodeProcess> {
-        self.0.iter()
+        self.all.iter()
     }
 
     /// The process of a node, unless the node is somebody else's.
     pub(super) fn get_mut(&mut self, name: &str) -> Option<&mut NodeProcess> {
-        let mut processes = self.0.iter_mut();
+        let mut processes = self.all.iter_mut();
         processes.find(|process| process.name() == name)
     }
 
     /// Waits until one of them ends before its time; the error that says so.
     pub(super) async fn early_end(&mut self) -> WorldError {
         let mut ends: Vec<_> = self
-            .0
+            .all
             .iter_mut()
             .rev()
             .map(|process| Box::pin(process.early_end()))
@@ -84,17 +88,18 @@ impl Processes {
 
     /// Stops the manager.
     pub(super) async fn stop_manager(&mut self) -> Vec<Stopped> {
-        self.stop_those(|name| name == CONTROLLER).await
+        self.stop_those(true).await
     }
 
     /// Stops all but the manager.
     pub(super) async fn stop_others(&mut self) -> Vec<Stopped> {
-        self.stop_those(|name| name != CONTROLLER).await
+        self.stop_those(false).await
     }
 
-    async fn stop_those(&mut self, is_one: impl Fn(&str) -> bool) -> Vec<Stopped> {
+    async fn stop_those(&mut self, are_managers: bool) -> Vec<Stopped> {
         let mut stopped = Vec::new();
-        let those = self.0.iter_mut().filter(|process| is_one(process.name()));
+        let is_one = |process: &NodeProcess| (process.name() == self.manager) == are_managers;
+        let those = self.all.iter_mut().filter(|process| is_one(process));
         for process in those.rev() {
             let (report, ended) = process.stop().await;
             stopped.push(Stopped {
@@ -129,6 +134,8 @@ pub fn in_lockstep(
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<Played, WorldError> {
+    // Before any process is started: it inherits the processor.
+    let _here = OneProcessor::stay();
     let played = Guests::seat(plan, hosting).and_then(|mut guests| {
         let played = play(plan, folder, &mut guests, capture, bus);
         guests.finish(played)
@@ -157,14 +164,14 @@ fn play(
             (Some(private.join(&[])?), Some(address), Some(private))
         }
     };
-    let _here = OneProcessor::stay();
     let runtime = runtime()?;
     let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
     let emulators = names::own_emulators(plan);
     let count = emulators.len();
-    let controller = (!plan.is_external(plan.controller())).then_some(CONTROLLER);
+    let controller = plan.controller();
+    let controller = (!plan.is_external(controller)).then_some(controller.name.as_str());
     for name in emulators.into_iter().chain(controller) {
         let (ours, theirs) = channel().map_err(|source| WorldError::Spawn {
             name: name.to_owned(),
@@ -174,7 +181,7 @@ fn play(
         processes.push(process);
         channels.push((name, ours));
     }
-    let mut processes = Processes::new(processes);
+    let mut processes = Processes::new(processes, plan);
     let played = (|| -> Result<End, WorldError> {
         let mut remotes = Vec::new();
         let patience = ANSWER_PATIENCE + more_patience(plan) + law_process::more_patience(plan)[0];
@@ -183,15 +190,16 @@ fn play(
             remotes.push(remote.map_err(CoordinatorError::from)?);
         }
         let mut bench = DisturbanceProducer::new(plan)?;
-        let mut bench = Local::new(BENCH, &mut bench);
+        let mut seat = Local::new(BENCH, &mut bench);
         let (emulators, manager) = remotes.split_at_mut(count);
         let drives = emulators.iter_mut();
         let drives = drives.map(|one| Role::plant(plan, one));
         let manager = manager.first_mut().map(|one| Role::controller(one));
         let mut guests = guests.participants();
-        let roles = lockstep::in_order(drives, &mut guests, &mut bench, manager);
+        let roles = lockstep::in_order(drives, &mut guests, &mut seat, manager);
         let wire = wire.as_mut().map(|wire| &mut **wire as &mut dyn Bus);
-        lockstep::play(plan, roles, capture, wire)
+        let played = lockstep::play(plan, roles, capture, wire);
+        lockstep::or_violation(played, &bench)
     })();
     runtime.block_on(with_end(played, &mut processes))
 }

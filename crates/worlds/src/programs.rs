@@ -20,7 +20,6 @@ use tempfile::NamedTempFile;
 use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
 use crate::law_process::{CLOSED_PATIENCE, indented};
-use crate::names::CONTROLLER;
 use crate::part;
 use plan::Plan;
 
@@ -63,14 +62,6 @@ pub(crate) struct ProgramOrder {
     patience: Option<Duration>,
 }
 
-/// The name of a node among the participants of a run.
-pub(crate) fn participant_name(node: &Node) -> &str {
-    match node.part {
-        Part::Controller => CONTROLLER,
-        _ => &node.name,
-    }
-}
-
 impl ProgramOrder {
     /// Orders for all nodes that canrig does not play itself: drives, io nodes, the controller.
     pub(crate) fn all(plan: &Plan, logs: Option<&Path>, patience: Option<Duration>) -> Vec<Self> {
@@ -99,7 +90,7 @@ impl ProgramOrder {
 
     /// Its name among the participants.
     pub(crate) fn name(&self) -> &str {
-        participant_name(&self.node)
+        &self.node.name
     }
 
     /// Whether canrig starts it.
@@ -497,8 +488,8 @@ impl Guests {
             match guest {
                 Guest::Plain(node) => (node.order.node.clone(), Seated::Plain(&mut node.remote)),
                 Guest::Faulty(faulty, node) => {
-                    let name = participant_name(node).to_owned();
-                    (node.clone(), Seated::Asked(Local::new(name, &mut **faulty)))
+                    let seat = Local::new(&node.name, &mut **faulty);
+                    (node.clone(), Seated::Asked(seat))
                 }
             }
         }

@@ -15,7 +15,7 @@ use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
 use crate::fmu_plant::more_patience;
 use crate::law_process;
-use crate::names::{BENCH, CONTROLLER, DRIVE, own_emulators};
+use crate::names::{BENCH, own_emulators};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, Stopped, runtime};
@@ -49,7 +49,7 @@ pub fn play(
     let _entered = runtime.enter();
     let mut processes = start_nodes(plan, folder, connection)?;
     let stalls = StallRecorder::start(plan, &processes)?;
-    let mut bench = DisturbanceProducer::new(plan)?.watching_real_drives(plan);
+    let mut bench = DisturbanceProducer::new(plan)?;
     let mut bus = connection.join(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
     let mut stopper = Some(stopper);
@@ -93,15 +93,13 @@ pub fn play(
         .as_ref()
         .map(|report| Vec::from_iter(report.sent_frames()));
     let by_bench = by_bench.unwrap_or_default();
-    let end = match ended {
-        Err(RunError::Node(violation)) => Err(WorldError::Violation {
-            drive: bench.violating_drive().unwrap_or(DRIVE).to_owned(),
-            violation,
-        }),
-        ended => end.and_then(|end| ended.map(|_| end).map_err(WorldError::Bench)),
+    let end = match (ended, bench.violation()) {
+        (Err(RunError::Node(_)), Some(violation)) => Err(violation),
+        (ended, _) => end.and_then(|end| ended.map(|_| end).map_err(WorldError::Bench)),
     };
     let (end, mut reports) = with_reports(end, stopped);
-    if let Some(controller) = reports.get_mut(CONTROLLER)
+    let controller = plan.controller().name.as_str();
+    if let Some(controller) = reports.get_mut(controller)
         && plan.shared.run.faults.of("hang").next().is_some()
     {
         // Suspended on purpose, a loop wakes up late.
@@ -110,7 +108,7 @@ pub fn play(
     let stalls = stalls.finish(connection, &mut reports);
     let sent = sent(plan, &mut reports, by_bench);
     let end = end.or_else(|error| end_by_node(error, plan, capture).map(End::ByNode))?;
-    let controller = reports.remove(CONTROLLER);
+    let controller = reports.remove(controller);
     Ok(Played {
         end,
         host: Some(Host {
@@ -131,14 +129,15 @@ fn sent(
     by_bench: Vec<(u16, u64)>,
 ) -> Sent {
     let is_killed = plan.shared.run.faults.of("crash").next().is_some();
+    let controller = plan.controller().name.as_str();
     let nodes = reports.iter_mut().map(|(name, report)| {
         let sent = std::mem::take(&mut report.sent);
         (name.as_str(), sent)
     });
     let nodes =
-        nodes.filter(|(name, frames)| !frames.is_empty() && (!is_killed || *name != CONTROLLER));
+        nodes.filter(|(name, frames)| !frames.is_empty() && (!is_killed || *name != controller));
     let mut nodes = Vec::from_iter(nodes);
-    if nodes.iter().any(|(name, _)| *name == CONTROLLER) {
+    if nodes.iter().any(|(name, _)| *name == controller) {
         nodes.push((BENCH, by_bench));
     }
     let mut sent = Vec::new();
@@ -161,7 +160,7 @@ fn start_nodes(
     // One controller leads all loops.
     let controller = (plan.loops.iter())
         .all(|one| one.is_ours(Part::Controller))
-        .then_some(CONTROLLER);
+        .then_some(plan.controller().name.as_str());
     let address = connection.address();
     let spawn = |name| NodeProcess::spawn(name, plan, folder, Some(address), None);
     let own = own_emulators(plan).into_iter().chain(controller).map(spawn);
@@ -171,7 +170,7 @@ fn start_nodes(
             processes.push(NodeProcess::start(order, address)?);
         }
     }
-    Ok(Processes::new(processes))
+    Ok(Processes::new(processes, plan))
 }
 
 /// Waits until the bench's own node has ended: it has stopped the drive, or failed.
@@ -213,7 +212,7 @@ fn with_reports(
 /// What a node reported of itself at its end.
 fn read_report(name: &str, text: &str) -> NodeReport {
     serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
-        refused: vec![format!("the {name} gave no report of its timing")],
+        refused: vec![format!("{name} gave no report of its timing")],
         ..NodeReport::default()
     })
 }

@@ -9,7 +9,6 @@ use recording::capture::Capture;
 use recording::log::Stamped;
 
 use crate::error::WorldError;
-use crate::names::CONTROLLER;
 
 /// A node without a frame for so long is gone.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
@@ -18,6 +17,7 @@ const PERIODS_MAX: u32 = 20;
 
 /// When SYNC, the positions and any frame came last, on the bench's clock: the stamps of frames may be stepped.
 pub(super) struct SilenceWatch {
+    controller: String,
     drives: Vec<Drive>,
     limit: Duration,
     /// Without faults a node may not be silent; with them, somebody must be heard.
@@ -45,6 +45,7 @@ impl SilenceWatch {
             })
         });
         Ok(Self {
+            controller: plan.controller().name.clone(),
             drives: drives.collect::<Result<_, _>>()?,
             limit: SILENCE_MAX.max(PERIODS_MAX * period),
             is_sound: !plan.has_faults(),
@@ -64,11 +65,12 @@ impl SilenceWatch {
         self.taken = taken;
         let is_silent = |last: Duration| now.saturating_sub(last) > self.limit;
         let silent_drive = || self.drives.iter().find(|drive| is_silent(drive.heard));
+        let controller = self.controller.as_str();
         let silent = match (capture.zero(), self.is_sound) {
             (None, _) => None,
-            (Some(_), true) if is_silent(self.sync) => Some(CONTROLLER),
+            (Some(_), true) if is_silent(self.sync) => Some(controller),
             (Some(_), true) => silent_drive().map(|drive| drive.name.as_str()),
-            (Some(_), false) => Some(CONTROLLER).filter(|_| is_silent(self.any)),
+            (Some(_), false) => Some(controller).filter(|_| is_silent(self.any)),
         };
         match silent {
             None => Ok(()),

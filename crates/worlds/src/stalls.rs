@@ -11,7 +11,7 @@ use recording::stalls::{Stall, What, Who};
 use crate::bus_connection::BusConnection;
 use crate::child::NodeProcess;
 use crate::error::WorldError;
-use crate::names::{BENCH, CONTROLLER};
+use crate::names::BENCH;
 use crate::processes::Processes;
 
 /// The thread that carries the frames of an embedded bus.
@@ -20,6 +20,7 @@ const HUB_THREAD: &str = "hub";
 /// The watch over the machine during one run.
 pub(super) struct StallRecorder {
     watch: StallWatch<Who>,
+    controller: String,
     /// Half a SYNC period: what takes less makes no cycle miss.
     longer_than: Duration,
 }
@@ -34,7 +35,11 @@ impl StallRecorder {
             source,
         })?;
         watch.own_thread(Who::Bus, HUB_THREAD);
-        let recorder = Self { watch, longer_than };
+        let recorder = Self {
+            watch,
+            controller: plan.controller().name.clone(),
+            longer_than,
+        };
         for process in processes.iter() {
             recorder.watch(process);
         }
@@ -44,7 +49,8 @@ impl StallRecorder {
     /// Watches a node's process, too.
     pub(super) fn watch(&self, process: &NodeProcess) {
         if let Some(number) = process.number() {
-            self.watch.process(who(process.name()), number);
+            self.watch
+                .process(who(process.name(), &self.controller), number);
         }
     }
 
@@ -54,17 +60,20 @@ impl StallRecorder {
         connection: &BusConnection,
         reports: &mut BTreeMap<String, NodeReport>,
     ) -> Vec<Stall> {
-        let longer_than = self.longer_than;
+        let Self {
+            watch,
+            controller,
+            longer_than,
+        } = self;
         let late = reports.iter_mut().flat_map(|(name, report)| {
             let late = std::mem::take(&mut report.late).into_iter();
             let times = late.map(|times| times.map(Duration::from_nanos));
-            let who = who(name);
+            let who = who(name, &controller);
             times
                 .filter(move |[from, until]| *until > *from + longer_than)
                 .map(move |[from, until]| (who, What::WokeLate, from, until))
         });
-        let seen = self
-            .watch
+        let seen = watch
             .stop()
             .into_iter()
             .map(|SeenStall { who, from, until }| match who {
@@ -84,9 +93,9 @@ impl StallRecorder {
 }
 
 /// A process that canrig started, by its participant's name: all but the controller's emulate a plant.
-fn who(name: &str) -> Who {
-    match name {
-        CONTROLLER => Who::Controller,
-        _ => Who::PlantEmulator,
+fn who(name: &str, controller: &str) -> Who {
+    match name == controller {
+        true => Who::Controller,
+        false => Who::PlantEmulator,
     }
 }

@@ -10,8 +10,8 @@ use crate::schema;
 
 /// Names that a loop cannot have: they stand where a loop's name would.
 const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
-/// A name that no node can have: faults of the bus call canrig's own node so.
-const NOT_A_NODE: &str = "bench";
+/// Names that no node can have: faults of the bus call canrig's own node so, and a process of the node would have the recording's log.
+const NOT_A_NODE: [&str; 2] = ["bench", "bus"];
 /// Names that no plant can have: its emulator is a process with a log of that name, beside the controller's and the recording.
 const NOT_A_PLANT: [&str; 3] = ["bench", "bus", "controller"];
 /// Tables of a scenario in which loops have theirs beside other keys.
@@ -40,7 +40,9 @@ impl Check<'_> {
                     || BESIDE_LOOPS.iter().any(|table| schema::is_key(table, name));
                 let label = match kind {
                     "loop" if is_word => Some("this word has a meaning in scenarios"),
-                    "node" if name == NOT_A_NODE => Some("this word has a meaning in scenarios"),
+                    "node" if NOT_A_NODE.contains(&name.as_str()) => {
+                        Some("this word has a meaning in scenarios")
+                    }
                     "plant" if NOT_A_PLANT.contains(&name.as_str()) => {
                         Some("the log of its process would have a name that is taken")
                     }
