@@ -205,6 +205,29 @@ fn torture_tests_no_requirement_and_its_folders_are_named_and_left_out() {
 }
 
 #[test]
+fn a_folder_of_run_folders_stands_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let scenario = scenario_file(folder.path(), 5.0);
+    let first = played(&runs, "simulate", &["--set", "seed=1"], &scenario);
+    let second = played(&runs, "simulate", &["--set", "seed=2"], &scenario);
+    let mut both = [&*first, &*second];
+    both.sort();
+    let of_both = coverage(&[], &both);
+    assert_eq!(coverage(&[], &[&runs]), of_both);
+    assert!(of_both.1.contains("seed=1") && of_both.1.contains("seed=2"));
+    let page = folder.path().join("page.html");
+    let mut report = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let (code, _, stderr) = output(report.arg("report").arg(&runs).arg("-o").arg(&page));
+    assert_eq!(code, Some(0), "{stderr}");
+    let page = fs::read_to_string(page).unwrap();
+    for run in [first, second] {
+        let name = run.file_name().unwrap().to_str().unwrap();
+        assert!(page.contains(name), "{name}");
+    }
+}
+
+#[test]
 fn coverage_shows_what_is_met_missed_broken_off_and_never_tested() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, max: f64, requirements: &str| {

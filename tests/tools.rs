@@ -98,27 +98,47 @@ fn sdo_reads_and_writes_beside_the_controller(run: &Run) {
         ),
         "{stderr}"
     );
-    let (code, stdout, stderr) = run.tool(&["sdo", "write", "0x10", "1017", "30"]);
+    let (code, _, stderr) = run.tool(&["sdo", "write", "0x10", "1017", "30"]);
+    assert_eq!(code, Some(2), "{stderr}");
+    assert!(
+        stderr.contains("name the bus, --bus embedded:/"),
+        "{stderr}"
+    );
+    let (code, stdout, stderr) =
+        run.tool(&["sdo", "write", "0x10", "1017", "30", "--bus", "embedded"]);
     assert_eq!(code, Some(0), "{stderr}");
     assert_eq!(
         stdout,
         "0x1017:00  Producer heartbeat time (UNSIGNED16) = 30 (0x001E)  written\n"
     );
-    let (code, _, stderr) = run.tool(&["sdo", "write", "drive", "Statusword", "0"]);
+    let (code, _, stderr) = run.tool(&[
+        "sdo",
+        "write",
+        "drive",
+        "Statusword",
+        "0",
+        "--bus",
+        "embedded",
+    ]);
     assert_eq!(code, Some(4));
-    assert_eq!(
-        stderr,
-        "canrig: object 0x6041:00 of node 0x10: abort 0x0601_0002: attempt to write a read only object\n"
+    let refused = "canrig: object 0x6041:00 of node 0x10: abort 0x0601_0002: attempt to write a read only object\n";
+    assert!(stderr.ends_with(refused), "{stderr}");
+    assert!(
+        stderr.starts_with("canrig: on the bus of your run, embedded:/"),
+        "{stderr}"
     );
     for object in ["Controlword", "1800:5"] {
-        let (code, _, stderr) = run.tool(&["sdo", "write", "drive", object, "0"]);
+        let (code, _, stderr) =
+            run.tool(&["sdo", "write", "drive", object, "0", "--bus", "embedded"]);
         assert_eq!(code, Some(4), "{stderr}");
         assert!(
             stderr.contains("a controller is running") && stderr.contains("--force"),
             "{stderr}"
         );
     }
-    let (code, stdout, stderr) = run.tool(&["sdo", "write", "drive", "1800:5", "0", "--force"]);
+    let (code, stdout, stderr) = run.tool(&[
+        "sdo", "write", "drive", "1800:5", "0", "--force", "--bus", "embedded",
+    ]);
     assert_eq!(code, Some(0), "{stderr}");
     assert!(stdout.ends_with("written\n"), "{stdout}");
     let (code, _, stderr) = run.tool(&["sdo", "read", "disturbance", "6411:1"]);

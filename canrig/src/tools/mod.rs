@@ -61,10 +61,17 @@ impl fmt::Display for ToolBus {
 /// The bus that a tool joins.
 #[derive(Args, Debug)]
 pub(crate) struct ToolBusArgs {
-    /// The bus: `embedded` (that of your only running `canrig run`), `embedded:/path` or `private:number` (a
+    /// The bus: `embedded` (that of your only running `canrig run`, the default), `embedded:/path` or `private:number` (a
     /// run prints its own), or a CAN interface such as `vcan0`
-    #[arg(long, value_name = "BUS", default_value_t = ToolBus::Running)]
-    pub bus: ToolBus,
+    #[arg(long, value_name = "BUS")]
+    pub bus: Option<ToolBus>,
+}
+
+impl ToolBusArgs {
+    /// The bus; that of the only running run where none is named.
+    fn chosen(&self) -> ToolBus {
+        self.bus.clone().unwrap_or(ToolBus::Running)
+    }
 }
 
 /// What the user calls the nodes.
@@ -199,7 +206,11 @@ pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
 }
 
 fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
-    Ok(platform::open(&address(bus)?, filters)?)
+    let address = address(bus)?;
+    if *bus == ToolBus::Running {
+        print_error(&format!("canrig: on the bus of your run, {address}"));
+    }
+    Ok(platform::open(&address, filters)?)
 }
 
 /// Moves a tool's node on the bus until it has done its work or the user stops it.

@@ -316,7 +316,7 @@ pub(crate) fn monitor(args: MonitorArgs) -> Exit {
 }
 
 fn shown(args: MonitorArgs) -> Result<(), ToolError> {
-    let bus = args.bus.bus;
+    let bus = args.bus.chosen();
     let options = MonitorOptions {
         only: args.only,
         except: args.except,

@@ -464,7 +464,7 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
     }
     let roll_call = RollCall::new(sheets, Duration::from_secs_f64(args.listen));
     let mut roll_call = roll_call.naming(names.unwrap_or_default());
-    super::run(&mut roll_call, &args.bus.bus)?;
+    super::run(&mut roll_call, &args.bus.chosen())?;
     Ok(report(&roll_call))
 }
 

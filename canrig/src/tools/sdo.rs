@@ -6,6 +6,7 @@
 //! controlword, or how PDOs are laid out) needs the same silence, or `--force`.
 
 use std::collections::VecDeque;
+use std::io::{self, IsTerminal};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -17,9 +18,10 @@ use canopen::{CanFrame, Filter, Node, Progress};
 use clap::{Args, Subcommand};
 use dbc::Database;
 
-use super::{NamesArgs, ToolBusArgs, ToolError, ended, value};
+use super::{NamesArgs, ToolBus, ToolBusArgs, ToolError, address, ended, value};
 use plan::data_sheet::{self, DataSheet};
 use plan::presence::Presence;
+use runner::console::print_error;
 use runner::exit::Exit;
 
 /// How long the tool listens before it uses the default channel: longer than usual heartbeat periods.
@@ -365,6 +367,28 @@ fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u
     })
 }
 
+/// Asks whether to write on a bus that nobody named.
+///
+/// # Errors
+/// There is no such bus, nobody can answer, or the answer is no.
+fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
+    let bus = address(&ToolBus::Running)?;
+    if !io::stdin().is_terminal() {
+        return Err(ToolError::Usage(format!(
+            "`sdo write` without --bus asks first, and its input is no terminal: name the bus, --bus {bus}"
+        )));
+    }
+    print_error(&format!(
+        "write 0x{index:04X}:{sub_index:02X} of {node} on {bus}? y or n"
+    ));
+    let mut answer = String::new();
+    let read = io::stdin().read_line(&mut answer);
+    match read.map(|_| answer.trim().to_ascii_lowercase()) {
+        Ok(answer) if ["y", "yes"].contains(&answer.as_str()) => Ok(()),
+        _ => Err(ToolError::Refused("nothing is written".to_owned())),
+    }
+}
+
 /// Reads an object, or writes it when there is a value and whether that is forced; the line for people.
 fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<String, ToolError> {
     let mut sheets = target.names.nodes()?.sheets;
@@ -397,7 +421,10 @@ fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<Strin
         _ => Request::Read,
     };
     let mut transfer = Transfer::new(node_id, place, request, sheets);
-    super::run(&mut transfer, &target.bus.bus)?;
+    if written.is_some() && target.bus.bus.is_none() {
+        confirm(&target.node, place)?;
+    }
+    super::run(&mut transfer, &target.bus.chosen())?;
     let read = transfer.into_result()?;
     let bytes = written.as_ref().unwrap_or(&read);
     let name = entry.as_ref().map_or_else(String::new, |entry| {

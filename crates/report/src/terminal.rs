@@ -54,10 +54,13 @@ pub fn run(verdict: &Verdict, folder: &Path) -> String {
         text += &format!(": {remark}");
     }
     text += &format!("\nrun folder  {}", folder.display());
-    let recording = folder.join(file::RERUN);
+    let [page, recording] = [file::REPORT, file::RERUN].map(|name| folder.join(name));
+    if page.exists() {
+        text += &format!("\nlook at it  {}", page.display());
+    }
     if recording.exists() {
         text += &format!(
-            "\nlook at it  rerun {}   (viewer: pip install rerun-sdk==0.36.3)",
+            "\nin Rerun    rerun {}   (viewer: pip install rerun-sdk==0.36.3)",
             recording.display()
         );
     }

@@ -32,7 +32,7 @@ pub struct PlayArgs {
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<PathBuf>,
     /// Folder in which the run folders are made
-    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print the verdicts as JSON instead of tables
     #[arg(long)]

@@ -2,6 +2,7 @@
 
 use dbc::{Database, SignalMissing};
 use std::fmt::Display;
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -370,6 +371,26 @@ pub fn require_run(path: &Path) -> Result<(), RecordedError> {
 pub fn holds_many_runs(folder: &Path) -> bool {
     let mut names = [file::ROWS, file::ENGINE].iter();
     names.any(|name| folder.join(name).exists())
+}
+
+/// Folders of runs and campaigns: a folder that is none, but has some in it, stands for these.
+#[must_use]
+pub fn opened(folders: &[PathBuf]) -> Vec<PathBuf> {
+    let is_one = |path: &Path| path.join(file::SCENARIO).exists() || holds_many_runs(path);
+    let opened = folders.iter().flat_map(|folder| {
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut own = Vec::from_iter(
+            entries
+                .map(|entry| entry.path())
+                .filter(|path| is_one(path)),
+        );
+        own.sort();
+        match is_one(folder) || own.is_empty() {
+            true => vec![folder.clone()],
+            false => own,
+        }
+    });
+    opened.collect()
 }
 
 /// The folders among several that are to be taken for runs: those of sweeps, which stand beside them in `runs/*`, are named and

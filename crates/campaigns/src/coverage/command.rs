@@ -13,7 +13,7 @@ use recording::run_folder::file;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::output::{link, write_page};
-use runner::recorded::refuse;
+use runner::recorded::{opened, refuse};
 
 /// Columns of the list: the requirement's name, and what it says.
 const COLUMNS: [&str; 2] = ["id", "text"];
@@ -30,7 +30,7 @@ enum CoverageError {
 /// Arguments of `coverage`.
 #[derive(Args, Debug)]
 pub struct CoverageArgs {
-    /// Folders of runs and sweeps; of several plays of one scenario the latest counts, and of a sweep its worst run
+    /// Folders of runs and sweeps, or folders with such in them; of several plays of one scenario the latest counts, and of a sweep its worst run
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// A CSV file of all requirements, with a column `id` and, if you like, `text`: those that no run tests are shown too
@@ -82,7 +82,7 @@ fn exit(requirements: &[Requirement]) -> Exit {
 fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     let mut all: BTreeMap<String, Requirement> = BTreeMap::new();
     let is_listed = args.requirements.is_none();
-    for (test, plays) in tests(&args.runs)? {
+    for (test, plays) in tests(&opened(&args.runs))? {
         let count = plays.len();
         for play in latest(plays) {
             for (id, tested) in &play.tested {

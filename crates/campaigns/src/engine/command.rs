@@ -45,7 +45,7 @@ pub struct SubmitArgs {
     #[arg(long, value_name = "SEED", default_value_t = 1, requires = "torture")]
     pub seed: u64,
     /// Folder in which the campaign's folder is made, on a disk that all machines of the engine have at the same place
-    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Number of parts, each a task of the engine; without it as many as take ten minutes each, by a probe of some runs
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=SHARDS_MAX as i64))]

@@ -47,7 +47,7 @@ pub struct SweepArgs {
     /// A scenario file with a [sweep] table
     pub scenario: PathBuf,
     /// Folder in which the sweep's folder is made; an interrupted sweep that is there is continued
-    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     #[command(flatten)]
     pub part: PartArgs,

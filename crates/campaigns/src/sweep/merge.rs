@@ -63,7 +63,7 @@ pub struct MergeArgs {
     #[arg(required = true, value_name = "SHARD")]
     pub shards: Vec<PathBuf>,
     /// Folder in which the whole campaign's folder is made
-    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print failures only
     #[arg(long, short)]

@@ -51,7 +51,7 @@ pub struct TortureArgs {
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed: u64,
     /// Folder in which the folders of failing cases are made
-    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     #[command(flatten)]
     pub part: PartArgs,

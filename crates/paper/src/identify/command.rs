@@ -76,7 +76,7 @@ pub struct IdentifyArgs {
     #[arg(long, value_name = "FILE")]
     pub dbc: Option<PathBuf>,
     /// Folder in which the result's folder is made
-    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Print failures only
     #[arg(long, short)]

@@ -38,7 +38,7 @@ pub fn experiments(effort: Effort) -> Vec<Experiment> {
 #[derive(Args, Debug)]
 pub struct ReproduceArgs {
     /// Folder in which the page's folder is made
-    #[arg(long, value_name = "FOLDER", default_value = RUNS)]
+    #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     /// Play fewer plants, frequencies and settings, to see that everything works
     #[arg(long)]

@@ -6,7 +6,6 @@ use scenario::expect::{Demand, SignalCheck};
 use super::signals::{CHANGES, common_distance};
 use crate::plot::{Colour, Patch, Plot, Shape};
 use crate::run::RunLoop;
-use crate::unit::shown_unit;
 use plan::ControlLoop;
 use platform::series::Series;
 use recording::traces::SignalTrace;
@@ -104,7 +103,7 @@ fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
 }
 
 fn plot<'a>(drawn: &'a Drawn<'_>, name: &'a str) -> Plot<'a> {
-    let mut plot = Plot::over_time(name, shown_unit(&drawn.trace.unit));
+    let mut plot = Plot::over_time(name, &drawn.trace.unit);
     plot.patches.clone_from(&drawn.patches);
     let (label, shape) = match drawn.each_cycles {
         None => ("recorded".to_owned(), Shape::Line),

@@ -33,7 +33,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let mut in_time = vec![position(run)];
     let (close_ups, left_out) = close_ups(run);
     in_time.extend(close_ups);
-    let mut error_plot = Plot::over_time("Error", shown_unit(timeline.measurand.unit.symbol()));
+    let mut error_plot = Plot::over_time("Error", timeline.measurand.unit.symbol());
     let label = "set-point − measured";
     draw(
         &mut error_plot,
@@ -141,7 +141,7 @@ fn of_own_terms<'a>(
 ) -> impl Iterator<Item = Plot<'a>> {
     own.terms().map(|term| {
         let drawn = [(term.name.as_str(), "law", Colour::Estimated)];
-        let mut plot = of_signals(timeline, title(term), shown_unit(&term.unit), &drawn);
+        let mut plot = of_signals(timeline, title(term), &term.unit, &drawn);
         plot.extent = Extent::Typical;
         plot
     })

@@ -15,6 +15,7 @@ use maud::{Markup, PreEscaped, html};
 
 use self::ticks::{apart, decades, ticks};
 use self::view::View;
+use crate::unit::shown_unit;
 
 pub use curve::{Colour, Extent, Patch, PlotCurve, Shape};
 pub(crate) use scale::SIDE;
@@ -59,7 +60,7 @@ impl<'a> Plot<'a> {
     pub fn over_time(title: impl Into<String>, y_unit: &'a str) -> Self {
         Self {
             title: title.into(),
-            y_unit,
+            y_unit: shown_unit(y_unit),
             x_label: "time (s)",
             extent: Extent::All,
             curves: Vec::new(),

@@ -9,7 +9,7 @@ use crate::console::{WorkBar, print_error};
 use crate::exit::Exit;
 use crate::output::{link, renew_page, write_page};
 use crate::play_record::PlayRecord;
-use crate::recorded::{Recorded, RecordedError, refuse, require_run, runs_among};
+use crate::recorded::{Recorded, RecordedError, opened, refuse, require_run, runs_among};
 use judge::verdict::Verdict;
 use recording::run_folder::file;
 use recording::timeline::Timeline;
@@ -22,7 +22,7 @@ const WAYS: u64 = 4;
 /// Arguments of `report`.
 #[derive(Args, Debug)]
 pub struct ReportArgs {
-    /// Run folders; of several, those of sweeps are left out
+    /// Run folders, or folders with such in them; of several, those of sweeps are left out
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// The file to write: the page of a single run, or one more page that compares several runs
@@ -33,7 +33,8 @@ pub struct ReportArgs {
 /// Makes the page of each run, and one of all of them where `--output` says where.
 #[must_use]
 pub fn report(args: &ReportArgs) -> Exit {
-    let paths = runs_among(&args.runs);
+    let folders = opened(&args.runs);
+    let paths = runs_among(&folders);
     let bar = WorkBar::new(WAYS * paths.len() as u64, true);
     let mut runs = Vec::new();
     for path in paths {
@@ -45,7 +46,7 @@ pub fn report(args: &ReportArgs) -> Exit {
     let further_loops = |(recorded, ..): &(Recorded, _, _)| recorded.plan.loops.len() as u64 - 1;
     let further = runs.iter().map(further_loops);
     bar.expect(WAYS * runs.len() as u64 + further.sum::<u64>());
-    let is_of_one = args.runs.len() == 1;
+    let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|(recorded, timelines, verdict)| {
         let run = Run {
             plan: &recorded.plan,
