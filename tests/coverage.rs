@@ -28,9 +28,10 @@ fn scenario_file(folder: &Path, current_amperes_max: f64) -> PathBuf {
 
 /// Plays a scenario; the new folder below `runs`.
 fn played(runs: &Path, command: &str, arguments: &[&str], scenario: &Path) -> PathBuf {
-    let before = match runs.exists() {
-        true => crate::support::runs(runs),
-        false => Vec::new(),
+    let before = if runs.exists() {
+        crate::support::runs(runs)
+    } else {
+        Vec::new()
     };
     output(canrig(runs, command).args(arguments).arg(scenario));
     let after = crate::support::runs(runs).into_iter();

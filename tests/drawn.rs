@@ -137,9 +137,10 @@ pub(crate) fn scenario(draw: &mut Draw, axes: &[Axis], rig_file: &str) -> String
     for axis in axes {
         // The only loop may be named.
         let is_named = axes.len() > 1 || draw.below(2) == 0;
-        let below = match is_named {
-            true => format!(".{}", axis.name),
-            false => String::new(),
+        let below = if is_named {
+            format!(".{}", axis.name)
+        } else {
+            String::new()
         };
         text += &axis.law(draw, &below);
         text += &axis.set_points(draw, is_named);

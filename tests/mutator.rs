@@ -164,9 +164,10 @@ fn another_number(line: &str, dice: &Dice) -> Option<String> {
             return None;
         }
         let number = change(text.replace('_', "").parse().ok()?);
-        let changed = match text.contains('.') || !number.is_finite() {
-            true => format!("{number:?}").to_lowercase(),
-            false => format!("{number}"),
+        let changed = if text.contains('.') || !number.is_finite() {
+            format!("{number:?}").to_lowercase()
+        } else {
+            format!("{number}")
         };
         (changed != text).then_some(changed)
     })

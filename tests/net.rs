@@ -433,9 +433,10 @@ fn stored_logs_have_the_numbers_of_before() {
             "--scenario",
             "scenario.toml",
         ];
-        let words = match folder.join("rig.toml").exists() {
-            true => &["replay", "--json", "."][..],
-            false => &of_log,
+        let words = if folder.join("rig.toml").exists() {
+            &["replay", "--json", "."][..]
+        } else {
+            &of_log
         };
         let (code, stdout, stderr) = program(&folder, words);
         assert!(

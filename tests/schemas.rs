@@ -35,9 +35,10 @@ fn assert_valid_to_both(folder: &Path, files: &[String]) {
         let text = fs::read_to_string(folder.join(file)).unwrap();
         let table: toml::Table = text.parse().unwrap();
         // Each scenario names its rig.
-        let schema = match table.contains_key("rig") {
-            true => of_scenarios,
-            false => of_rigs,
+        let schema = if table.contains_key("rig") {
+            of_scenarios
+        } else {
+            of_rigs
         };
         let value = serde_json::to_value(table).unwrap();
         let found = schemas.validate(&value, schema);

@@ -73,9 +73,12 @@ impl Bench {
             }
         });
         let exit = std::panic::catch_unwind(run);
-        let exit = exit.unwrap_or_else(|panic| match panic.is::<LogChanged>() {
-            true => Exit::BenchFailed,
-            false => Exit::Internal,
+        let exit = exit.unwrap_or_else(|panic| {
+            if panic.is::<LogChanged>() {
+                Exit::BenchFailed
+            } else {
+                Exit::Internal
+            }
         });
         let exit = match console::unprinted() {
             None => exit,

@@ -95,9 +95,10 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
 /// Only what everybody needs decides, unless `is_strict`.
 fn exit(sections: &[Section], is_strict: bool) -> Exit {
     let mut deciding = sections.iter().filter(|one| one.is_needed || is_strict);
-    match deciding.any(Section::lacks_something) {
-        true => Exit::BenchFailed,
-        false => Exit::Pass,
+    if deciding.any(Section::lacks_something) {
+        Exit::BenchFailed
+    } else {
+        Exit::Pass
     }
 }
 

@@ -16,9 +16,10 @@ pub(crate) struct SchemaArgs {
 /// Prints the schema.
 #[must_use]
 pub(crate) fn schema(args: &SchemaArgs) -> Exit {
-    print(&match args.rig {
-        true => scenario::schema::rig_json_schema(),
-        false => scenario::schema::json_schema(),
+    print(&if args.rig {
+        scenario::schema::rig_json_schema()
+    } else {
+        scenario::schema::json_schema()
     });
     Exit::Pass
 }

@@ -190,9 +190,12 @@ pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> 
     }
     let mut each = wiring.loops.iter();
     let of_each = |one: &LoopOfRig| check_terms(&law.terms_of(one));
-    let checked = law.wires(wiring).and_then(|_| match is_of_all {
-        true => each.try_for_each(of_each),
-        false => check_terms(&law.terms(wiring)),
+    let checked = law.wires(wiring).and_then(|_| {
+        if is_of_all {
+            each.try_for_each(of_each)
+        } else {
+            check_terms(&law.terms(wiring))
+        }
     });
     let WrongPort { message, label } = checked.err()?;
     Some(objection(message, label, None))

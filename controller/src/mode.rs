@@ -225,9 +225,10 @@ impl Modes {
             state.direction = velocity.signum();
         }
         let sliding_variable = course.sliding_variable;
-        state.extreme = match state.is_falling {
-            true => state.extreme.min(sliding_variable),
-            false => state.extreme.max(sliding_variable),
+        state.extreme = if state.is_falling {
+            state.extreme.min(sliding_variable)
+        } else {
+            state.extreme.max(sliding_variable)
         };
         if (sliding_variable - state.extreme).abs() <= self.swing_min {
             return;

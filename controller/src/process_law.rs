@@ -142,9 +142,10 @@ fn range_of(port: &PlayedPort, wiring: &Wiring) -> [f64; 2] {
 
 /// A signal with its loop or drive.
 fn whole_name(signal: &str, wiring: &Wiring) -> String {
-    match signal.contains('.') {
-        true => signal.to_owned(),
-        false => format!("{}.{signal}", wiring.of_loop),
+    if signal.contains('.') {
+        signal.to_owned()
+    } else {
+        format!("{}.{signal}", wiring.of_loop)
     }
 }
 

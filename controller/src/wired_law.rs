@@ -113,9 +113,10 @@ impl WiredLaw {
         self.currents.iter().map(|wire| {
             let value = wire.output.map_or(0.0, |output| self.writes[output]);
             let [min, max] = wire.range;
-            let current = match value.is_nan() {
-                true => 0.0,
-                false => value.max(min).min(max) * wire.factor,
+            let current = if value.is_nan() {
+                0.0
+            } else {
+                value.max(min).min(max) * wire.factor
             };
             (wire.place, wire.drive.limited(current))
         })

@@ -212,9 +212,10 @@ impl Drive {
                     self.plant.set_condition(input, faults, time_seconds);
                 }
             }
-            current_amperes = match self.plant.conducts(input) {
-                true => self.faults.current_amperes(now, commanded_amperes),
-                false => 0.0,
+            current_amperes = if self.plant.conducts(input) {
+                self.faults.current_amperes(now, commanded_amperes)
+            } else {
+                0.0
             };
         }
         if self.plant.failure().is_some() {

@@ -57,9 +57,10 @@ impl ThermalProtection {
     #[must_use]
     pub fn utilisation(&self) -> f64 {
         let most = self.limits.overload_square_ampere_seconds;
-        match most > 0.0 {
-            true => (self.overload_square_ampere_seconds / most).min(1.0),
-            false => 0.0,
+        if most > 0.0 {
+            (self.overload_square_ampere_seconds / most).min(1.0)
+        } else {
+            0.0
         }
     }
 }

@@ -52,9 +52,10 @@ fn shown(file: &Path, is_rig: bool) -> Exit {
             return Exit::CannotStart;
         }
     };
-    print(&match is_rig {
-        true => table_of(file, archive.description()),
-        false => told(&archive),
+    print(&if is_rig {
+        table_of(file, archive.description())
+    } else {
+        told(&archive)
     });
     Exit::Pass
 }
@@ -73,15 +74,19 @@ fn table_of(file: &Path, description: &Description) -> String {
 /// A name for the plant: what the model is called, as tables may be named.
 fn plant_name(model_name: &str) -> String {
     let is_part = |character: &char| character.is_ascii_alphanumeric();
-    let word = |character: char| match is_part(&character) {
-        true => character.to_ascii_lowercase(),
-        false => '_',
+    let word = |character: char| {
+        if is_part(&character) {
+            character.to_ascii_lowercase()
+        } else {
+            '_'
+        }
     };
     let name = String::from_iter(model_name.chars().take(32).map(word));
     let name = name.trim_matches(|first: char| !first.is_ascii_lowercase());
-    match name.is_empty() {
-        true => "plant".to_owned(),
-        false => name.to_owned(),
+    if name.is_empty() {
+        "plant".to_owned()
+    } else {
+        name.to_owned()
     }
 }
 
@@ -124,13 +129,13 @@ fn told(archive: &Archive) -> String {
 
 fn platforms(archive: &Archive) -> String {
     let here = archive.description().version.platform();
-    let named = archive
-        .platforms()
-        .iter()
-        .map(|platform| match platform == here {
-            true => format!("{platform} (this machine)"),
-            false => platform.clone(),
-        });
+    let named = archive.platforms().iter().map(|platform| {
+        if platform == here {
+            format!("{platform} (this machine)")
+        } else {
+            platform.clone()
+        }
+    });
     let mut named = Vec::from_iter(named);
     if !archive.platforms().iter().any(|platform| platform == here) {
         named.push(format!("not {here}, which this machine needs"));
@@ -152,9 +157,10 @@ fn steps(description: &Description) -> String {
             }
         },
     };
-    let events = match co_simulation.has_event_mode {
-        true => "; it has events",
-        false => "",
+    let events = if co_simulation.has_event_mode {
+        "; it has events"
+    } else {
+        ""
     };
     format!("steps: {length}{events}\n")
 }

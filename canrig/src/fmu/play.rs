@@ -57,9 +57,10 @@ impl Refused {
 
 impl From<FmuError> for Refused {
     fn from(error: FmuError) -> Self {
-        let exit = match error.fault.is_of_run() {
-            true => Exit::VerdictFailed,
-            false => Exit::CannotStart,
+        let exit = if error.fault.is_of_run() {
+            Exit::VerdictFailed
+        } else {
+            Exit::CannotStart
         };
         Self(exit, error.to_string())
     }

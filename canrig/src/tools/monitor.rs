@@ -91,9 +91,10 @@ impl Decoder {
             let _ = write!(line, "  [{bytes:<23}]");
         }
         let content = self.content(frame);
-        let content = match content.is_empty() && !self.options.raw {
-            true => bytes,
-            false => content,
+        let content = if content.is_empty() && !self.options.raw {
+            bytes
+        } else {
+            content
         };
         let _ = write!(line, "  {content}");
         Some(line.trim_end().to_owned())

@@ -119,13 +119,12 @@ impl Law for SlidingModePaper {
         if branch != state.curve.branch {
             state.curve = self.model.curve_through(&estimate, branch);
         }
-        let [equivalent, all] = match self.is_as_printed {
-            false => [wanted.equivalent, jerk].map(|jerk| local.squared_current_for_jerk(jerk)),
-            true => {
-                let wanted_acceleration = self.surface.as_printed(&state.filtered, &reference);
-                let equivalent = local.squared_current_for_jerk(wanted_acceleration);
-                [equivalent, equivalent + wanted.switching]
-            }
+        let [equivalent, all] = if self.is_as_printed {
+            let wanted_acceleration = self.surface.as_printed(&state.filtered, &reference);
+            let equivalent = local.squared_current_for_jerk(wanted_acceleration);
+            [equivalent, equivalent + wanted.switching]
+        } else {
+            [wanted.equivalent, jerk].map(|jerk| local.squared_current_for_jerk(jerk))
         };
         let command = command(
             &self.current,

@@ -94,9 +94,10 @@ impl LeadingLaw {
         let next_sync = services.next_sync().unwrap_or(now + first.sync_period);
         let window = Window {
             now,
-            until: match is_waited_for {
-                true => next_sync.saturating_sub(first.sync_period / ANSWER_SHARE),
-                false => now,
+            until: if is_waited_for {
+                next_sync.saturating_sub(first.sync_period / ANSWER_SHARE)
+            } else {
+                now
             },
         };
         let seen = |place: usize| &loops[place].seen;

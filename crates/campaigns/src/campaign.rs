@@ -93,9 +93,10 @@ impl NoResult {
             is_machines |= error.is::<io::Error>();
             cause = error.source();
         }
-        match is_machines {
-            true => Self::Machine(error.to_string()),
-            false => Self::Fault(error.to_string()),
+        if is_machines {
+            Self::Machine(error.to_string())
+        } else {
+            Self::Fault(error.to_string())
         }
     }
 }

@@ -78,15 +78,17 @@ impl Archive {
     /// It has none.
     pub fn runs_here(&self) -> Result<(), Fault> {
         let platform = self.description.version.platform();
-        match self.platforms.iter().any(|found| found == platform) {
-            true => Ok(()),
-            false => Err(Fault::Platform {
+        if self.platforms.iter().any(|found| found == platform) {
+            Ok(())
+        } else {
+            Err(Fault::Platform {
                 wanted: platform.to_owned(),
-                found: match self.platforms.is_empty() {
-                    true => "none".to_owned(),
-                    false => self.platforms.join(", "),
+                found: if self.platforms.is_empty() {
+                    "none".to_owned()
+                } else {
+                    self.platforms.join(", ")
                 },
-            }),
+            })
         }
     }
 
@@ -309,11 +311,12 @@ pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<Pat
     let identifier = &description.served()?.model_identifier;
     let platform = description.version.platform();
     let path = folder.join(format!("binaries/{platform}/{identifier}.so"));
-    match path.is_file() {
-        true => Ok(path),
-        false => Err(Fault::Library(format!(
+    if path.is_file() {
+        Ok(path)
+    } else {
+        Err(Fault::Library(format!(
             "there is no binaries/{platform}/{identifier}.so in it"
-        ))),
+        )))
     }
 }
 
@@ -324,9 +327,12 @@ pub(crate) fn resources_in(folder: &Path, version: Version) -> String {
     match version {
         Version::Two => {
             let is_plain = |byte: &u8| byte.is_ascii_alphanumeric() || b"/-_.~".contains(byte);
-            let escaped = path.bytes().map(|byte| match is_plain(&byte) {
-                true => char::from(byte).to_string(),
-                false => format!("%{byte:02X}"),
+            let escaped = path.bytes().map(|byte| {
+                if is_plain(&byte) {
+                    char::from(byte).to_string()
+                } else {
+                    format!("%{byte:02X}")
+                }
             });
             format!("file://{}", String::from_iter(escaped))
         }

@@ -175,11 +175,12 @@ fn step_of(
     description: &Description,
 ) -> Result<Option<f64>, Fault> {
     if let Some(step) = wanted {
-        return match step > 0.0 && step.is_finite() {
-            true => Ok(wanted),
-            false => Err(Fault::Table(format!(
+        return if step > 0.0 && step.is_finite() {
+            Ok(wanted)
+        } else {
+            Err(Fault::Table(format!(
                 "its step is {step} s, it must be above 0"
-            ))),
+            )))
         };
     }
     if co_simulation.takes_any_step {
@@ -493,9 +494,10 @@ impl Instance {
     }
 
     fn discarded(&mut self, duration: f64) -> Fault {
-        let shorter = match self.may_shorten {
-            true => "and every shorter one",
-            false => "and it takes no shorter one",
+        let shorter = if self.may_shorten {
+            "and every shorter one"
+        } else {
+            "and it takes no shorter one"
         };
         Fault::Call {
             function: "DoStep",

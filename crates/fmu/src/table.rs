@@ -85,15 +85,16 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
             return Err(at_variable()(fault));
         }
         let name_alone = vec![variable.name.clone()];
-        let alone = match is_input {
-            true => Configuration {
+        let alone = if is_input {
+            Configuration {
                 inputs: name_alone,
                 ..a_configuration()
-            },
-            false => Configuration {
+            }
+        } else {
+            Configuration {
                 outputs: name_alone,
                 ..a_configuration()
-            },
+            }
         };
         alone.check(description).map_err(at_variable())?;
         let port =
@@ -121,9 +122,10 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
 
 impl Wiring {
     fn add(&mut self, port: Port, variable: &Variable, is_input: bool) {
-        let (names, ports) = match is_input {
-            true => (&mut self.configuration.inputs, &mut self.inputs),
-            false => (&mut self.configuration.outputs, &mut self.outputs),
+        let (names, ports) = if is_input {
+            (&mut self.configuration.inputs, &mut self.inputs)
+        } else {
+            (&mut self.configuration.outputs, &mut self.outputs)
         };
         names.push(variable.name.clone());
         ports.push(port);
@@ -326,9 +328,10 @@ fn quoted(text: &str) -> String {
 /// A TOML key.
 fn key(text: &str) -> String {
     let is_bare = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
-    match !text.is_empty() && text.bytes().all(is_bare) {
-        true => text.to_owned(),
-        false => quoted(text),
+    if !text.is_empty() && text.bytes().all(is_bare) {
+        text.to_owned()
+    } else {
+        quoted(text)
     }
 }
 
@@ -402,9 +405,10 @@ fn snake(name: &str) -> String {
         }
         was_small = character.is_ascii_lowercase() || character.is_ascii_digit();
     }
-    match snake.starts_with(|first: char| first.is_ascii_lowercase()) {
-        true => snake,
-        false => format!("port_{snake}"),
+    if snake.starts_with(|first: char| first.is_ascii_lowercase()) {
+        snake
+    } else {
+        format!("port_{snake}")
     }
 }
 

@@ -79,9 +79,10 @@ fn last_followed(points: &[FrequencyPoint], offset_max: f64) -> MetricValue {
     let followed = points.iter().take_while(is_followed);
     let last = followed.last().map(|point| point.hertz);
     last.ok_or_else(|| {
-        let what = match points.first().is_none_or(|first| !is_above(first)) {
-            true => format!("the gain is below {CUT_OFF_GAIN}"),
-            false => "the mean is not that of the set-point".to_owned(),
+        let what = if points.first().is_none_or(|first| !is_above(first)) {
+            format!("the gain is below {CUT_OFF_GAIN}")
+        } else {
+            "the mean is not that of the set-point".to_owned()
         };
         format!("{what} from the lowest frequency on").into()
     })

@@ -165,9 +165,10 @@ impl Path<'_> {
         let projected: f64 = coordinates()
             .map(|(along, from_start)| along * from_start)
             .sum();
-        let share = match length_squared > 0.0 {
-            true => (projected / length_squared).clamp(0.0, 1.0),
-            false => 0.0,
+        let share = if length_squared > 0.0 {
+            (projected / length_squared).clamp(0.0, 1.0)
+        } else {
+            0.0
         };
         let squares = coordinates().map(|(along, from_start)| (from_start - share * along).powi(2));
         squares.sum::<f64>().sqrt()

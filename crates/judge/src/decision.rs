@@ -82,12 +82,15 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
 fn ended_elsewhere(verdict: Verdict, node: &str, end: Option<&EarlyEnd>) -> Verdict {
     let is_unseen =
         |row: &Metric| row.value.is_none() && row.passed != Some(false) && row.name != DRIVE_OFF;
-    let unseen = |row: Metric| match is_unseen(&row) {
-        true => Metric {
-            remark: Some(format!("not judged, ended by {node}")),
-            ..row
-        },
-        false => row,
+    let unseen = |row: Metric| {
+        if is_unseen(&row) {
+            Metric {
+                remark: Some(format!("not judged, ended by {node}")),
+                ..row
+            }
+        } else {
+            row
+        }
     };
     Verdict {
         ended_early: end.cloned(),
@@ -230,9 +233,10 @@ fn decide_broken(
         );
         return (Outcome::Inconclusive, Some(reason), cause);
     }
-    let reason = match broke_off.is_before_end {
-        true => format!("{words}; {end}"),
-        false => end.to_string(),
+    let reason = if broke_off.is_before_end {
+        format!("{words}; {end}")
+    } else {
+        end.to_string()
     };
     (Outcome::Fail, Some(reason), cause)
 }
@@ -316,9 +320,10 @@ fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
         _ => (reason, cause),
     };
     let load = evidence.timeline.bus_load_percent;
-    let reason = match load > BUSY_BUS_PERCENT {
-        true => format!("{reason}; the bus is nearly full (load {load:.1} %)"),
-        false => reason,
+    let reason = if load > BUSY_BUS_PERCENT {
+        format!("{reason}; the bus is nearly full (load {load:.1} %)")
+    } else {
+        reason
     };
     Some((reason, cause))
 }

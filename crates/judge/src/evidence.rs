@@ -367,9 +367,10 @@ impl<'a> Evidence<'a> {
     pub(crate) fn stall_of_end(&self, end: &EarlyEnd) -> Option<Stretch> {
         let until = end.at_seconds?;
         let drive = &self.own.nodes.drive.name;
-        let node = match end.node.as_ref() == Some(drive) {
-            true => Part::Drive,
-            false => Part::Controller,
+        let node = if end.node.as_ref() == Some(drive) {
+            Part::Drive
+        } else {
+            Part::Controller
         };
         let from = end.since_seconds.unwrap_or(until);
         self.attribution.stall(node, from, until)

@@ -15,9 +15,10 @@ use crate::verdict::{Outcome, Verdict};
 #[must_use]
 pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
     let is_timing = one.trial.expect.timing.rows().any(|name| name == row);
-    match is_timing || is_of_bus(row) {
-        true => row.to_owned(),
-        false => format!("{}{row}", one.prefix()),
+    if is_timing || is_of_bus(row) {
+        row.to_owned()
+    } else {
+        format!("{}{row}", one.prefix())
     }
 }
 
@@ -140,12 +141,13 @@ fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
             None => reasons.push((reason, vec![name])),
         }
     }
-    let told = reasons
-        .into_iter()
-        .map(|(reason, names)| match names.len() == loops.len() {
-            true => reason.to_owned(),
-            false => format!("{}: {reason}", names.join(", ")),
-        });
+    let told = reasons.into_iter().map(|(reason, names)| {
+        if names.len() == loops.len() {
+            reason.to_owned()
+        } else {
+            format!("{}: {reason}", names.join(", "))
+        }
+    });
     let told = Vec::from_iter(told);
     (!told.is_empty()).then(|| told.join("; "))
 }

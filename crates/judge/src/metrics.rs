@@ -98,9 +98,12 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let mut rows = Vec::new();
     for (metric, &(name, measure)) in METRICS.iter().zip(MEASURES) {
         let row = measure(evidence).metric(evidence, name, metric.limit(expect));
-        rows.extend(row.map(|row| match is_cut && metric.is_of_traffic() {
-            true => without_pass(row),
-            false => row,
+        rows.extend(row.map(|row| {
+            if is_cut && metric.is_of_traffic() {
+                without_pass(row)
+            } else {
+                row
+            }
         }));
         if let Some(truth) = truth
             .as_ref()
@@ -188,9 +191,10 @@ fn sync_interval(evidence: &Evidence<'_>) -> MetricValue {
     if evidence.timeline.zero_seconds.is_none() {
         return Err("the scenario never began".into());
     }
-    let longest = match evidence.has_all() {
-        true => traffic(evidence.timeline.sync_interval_milliseconds_max)?,
-        false => duties::longest_interval_milliseconds(evidence),
+    let longest = if evidence.has_all() {
+        traffic(evidence.timeline.sync_interval_milliseconds_max)?
+    } else {
+        duties::longest_interval_milliseconds(evidence)
     };
     until_the_end(evidence)?;
     Ok(longest)

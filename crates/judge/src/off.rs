@@ -68,9 +68,10 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
         );
         return Some(Metric::new(DRIVE_OFF, Err(remark), OFF).at(Some(on_at)));
     }
-    let remark = match is_due(timeline.last_frame_seconds) {
-        true => format!("{drive}: no report after the run"),
-        false => format!("{drive}: no report before its watches have passed ({watch:.3} s)"),
+    let remark = if is_due(timeline.last_frame_seconds) {
+        format!("{drive}: no report after the run")
+    } else {
+        format!("{drive}: no report before its watches have passed ({watch:.3} s)")
     };
     Some(Metric::not_judged(DRIVE_OFF, remark, OFF))
 }

@@ -14,9 +14,10 @@ pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String
     let never_began = timeline.zero_seconds.is_none();
     let is_whole = is_recorded_to_its_end(timeline, one) || never_began && has_boot_fault(one);
     (!is_whole).then(|| {
-        let reached = match never_began {
-            true => 0.0,
-            false => timeline.last_frame_seconds,
+        let reached = if never_began {
+            0.0
+        } else {
+            timeline.last_frame_seconds
         };
         let planned = one.trial.run.duration_seconds;
         format!("the recording ends after {reached:.3} s of {planned} s")

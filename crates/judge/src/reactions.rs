@@ -40,9 +40,10 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     if let Some(reason) = unseen_temperature(evidence) {
         return Measurement::Unavailable(reason);
     }
-    let is_seen = match evidence.timeline.truth.is_empty() {
-        true => evidence.seen(evidence.run()).map(drop),
-        false => silence_of_truth(evidence).map_or(Ok(()), |silence| Err(silence_of(silence))),
+    let is_seen = if evidence.timeline.truth.is_empty() {
+        evidence.seen(evidence.run()).map(drop)
+    } else {
+        silence_of_truth(evidence).map_or(Ok(()), |silence| Err(silence_of(silence)))
     };
     is_seen.and_then(|()| largest(temperatures)).into()
 }
@@ -174,11 +175,10 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
 
 /// What the plant reports only where something can fail: a limit on it, put on a recording without faults, is not judged.
 fn without_faults(is_limited: bool) -> Measurement {
-    match is_limited {
-        true => {
-            Measurement::Unavailable(format!("not available: without faults there is no {TRUTH}"))
-        }
-        false => Measurement::NotAsked,
+    if is_limited {
+        Measurement::Unavailable(format!("not available: without faults there is no {TRUTH}"))
+    } else {
+        Measurement::NotAsked
     }
 }
 

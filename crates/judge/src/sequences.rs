@@ -47,9 +47,10 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
             (None, Ok(_)) => Err(event.to_string()),
             (_, missing) => missing,
         };
-        let observation = match is_left_out {
-            true => Observation::none(Absence::left_out()),
-            false => observation,
+        let observation = if is_left_out {
+            Observation::none(Absence::left_out())
+        } else {
+            observation
         };
         metrics.push(observation.metric(evidence, sequence.row_name(place), Some(limit)));
     }
@@ -81,9 +82,10 @@ fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) ->
     if evidence.timeline.zero_seconds.is_none() {
         return Observation::none("the scenario never began");
     }
-    let earliest = match again {
-        true => rest.from_seconds + TIME_TOLERANCE_SECONDS,
-        false => rest.from_seconds - TIME_TOLERANCE_SECONDS,
+    let earliest = if again {
+        rest.from_seconds + TIME_TOLERANCE_SECONDS
+    } else {
+        rest.from_seconds - TIME_TOLERANCE_SECONDS
     };
     let is_next = |time: f64| time >= earliest && time < rest.until_seconds;
     let (found, nearest) = match event {
@@ -186,12 +188,13 @@ fn nearest_words(
         return String::new();
     };
     // Of stays that last equally long the first is named.
-    let longest = stays.reduce(
-        |longest, stay| match stay.lasts_seconds > longest.lasts_seconds {
-            true => stay,
-            false => longest,
-        },
-    );
+    let longest = stays.reduce(|longest, stay| {
+        if stay.lasts_seconds > longest.lasts_seconds {
+            stay
+        } else {
+            longest
+        }
+    });
     match (longest, nearest(samples, wanted)) {
         (Some(stay), _) => {
             let (from, long) = (stay.begins_seconds, 1e3 * stay.lasts_seconds);

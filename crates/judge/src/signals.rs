@@ -70,9 +70,10 @@ fn observe_rest(
         let arrival = observe(trace, window, demand, limit);
         let until = arrival.at_seconds.filter(|_| arrival.value.is_ok());
         let until = until.unwrap_or(window.until_seconds);
-        return match evidence.leaves_out(window.from_seconds, until) {
-            true => Observation::none(Absence::left_out()),
-            false => arrival,
+        return if evidence.leaves_out(window.from_seconds, until) {
+            Observation::none(Absence::left_out())
+        } else {
+            arrival
         };
     }
     let is_kept = |one: &&SignalSample| !evidence.leaves_out(one.time_seconds, one.time_seconds);
@@ -163,9 +164,10 @@ pub(crate) fn nearest(samples: &[SignalSample], wanted: Limit) -> Option<&Signal
 /// The value that is nearest to a limit or farthest beyond it; the first of several.
 fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observation {
     let worst = values.reduce(|worst, sample| {
-        match margin(sample.value, limit) < margin(worst.value, limit) {
-            true => sample,
-            false => worst,
+        if margin(sample.value, limit) < margin(worst.value, limit) {
+            sample
+        } else {
+            worst
         }
     });
     match worst {

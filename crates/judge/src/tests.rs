@@ -944,9 +944,12 @@ fn fd_frames_are_named_and_leave_a_limit_on_the_load_open() {
 fn a_stall_excuses_what_it_moved_and_nothing_later() {
     let limit = "[expect]\nposition_millimetres_max = { max = 36.0 }\n";
     let judged = |length: u32, at_seconds: f64, position: f64| {
-        let course = move |time: f64| match (time - at_seconds).abs() < 5e-4 {
-            true => position,
-            false => step_response(1.1)(time),
+        let course = move |time: f64| {
+            if (time - at_seconds).abs() < 5e-4 {
+                position
+            } else {
+                step_response(1.1)(time)
+            }
         };
         let stall = (1800, 1800 + u64::from(length));
         beside_a_stall(limit, 1800..1800 + length - 1, stall, course).outcome

@@ -206,15 +206,16 @@ fn is_wired_fmu(trial: &Trial) -> bool {
 fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     let name = name_of_two_columns(&frames.database, &frames.wiring)?;
     let mut terms = frames.published.terms.iter().flatten();
-    let (path, owner) = match terms.any(|term| term.name == name) {
-        true => (
+    let (path, owner) = if terms.any(|term| term.name == name) {
+        (
             format!("controller.{}", trial.controller.law_name()),
             "a term of this law",
-        ),
-        false => (
+        )
+    } else {
+        (
             format!("plant.{}", trial.plant.name()),
             "an output of this plant",
-        ),
+        )
     };
     Some(Objection {
         path,
@@ -303,9 +304,10 @@ pub(crate) fn followed<'a>(
 
 /// The name in a loop of a signal of its own drive.
 pub(crate) fn name_of_own(signal: &Signal, wiring: &Wiring) -> String {
-    match is_measured(signal, &wiring.sensor) {
-        true => wiring.name_of_own(&signal.name),
-        false => signal.name.clone(),
+    if is_measured(signal, &wiring.sensor) {
+        wiring.name_of_own(&signal.name)
+    } else {
+        signal.name.clone()
     }
 }
 
@@ -329,9 +331,10 @@ impl Frames {
         let wiring = &trial.wiring;
         let controller = &wiring.nodes.controller;
         let composer = Composer::new(&controller.name, controller.id);
-        let composer = match wiring.follows_itself() {
-            true => composer,
-            false => with_followed(composer, wiring),
+        let composer = if wiring.follows_itself() {
+            composer
+        } else {
+            with_followed(composer, wiring)
         };
         let composer = published.compose(composer, wiring, Player::Emulator);
         let frames = Self::of_recording(Arc::new(composer.finish()), wiring);

@@ -467,10 +467,12 @@ impl ControlLoop {
         // The order is given over the bus, to whoever is there.
         let mut happening = own.filter(|fault| fault.kind.name != "nmt_stop");
         // Sensor, amplifier, wire and mechanics are the emulated drive's.
-        let node = |fault: &Fault| match fault.kind.group == Group::Node && fault.is_at_controller()
-        {
-            true => &self.nodes.controller,
-            false => &self.nodes.drive,
+        let node = |fault: &Fault| {
+            if fault.kind.group == Group::Node && fault.is_at_controller() {
+                &self.nodes.controller
+            } else {
+                &self.nodes.drive
+            }
         };
         // What cannot happen to a program was refused with its scenario.
         let is_foreign = |node: &Node| self.external.has(node) && !self.external.is_program(node);
@@ -578,9 +580,10 @@ impl ControlLoop {
     /// The name in the loop of a signal of one of its messages.
     #[must_use]
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
-        match is_of(&self.nodes.drive, &names::OF_DRIVE, &message.name) {
-            true => name_of_own(signal, &self.trial.wiring),
-            false => signal.name.clone(),
+        if is_of(&self.nodes.drive, &names::OF_DRIVE, &message.name) {
+            name_of_own(signal, &self.trial.wiring)
+        } else {
+            signal.name.clone()
         }
     }
 

@@ -83,9 +83,10 @@ impl SignalNames {
             for signal in &message.signals {
                 let path = format!("{}.{}", message.name, signal.name);
                 let is_own = node.is_some_and(|node| node.part == Part::Drive);
-                let name = match is_own {
-                    true => name_of_own(signal, wiring),
-                    false => signal.name.clone(),
+                let name = if is_own {
+                    name_of_own(signal, wiring)
+                } else {
+                    signal.name.clone()
                 };
                 let mut names = vec![path.clone(), name];
                 if let Some(node) = node
@@ -202,9 +203,10 @@ fn objection(path: String, error: &NameError) -> Objection {
                 .to_owned(),
         ),
         NameError::Ambiguous { paths, .. } => {
-            let more = match paths.len() > CANDIDATES_MAX {
-                true => ", …",
-                false => "",
+            let more = if paths.len() > CANDIDATES_MAX {
+                ", …"
+            } else {
+                ""
             };
             let listed = &paths[..paths.len().min(CANDIDATES_MAX)];
             let help = format!("it may be {}{more}", listed.join(", "));

@@ -93,9 +93,10 @@ fn is_broken(value: &f64) -> bool {
 /// A number that is not whole between two others, which are not neighbours among all that there are.
 fn broken_between(from: f64, to: f64) -> f64 {
     let middle = from + (to - from) / 2.0;
-    match is_broken(&middle) {
-        true => middle,
-        false => (middle - 0.5).max(from + (middle - from) / 2.0),
+    if is_broken(&middle) {
+        middle
+    } else {
+        (middle - 0.5).max(from + (middle - from) / 2.0)
     }
 }
 

@@ -154,9 +154,10 @@ impl Program {
 
     /// Stops the program and all in its group where they are, or lets them go on.
     pub fn suspend(&self, is_suspended: bool) {
-        self.signal(match is_suspended {
-            true => Signal::STOP,
-            false => Signal::CONT,
+        self.signal(if is_suspended {
+            Signal::STOP
+        } else {
+            Signal::CONT
         });
     }
 

@@ -272,12 +272,11 @@ impl<T: Pod> SeriesWriter<T> {
         file.seek(SeekFrom::Start(place(self.filed)?))?;
         for block in self.tail[..count].chunks(BLOCK) {
             let bytes: &[u8] = cast_slice(block);
-            match self.has_holes && bytes.iter().all(|byte| *byte == 0) {
-                true => {
-                    let hole = i64::try_from(bytes.len()).map_err(io::Error::other)?;
-                    file.seek(SeekFrom::Current(hole))?;
-                }
-                false => file.write_all(bytes)?,
+            if self.has_holes && bytes.iter().all(|byte| *byte == 0) {
+                let hole = i64::try_from(bytes.len()).map_err(io::Error::other)?;
+                file.seek(SeekFrom::Current(hole))?;
+            } else {
+                file.write_all(bytes)?
             }
         }
         file.set_len(place(self.filed + count)?)
@@ -651,9 +650,10 @@ mod tests {
     /// A series that the system has to read from the disk: 1, 2, 3 …, or a hole.
     fn on_disk(is_hole: bool) -> Series<u64> {
         let mut writer = SeriesWriter::default();
-        match is_hole {
-            true => writer.fill(COUNT, 0),
-            false => writer.extend(1..=COUNT as u64),
+        if is_hole {
+            writer.fill(COUNT, 0)
+        } else {
+            writer.extend(1..=COUNT as u64)
         }
         let file = writer.file.as_ref().unwrap();
         file.sync_data().unwrap();

@@ -11,10 +11,11 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     }
     let mut shown = String::with_capacity(text.len() + 16);
     for character in text.chars() {
-        match steers(character) {
-            true => (character.encode_utf16(&mut [0; 2]).iter())
-                .for_each(|unit| shown += &format!("\\u{unit:04x}")),
-            false => shown.push(character),
+        if steers(character) {
+            (character.encode_utf16(&mut [0; 2]).iter())
+                .for_each(|unit| shown += &format!("\\u{unit:04x}"))
+        } else {
+            shown.push(character)
         }
     }
     Cow::Owned(shown)

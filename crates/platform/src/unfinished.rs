@@ -59,9 +59,10 @@ fn paths() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 fn remove_all() {
     let paths = paths();
     for path in &*paths {
-        let _ = match path.is_dir() {
-            true => fs::remove_dir_all(path),
-            false => fs::remove_file(path),
+        let _ = if path.is_dir() {
+            fs::remove_dir_all(path)
+        } else {
+            fs::remove_file(path)
         };
     }
     // Who misses what was removed waits for the end, and has nothing to say about it.

@@ -235,9 +235,10 @@ mod tests {
             (is_granted, scheduling(worker().child.id()))
         };
         let (is_granted, scheduling) = std::thread::spawn(beside_a_node).join().unwrap();
-        let expected = match is_granted {
-            true => [1, WORKER_PRIORITY.into()],
-            false => of_tests,
+        let expected = if is_granted {
+            [1, WORKER_PRIORITY.into()]
+        } else {
+            of_tests
         };
         assert_eq!(scheduling, expected);
     }

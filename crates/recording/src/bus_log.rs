@@ -124,11 +124,12 @@ pub(crate) fn has_name(file: &File, path: &Path) -> bool {
 
 /// Refuses a file that has lost its name: a folder without its log is no recording.
 fn require_at(path: &Path, file: File) -> io::Result<File> {
-    match has_name(&file, path) {
-        true => Ok(file),
-        false => Err(io::Error::other(
+    if has_name(&file, path) {
+        Ok(file)
+    } else {
+        Err(io::Error::other(
             "somebody removed or replaced it during the run",
-        )),
+        ))
     }
 }
 
@@ -188,9 +189,10 @@ impl Pieces {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.idle_flushes = match mem::take(&mut self.has_new) {
-            true => 0,
-            false => self.idle_flushes.saturating_add(1),
+        self.idle_flushes = if mem::take(&mut self.has_new) {
+            0
+        } else {
+            self.idle_flushes.saturating_add(1)
         };
         match self.idle_flushes {
             IDLE_FLUSHES_MAX => self.write(),

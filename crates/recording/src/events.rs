@@ -222,9 +222,10 @@ impl EventReader {
             .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
             .map(|event| {
-                let level = match event.is_fault {
-                    true => Level::Warning,
-                    false => Level::Info,
+                let level = if event.is_fault {
+                    Level::Warning
+                } else {
+                    Level::Info
                 };
                 (event.at_seconds, Event::new(level, &event.text))
             });

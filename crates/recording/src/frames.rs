@@ -144,9 +144,10 @@ impl Log {
                 kept.push(stamped);
             }
         }
-        let frames = match count <= KEPT_MAX {
-            true => kept.into(),
-            false => Frames::of_log(open, count),
+        let frames = if count <= KEPT_MAX {
+            kept.into()
+        } else {
+            Frames::of_log(open, count)
         };
         Ok(Self {
             frames,

@@ -297,9 +297,10 @@ impl OpenLog {
             file: Arc::clone(&self.file),
             place: 0,
         };
-        Ok(match self.is_compressed {
-            false => Box::new(BufReader::new(Measured::new(file, bytes))),
-            true => Box::new(BufReader::new(PieceReader::new(file, bytes))),
+        Ok(if self.is_compressed {
+            Box::new(BufReader::new(PieceReader::new(file, bytes)))
+        } else {
+            Box::new(BufReader::new(Measured::new(file, bytes)))
         })
     }
 

@@ -117,9 +117,10 @@ impl RunFolder {
             // What is left of it does no harm.
             let _ = fs::remove_dir_all(partial.path());
         }
-        match folder.path.is_dir() {
-            true => Ok(folder),
-            false => written.map(|()| folder),
+        if folder.path.is_dir() {
+            Ok(folder)
+        } else {
+            written.map(|()| folder)
         }
     }
 
@@ -196,9 +197,10 @@ impl RunFolder {
     /// # Errors
     /// The file cannot be written.
     pub fn bus_log(&self, is_long: bool) -> Result<BusLog, WriteError> {
-        let name = match is_long {
-            false => file::BUS_LOG,
-            true => file::LONG_BUS_LOG,
+        let name = if is_long {
+            file::LONG_BUS_LOG
+        } else {
+            file::BUS_LOG
         };
         BusLog::create(self.path.join(name))
     }
@@ -210,9 +212,10 @@ impl RunFolder {
 /// It is a link that leads out of the folder, or lies behind one.
 pub fn own_file(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
     let path = folder.join(name);
-    let folder = match folder.as_os_str().is_empty() {
-        true => Path::new("."),
-        false => folder,
+    let folder = if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
     };
     // A link that leads nowhere leads out of it, too.
     let target = path.canonicalize().or_else(|_| path.read_link());

@@ -154,9 +154,10 @@ impl fmt::Display for SecondSource {
             ..
         } = self;
         let noun = if *frames == 1 { "frame" } else { "frames" };
-        let how = match is_by_rate {
-            true => "too many by their rate",
-            false => "that canrig's nodes did not send",
+        let how = if *is_by_rate {
+            "too many by their rate"
+        } else {
+            "that canrig's nodes did not send"
         };
         write!(
             formatter,
@@ -264,9 +265,10 @@ impl Watched {
         };
         let surplus = count.saturating_sub(due);
         let new_states = if self.duty == HEARTBEAT { BOOTS_MAX } else { 0 };
-        match surplus > SURPLUS_MIN + new_states + due / CLOCK_PERIODS {
-            true => surplus,
-            false => 0,
+        if surplus > SURPLUS_MIN + new_states + due / CLOCK_PERIODS {
+            surplus
+        } else {
+            0
         }
     }
 }
@@ -513,13 +515,14 @@ impl SourceReader {
             .zip(payload.counter)
             .is_some_and(|(usual, counter)| counter <= usual && counter != 1);
         let is_strange = usual.length != payload.length || self.sync != Some(payload) && is_back;
-        match is_strange && !self.sources.is_rate_changed {
-            true => self.sources.add(
+        if is_strange && !self.sources.is_rate_changed {
+            self.sources.add(
                 (SYNC, SYNC_COB_ID),
                 "SYNC, its counter does not go on".to_owned(),
                 now,
-            ),
-            false => self.sync = Some(payload),
+            )
+        } else {
+            self.sync = Some(payload)
         }
         let is_over = |stop: &mut (Duration, u8)| now > stop.0 + STOP_TIME;
         if let Some((at, node)) = self.stop.take_if(is_over) {

@@ -254,9 +254,10 @@ fn heading(groups: &[Vec<Course<'_>>]) -> String {
         .flatten()
         .map(|course| course.timeline.measurand.title());
     let first = titles.next().unwrap_or_default();
-    match titles.all(|title| title == first) {
-        true => first,
-        false => "Courses".to_owned(),
+    if titles.all(|title| title == first) {
+        first
+    } else {
+        "Courses".to_owned()
     }
 }
 
@@ -264,9 +265,10 @@ fn positions(courses: &[Course<'_>]) -> Markup {
     let first = &courses[0];
     let runs = || courses.iter().map(|course| course.run);
     let is_one_scenario = runs().all(|run| run.scenario() == first.run.scenario());
-    let title = match is_one_scenario {
-        true => first.run.scenario().to_owned(),
-        false => first.timeline.measurand.title(),
+    let title = if is_one_scenario {
+        first.run.scenario().to_owned()
+    } else {
+        first.timeline.measurand.title()
     };
     let title = match first.name {
         "" => title,
@@ -275,9 +277,10 @@ fn positions(courses: &[Course<'_>]) -> Markup {
     let mut plot = Plot::over_time(&title, shown_unit(first.timeline.measurand.unit.symbol()));
     for (number, course) in courses.iter().enumerate() {
         let run = course.run;
-        let name = match is_alone(run, runs()) {
-            true => run.scenario(),
-            false => &run.folder,
+        let name = if is_alone(run, runs()) {
+            run.scenario()
+        } else {
+            &run.folder
         };
         plot.draw(
             name,

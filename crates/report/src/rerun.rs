@@ -115,9 +115,10 @@ fn log_loop<'a>(
 ) -> Result<(Page<'a>, f64), RerunError> {
     let RunLoop { own, timeline, .. } = *one;
     let mut bus = BusReader::new(own, run.is_long)?;
-    let known = match run.is_long {
-        false => Known::Whole,
-        true => Known::Thinned,
+    let known = if run.is_long {
+        Known::Thinned
+    } else {
+        Known::Whole
     };
     let mut recording = Recording::begin(output, own, known)?;
     let mut frames = run.frames.iter();
@@ -127,9 +128,10 @@ fn log_loop<'a>(
         for begin in (0..rows.max(1)).step_by(piece_rows) {
             let end = rows.min(begin + piece_rows);
             let piece = timeline.piece(begin..end);
-            let end_seconds = match end == rows {
-                true => f64::INFINITY,
-                false => piece.end_seconds(),
+            let end_seconds = if end == rows {
+                f64::INFINITY
+            } else {
+                piece.end_seconds()
             };
             // Up to the first frame of a cycle beyond.
             frames.find(|stamped| bus.observe(stamped) >= end_seconds);

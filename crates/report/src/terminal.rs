@@ -212,9 +212,10 @@ fn power_of_ten(value: f64) -> String {
 /// A number as a file has it, with a power of ten where it is long.
 #[must_use]
 pub fn as_written(value: f64) -> String {
-    match value.abs() >= LONG_FROM && value.is_finite() {
-        true => format!("{value:e}"),
-        false => value.to_string(),
+    if value.abs() >= LONG_FROM && value.is_finite() {
+        format!("{value:e}")
+    } else {
+        value.to_string()
     }
 }
 

@@ -46,9 +46,10 @@ pub fn print(text: &str) {
 /// Prints bytes on standard output: as they are, but for a terminal.
 pub fn print_bytes(bytes: &[u8]) {
     let mut stdout = io::stdout();
-    keep_error(match stdout.is_terminal() {
-        true => stdout.write_all(printable(&String::from_utf8_lossy(bytes)).as_bytes()),
-        false => stdout.write_all(bytes),
+    keep_error(if stdout.is_terminal() {
+        stdout.write_all(printable(&String::from_utf8_lossy(bytes)).as_bytes())
+    } else {
+        stdout.write_all(bytes)
     });
 }
 
@@ -58,10 +59,7 @@ pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>)
     let is_terminal = stdout.is_terminal();
     let mut lines = PrintableLines::new(&stdout);
     let mut plain = &stdout;
-    let output: &mut (dyn Write + Send) = match is_terminal {
-        true => &mut lines,
-        false => &mut plain,
-    };
+    let output: &mut (dyn Write + Send) = if is_terminal { &mut lines } else { &mut plain };
     let mut output = BufWriter::new(output);
     keep_error(write(&mut output).and_then(|()| output.flush()));
 }
@@ -336,9 +334,10 @@ fn show_eta(state: &ProgressState, output: &mut dyn fmt::Write) {
 
 /// The time that is left, behind other words. As long as no run has ended, it is zero, and nobody knows it.
 fn words_of_eta(eta: Duration) -> String {
-    match eta.is_zero() {
-        true => String::new(),
-        false => format!("  {:#} left", HumanDuration(eta)),
+    if eta.is_zero() {
+        String::new()
+    } else {
+        format!("  {:#} left", HumanDuration(eta))
     }
 }
 

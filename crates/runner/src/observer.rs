@@ -68,9 +68,10 @@ fn observe(
 
 /// The signal, which stays ignored where it is.
 fn unless_ignored(kind: SignalKind) -> io::Result<Option<Signal>> {
-    match is_ignored(kind.as_raw_value()) {
-        true => Ok(None),
-        false => signal(kind).map(Some),
+    if is_ignored(kind.as_raw_value()) {
+        Ok(None)
+    } else {
+        signal(kind).map(Some)
     }
 }
 

@@ -150,9 +150,10 @@ impl ValueArgs {
 impl PlayArgs {
     /// Who prints what happens, as far as the user wants it.
     pub(crate) fn listener(&self) -> Box<dyn Listener> {
-        match self.events {
-            true => Box::new(EventLines::default()),
-            false => Box::new(Terminal::new(self.json, self.quiet)),
+        if self.events {
+            Box::new(EventLines::default())
+        } else {
+            Box::new(Terminal::new(self.json, self.quiet))
         }
     }
 }
@@ -269,12 +270,13 @@ pub(crate) fn in_virtual_time(plan: Plan, external: &[String]) -> Result<Plan, S
 
 fn refuse_external(plan: &Plan) -> Result<(), String> {
     let external = plan.expected_names();
-    match external.is_empty() {
-        true => Ok(()),
-        false => Err(format!(
+    if external.is_empty() {
+        Ok(())
+    } else {
+        Err(format!(
             "external: {}: an external node keeps its own time; play on its bus, as in `canrig run SCENARIO --bus can0`, or in virtual time on a rig without a real drive",
             external.join(", ")
-        )),
+        ))
     }
 }
 

@@ -185,19 +185,21 @@ impl Recorded {
                 broken: log.unread.broken,
             });
         }
-        let stalls = match is_folder {
-            true => read_stalls(folder).map_err(|source| RecordedError::Read {
+        let stalls = if is_folder {
+            read_stalls(folder).map_err(|source| RecordedError::Read {
                 path: folder.join(file::STALLS),
                 source,
-            })?,
-            false => Vec::new(),
+            })?
+        } else {
+            Vec::new()
         };
-        let sent = match is_folder {
-            true => Sent::read(folder).map_err(|source| RecordedError::Read {
+        let sent = if is_folder {
+            Sent::read(folder).map_err(|source| RecordedError::Read {
                 path: folder.join(file::SENT),
                 source,
-            })?,
-            false => Sent::default(),
+            })?
+        } else {
+            Sent::default()
         };
         Ok(Self {
             path: path.to_owned(),
@@ -264,9 +266,10 @@ impl Recorded {
     #[must_use]
     pub fn ways_for_timing(&self) -> u64 {
         let stored = self.stored.as_ref();
-        match stored.is_some_and(|stored| stored.timing.is_some()) {
-            true => self.plan.loops.len() as u64,
-            false => 0,
+        if stored.is_some_and(|stored| stored.timing.is_some()) {
+            self.plan.loops.len() as u64
+        } else {
+            0
         }
     }
 
@@ -385,9 +388,10 @@ pub fn opened(folders: &[PathBuf]) -> Vec<PathBuf> {
                 .filter(|path| is_one(path)),
         );
         own.sort();
-        match is_one(folder) || own.is_empty() {
-            true => vec![folder.clone()],
-            false => own,
+        if is_one(folder) || own.is_empty() {
+            vec![folder.clone()]
+        } else {
+            own
         }
     });
     opened.collect()

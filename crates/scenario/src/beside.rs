@@ -158,9 +158,10 @@ impl Beside {
     /// It cannot be read, or a link leads out of the folder.
     pub fn read_text(&self, name: &str) -> io::Result<String> {
         let (folder, name) = self.folder_of(name);
-        let folder = match folder.as_os_str().is_empty() {
-            true => Path::new("."),
-            false => folder,
+        let folder = if folder.as_os_str().is_empty() {
+            Path::new(".")
+        } else {
+            folder
         };
         let path = folder.join(name).canonicalize()?;
         if !path.starts_with(folder.canonicalize()?) {

@@ -260,9 +260,10 @@ fn outputs_of_nobody(
         }
         let path = format!("disturbance.output.{index}.name");
         let message = format!("no io node has an output `{}` at this plant", output.name);
-        let label = match known.is_empty() {
-            true => "a rig file names outputs: outputs = { NAME = \"PLANT.PORT\" }".to_owned(),
-            false => meant_or_known(&output.name, &known),
+        let label = if known.is_empty() {
+            "a rig file names outputs: outputs = { NAME = \"PLANT.PORT\" }".to_owned()
+        } else {
+            meant_or_known(&output.name, &known)
         };
         problems.push(document.problem(&path, message, label));
     }

@@ -140,13 +140,12 @@ impl LawWires {
         let writing = |port: &Port| Ok(writing_of_loop(port, inside));
         let wires = Self::found(ports, reading, writing)?;
         let is_first = |writing: &Writing| matches!(writing, Writing::Current { of_loop: 0, .. });
-        match wires.outputs.iter().any(is_first) {
-            true => Ok(wires),
-            false => {
-                let message = "the law commands no drive".to_owned();
-                let label = format!("it has no output `{}`", loop_output(0));
-                Err(wrong(message, label))
-            }
+        if wires.outputs.iter().any(is_first) {
+            Ok(wires)
+        } else {
+            let message = "the law commands no drive".to_owned();
+            let label = format!("it has no output `{}`", loop_output(0));
+            Err(wrong(message, label))
         }
     }
 
@@ -223,9 +222,10 @@ fn writing_of_loop(port: &Port, inside: f64) -> Writing {
         },
         None => Writing::Term {
             of_loop: 0,
-            factor: match port.is_of_position {
-                true => 1.0 / inside,
-                false => 1.0,
+            factor: if port.is_of_position {
+                1.0 / inside
+            } else {
+                1.0
             },
         },
     }
@@ -281,16 +281,15 @@ fn owner<'a>(port: &'a Port, loops: &[LoopOfRig]) -> Result<(usize, &'a str), Wr
         let known = loops.iter().map(|one| one.name.as_str());
         wrong(message, meant_or_known(owner, &Vec::from_iter(known)))
     })?;
-    match is_name(name) {
-        true => Ok((place, name)),
-        false => {
-            let message = format!("the law's port `{}` names nothing", port.name);
-            let label = format!(
-                "loop and quantity with a dot between them, as in \"{owner}.{}_{}\"",
-                loops[place].measurand.signal, loops[place].measurand.unit
-            );
-            Err(wrong(message, label))
-        }
+    if is_name(name) {
+        Ok((place, name))
+    } else {
+        let message = format!("the law's port `{}` names nothing", port.name);
+        let label = format!(
+            "loop and quantity with a dot between them, as in \"{owner}.{}_{}\"",
+            loops[place].measurand.signal, loops[place].measurand.unit
+        );
+        Err(wrong(message, label))
     }
 }
 
@@ -325,11 +324,12 @@ fn readable(one: &LoopOfRig) -> String {
     let Measurand { signal, unit, .. } = &one.measurand;
     let name = &one.name;
     let position = format!("`{name}.{signal}_{unit}`");
-    match one.led_by.is_some() {
-        true => format!("of this drive it is {position}"),
-        false => format!(
+    if one.led_by.is_some() {
+        format!("of this drive it is {position}")
+    } else {
+        format!(
             "of this loop there are {position}, `{name}.{SET_POINT}{unit}`, and that with `{VELOCITY}` and `{ACCELERATION}`"
-        ),
+        )
     }
 }
 

@@ -55,9 +55,10 @@ impl Node {
     /// It within a sentence: `the drive` for a node that is called after its part, else its name.
     #[must_use]
     pub fn in_words(&self) -> Cow<'_, str> {
-        match self.name == self.part.word() {
-            true => format!("the {}", self.name).into(),
-            false => self.name.as_str().into(),
+        if self.name == self.part.word() {
+            format!("the {}", self.name).into()
+        } else {
+            self.name.as_str().into()
         }
     }
 }

@@ -188,9 +188,10 @@ impl Port {
         let [min, max] = self.range;
         // As the bus rounds: -32.768 in steps of 0.001 are -32768.
         let [lowest, highest] = self.range.map(|end| libm::round(end * self.steps_per_unit));
-        let highest_max = match min < 0.0 {
-            true => f64::from(i16::MAX),
-            false => f64::from(u16::MAX),
+        let highest_max = if min < 0.0 {
+            f64::from(i16::MAX)
+        } else {
+            f64::from(u16::MAX)
         };
         let is_range = min < max;
         match () {
@@ -661,9 +662,10 @@ impl Command {
         // A unit such as the newton metre holds another one.
         let [one, other] = [from, to].map(|command| singular(command.word()) + "_seconds");
         let units = exchanged(&units, &one, &other);
-        match units == word {
-            true => units,
-            false => exchanged(&units, from.signal(), to.signal()),
+        if units == word {
+            units
+        } else {
+            exchanged(&units, from.signal(), to.signal())
         }
     }
 }

@@ -218,9 +218,10 @@ impl Wiring {
     /// The name in its loop of what its own drive measures: with that of the drive where the loop follows another one.
     #[must_use]
     pub fn name_of_own(&self, measured: &str) -> String {
-        match self.follows_itself() {
-            true => measured.to_owned(),
-            false => format!("{}.{measured}", self.nodes.drive.name),
+        if self.follows_itself() {
+            measured.to_owned()
+        } else {
+            format!("{}.{measured}", self.nodes.drive.name)
         }
     }
 
@@ -314,9 +315,10 @@ impl IoWiring {
     /// Where the other outputs stand among all: behind fan and load, where there is one of them.
     #[must_use]
     pub fn first_output(&self) -> usize {
-        match self.fan.is_some() || self.load.is_some() {
-            true => FAN_AND_LOAD,
-            false => 0,
+        if self.fan.is_some() || self.load.is_some() {
+            FAN_AND_LOAD
+        } else {
+            0
         }
     }
 

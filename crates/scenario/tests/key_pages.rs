@@ -166,9 +166,10 @@ impl<'a> Page<'a> {
             .values(name)
             .map(|(value, _)| format!("`{value}`"))
             .collect();
-        match values.is_empty() {
-            true => table.to_owned(),
-            false => values.join(", "),
+        if values.is_empty() {
+            table.to_owned()
+        } else {
+            values.join(", ")
         }
     }
 

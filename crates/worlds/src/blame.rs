@@ -135,9 +135,10 @@ impl<'a> Seen<'a> {
     /// A participant in a message: of a plant's emulator, with the drive that it plays.
     fn words(&self, participant: &str) -> String {
         let drive = self.node(participant);
-        match drive == participant {
-            true => participant.to_owned(),
-            false => format!("emulator of {participant} and its drive {drive}"),
+        if drive == participant {
+            participant.to_owned()
+        } else {
+            format!("emulator of {participant} and its drive {drive}")
         }
     }
 
@@ -215,9 +216,10 @@ impl<'a> Seen<'a> {
     }
 
     fn silent(&self, node: &str, silence: Duration) -> EarlyEnd {
-        let last = match node == self.plan.controller().name {
-            true => self.last_sync(),
-            false => self.last_position(node),
+        let last = if node == self.plan.controller().name {
+            self.last_sync()
+        } else {
+            self.last_position(node)
         };
         let since = last.and_then(|last| self.seconds(last)).unwrap_or_default();
         EarlyEnd {
@@ -239,13 +241,14 @@ impl<'a> Seen<'a> {
         };
         let is_heard = self.frames.iter().find(is_of_controller).is_some();
         let seconds = patience.as_secs();
-        let what = match is_heard {
-            true => format!(
+        let what = if is_heard {
+            format!(
                 "the scenario did not begin within {seconds} s: the drive never reported Operation enabled"
-            ),
-            false => format!(
+            )
+        } else {
+            format!(
                 "not heard at all within {seconds} s: no SYNC, no NMT, no heartbeat 0x{heartbeat:03X}; is it running, and on this bus?"
-            ),
+            )
         };
         self.end(&self.plan.controller().name, None, what)
     }

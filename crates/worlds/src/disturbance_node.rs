@@ -262,9 +262,10 @@ impl Node for DisturbanceProducer {
     }
 
     fn silent_filters(&self) -> Vec<Filter> {
-        match self.real_drives.is_empty() {
-            true => self.clock.silent_filters().collect(),
-            false => Vec::new(),
+        if self.real_drives.is_empty() {
+            self.clock.silent_filters().collect()
+        } else {
+            Vec::new()
         }
     }
 

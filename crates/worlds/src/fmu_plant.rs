@@ -26,9 +26,10 @@ const KEPT_MAX: usize = 16;
 
 /// How much longer than others the drives of these loops may take until they are there.
 pub(crate) fn more_patience(plan: &Plan) -> Duration {
-    match plan.loops.iter().any(|one| one.trial.has_fmu()) {
-        true => LOAD_PATIENCE,
-        false => Duration::ZERO,
+    if plan.loops.iter().any(|one| one.trial.has_fmu()) {
+        LOAD_PATIENCE
+    } else {
+        Duration::ZERO
     }
 }
 

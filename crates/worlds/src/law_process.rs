@@ -82,10 +82,7 @@ impl LawPlace {
                 law_worker::command(file, Some(files.folder()))?
             }
         };
-        let clock = match self.is_real_time {
-            true => "real",
-            false => "virtual",
-        };
+        let clock = if self.is_real_time { "real" } else { "virtual" };
         let log = self.logs.as_ref().map(|logs| logs.join(log_name(part)));
         let program = Listener::open().and_then(|listener| {
             let seat = listener.path().to_string_lossy().into_owned();
@@ -140,9 +137,10 @@ pub fn folder_of(plan: &Plan) -> PathBuf {
 /// How much longer than others a controller with these laws may take until it is there, and for its end.
 pub(crate) fn more_patience(plan: &Plan) -> [Duration; 2] {
     let mut laws = plan.loops.iter().map(|one| &one.trial.controller);
-    match laws.any(|law| law.process_law().is_some()) {
-        true => [3 * START_PATIENCE + CLOSED_PATIENCE, END_PATIENCE],
-        false => [Duration::ZERO; 2],
+    if laws.any(|law| law.process_law().is_some()) {
+        [3 * START_PATIENCE + CLOSED_PATIENCE, END_PATIENCE]
+    } else {
+        [Duration::ZERO; 2]
     }
 }
 
@@ -266,9 +264,10 @@ impl LawProcess {
         let time = Duration::try_from_secs_f64(cycle.scenario_time_seconds);
         let time = time.unwrap_or_default().as_nanos();
         let header = Header {
-            a: match reads.iter().any(|value| value.is_nan()) {
-                true => IS_MISSING,
-                false => 0,
+            a: if reads.iter().any(|value| value.is_nan()) {
+                IS_MISSING
+            } else {
+                0
             },
             number: self.asked,
             time: u64::try_from(time).unwrap_or(u64::MAX),
@@ -283,9 +282,10 @@ impl LawProcess {
     fn wait(&mut self, window: &Window, writes: &mut [f64]) -> bool {
         let mut waits = 0;
         while !self.is_gone {
-            let patience = match self.is_real_time {
-                true => self.left(window),
-                false => WAIT,
+            let patience = if self.is_real_time {
+                self.left(window)
+            } else {
+                WAIT
             };
             match self.program.receive(&mut self.answer, patience) {
                 Ok(Received::Message(length)) => {
@@ -304,9 +304,10 @@ impl LawProcess {
             }
         }
         // In real time it is seen in one of the next cycles how it ended.
-        let patience = match self.is_real_time {
-            true => self.left(window),
-            false => CLOSED_PATIENCE,
+        let patience = if self.is_real_time {
+            self.left(window)
+        } else {
+            CLOSED_PATIENCE
         };
         match self.program.ended(patience) {
             Some(ended) => self.fail(&ended_words(&ended)),
@@ -365,17 +366,17 @@ impl Player for LawProcess {
             return false;
         }
         let is_in_time = self.wait(window, writes);
-        match is_in_time {
-            true => self.late_in_a_row = 0,
-            false => {
-                self.late.fetch_add(1, Ordering::Relaxed);
-                self.late_in_a_row += 1;
-            }
+        if is_in_time {
+            self.late_in_a_row = 0
+        } else {
+            self.late.fetch_add(1, Ordering::Relaxed);
+            self.late_in_a_row += 1;
         }
         if self.late_in_a_row >= LATE_IN_A_ROW_MAX && self.failure.is_none() {
-            let what = match self.is_gone {
-                true => CLOSED.to_owned(),
-                false => format!("did not answer in time in {LATE_IN_A_ROW_MAX} cycles in a row"),
+            let what = if self.is_gone {
+                CLOSED.to_owned()
+            } else {
+                format!("did not answer in time in {LATE_IN_A_ROW_MAX} cycles in a row")
             };
             self.fail(&what);
         }

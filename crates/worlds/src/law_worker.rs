@@ -67,9 +67,10 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
         let wrong = ports
             .keys()
             .find(|variable| is_input(variable) != is_read)?;
-        let what = match is_read {
-            true => format!("variable `{wrong}` is no input, so it reads nothing"),
-            false => format!("variable `{wrong}` is an input, so it writes nothing"),
+        let what = if is_read {
+            format!("variable `{wrong}` is no input, so it reads nothing")
+        } else {
+            format!("variable `{wrong}` is an input, so it writes nothing")
         };
         Some(objection(format!("{key}.{wrong}"), what))
     })

@@ -207,9 +207,10 @@ impl StartedProgram {
         let (how, output) = self.program.ended(Duration::ZERO)?;
         Some(WorldError::Process {
             name: name.to_owned(),
-            doing: match how.starts_with("cannot be started") {
-                true => Doing::NotSetUp,
-                false => Doing::GaveUp,
+            doing: if how.starts_with("cannot be started") {
+                Doing::NotSetUp
+            } else {
+                Doing::GaveUp
             },
             how: how + " in the middle of the run",
             log: end_of(&output),
@@ -469,14 +470,13 @@ impl Guests {
         let mut guests = Vec::new();
         for order in ProgramOrder::all(plan, hosting.logs, hosting.patience) {
             let node = order.seat(Duration::ZERO, hosting.announce)?;
-            guests.push(match plan.has_faults() {
-                false => Guest::Plain(Box::new(node)),
-                true => {
-                    let faults = faults_at(plan, &order.node);
-                    let clock = plan.scenario_clock()?;
-                    let faulty = Faulty::new(Asked::new(node), faults, clock, Asked::renew);
-                    Guest::Faulty(Box::new(faulty), order.node)
-                }
+            guests.push(if plan.has_faults() {
+                let faults = faults_at(plan, &order.node);
+                let clock = plan.scenario_clock()?;
+                let faulty = Faulty::new(Asked::new(node), faults, clock, Asked::renew);
+                Guest::Faulty(Box::new(faulty), order.node)
+            } else {
+                Guest::Plain(Box::new(node))
             });
         }
         Ok(Self(guests))

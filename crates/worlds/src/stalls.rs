@@ -94,8 +94,9 @@ impl StallRecorder {
 
 /// A process that canrig started, by its participant's name: all but the controller's emulate a plant.
 fn who(name: &str, controller: &str) -> Who {
-    match name == controller {
-        true => Who::Controller,
-        false => Who::PlantEmulator,
+    if name == controller {
+        Who::Controller
+    } else {
+        Who::PlantEmulator
     }
 }

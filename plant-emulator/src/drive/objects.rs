@@ -61,9 +61,10 @@ impl Objects {
         let protection = |sub_index, data_type| {
             objects::find(dictionary, THERMAL_PROTECTION, sub_index, data_type)
         };
-        let of_truth = match wires.is_true_float {
-            true => DataType::Real32,
-            false => DataType::Integer32,
+        let of_truth = if wires.is_true_float {
+            DataType::Real32
+        } else {
+            DataType::Integer32
         };
         let signals = wires.published.iter().zip(PLANT_SIGNALS);
         let signals = signals.map(|(one, index)| Ok((at(index, data_type(one))?, one.clone())));
@@ -179,9 +180,10 @@ impl Objects {
         }
         let steps = true_position * self.true_steps_per_output;
         #[expect(clippy::cast_possible_truncation, reason = "a float of 32 bits")]
-        let bytes = match self.is_true_float {
-            true => (steps as f32).to_le_bytes(),
-            false => objects::rounded_i32(steps).to_le_bytes(),
+        let bytes = if self.is_true_float {
+            (steps as f32).to_le_bytes()
+        } else {
+            objects::rounded_i32(steps).to_le_bytes()
         };
         objects::store(dictionary, self.true_position, &bytes);
     }

@@ -74,9 +74,10 @@ fn name(requirement: &Requirement) -> String {
     let text = (requirement.text.as_deref())
         .map(|text| format!(" {text}"))
         .unwrap_or_default();
-    match requirement.is_listed {
-        true => format!("{}{text}", requirement.id),
-        false => format!("{} (not in the list)", requirement.id),
+    if requirement.is_listed {
+        format!("{}{text}", requirement.id)
+    } else {
+        format!("{} (not in the list)", requirement.id)
     }
 }
 

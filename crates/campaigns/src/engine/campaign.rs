@@ -90,9 +90,10 @@ impl SharedCampaign<'_> {
             fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
         }
         let program = folder.path().join(PROGRAM);
-        match folder.path().join(RECORD).exists() && program.exists() {
-            true => Ok(()),
-            false => copy_program(&program).map_err(WriteError::at(&program)),
+        if folder.path().join(RECORD).exists() && program.exists() {
+            Ok(())
+        } else {
+            copy_program(&program).map_err(WriteError::at(&program))
         }
     }
 

@@ -203,9 +203,10 @@ fn submitted(args: &SubmitArgs, plan: &Plan) -> Result<Exit, SubmitError> {
             of: record.parts,
         })
     });
-    let shown = match args.quiet {
-        true => Shown::Failures,
-        false => Shown::All,
+    let shown = if args.quiet {
+        Shown::Failures
+    } else {
+        Shown::All
     };
     let parts: Vec<PathBuf> = parts.collect();
     Ok(merge_parts(&parts, &cases, plan, &campaign.output, shown)?)

@@ -111,9 +111,10 @@ fn play(args: &SweepArgs, plan: &Plan) -> Result<Exit, SweepError> {
         overrides: &args.values.all(),
     };
     let (folder, rows, _writer) = part.play(&cases, plan)?;
-    let exit = match args.part.is_for_engine() {
-        true => Exit::Pass,
-        false => finish(&folder, plan, &cases, &rows, shown)?,
+    let exit = if args.part.is_for_engine() {
+        Exit::Pass
+    } else {
+        finish(&folder, plan, &cases, &rows, shown)?
     };
     part.report(
         "ended",

@@ -148,9 +148,10 @@ fn print_files(folder: &RunFolder, summary: &Summary) {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (total, written) = (summary.failing_total(), summary.failing.len());
     if total > 0 {
-        let first = match written < total {
-            true => format!("the first {written} of {total}"),
-            false => format!("all {total}"),
+        let first = if written < total {
+            format!("the first {written} of {total}")
+        } else {
+            format!("all {total}")
         };
         print(&format!(
             "failing  {} ({first}, for canrig simulate)",

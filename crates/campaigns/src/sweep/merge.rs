@@ -95,9 +95,10 @@ pub fn merge(args: &MergeArgs) -> Exit {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };
-    let shown = match args.quiet {
-        true => Shown::Failures,
-        false => Shown::All,
+    let shown = if args.quiet {
+        Shown::Failures
+    } else {
+        Shown::All
     };
     let merged = CampaignCases::of_folder(first, &plan)
         .and_then(|cases| merge_parts(&args.shards, &cases, &plan, &args.output, shown));

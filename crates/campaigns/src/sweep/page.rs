@@ -47,9 +47,10 @@ pub(crate) fn to_text(summary: &Summary) -> String {
     }
     let (name, counts) = (&summary.name, counts(summary));
     // Torture measures nothing: what it breaks are invariants.
-    match summary.spreads.is_empty() {
-        true => format!("\n{name}\n{counts}"),
-        false => format!("\n{name}\n{table}\n{counts}"),
+    if summary.spreads.is_empty() {
+        format!("\n{name}\n{counts}")
+    } else {
+        format!("\n{name}\n{table}\n{counts}")
     }
 }
 
@@ -264,9 +265,10 @@ fn shown_range(spread: &MetricSpread) -> (f64, f64) {
     let (low, high) = spread.bulk;
     let room = 0.5 * (high - low);
     let has_outliers = room > 0.0 && greatest - least > OUTLIERS_FROM * (high - low);
-    let (mut from, mut until) = match has_outliers {
-        true => (least.max(low - room), greatest.min(high + room)),
-        false => (least, greatest),
+    let (mut from, mut until) = if has_outliers {
+        (least.max(low - room), greatest.min(high + room))
+    } else {
+        (least, greatest)
     };
     // A limit far from all runs would press them together.
     let near = 2.0 * (until - from);

@@ -207,9 +207,10 @@ fn of_slurm_array(
         return Err(NoPart::Gaps);
     }
     let number = place / step + 1;
-    match of <= SHARDS_MAX {
-        true => Ok(Shard { number, of }),
-        false => Err(NoPart::Count(of)),
+    if of <= SHARDS_MAX {
+        Ok(Shard { number, of })
+    } else {
+        Err(NoPart::Count(of))
     }
 }
 

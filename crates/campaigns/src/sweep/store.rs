@@ -173,9 +173,10 @@ fn node() -> String {
     let named = NODE_VARIABLES.iter().find_map(|name| env::var(name).ok());
     let named = named.or_else(|| fs::read_to_string(KERNEL_NODE).ok());
     let named = named.unwrap_or_default().replace(char::is_control, "");
-    match named.is_empty() {
-        true => "unknown".to_owned(),
-        false => named,
+    if named.is_empty() {
+        "unknown".to_owned()
+    } else {
+        named
     }
 }
 
@@ -321,9 +322,10 @@ impl Rows {
                 file.is_cut = length > 0;
                 let path = file.path.clone();
                 let found = format!("a line of more than {LINE_BYTES_MAX} bytes");
-                return match length as u64 == LINE_BYTES_MAX {
-                    true => Err(StoreError::Foreign { path, found }),
-                    false => Ok(()),
+                return if length as u64 == LINE_BYTES_MAX {
+                    Err(StoreError::Foreign { path, found })
+                } else {
+                    Ok(())
                 };
             };
             let offset = file.end;

@@ -171,9 +171,12 @@ impl Cases for TortureCases {
     fn words(&self, number: usize) -> String {
         let values = self.keys.iter().zip(self.values(number));
         let drawn = values.filter(|(_, count)| *count > 0.0);
-        let drawn = drawn.map(|(key, count)| match count > 1.0 {
-            true => format!("{count} × {key}"),
-            false => key.clone(),
+        let drawn = drawn.map(|(key, count)| {
+            if count > 1.0 {
+                format!("{count} × {key}")
+            } else {
+                key.clone()
+            }
         });
         drawn.collect::<Vec<_>>().join(", ")
     }

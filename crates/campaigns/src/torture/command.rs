@@ -125,9 +125,10 @@ fn part(
     plan: &Plan,
     shard: Shard,
 ) -> Exit {
-    let shown = match args.quiet {
-        true => Shown::Failures,
-        false => Shown::All,
+    let shown = if args.quiet {
+        Shown::Failures
+    } else {
+        Shown::All
     };
     let part = PartPlay {
         output: &args.output,
@@ -156,9 +157,10 @@ fn part(
                 let played = shard.cases(cases.runs()).len();
                 print(&summary(args.seed, played, &broken));
             }
-            match broken.is_empty() || args.part.is_for_engine() {
-                true => Exit::Pass,
-                false => Exit::VerdictFailed,
+            if broken.is_empty() || args.part.is_for_engine() {
+                Exit::Pass
+            } else {
+                Exit::VerdictFailed
             }
         }
     }

@@ -142,9 +142,10 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         Lasting {
             duty,
             from_seconds: lost.due_seconds,
-            cause: match attribution.is_by_fault(duty, lost.due_seconds) {
-                true => Cause::Fault,
-                false => Cause::Node(duty),
+            cause: if attribution.is_by_fault(duty, lost.due_seconds) {
+                Cause::Fault
+            } else {
+                Cause::Node(duty)
             },
         }
     });

@@ -464,9 +464,10 @@ fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -
 /// Whether frames came until the scenario's end.
 pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> bool {
     let is_sound = one.trial.run.faults.is_empty();
-    let tolerance = match is_sound {
-        true => END_PERIODS * timeline.period_seconds,
-        false => FAULTY_END_SECONDS,
+    let tolerance = if is_sound {
+        END_PERIODS * timeline.period_seconds
+    } else {
+        FAULTY_END_SECONDS
     };
     timeline.zero_seconds.is_some()
         && timeline.last_frame_seconds + tolerance >= one.trial.run.duration_seconds

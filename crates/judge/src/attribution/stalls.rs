@@ -42,9 +42,10 @@ impl Stretch {
 
     /// The end of what it does to the motion.
     fn calm_seconds(&self, period_seconds: f64) -> f64 {
-        match self.is_long(period_seconds) {
-            true => self.until_seconds + CALM_SECONDS + CALM_LENGTHS * self.length(),
-            false => self.until_seconds,
+        if self.is_long(period_seconds) {
+            self.until_seconds + CALM_SECONDS + CALM_LENGTHS * self.length()
+        } else {
+            self.until_seconds
         }
     }
 }

@@ -323,9 +323,12 @@ fn measured(set_point: f64, error: f64) -> f64 {
 }
 
 fn error() -> impl Strategy<Value = f64> {
-    (0..ERRORS.len(), any::<bool>()).prop_map(|(place, is_below)| match is_below {
-        true => -ERRORS[place],
-        false => ERRORS[place],
+    (0..ERRORS.len(), any::<bool>()).prop_map(|(place, is_below)| {
+        if is_below {
+            -ERRORS[place]
+        } else {
+            ERRORS[place]
+        }
     })
 }
 

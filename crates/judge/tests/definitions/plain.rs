@@ -212,9 +212,10 @@ impl Plain<'_> {
         add("hunting_millimetres", self.hunting());
         if let Some((_, until)) = self.drawn.stuck {
             let end = self.drawn.duration();
-            let recovery = match until < end {
-                true => self.recovery((until, end)),
-                false => None,
+            let recovery = if until < end {
+                self.recovery((until, end))
+            } else {
+                None
             };
             add("recovers_within_seconds", recovery);
         }
@@ -342,9 +343,12 @@ impl Plain<'_> {
         let fits: Option<Vec<[f64; 3]>> = sines.iter().map(|sine| self.sine(*sine)).collect();
         let of = |place: usize, goodness: &dyn Fn(f64) -> f64| {
             let values = fits.as_ref()?.iter().map(|fit| fit[place]);
-            values.reduce(|worst, value| match goodness(value) < goodness(worst) {
-                true => value,
-                false => worst,
+            values.reduce(|worst, value| {
+                if goodness(value) < goodness(worst) {
+                    value
+                } else {
+                    worst
+                }
             })
         };
         let gain_goodness = |gain: f64| match self.drawn.gain_limit {
@@ -662,9 +666,10 @@ impl Plain<'_> {
         let margin = |value: f64, min: f64, max: f64| (value - min).min(max - value);
         let worst = |values: Vec<f64>, min: f64, max: f64| {
             values.into_iter().reduce(|worst, value| {
-                match margin(value, min, max) < margin(worst, min, max) {
-                    true => value,
-                    false => worst,
+                if margin(value, min, max) < margin(worst, min, max) {
+                    value
+                } else {
+                    worst
                 }
             })
         };

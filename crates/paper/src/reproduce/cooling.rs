@@ -66,9 +66,12 @@ fn cooling() -> Experiment {
     let pairs = CONVECTIONS.into_iter().flat_map(|convection| {
         let with = cooled_by(convection, None);
         let without = cooled_by(convection, Some(CONDUCTION_WITHOUT));
-        let label = |how: &str| match convection == CONVECTIONS[0] {
-            true => how.to_owned(),
-            false => format!("{how}, h = {convection}"),
+        let label = |how: &str| {
+            if convection == CONVECTIONS[0] {
+                how.to_owned()
+            } else {
+                format!("{how}, h = {convection}")
+            }
         };
         [
             PlannedRun::new(label(WITH_ELEMENT), with, keep),

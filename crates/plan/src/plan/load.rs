@@ -188,12 +188,13 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
     Some(Objection {
         path: "bus.sync_period_milliseconds".to_owned(),
         message: "the frames of this rig do not fit between two SYNCs".to_owned(),
-        label: match budget.load_percent() > 100.0 {
-            false => format!("they need {budget}"),
-            true => format!(
+        label: if budget.load_percent() > 100.0 {
+            format!(
                 "they need {budget}, and {:.0} % of the bus over many cycles",
                 budget.load_percent()
-            ),
+            )
+        } else {
+            format!("they need {budget}")
         },
         help: Some(format!(
             "{way_out}; bits in the fullest cycle: {}",

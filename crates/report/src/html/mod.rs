@@ -230,9 +230,10 @@ fn events(events: &Events) -> Markup {
 }
 
 fn again(is_long: bool) -> Markup {
-    let (log, signals) = match is_long {
-        false => (file::BUS_LOG, file::SIGNALS),
-        true => (file::LONG_BUS_LOG, file::LONG_SIGNALS),
+    let (log, signals) = if is_long {
+        (file::LONG_BUS_LOG, file::LONG_SIGNALS)
+    } else {
+        (file::BUS_LOG, file::SIGNALS)
     };
     html! {
         h2 #again { "Again" }

@@ -38,10 +38,7 @@ pub(super) fn ticks((low, high): (f64, f64)) -> Vec<(f64, String)> {
 /// Labels beside each other that have room: of long ones every other.
 pub(super) fn apart(ticks: Vec<(f64, String)>) -> Vec<(f64, String)> {
     let is_long = |(_, label): &(f64, String)| label.chars().count() > LABEL_CHARACTERS_MAX;
-    let step = match ticks.iter().any(is_long) {
-        false => 1,
-        true => 2,
-    };
+    let step = if ticks.iter().any(is_long) { 2 } else { 1 };
     ticks.into_iter().step_by(step).collect()
 }
 

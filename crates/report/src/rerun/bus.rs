@@ -74,9 +74,10 @@ impl BusReader {
     /// The database lacks a signal.
     pub(crate) fn new(own: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
         let trial = &own.trial;
-        let stretch_seconds = match is_thinned {
-            false => STRETCH_SECONDS,
-            true => stretch_seconds(trial),
+        let stretch_seconds = if is_thinned {
+            stretch_seconds(trial)
+        } else {
+            STRETCH_SECONDS
         };
         Ok(Self {
             cycle: CycleReader::new(own)?,

@@ -108,9 +108,10 @@ impl Hysteresis {
             if is_soon || last.is_some_and(|last| !is_far(here, last)) {
                 continue;
             }
-            let moment = match row == 0 && last.is_none() {
-                true => times::first_moment(timeline, moment),
-                false => moment,
+            let moment = if row == 0 && last.is_none() {
+                times::first_moment(timeline, moment)
+            } else {
+                moment
             };
             self.points.push(Point {
                 moment,

@@ -118,9 +118,10 @@ impl<'o, 'a> Shown<'o, 'a> {
 
     /// Logs what came since the last time.
     fn log(&mut self, is_last: bool) -> Result<(), LiveError> {
-        let piece = match is_last {
-            true => self.reader.take_rest(self.trial)?,
-            false => self.reader.take_piece(self.trial)?,
+        let piece = if is_last {
+            self.reader.take_rest(self.trial)?
+        } else {
+            self.reader.take_piece(self.trial)?
         };
         Ok(self.recording.log(&piece, &mut self.bus)?)
     }

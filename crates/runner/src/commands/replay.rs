@@ -65,9 +65,10 @@ pub fn replay(args: &ReplayArgs) -> Exit {
         Ok((recorded, verdict)) => {
             show(args, &recorded, &verdict);
             report(args, &recorded, &verdict);
-            match args.strict && verdict.judged_nothing() {
-                true => Exit::VerdictFailed,
-                false => verdict.outcome.into(),
+            if args.strict && verdict.judged_nothing() {
+                Exit::VerdictFailed
+            } else {
+                verdict.outcome.into()
             }
         }
     }
@@ -147,9 +148,10 @@ fn against(stored: &Verdict, verdict: &Verdict) -> String {
     if stored == verdict {
         return "the same verdict as that of the run".to_owned();
     }
-    let other_version = match stored.version == verdict.version {
-        true => String::new(),
-        false => format!(", by canrig {}", stored.version),
+    let other_version = if stored.version == verdict.version {
+        String::new()
+    } else {
+        format!(", by canrig {}", stored.version)
     };
     format!(
         "the verdict of the run was: {}{other_version}",

@@ -224,9 +224,10 @@ impl<'a> RunTestbed<'a> {
             }
             Err(error) => {
                 print_error(&format!("canrig: {error}"));
-                match error.is_before_start() {
-                    true => Exit::CannotStart,
-                    false => Exit::BenchFailed,
+                if error.is_before_start() {
+                    Exit::CannotStart
+                } else {
+                    Exit::BenchFailed
                 }
             }
         }

@@ -110,9 +110,10 @@ impl<'a> ListedSignal<'a> {
 
 /// The ends of a floating-point number's range have 39 digits, of which nobody needs more than some.
 fn in_words(limit: f64) -> String {
-    match limit.abs() < DIGITS_SHOWN_BELOW {
-        true => limit.to_string(),
-        false => format!("{limit:.3e}"),
+    if limit.abs() < DIGITS_SHOWN_BELOW {
+        limit.to_string()
+    } else {
+        format!("{limit:.3e}")
     }
 }
 
@@ -129,9 +130,10 @@ pub fn signals(args: &SignalsArgs) -> Exit {
             let loops = plan.as_ref().map_or(&[][..], |plan| &plan.loops);
             let mut signals = listed(database, loops);
             signals.retain(|signal| args.filter.iter().all(|text| signal.has(text)));
-            print(&match args.json {
-                true => serde_json::to_string_pretty(&signals).expect("plain data"),
-                false => table(&signals),
+            print(&if args.json {
+                serde_json::to_string_pretty(&signals).expect("plain data")
+            } else {
+                table(&signals)
             });
             Exit::Pass
         }
@@ -174,9 +176,10 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
 fn table(signals: &[ListedSignal<'_>]) -> String {
     let has_loops = signals.iter().any(|signal| signal.of_loop.is_some());
     let columns = ["signal", "unit", "sender", "message", "range"];
-    let mut table = match has_loops {
-        true => terminal::empty_table(["loop"].into_iter().chain(columns)),
-        false => terminal::empty_table(columns),
+    let mut table = if has_loops {
+        terminal::empty_table(["loop"].into_iter().chain(columns))
+    } else {
+        terminal::empty_table(columns)
     };
     for signal in signals {
         let range = signal.range();
@@ -191,9 +194,10 @@ fn table(signals: &[ListedSignal<'_>]) -> String {
         let of_loop = has_loops.then(|| signal.of_loop.unwrap_or("all"));
         table.add_row(of_loop.into_iter().chain(cells));
     }
-    let place = match has_loops {
-        true => "[[expect.LOOP.signal]]",
-        false => "[[expect.signal]]",
+    let place = if has_loops {
+        "[[expect.LOOP.signal]]"
+    } else {
+        "[[expect.signal]]"
     };
     format!(
         "{table}\n{} signals. In {place} write the name of one as `signal`, or as `message.signal` where several \

@@ -41,9 +41,10 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
         has_difference: Cell::new(false),
     };
     let exit = play_all(&args.play, &testbed, &*listener);
-    match testbed.has_difference.get() {
-        true => exit.max(Exit::VerdictFailed),
-        false => exit,
+    if testbed.has_difference.get() {
+        exit.max(Exit::VerdictFailed)
+    } else {
+        exit
     }
 }
 

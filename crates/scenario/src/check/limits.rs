@@ -102,10 +102,7 @@ pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Ve
             let message = format!("`{name}` cannot be judged");
             let path = format!("expect.{name}");
             let problem = document.problem(&path, message, "needs a [[fault.…]] of this drive");
-            problems.push(match trial.run.faults.is_empty() {
-                false => problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]"),
-                true => problem,
-            });
+            problems.push(if trial.run.faults.is_empty() { problem } else { problem.with_help("what another drive's fault does to this one is judged by an [[expect.….sequence]]") });
         }
     }
     for (index, text) in expect.listed("emcy").iter().enumerate() {

@@ -219,9 +219,10 @@ impl<'a> Checker<'a, '_> {
                     return;
                 }
             }
-            let values = match self.has_few_runs {
-                true => range.values(),
-                false => Vec::new(),
+            let values = if self.has_few_runs {
+                range.values()
+            } else {
+                Vec::new()
             };
             let is_wrong = |value: &&f64| wrong(**value, schema).is_some();
             if let Some(value) = values.iter().find(is_wrong) {

@@ -453,15 +453,16 @@ impl Check<'_> {
                 && node.is_ours() != self.rig.node[name].is_ours()
         };
         let (drive, node) = self.rig.node.iter().find(is_other)?;
-        let (message, label) = match node.is_ours() {
-            false => (
-                format!("`{name}` acts on the plant of `{drive}`, which nobody emulates"),
-                format!("`{drive}` is external: `{name}` must be so too, or have no port there"),
-            ),
-            true => (
+        let (message, label) = if node.is_ours() {
+            (
                 format!("`{name}` cannot act on an emulated plant"),
                 format!("it is external, and `{drive}` is not"),
-            ),
+            )
+        } else {
+            (
+                format!("`{name}` acts on the plant of `{drive}`, which nobody emulates"),
+                format!("`{drive}` is external: `{name}` must be so too, or have no port there"),
+            )
         };
         Some(self.problem(&format!("node.{name}"), message, label))
     }
@@ -554,9 +555,10 @@ impl Check<'_> {
                 problems.extend(self.output(&path, drive, &one.outputs[place]));
                 if let Some(first) = led.get(drive.as_str()) {
                     let is_same = first.starts_with(&format!("loop.{name}."));
-                    let message = match is_same {
-                        true => format!("the drive `{drive}` is twice in the loop `{name}`"),
-                        false => format!("the drive `{drive}` is in two loops"),
+                    let message = if is_same {
+                        format!("the drive `{drive}` is twice in the loop `{name}`")
+                    } else {
+                        format!("the drive `{drive}` is in two loops")
                     };
                     let first = self.document.span(first);
                     let problem = self.document.problem(&path, message, "and here");

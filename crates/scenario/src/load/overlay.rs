@@ -199,15 +199,16 @@ impl<'text> Overlay<'_, 'text> {
         };
         let (key, _) = values.iter().find(is_model)?;
         let (name, plant) = (key.get_ref(), plant.get_ref());
-        let (message, label) = match name == model {
-            true => (
+        let (message, label) = if name == model {
+            (
                 format!("unknown key `{name}` in [{PLANT}.{plant}]"),
                 format!("write [{PLANT}.{plant}], without the name of the model"),
-            ),
-            false => (
+            )
+        } else {
+            (
                 format!("the model of `{plant}` is `{model}`, not `{name}`"),
                 "a scenario gives other values and no other model".to_owned(),
-            ),
+            )
         };
         Some(self.problem(key.span(), message, label))
     }

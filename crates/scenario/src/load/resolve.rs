@@ -501,9 +501,12 @@ fn read_programs(
     problems: &mut Vec<Problem>,
 ) -> Result<BTreeMap<String, NodeProgram>, ScenarioError> {
     let document = &files.scenario;
-    let named = |node: &str| match document.has(&format!("node.{node}.program")) {
-        true => "",
-        false => &files.rig.beside,
+    let named = |node: &str| {
+        if document.has(&format!("node.{node}.program")) {
+            ""
+        } else {
+            &files.rig.beside
+        }
     };
     let all = || {
         let nodes = rig.node.iter();

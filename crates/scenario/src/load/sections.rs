@@ -69,9 +69,10 @@ impl<'text> Selector<'_, 'text> {
     pub(super) fn select(&self) -> Selected<'text> {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
         // A law of no loop is not another problem for each loop that it does not close; one that is left out is none at all.
-        let mut problems = match self.rig.is_led_by_program() {
-            true => Vec::new(),
-            false => self.strange_tables(CONTROLLER, &loops),
+        let mut problems = if self.rig.is_led_by_program() {
+            Vec::new()
+        } else {
+            self.strange_tables(CONTROLLER, &loops)
         };
         let is_law_said = !problems.is_empty();
         problems.extend(self.strangers(&loops));
@@ -292,9 +293,10 @@ impl<'text> Selector<'_, 'text> {
         let problems = strange.map(|key| {
             let name: &str = key.get_ref();
             let message = format!("unknown key `{name}` in the scenario");
-            let label = match OF_RIG.contains(&name) {
-                true => "a table of rig files".to_owned(),
-                false => meant_or_known(name, &known),
+            let label = if OF_RIG.contains(&name) {
+                "a table of rig files".to_owned()
+            } else {
+                meant_or_known(name, &known)
             };
             (self.scenario.source).problem(key.span(), message, label)
         });

@@ -115,9 +115,10 @@ impl InUnit<'_> {
         let Some(right) = wrong else {
             return Ok(());
         };
-        let message = match name.contains(unit.word()) {
-            true => format!("the loop `{}` measures `{}`", self.of_loop, own.signal),
-            false => format!("the loop `{}` is in {unit}", self.of_loop),
+        let message = if name.contains(unit.word()) {
+            format!("the loop `{}` measures `{}`", self.of_loop, own.signal)
+        } else {
+            format!("the loop `{}` is in {unit}", self.of_loop)
         };
         let label = format!("write `{right}`");
         Err(self.source.problem(key.span(), message, label))

@@ -247,9 +247,12 @@ impl Rig {
         let amplifier_port = |node: &RigNode| node.amplifier.as_ref()?.port.clone();
         let sensor = node.sensor.clone().unwrap_or_default();
         let plant = self.plant_of(drive).unwrap_or_default();
-        let in_full = |port: &String| match port.contains('.') {
-            true => port.clone(),
-            false => format!("{plant}.{port}"),
+        let in_full = |port: &String| {
+            if port.contains('.') {
+                port.clone()
+            } else {
+                format!("{plant}.{port}")
+            }
         };
         let beside = self.drives_beside(drive);
         let of_loop = self.loop_of(drive);

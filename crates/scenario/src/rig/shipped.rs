@@ -47,8 +47,9 @@ pub const FOLDER: &str = "rig";
 /// Name in a run folder of the copy of a shipped rig, or of a rig file that took its place.
 #[must_use]
 pub fn copy_of(name: &str) -> String {
-    match name.ends_with(".toml") {
-        true => format!("{FOLDER}/{name}"),
-        false => format!("{FOLDER}/{name}.toml"),
+    if name.ends_with(".toml") {
+        format!("{FOLDER}/{name}")
+    } else {
+        format!("{FOLDER}/{name}.toml")
     }
 }

@@ -252,9 +252,10 @@ pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
             }
             keywords.retain(|keyword, _| keyword != "minimum" && keyword != "maximum");
             if let Some([min, max]) = travel {
-                let [min, max] = match key.starts_with("amplitude") {
-                    true => [0.0, (max - min) / 2.0],
-                    false => [min, max],
+                let [min, max] = if key.starts_with("amplitude") {
+                    [0.0, (max - min) / 2.0]
+                } else {
+                    [min, max]
                 };
                 property["minimum"] = min.into();
                 property["maximum"] = max.into();
@@ -406,9 +407,10 @@ fn models(schema: &mut Value) -> Value {
 
 /// Other values for a model. The rig file has what is left out.
 fn values_of(model: &Value) -> Value {
-    let mut model = match model["properties"].is_object() {
-        true => part_of(model, model),
-        false => model.clone(),
+    let mut model = if model["properties"].is_object() {
+        part_of(model, model)
+    } else {
+        model.clone()
     };
     if let Some(model) = model.as_object_mut() {
         model.remove("default");

@@ -337,9 +337,10 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
     let preflight = &drive.real.preflight;
     let rest = heating::REST.as_secs_f64();
     let limit = drive.real.limits.current_amperes;
-    let seconds = match preflight.heating {
-        true => preflight.heating_seconds_max,
-        false => rest,
+    let seconds = if preflight.heating {
+        preflight.heating_seconds_max
+    } else {
+        rest
     };
     let mut text = format!(
         "schema = 1\nrig = \"{RIG}\"\nname = \"{NAME}\"\nduration_seconds = {:?}\n[controller.open_loop]\n",
@@ -400,8 +401,9 @@ fn cool(
         clock::sleep(POLL_PERIOD);
     }
     vigil.end()?;
-    Ok(match watch.is_interrupted() {
-        true => End::Interrupted,
-        false => End::Completed,
+    Ok(if watch.is_interrupted() {
+        End::Interrupted
+    } else {
+        End::Completed
     })
 }

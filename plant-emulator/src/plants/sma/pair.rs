@@ -136,9 +136,10 @@ impl SmaPair {
         let inertia = self.inertia + acting.load * self.radius * self.radius;
         let acceleration = (self.radius * pull - self.damping * speed) / inertia;
         let rates = [rate(FLEXOR), rate(EXTENSOR)];
-        match self.is_jammed() || self.is_resting(angle, speed, acceleration) {
-            true => [rates[0], rates[1], 0.0, 0.0],
-            false => [rates[0], rates[1], speed, acceleration],
+        if self.is_jammed() || self.is_resting(angle, speed, acceleration) {
+            [rates[0], rates[1], 0.0, 0.0]
+        } else {
+            [rates[0], rates[1], speed, acceleration]
         }
     }
 

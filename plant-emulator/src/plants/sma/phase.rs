@@ -349,9 +349,10 @@ mod tests {
                         (1.0 - heating(alpha)) * (cooling(beta) - cooling(alpha))
                             / (1.0 - cooling(alpha))
                     };
-                    match self.is_heating {
-                        true => fraction - everett(celsius, turn),
-                        false => fraction + everett(turn, celsius),
+                    if self.is_heating {
+                        fraction - everett(celsius, turn)
+                    } else {
+                        fraction + everett(turn, celsius)
                     }
                 }
             }
@@ -366,9 +367,10 @@ mod tests {
             self.celsius = celsius;
             while self.turns.len() >= 2 {
                 let (passed, _) = self.turns[self.turns.len() - 2];
-                let is_passed = match self.is_heating {
-                    true => celsius >= passed,
-                    false => celsius <= passed,
+                let is_passed = if self.is_heating {
+                    celsius >= passed
+                } else {
+                    celsius <= passed
                 };
                 if !is_passed {
                     break;

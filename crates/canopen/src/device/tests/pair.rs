@@ -134,9 +134,10 @@ impl Application for Manager {
         let dictionary = services.dictionary_mut();
         let statusword = dictionary.unsigned(0x2000, 0).unwrap();
         let state = State::from_statusword(u16::try_from(statusword).unwrap()).unwrap();
-        let controlword = match self.commands_quick_stop {
-            true => 0x02,
-            false => state.controlword_towards_operation(),
+        let controlword = if self.commands_quick_stop {
+            0x02
+        } else {
+            state.controlword_towards_operation()
         };
         dictionary
             .set_integer(0x2002, 0, controlword.into())

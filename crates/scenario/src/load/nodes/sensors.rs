@@ -57,9 +57,10 @@ impl Check<'_> {
                     let problem =
                         (self.document).problem(&path(&format!("{part}.max")), message, label);
                     let lowest = path(&format!("{part}.min"));
-                    problems.push(match self.document.has(&lowest) {
-                        true => problem.with_place(self.document.span(&lowest), "the lowest"),
-                        false => problem,
+                    problems.push(if self.document.has(&lowest) {
+                        problem.with_place(self.document.span(&lowest), "the lowest")
+                    } else {
+                        problem
                     });
                 }
             }
@@ -92,11 +93,12 @@ impl Check<'_> {
             Some(_) => format!("node.{name}.sensor.position_increment"),
             None => format!("node.{name}.sensor"),
         };
-        let message = match too_many {
-            true => format!("{farthest} {unit} are more counts of {increment} than 32 bits hold"),
-            false => format!(
+        let message = if too_many {
+            format!("{farthest} {unit} are more counts of {increment} than 32 bits hold")
+        } else {
+            format!(
                 "one step of the sensor of `{name}` is {step:.3e} {unit}, and a count of its position {increment}"
-            ),
+            )
         };
         let right = libm::pow(10.0, libm::floor(libm::log10(step)));
         let label = format!("write position_increment = {right}");
