@@ -90,8 +90,8 @@ typedef struct {
     pthread_t     thread;
     uint64_t      now, to, until, end;
     uint32_t      number;
-    size_t        records, record, quiet_count, queued;
-    canrig_filter quiet[CANRIG_FILTERS_MAX];
+    size_t        records, record, queued;
+    uint8_t       quiet[256]; /* a bit for each identifier of 11 bits whose frames nobody answers */
     uint8_t       in[CANRIG_MESSAGE_MAX];
     uint8_t       out[24 + 24 * CANRIG_FRAMES_MAX + 1024];
 } canrig;
@@ -121,11 +121,13 @@ static inline void canrig_header_(uint8_t *at, int kind, int a, size_t count, ui
     canrig_put_(at + 8, time, 8);
 }
 
-/* Whether nobody answers a frame. */
-static inline int canrig_is_quiet_(const canrig *bus, uint32_t id) {
-    for (size_t i = 0; i < bus->quiet_count; i++)
-        if ((id & bus->quiet[i].mask) == (bus->quiet[i].id & bus->quiet[i].mask)) return 1;
-    return 0;
+/* Whether nobody answers a frame. Remote frames and extended ones may always be answered. */
+static inline int canrig_is_quiet_(const canrig *bus, uint32_t id) { return id <= CAN_SFF_MASK && bus->quiet[id / 8] >> id % 8 & 1; }
+
+/* Notes that nobody answers the frames that pass a filter. */
+static inline void canrig_add_quiet_(canrig *bus, uint32_t wanted, uint32_t mask) {
+    for (uint32_t id = 0; id <= CAN_SFF_MASK; id++)
+        if ((id & mask) == (wanted & mask)) bus->quiet[id / 8] |= (uint8_t)(1 << id % 8);
 }
 
 static inline ssize_t canrig_receive_(canrig *bus, int flags) {
@@ -171,8 +173,7 @@ static inline int canrig_greet_(canrig *bus, const canrig_options *options) {
     bus->bits_per_second = (uint32_t)canrig_get_(bus->in + 16, 4);
     bus->seed = canrig_get_(bus->in + 24, 8);
     bus->node_id = bus->in[32];
-    bus->quiet_count = quiet;
-    memcpy(bus->quiet, bus->in + 40, quiet * bytes);
+    for (size_t i = 0; i < quiet; i++) canrig_add_quiet_(bus, (uint32_t)canrig_get_(bus->in + 40 + i * bytes, 4), (uint32_t)canrig_get_(bus->in + 44 + i * bytes, 4));
     return 0;
 }
 

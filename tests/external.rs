@@ -387,7 +387,7 @@ fn a_controller_that_enables_nothing_and_one_that_is_not_there_fail_the_run() {
         ends
     });
     let whats = [
-        "the scenario did not begin within 15 s: the drive never reported Operation enabled",
+        "the scenario did not begin within 15 s: the drive never reported Operation enabled (NMT start: none, SYNC: sent, drive: no statusword)",
         "not heard at all within 15 s",
     ];
     for ((code, text, run), what) in ends.into_iter().zip(whats) {

@@ -88,6 +88,42 @@ fn a_controller_in_c_and_one_in_python_leave_the_same_bytes_in_both_worlds() {
     assert_eq!(settled(&verdicts[0]), settled(&verdicts[1]));
 }
 
+#[test]
+fn a_program_in_the_place_of_a_scenario_is_told_where_it_stands() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = new_controller(folder.path(), "python");
+    let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
+    let controller = scenario.with_file_name("controller.py");
+    let (code, stdout, stderr) = output(canrig.arg("simulate").arg(scenario).arg(controller));
+    assert_eq!(code, Some(3), "{stdout}{stderr}");
+    let said = Vec::from_iter(stderr.split_whitespace()).join(" ");
+    assert!(said.contains("is a program, not a scenario"), "{said}");
+    assert!(
+        said.contains("stands behind `--`: canrig simulate SCENARIO -- python3"),
+        "{said}"
+    );
+}
+
+/// A link to an interpreter is not followed: that of a virtual environment finds its packages by where it lies.
+#[test]
+fn an_interpreter_behind_a_link_is_started_by_the_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = new_controller(folder.path(), "python");
+    let interpreter = folder.path().join("own_python");
+    let (code, stdout, _) =
+        output(Command::new("python3").args(["-c", "import sys; print(sys.executable)"]));
+    assert_eq!(code, Some(0));
+    std::os::unix::fs::symlink(stdout.trim(), &interpreter).unwrap();
+    let mut canrig = canrig(&folder.path().join("runs"), "simulate");
+    canrig
+        .arg("motor_step")
+        .arg("--")
+        .arg(&interpreter)
+        .arg(scenario.with_file_name("controller.py"));
+    let (_, stdout, stderr) = output(&mut canrig);
+    assert!((stdout + &stderr).contains(&format!("starts `{}", interpreter.display())));
+}
+
 /// The files of `tests/data/programs`: a drive and a fan in Python, and a scenario for both.
 fn drive_and_fan(folder: &Path) -> PathBuf {
     let data = root().join("tests/data/programs");
@@ -249,11 +285,11 @@ fn a_controller_is_asked_about_once_a_cycle_and_twice_where_it_promises_nothing(
     let asked = questions_a_cycle(|header| header);
     assert!((0.9..=1.2).contains(&asked), "{asked}");
     let asked = questions_a_cycle(|header| {
-        let quiet = "static inline int canrig_is_quiet_(const canrig *bus, uint32_t id) {\n";
+        let quiet = "{ return id <= CAN_SFF_MASK &&";
         assert!(header.contains(quiet));
         let silent = "silent = options->silent_count,";
         assert!(header.contains(silent));
-        let header = header.replacen(quiet, &format!("{quiet}    return 0;\n"), 1);
+        let header = header.replacen(quiet, "{ return 0 && id <= CAN_SFF_MASK &&", 1);
         header.replacen(silent, "silent = 0,", 1)
     });
     assert!((1.9..=2.2).contains(&asked), "{asked}");

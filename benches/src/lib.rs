@@ -40,16 +40,14 @@ pub struct HeldLaw {
 
 impl HeldLaw {
     /// The law's answer.
-    #[must_use]
-    pub fn step(mut self) -> Self {
+    pub fn step(&mut self) {
         let Self {
             law,
             cycle,
             reads,
             writes,
-        } = &mut self;
+        } = self;
         law.step(cycle, &Window::default(), &reads.values(), writes);
-        self
     }
 }
 
@@ -58,7 +56,7 @@ impl HeldLaw {
 /// # Panics
 /// When the table holds no law, or the law takes the load to rest on its stop.
 #[must_use]
-pub fn law_in_a_hold(controller: &Controller) -> HeldLaw {
+pub fn law_in_a_hold(controller: &Controller) -> Box<HeldLaw> {
     let law = catalogue::law(controller, &scenario::wiring::Wiring::default())
         .expect("the table holds one law");
     let outputs = &law.ports().outputs;
@@ -81,13 +79,13 @@ pub fn law_in_a_hold(controller: &Controller) -> HeldLaw {
     };
     for number in 0..1000 {
         held.cycle.scenario_time_seconds = f64::from(number) * PERIOD.as_secs_f64();
-        held = held.step();
+        held.step();
         let on_stop = on_stop.is_some_and(|place| held.writes[place] > 0.0);
         assert!(number < 10 || !on_stop, "the load has lifted");
     }
     held.cycle.scenario_time_seconds = 1.0;
     held.reads = hold(0.026);
-    held
+    Box::new(held)
 }
 
 /// The rig with its drive, and the time of its latest event.

@@ -52,7 +52,7 @@ _clock: Optional[Clock] = None
 _is_joined = _is_told = False
 #: The time when there is no bus, or no longer.
 _now = 0
-_failure: Optional[Exception] = None
+_failure: Optional[BaseException] = None
 _readings = 0
 _is_passing = False
 #: What clocks in seconds are ahead at a time: see `deadline`.
@@ -158,8 +158,7 @@ def begin(thread: threading.Thread, start: Callable[[threading.Thread], None]) -
         except SystemExit:
             pass
         except BaseException as error:
-            hooked = (type(error), error, error.__traceback__, thread)
-            threading.excepthook(threading.ExceptHookArgs(hooked))
+            fail(error)
         finally:
             turn.is_over = True
             _pass_on(turn)
@@ -168,6 +167,12 @@ def begin(thread: threading.Thread, start: Callable[[threading.Thread], None]) -
     _waiting.append(turn)
     start(thread)
     return turn
+
+
+def fail(error: BaseException) -> None:
+    """Raises an error of another thread, or of a listener, in the wait of the program, which is its end."""
+    global _failure
+    _failure = _failure or error
 
 
 def _pass_on(me: Turn) -> None:
@@ -226,9 +231,10 @@ def _has_news() -> bool:
 
 
 def _tell() -> None:
-    global _is_told
+    global _is_told, _failure
     if _failure is not None:
-        raise _failure
+        error, _failure = _failure, None
+        raise error
     if _has_news():
         _is_told = True
         raise SystemExit(0)

@@ -29,7 +29,7 @@ import can
 from can.broadcastmanager import LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC, RestartableCyclicTaskABC
 
 from . import _turns
-from .node import _ERRORS, _KERNEL_FRAME, ADDRESS, ERROR, EXTENDED, LIFELINE, REMOTE, Ended, Frame, _is_open, _RealBus, _VirtualBus
+from .node import _ERRORS, _KERNEL_FRAME, ADDRESS, ERROR, EXTENDED, LIFELINE, REMOTE, Ended, Frame, _is_open, _RealBus, _VirtualBus, described
 
 __all__ = ["CanrigBus"]
 
@@ -234,7 +234,7 @@ class CanrigBus(can.BusABC, _turns.Clock):
             return
         atexit.unregister(self._abandon)
         if isinstance(error, Exception) and not self.is_stopping:
-            self._virtual.fail(f"{type(error).__name__}: {error}")
+            self._virtual.fail(described(error, __file__, _turns.__file__))
         else:
             self._virtual.close()
         _turns.leave(self)

@@ -25,8 +25,9 @@ import os
 import socket
 import struct
 import sys
-import traceback
-from typing import Any, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Iterator, List, Mapping, Tuple
+
+from .node import described
 
 __all__ = ["Cycle", "Names", "Setup", "register"]
 
@@ -130,7 +131,7 @@ def _play(law: Any, channel: socket.socket) -> None:
     try:
         played = law(setup)
     except Exception as error:
-        channel.send(_HEADER.pack(_DONE, _FAILED, 0, 0, _NEVER) + _words(error).encode()[:1024])
+        channel.send(_HEADER.pack(_DONE, _FAILED, 0, 0, _NEVER) + described(error, __file__).encode()[:1024])
         raise
     channel.send(_done(0, 0))
     outputs = setup.writes + setup.terms
@@ -155,7 +156,7 @@ def _play(law: Any, channel: socket.socket) -> None:
             values = _values(step(cycle, x), outputs)
             answer = values_of.pack(_VALUES, 0, len(outputs), number, time, *values)
         except Exception as error:
-            answer = _HEADER.pack(_VALUES, _FAILED, 0, number, time) + _words(error).encode()[:1024]
+            answer = _HEADER.pack(_VALUES, _FAILED, 0, number, time) + described(error, __file__).encode()[:1024]
             channel.send(answer)
             raise
         channel.send(answer)
@@ -182,13 +183,3 @@ def _missing(returned: Any, outputs: List[str]) -> str:
     if not isinstance(returned, dict):
         return f", not {type(returned).__name__}"
     return f"; it lacks {', '.join(name for name in outputs if name not in returned)}"
-
-
-def _words(error: Exception) -> str:
-    """What went wrong, and where."""
-    place: Optional[traceback.FrameSummary] = None
-    for frame in traceback.extract_tb(error.__traceback__):
-        if frame.filename != __file__:
-            place = frame
-    where = f" ({os.path.basename(place.filename)}, line {place.lineno})" if place else ""
-    return f"{type(error).__name__}: {error}{where}"

@@ -43,6 +43,7 @@ import socket
 import struct
 import threading
 import time
+import traceback
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 __all__ = ["Bus", "Ended", "Frame", "Layout", "Loop", "Node", "Part", "part"]
@@ -146,7 +147,19 @@ class Bus:
         if error is None or isinstance(error, Ended):
             self.close()
         else:
-            self.fail(f"{type(error).__name__}: {error}")
+            self.fail(described(error))
+
+
+def described(error: BaseException, *own: str) -> str:
+    """An error with the line of the program where it came from, which is in no library, nor in this file and those of `own`."""
+    libraries = os.path.dirname(os.__file__)
+    place: Optional[traceback.FrameSummary] = None
+    for frame in traceback.extract_tb(error.__traceback__):
+        is_of_library = frame.filename.startswith(libraries) or "site-packages" in frame.filename
+        if frame.filename not in (__file__, *own) and not is_of_library:
+            place = frame
+    where = f" ({os.path.basename(place.filename)}, line {place.lineno})" if place else ""
+    return f"{type(error).__name__}: {error}{where}"
 
 
 def _pairs(filters: Filters) -> List[Tuple[int, int]]:

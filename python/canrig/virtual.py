@@ -23,6 +23,7 @@ time the line changes nothing.
 from __future__ import annotations
 
 import _thread
+import logging
 import os
 import queue
 import sys
@@ -135,6 +136,15 @@ def _join_in_turn(thread: Any, timeout: Optional[float] = None) -> None:
     _join(thread)
 
 
+class _Swallowed(logging.Handler):
+    """An error of a listener that python-canopen catches and logs: here it ends the program, as one of python-can's does."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = sys.exc_info()[1]
+        if error is not None:
+            _turns.fail(error)
+
+
 def _refuse_loop(*_: Any, **__: Any) -> None:
     raise RuntimeError("an asyncio loop is refused: in virtual time a program waits in one thread, as with recv(timeout) or sleep")
 
@@ -160,6 +170,7 @@ def _activate() -> None:
     setattr(queue, "time", _turns.seconds)
     setattr(queue, "SimpleQueue", getattr(queue, "_PySimpleQueue"))
     setattr(base_events.BaseEventLoop, "run_forever", _refuse_loop)
+    logging.getLogger("canopen.network").addHandler(_Swallowed(logging.ERROR))
 
 
 if is_active:

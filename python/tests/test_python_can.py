@@ -307,6 +307,30 @@ def test_a_program_that_ends_early_is_named(play, does, reason):
     assert reason in run.verdict.reason
 
 
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import canrig.virtual\n" + WITH_CAN + """
+class Listener(can.Listener):
+    def on_message_received(self, message):
+        if message.arbitration_id == 0x190:
+            [][1]
+
+with can.Bus(interface="canrig") as bus:
+    bring_up(bus)
+    can.Notifier(bus, [Listener()])
+    canrig.virtual.time.sleep(1.0)
+""",
+        WITH_CANOPEN.replace("status, _ =", "[][1]; status, _ =") + "lead()\n",
+    ],
+    ids=["python-can", "canopen"],
+)
+def test_an_error_of_a_listener_ends_the_run_with_its_place(play, program):
+    run, _ = play(program)
+    assert run.outcome == "fail"
+    assert "IndexError: list index out of range (controller.py, line" in run.verdict.reason
+
+
 def test_error_frames_are_those_of_the_kernel():
     from canrig.can_interface import _message
     from canrig.node import Frame

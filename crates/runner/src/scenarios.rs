@@ -39,6 +39,13 @@ pub enum NoScenario {
         #[help]
         help: String,
     },
+    /// A program where a scenario is expected.
+    #[error("`{}` is a program, not a scenario", path.display())]
+    #[diagnostic(help("a program that leads stands behind `--`: canrig simulate SCENARIO -- python3 {}", path.display()))]
+    NoToml {
+        /// What was named.
+        path: PathBuf,
+    },
     /// A file of the program of the command line is not there any more.
     #[error("{}: the program cannot be found: {source}", path.display())]
     Program {
@@ -84,6 +91,10 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
             Err(_) => return Ok(Plan::load(path, catalogue())?),
         },
     };
+    if values.program.is_empty() && is_program(path) {
+        let path = path.to_owned();
+        return Err(NoScenario::NoToml { path });
+    }
     let text = overridden(text, &values.all()).map_err(|why| NoScenario::Override {
         path: path.to_owned(),
         why,
@@ -149,6 +160,12 @@ pub(crate) fn rig_text(path: &Path) -> io::Result<String> {
         Some(text) => Ok(text.to_owned()),
         None => read_text(path, FILE_BYTES_MAX),
     }
+}
+
+/// Whether a file is a program by its name.
+fn is_program(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    ["py", "c", "sh"].iter().any(|one| extension == *one)
 }
 
 /// Whether a path that leads nowhere looks like the name of a scenario that ships.

@@ -53,7 +53,8 @@ impl Beside {
                 named.push(word.clone());
                 continue;
             }
-            let path = Path::new(word).canonicalize()?;
+            // Of a link: the interpreter of a virtual environment is one.
+            let path = std::path::absolute(word)?;
             let file = path.file_name().unwrap_or_default().to_string_lossy();
             let name = match format!("{PROGRAM_FOLDER}/{file}") {
                 taken if self.program.contains_key(&taken) => {

@@ -4,7 +4,9 @@
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
+use canopen::CanFrame;
 use canopen::emcy::{EmergencyMessage, ErrorCode};
+use dbc::names::{STATUSWORD, TPDO1, message};
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::error_frames;
 use plan::{ControlLoop, Plan};
@@ -24,6 +26,7 @@ const BUS_TROUBLES: [&str; 2] = ["bus-off", "error passive"];
 const SILENT_PERIODS: u32 = 5;
 
 const NMT_COB_ID: u16 = 0x000;
+const NMT_START: u8 = 1;
 /// NMT stop, which the bench gives at the end of a run.
 const NMT_STOP: u8 = 2;
 /// The identifiers of all nodes' emergencies.
@@ -243,7 +246,8 @@ impl<'a> Seen<'a> {
         let seconds = patience.as_secs();
         let what = if is_heard {
             format!(
-                "the scenario did not begin within {seconds} s: the drive never reported Operation enabled"
+                "the scenario did not begin within {seconds} s: the drive never reported Operation enabled ({})",
+                self.bring_up()
             )
         } else {
             format!(
@@ -251,6 +255,36 @@ impl<'a> Seen<'a> {
             )
         };
         self.end(&self.plan.controller().name, None, what)
+    }
+
+    /// How far the bring-up came: `NMT start: sent, SYNC: none, drive: switch on disabled`.
+    fn bring_up(&self) -> String {
+        let is_sent = |is_it: fn(&CanFrame) -> bool| {
+            let mut frames = self.frames.iter().map(|stamped| &stamped.frame);
+            if frames.any(is_it) { "sent" } else { "none" }
+        };
+        let is_start = |frame: &CanFrame| {
+            frame.standard_id() == Some(NMT_COB_ID) && frame.data().first() == Some(&NMT_START)
+        };
+        let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
+        let commands = [("NMT start", is_sent(is_start)), ("SYNC", is_sent(is_sync))];
+        let commands = commands.map(|(name, sent)| format!("{name}: {sent}"));
+        let drives = self.plan.loops.iter().map(|one| {
+            let drive = &one.nodes.drive.name;
+            format!("{drive}: {}", self.state_of(one).unwrap_or("no statusword"))
+        });
+        Vec::from_iter(commands.into_iter().chain(drives)).join(", ")
+    }
+
+    /// The state in the last statusword of a loop's drive.
+    fn state_of(&self, one: &'a ControlLoop) -> Option<&'a str> {
+        let path = format!("{}.{STATUSWORD}", message(&one.nodes.drive.name, TPDO1));
+        let statusword = one.database.require(&path).ok()?;
+        let last = statusword.decode(&self.last(statusword.raw_id())?.frame)?;
+        let mut labels = one.database.definition(&path)?.labels.iter();
+        #[expect(clippy::cast_precision_loss, reason = "a signal of 7 bits")]
+        let label = labels.find(|(value, _)| (*value as f64 - last).abs() < 0.5);
+        label.map(|(_, label)| label.as_str())
     }
 
     fn controller_id(&self) -> u16 {
