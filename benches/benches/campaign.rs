@@ -1,9 +1,9 @@
-//! How many instructions a sweep takes for one cycle, from the case's number to its row: everything but the disk.
+//! Instructions that a sweep takes for one cycle, from the case's number to its row: everything except the disk.
 
 use std::hint::black_box;
 use std::path::Path;
 
-// What `canrig sweep` is made of.
+// The parts of `canrig sweep`.
 use campaigns::campaign::play_one;
 use campaigns::sweep::row::{Ended, SweepRow};
 use campaigns::sweep::sweep_cases::SweepCases;
@@ -15,22 +15,22 @@ use canrig_benches::limit;
 use gungraun::prelude::*;
 
 const SWEEP: &str = "../scenarios/sweeps/plants.toml";
-/// A plant that the controller does not know, without and with noise at the sensor.
+/// Cases with a plant that the controller does not know, without and with noise at the sensor.
 const CASES: [usize; 2] = [1, 201];
-/// Cycles of these cases; the benchmark's name says it again, for `benches/run`.
+/// Number of cycles of these cases, repeated in the benchmark's name for `benches/run`.
 const CYCLES: u64 = 24_000;
-/// One case resolves its scenario and the rig that it names: 22 486 were counted when the limit was set, 200 more than before nodes were asked by the bus seat. A sweep that resolves its
-/// rig once is to bring this below 21 670.
+/// Limit for one case, which resolves its scenario and the rig that it names: 22 486 were counted when the limit was set, 200
+/// more than before nodes were asked by the bus seat. A sweep that resolves its rig once is to bring this below 21 670.
 const INSTRUCTIONS_PER_CYCLE_MAX: u64 = 22_530;
 
-/// What is played: the sweep's cases follow from it.
+/// Returns the cases of the sweep to play.
 fn cases() -> SweepCases {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(SWEEP);
     let plan = Plan::load(&file, catalogue()).expect("the shipped sweep is valid");
     SweepCases::new(&plan).expect("it is a sweep")
 }
 
-/// A case as a thread of `canrig sweep` plays it: its row, and how many cycles it had.
+/// Plays a case as a thread of `canrig sweep` does; returns its row, and its number of cycles.
 fn played(plan: &SweepCases, number: usize) -> (SweepRow, usize) {
     let case = plan.case(number);
     let loops = case.plan().expect("the case is valid");
@@ -41,7 +41,7 @@ fn played(plan: &SweepCases, number: usize) -> (SweepRow, usize) {
     row.expect("the case is played")
 }
 
-/// Holds what was played against what the count is divided by.
+/// Checks the number of cycles by which the count is divided.
 fn check(rows: [(SweepRow, usize); CASES.len()]) {
     let cycles: usize = rows.iter().map(|(_, cycles)| cycles).sum();
     assert_eq!(u64::try_from(cycles), Ok(CYCLES), "cycles were played");

@@ -1,4 +1,4 @@
-//! How many instructions the drive's events take.
+//! Instructions that the drive's events take.
 
 use std::hint::black_box;
 
@@ -6,7 +6,7 @@ use canopen::CanFrame;
 use canrig_benches::{Bench, limit};
 use gungraun::prelude::*;
 
-/// A drive one period after its latest SYNC: the next one brings physics, the sample and TPDOs.
+/// Returns a drive one period after its latest SYNC: the next one triggers physics, the sample and TPDOs.
 fn before_sync() -> Bench {
     let mut bench = Bench::heated();
     bench.wait();

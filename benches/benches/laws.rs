@@ -1,4 +1,4 @@
-//! How many instructions one cycle of each control law takes, its terms included.
+//! Instructions that one cycle of each control law takes, with its terms.
 
 use std::hint::black_box;
 

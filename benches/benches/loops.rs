@@ -1,4 +1,4 @@
-//! How many instructions one, two, four and eight loops on one bus take for one cycle in memory.
+//! Instructions that one, two, four and eight loops on one bus take for one cycle in memory.
 
 use std::fs;
 use std::hint::black_box;
@@ -15,11 +15,11 @@ use worlds::programs::Hosting;
 use canrig_benches::limit;
 use gungraun::prelude::*;
 
-/// Cycles that are played, so many that the bring-up of eight drives is little beside them; the benchmarks' names say it again, for
+/// Number of cycles, large enough to make the bring-up of eight drives negligible; the benchmarks' names repeat it for
 /// `benches/run`.
 const CYCLES: u64 = 4000;
-/// For one, two, four and eight drives, three per cent more than were counted: 19 805, 37 540, 74 288 and 153 735. Each of several may
-/// take 110 % of one drive.
+/// Limits for one, two, four and eight drives, three per cent more than were counted: 19 805, 37 540, 74 288 and 153 735. Each of
+/// several drives may take 110 % of a single one.
 const INSTRUCTIONS_PER_CYCLE_MAX: [u64; 4] = [20_400, 38_670, 76_520, 158_350];
 
 const RIG: &str = "schema = 1\nname = \"bench\"\n[bus]\nsync_period_milliseconds = 4.0\n\
@@ -28,7 +28,7 @@ const RIG: &str = "schema = 1\nname = \"bench\"\n[bus]\nsync_period_milliseconds
 const SCENARIO: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"bench\"\nduration_seconds = 16.0\n\
     [controller.all.pid]\n";
 
-/// A rig with so many DC motors, each of which follows a sine.
+/// Returns the plan of a rig with this many DC motors, each of which follows a sine.
 fn loops(drives: u8) -> Plan {
     let (mut rig, mut scenario) = (RIG.to_owned(), SCENARIO.to_owned());
     for number in 0..drives {
@@ -51,11 +51,11 @@ fn loops(drives: u8) -> Plan {
     Plan::load(&path, catalogue()).expect("it is valid")
 }
 
-/// Instructions of the joint with two wires: three per cent more than were counted, which was 2.13 times what a campaign with one
-/// wire takes. The aim is 2.2 times.
+/// Limit for the joint with two wires: three per cent more instructions than were counted, which was 2.13 times as many as a
+/// campaign with one wire takes. The aim is 2.2 times.
 const PAIR_INSTRUCTIONS_PER_CYCLE_MAX: u64 = 47_270;
 
-/// The joint with two wires, which ships, under its law along a sine: two drives on one plant in one loop.
+/// Returns the plan of the shipped joint with two wires, under its law along a sine: two drives on one plant in one loop.
 fn pair() -> Plan {
     let rig = include_str!("../../scenarios/rigs/sma_pair.toml");
     let rig = rig.replace(
@@ -73,7 +73,7 @@ fn pair() -> Plan {
     Plan::load(&path, catalogue()).expect("it is valid")
 }
 
-/// Plays and judges the loops; how many cycles each had.
+/// Plays and judges the loops; returns the number of cycles of each.
 fn played(plan: &Plan) -> Vec<usize> {
     let watch = Watch::default();
     let clock = plan.scenario_clock().expect("the bus has a SYNC");
@@ -86,14 +86,14 @@ fn played(plan: &Plan) -> Vec<usize> {
     cycles.collect()
 }
 
-/// Holds what was played against what the count is divided by.
+/// Checks the number of cycles by which the count is divided.
 fn check(cycles: Vec<usize>) {
     for cycles in cycles {
         assert_eq!(u64::try_from(cycles), Ok(CYCLES), "cycles were played");
     }
 }
 
-/// What the run in this place of the list may take.
+/// Returns the limit of the run at this place in the list.
 fn limit_of(place: usize) -> gungraun::LibraryBenchmarkConfig {
     limit(CYCLES * INSTRUCTIONS_PER_CYCLE_MAX[place])
 }

@@ -1,4 +1,4 @@
-//! What is counted: a drive in Operation enabled, ready for one event, and control laws ready for one cycle.
+//! Subjects of the benchmarks: a drive in Operation enabled, ready for one event, and control laws ready for one cycle.
 
 use std::time::Duration;
 
@@ -19,7 +19,8 @@ const SCENARIO: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"bench\"\ndu
                         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// Fails above so many instructions: about a third more than were counted when the limit was set, unless the benchmark says otherwise.
+/// Returns a configuration that fails above this many instructions: about a third more than were counted when the limit was set,
+/// unless the benchmark says otherwise.
 #[must_use]
 pub fn limit(instructions: u64) -> LibraryBenchmarkConfig {
     let mut callgrind = Callgrind::default();
@@ -29,17 +30,17 @@ pub fn limit(instructions: u64) -> LibraryBenchmarkConfig {
     config
 }
 
-/// A law, and what it receives in one cycle.
+/// Law with its inputs in one cycle.
 pub struct HeldLaw {
     law: AnyLaw,
     cycle: Cycle,
     reads: LoopReads,
-    /// What it has written.
+    /// Values that it has written.
     pub writes: Vec<f64>,
 }
 
 impl HeldLaw {
-    /// The law's answer.
+    /// Runs the law for one cycle.
     pub fn step(&mut self) {
         let Self {
             law,
@@ -51,10 +52,10 @@ impl HeldLaw {
     }
 }
 
-/// A law that has held 25 mm for a second, and the cycle in which 26 mm are wanted.
+/// Makes a law that has held 25 mm for a second, and the cycle in which 26 mm are wanted.
 ///
 /// # Panics
-/// When the table holds no law, or the law takes the load to rest on its stop.
+/// If the table holds no law, or the law takes the load to rest on its stop.
 #[must_use]
 pub fn law_in_a_hold(controller: &Controller) -> Box<HeldLaw> {
     let law = catalogue::law(controller, &scenario::wiring::Wiring::default())
@@ -88,7 +89,7 @@ pub fn law_in_a_hold(controller: &Controller) -> Box<HeldLaw> {
     Box::new(held)
 }
 
-/// The rig with its drive, and the time of its latest event.
+/// Rig with its drive, and the time of its latest event.
 pub struct Bench {
     emulator: PlantEmulator,
     now: Duration,
@@ -96,10 +97,10 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// A drive that has been heating its wire for 100 cycles.
+    /// Makes a drive that has been heating its wire for 100 cycles.
     ///
     /// # Panics
-    /// When the drive cannot be led there.
+    /// If the drive cannot be brought there.
     pub fn heated() -> Self {
         let no_table = |_: &str| Err(std::io::ErrorKind::NotFound.into());
         let scenario = Trial::parse(SCENARIO, "bench.toml", no_table).expect("it is valid");
@@ -125,7 +126,7 @@ impl Bench {
         bench
     }
 
-    /// Lets a period pass, with the ticks that are due in it.
+    /// Waits for a period, with the ticks that are due in it.
     pub fn wait(&mut self) {
         let end = self.now + PERIOD;
         while let Some(deadline) = self.emulator.next_deadline().filter(|due| *due <= end) {
@@ -135,14 +136,14 @@ impl Bench {
         self.now = end;
     }
 
-    /// A SYNC; the drive's first TPDO.
+    /// Sends a SYNC; returns the drive's first TPDO.
     pub fn sync(&mut self) -> Option<CanFrame> {
         self.counter = self.counter % 240 + 1;
         let sync = CanFrame::new(0x080, &[self.counter]);
         self.deliver(&sync)
     }
 
-    /// Delivers a frame; the first answer.
+    /// Delivers a frame; returns the first answer.
     pub fn deliver(&mut self, frame: &CanFrame) -> Option<CanFrame> {
         self.emulator.on_frame(self.now, frame);
         let first = self.emulator.next_frame();

@@ -10,14 +10,14 @@ use jiff::tz::Offset;
 use recording::frames::Frames;
 use recording::log::Stamped;
 
-/// The identifier in a raw one, without its flags.
+/// Bits of the identifier in a raw one, without its flags.
 const ID_BITS: u32 = 0x1FFF_FFFF;
 
-/// Writes the log to an output that has a buffer. Times count from the whole second of the first frame, which the header gives
-/// in UTC.
+/// Writes the log to an output with a buffer. Times count from the whole second of the first frame, which the header gives in
+/// UTC.
 ///
 /// # Errors
-/// The output does not take it.
+/// If the output does not take it.
 pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
     let start = (frames.iter().next()).map_or(Duration::ZERO, |first| first.time);
     let start = Duration::from_secs(start.as_secs());
@@ -49,13 +49,13 @@ pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
     writeln!(output, "End TriggerBlock")
 }
 
-/// As Vector's programs write it: `Fri Nov 20 06:15:12.000 am 2026`.
+/// Returns a date as Vector's programs write it: `Fri Nov 20 06:15:12.000 am 2026`.
 fn date(time: Duration) -> String {
     let format = "%a %b %d %I:%M:%S.000 %P %Y";
     utc(time).strftime(format).to_string()
 }
 
-/// The date this long after the beginning of 1970; at most the end of 9999.
+/// Returns the date this long after the start of 1970; at most the end of 9999.
 pub(super) fn utc(time: Duration) -> DateTime {
     let time = Timestamp::UNIX_EPOCH.saturating_add(time);
     Offset::UTC.to_datetime(time.unwrap_or(Timestamp::MAX))
@@ -87,7 +87,7 @@ mod tests {
         assert_eq!(lines[6], "   1.500000 1  80              Rx   d 0");
     }
 
-    /// As `date -u -d @SECONDS` says.
+    /// The same dates as `date -u -d @SECONDS` prints.
     #[test]
     fn dates_are_those_of_the_calendar() {
         for (seconds, expected) in [

@@ -1,4 +1,4 @@
-//! Vector's binary log of CAN frames. Not compressed, which the format permits.
+//! Vector's binary log of CAN frames, without compression, as the format permits.
 
 use std::io::{self, Write};
 use std::time::Duration;
@@ -10,23 +10,23 @@ use recording::log::Stamped;
 const FILE_HEADER_BYTES: u32 = 144;
 const OBJECT_HEADER_BYTES: u16 = 32;
 const CONTAINER_HEADER_BYTES: u16 = 16;
-/// Bytes of frames in one container, about.
+/// Approximate size of the frames in one container, in bytes.
 const CONTAINER_BYTES_MAX: usize = 128 * 1024;
 
 const LOG_CONTAINER: u32 = 10;
 const CAN_MESSAGE: u32 = 1;
 const CAN_ERROR_EXT: u32 = 73;
-/// Time stamps in nanoseconds.
+/// Flag of time stamps in nanoseconds.
 const NANOSECONDS: u32 = 2;
 const CHANNEL: u16 = 1;
 const EXTENDED_ID: u32 = 0x8000_0000;
 const REMOTE: u8 = 0x80;
 
-/// Writes the log to an output that has a buffer. Times count from the whole millisecond of the first frame, which the header
-/// gives in UTC. The frames are read twice, since the header has their number and length.
+/// Writes the log to an output with a buffer. Times count from the whole millisecond of the first frame, which the header gives
+/// in UTC. The frames are read twice, since the header has their number and length.
 ///
 /// # Errors
-/// The output does not take it.
+/// If the output does not take it.
 pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
     let start = (frames.iter().next()).map_or(Duration::ZERO, |first| first.time);
     let start = Duration::from_millis(u64::try_from(start.as_millis()).unwrap_or(u64::MAX));
@@ -41,7 +41,7 @@ pub fn write(mut output: impl Write, frames: &Frames) -> io::Result<()> {
     header.extend_from_slice(&FILE_HEADER_BYTES.to_le_bytes());
     // Application: number 5, version 0.0.0; format 2.6.8.1.
     header.extend_from_slice(&[5, 0, 0, 0, 2, 6, 8, 1]);
-    // As it is, and without compression: the same.
+    // Sizes as stored, and without compression: the same.
     header.extend_from_slice(&whole_bytes.to_le_bytes());
     header.extend_from_slice(&whole_bytes.to_le_bytes());
     let count = u32::try_from(frames.len()).unwrap_or(u32::MAX);
@@ -83,7 +83,7 @@ fn length(header: u64, rest: usize) -> u64 {
     header + u64::try_from(rest).unwrap_or(u64::MAX - header)
 }
 
-/// The beginning of every object.
+/// Appends the start of an object.
 fn push_base(bytes: &mut Vec<u8>, header_bytes: u16, object_bytes: u32, kind: u32) {
     bytes.extend_from_slice(b"LOBJ");
     bytes.extend_from_slice(&header_bytes.to_le_bytes());
@@ -105,7 +105,7 @@ fn push_frame(content: &mut Vec<u8>, Stamped { time, frame, .. }: &Stamped, star
     content.extend_from_slice(&nanos.to_le_bytes());
     content.extend_from_slice(&CHANNEL.to_le_bytes());
     if frame.is_error() {
-        // What a log of candump says of an error has no place here.
+        // The details of an error in a log of candump have no place here.
         content.extend_from_slice(&[0; 30]);
         return;
     }
@@ -134,7 +134,7 @@ fn push_container(containers: &mut Vec<u8>, content: &mut Vec<u8>) {
     containers.append(content);
 }
 
-/// A SYSTEMTIME of Windows.
+/// Appends a SYSTEMTIME of Windows.
 fn push_system_time(file: &mut Vec<u8>, time: Duration) {
     let date = utc(time);
     for field in [
@@ -156,7 +156,7 @@ mod tests {
     use super::*;
     use canopen::CanFrame;
 
-    /// `date -u -d @951782400`, and half a second.
+    /// The date of `date -u -d @951782400`, and half a second.
     #[test]
     fn a_date_has_its_day_of_the_week_and_its_milliseconds() {
         let mut bytes = Vec::new();

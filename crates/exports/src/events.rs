@@ -1,14 +1,14 @@
-//! What happened on the bus besides the cyclic traffic, as a table.
+//! Table of the events of a run other than cyclic traffic.
 
 use std::io::{self, Write};
 
 use recording::cell::inert;
 use recording::events::{Events, Level};
 
-/// Writes one row for each event, in the order of time: when, how grave, and what, as the page of a run has them.
+/// Writes one row for each event, in the order of time: its time, severity and text, as on the page of a run.
 ///
 /// # Errors
-/// The output does not take it.
+/// If the output does not take it.
 pub fn write(output: impl Write, events: &Events) -> io::Result<()> {
     let mut table = csv::Writer::from_writer(output);
     table.write_record(["time_seconds", "level", "text"])?;

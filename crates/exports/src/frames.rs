@@ -1,4 +1,4 @@
-//! The frames of a recording as tables: all of them with their bytes, or those of one message with their signals.
+//! Frames of a recording as tables: all of them with their bytes, or those of one message with their signals.
 
 use std::io::{self, Write};
 use std::time::Duration;
@@ -9,14 +9,14 @@ use recording::cell::{cell, heading};
 use recording::frames::Frames;
 use recording::log::Stamped;
 
-/// The identifier in a raw one, without its flags.
+/// Bits of the identifier in a raw one, without its flags.
 const ID_BITS: u32 = 0x1FFF_FFFF;
 
 /// Writes one row for each frame, in the order of the recording. Times are of the scenario, which began at `zero` on the clock of
 /// the frames.
 ///
 /// # Errors
-/// The output does not take it.
+/// If the output does not take it.
 pub fn write_all(
     mut output: impl Write,
     frames: &Frames,
@@ -50,7 +50,7 @@ pub fn write_all(
 /// no value.
 ///
 /// # Errors
-/// The output does not take it.
+/// If the output does not take it.
 pub fn write_message(
     mut output: impl Write,
     frames: &Frames,

@@ -1,10 +1,10 @@
-//! A recording in the formats of other programs.
+//! Recordings in the formats of other programs.
 //!
-//! In come the frames of a run or its timeline. Out go the bytes of a file that other programs open: ASC, BLF and tables for
+//! Input: the frames of a run or its timeline. Output: the bytes of a file that other programs open: ASC, BLF and tables for
 //! frames, MDF and MCAP for both, Parquet for signals, a table for events. [`parquet`] also writes the tables of sweeps.
 //!
-//! It does not know the verdict, nor what a scenario is; it reads names and units from the timeline. It writes no file of a run
-//! folder: nothing here runs unless somebody asks for it.
+//! It knows no verdict and no scenario; it reads names and units from the timeline. It writes no file of a run folder, and runs
+//! only on request.
 pub mod asc;
 pub mod blf;
 pub mod events;

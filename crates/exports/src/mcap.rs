@@ -1,4 +1,4 @@
-//! MCAP with messages of ROS 2: each message of the bus as a topic with its signals, every frame as it was, and the events as a log.
+//! MCAP with messages of ROS 2: each message of the bus as a topic with its signals, every raw frame, and the events as a log.
 
 mod cdr;
 mod schema;
@@ -17,23 +17,23 @@ use recording::log::Stamped;
 
 use cdr::Cdr;
 
-/// The identifier in a raw one, without its flags.
+/// Bits of the identifier in a raw one, without its flags.
 const ID_BITS: u32 = 0x1FFF_FFFF;
-/// What the driver of ROS 2 for SocketCAN calls the frames that it received.
+/// Topic of the received frames, as the driver of ROS 2 for SocketCAN names it.
 const FRAMES_TOPIC: &str = "/from_can_bus";
-/// Where ROS 2 collects what nodes report.
+/// Topic in which ROS 2 collects the reports of nodes.
 const LOG_TOPIC: &str = "/rosout";
 const FRAME_ID: &str = "can0";
-/// Bytes of messages in one chunk, about.
+/// Approximate size of the messages in one chunk, in bytes.
 const CHUNK_BYTES_MIN: u64 = WriteOptions::DEFAULT_CHUNK_SIZE;
 const CHUNK_BYTES_MAX: u64 = 6 * CHUNK_BYTES_MIN;
 
-/// Writes the file to an output that has a buffer. Times are those of the frames, in nanoseconds; the scenario began at `zero` on
-/// their clock, which is written into the metadata. A signal that a frame is too short for is NaN. Nothing is compressed. The
-/// frames are read twice, since the topics come before their messages.
+/// Writes the file to an output with a buffer. Times are those of the frames, in nanoseconds; the scenario began at `zero` on
+/// their clock, which is written into the metadata. A signal is NaN if a frame is too short for it. The file is not compressed.
+/// The frames are read twice, since the topics come before their messages.
 ///
 /// # Errors
-/// The output does not take it, or there are more than 65 000 messages.
+/// If the output does not take it, or there are more than 65 000 messages.
 pub fn write(
     output: impl Write,
     frames: &Frames,
@@ -82,7 +82,7 @@ fn write_messages(
 
 struct McapFile<W: Write> {
     writer: Writer<NoSeek<W>>,
-    /// Messages of each topic so far.
+    /// Number of messages of each topic so far.
     sequences: BTreeMap<u16, u32>,
 }
 
@@ -107,7 +107,7 @@ impl<W: Write> McapFile<W> {
         })
     }
 
-    /// A new topic of messages of a kind; its number.
+    /// Adds a topic with messages of a kind; returns its number.
     fn topic(&mut self, name: &str, kind: &str, schema: &str) -> Result<u16, McapError> {
         let schema = self.writer.add_schema(kind, "ros2msg", schema.as_bytes())?;
         self.writer
@@ -128,13 +128,13 @@ impl<W: Write> McapFile<W> {
     }
 }
 
-/// The writer holds one chunk, and an index of all: the longer a recording, the longer its chunks.
+/// Returns the size of a chunk. The writer holds one chunk, and an index of all: the longer a recording, the longer its chunks.
 fn chunk_bytes(frames: usize) -> u64 {
     let bytes = u64::try_from(frames / 8).unwrap_or(u64::MAX);
     bytes.clamp(CHUNK_BYTES_MIN, CHUNK_BYTES_MAX)
 }
 
-/// A message of the bus whose signals are fields.
+/// Message of the bus whose signals are fields.
 struct Topic {
     id: u16,
     signals: Vec<Option<SignalHandle>>,
@@ -149,20 +149,20 @@ impl Topic {
             self.cdr.push_f64(value.unwrap_or(f64::NAN));
         }
         if self.signals.is_empty() {
-            // ROS 2 pads what has no fields.
+            // ROS 2 pads a message without fields.
             self.cdr.push_u8(0);
         }
         self.cdr.bytes()
     }
 }
 
-/// A topic for each message that is on the bus, by its raw identifier.
+/// Adds a topic for each message on the bus; returns them by raw identifier.
 fn topics(
     file: &mut McapFile<impl Write>,
     frames: &Frames,
     database: &Database,
 ) -> Result<BTreeMap<u32, Topic>, McapError> {
-    // One by one: a set that is collected holds all that it is made of.
+    // Inserted one by one, since a collected set holds all items from which it is made.
     let mut ids = BTreeSet::new();
     for stamped in frames {
         ids.insert(stamped.frame.raw_id());
@@ -188,7 +188,7 @@ fn signals(database: &Database, message: &Message) -> Vec<Option<SignalHandle>> 
     signals.map(|signal| handle(&signal.name)).collect()
 }
 
-/// When an event was on the clock of the frames, in whole microseconds as theirs.
+/// Returns the time of an event on the clock of the frames, in whole microseconds like theirs.
 fn at(time_seconds: f64, zero: Duration) -> Duration {
     let since = Duration::try_from_secs_f64(time_seconds.abs()).unwrap_or_default();
     let micros = (since.as_nanos() + 500) / 1000;
@@ -200,7 +200,7 @@ fn at(time_seconds: f64, zero: Duration) -> Duration {
     }
 }
 
-/// A `can_msgs/msg/Frame`.
+/// Serialises a `can_msgs/msg/Frame`.
 fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Vec<u8> {
     let mut cdr = Cdr::new();
     cdr.push_time(*time);
@@ -217,7 +217,7 @@ fn frame_message(Stamped { time, frame, .. }: &Stamped) -> Vec<u8> {
     cdr.into_bytes()
 }
 
-/// An `rcl_interfaces/msg/Log`.
+/// Serialises an `rcl_interfaces/msg/Log`.
 fn log_message(time: Duration, event: &Event) -> Vec<u8> {
     let mut cdr = Cdr::new();
     cdr.push_time(time);
@@ -228,7 +228,7 @@ fn log_message(time: Duration, event: &Event) -> Vec<u8> {
     });
     cdr.push_text("canrig");
     cdr.push_text(&event.text);
-    // Neither file nor function and line.
+    // No file, function and line.
     cdr.push_text("");
     cdr.push_text("");
     cdr.push_u32(0);

@@ -10,10 +10,10 @@ use recording::run_folder::file as run_file;
 use recording::timeline::{self, Series, Timeline};
 use recording::work::Way;
 
-/// Where the header block has its place.
+/// Address of the header block.
 const HEADER_AT: usize = 64;
 const HEADER_BYTES: usize = 104;
-/// What every block begins with.
+/// Length of the header of every block.
 const BLOCK_HEADER_BYTES: usize = 24;
 
 /// Channel types and data types of the standard.
@@ -25,14 +25,15 @@ const UNSIGNED_LITTLE_ENDIAN: u8 = 0;
 const FLOAT_LITTLE_ENDIAN: u8 = 4;
 const BYTES: u8 = 10;
 const VALUE_BYTES: u32 = 8;
-/// Between the parts of a channel's name.
+/// Separator between the parts of a channel's name.
 const PATH_SEPARATOR: u16 = b'.' as u16;
 
-/// Writes the file to an output that has a buffer. Time 0 is that of the scenario; `start` is when that was, since the beginning
-/// of 1970. Where a signal has no value it is NaN. `dbc` says what the frames mean; it is attached as `frames.dbc`. The frames are read once to count them, and once more for each kind.
+/// Writes the file to an output with a buffer. Time 0 is that of the scenario; `start` is its time since the start of 1970. A
+/// signal without a value is NaN. `dbc` gives the frames their meaning; it is attached as `frames.dbc`. The frames are read once
+/// to count them, and once more for each kind.
 ///
 /// # Errors
-/// The output does not take it.
+/// If the output does not take it.
 pub fn write(
     output: impl Write,
     timelines: &[Timeline],
@@ -67,14 +68,14 @@ fn write_file(
     output.write_all(&file.bytes[from..])
 }
 
-/// A signal over time.
+/// Signal over time.
 struct Signal<'a> {
     name: String,
     unit: &'a str,
     values: &'a Series<f64>,
 }
 
-/// All of them, of which the first is the time.
+/// Returns all signals, of which the first is the time.
 fn signals(timelines: &[Timeline]) -> Vec<Signal<'_>> {
     let time = timelines.first().map(|timeline| Signal {
         name: "time".to_owned(),
@@ -91,7 +92,7 @@ fn signals(timelines: &[Timeline]) -> Vec<Signal<'_>> {
     time.into_iter().chain(others).collect()
 }
 
-/// Each row has one number of every signal.
+/// Writes the rows, each with one number of every signal.
 fn write_rows(output: &mut impl Write, signals: &[Signal]) -> io::Result<()> {
     let rows = signals.first().map_or(0, |time| time.values.len());
     let mut way = Way::new(wide(rows));
@@ -105,7 +106,7 @@ fn write_rows(output: &mut impl Write, signals: &[Signal]) -> io::Result<()> {
     Ok(())
 }
 
-/// A channel, and where its bits are in a record.
+/// Channel with the place of its bits in a record.
 #[derive(Clone, Copy)]
 struct Channel<'a> {
     name: &'a str,
@@ -115,7 +116,7 @@ struct Channel<'a> {
     bit: u32,
     bits: u32,
     flags: u32,
-    /// The first of the channels that it is made of; 0 without.
+    /// Address of the first of its component channels; 0 if it has none.
     parts: u64,
 }
 
@@ -134,28 +135,28 @@ impl<'a> Channel<'a> {
     }
 }
 
-/// What makes the records of a channel group.
+/// Format of the records of a channel group.
 struct Records {
     count: usize,
     bytes: u32,
     flags: u16,
-    /// Whence they come; 0 if that is nowhere.
+    /// Address of their source; 0 if they have none.
     source: u64,
 }
 
-/// What a data block holds, which is written when all blocks are known.
+/// Content of a data block, which is written when all blocks are known.
 enum Data {
     Frames(bus::Kind),
     Signals,
 }
 
-/// A file that grows block by block; a block links to earlier ones only.
+/// File that grows block by block; a block links to earlier ones only.
 struct Mf4File {
-    /// All but the data.
+    /// All blocks, without the data.
     bytes: Vec<u8>,
-    /// The data, and before which of the bytes they have their place.
+    /// Data, each with its place in the bytes.
     data: Vec<(usize, Data)>,
-    /// How long they are together: records are as long as some blocks of eight bytes.
+    /// Length of all data; records are as long as some blocks of eight bytes.
     data_bytes: usize,
 }
 
@@ -171,14 +172,14 @@ impl Mf4File {
         }
     }
 
-    /// Appends a block; its address.
+    /// Appends a block; returns its address.
     fn block(&mut self, name: &[u8; 4], links: &[u64], data: &[u8]) -> u64 {
         let address = self.next();
         self.bytes.extend(block(name, links, data));
         address
     }
 
-    /// Appends a block of so many records, whose bytes come later; its address.
+    /// Appends a block for these records, whose bytes come later; returns its address.
     fn data(&mut self, data: Data, records: &Records) -> u64 {
         let address = self.next();
         let bytes = records.count * records.bytes as usize;
@@ -188,13 +189,13 @@ impl Mf4File {
         address
     }
 
-    /// The address of the next block.
+    /// Returns the address of the next block.
     fn next(&mut self) -> u64 {
         self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
         wide(self.bytes.len() + self.data_bytes)
     }
 
-    /// A text, or one with markup.
+    /// Appends a text, or one with markup; returns its address.
     fn text(&mut self, name: &[u8; 4], text: &str) -> u64 {
         let mut data = text.as_bytes().to_vec();
         data.push(0);
@@ -202,7 +203,7 @@ impl Mf4File {
         self.block(name, &[], &data)
     }
 
-    /// A group of all signals, before the group `next`.
+    /// Appends a group of all signals, before the group `next`.
     fn signals(&mut self, signals: &[Signal], next: u64) -> u64 {
         let mut byte = 0;
         let mut channels = Vec::new();
@@ -221,7 +222,7 @@ impl Mf4File {
         self.data_group(next, first, data, &records)
     }
 
-    /// The descriptions of the channels of a group, of which the first is the time; the address of the first.
+    /// Appends the descriptions of the channels of a group, of which the first is the time; returns the address of the first.
     fn channels(&mut self, channels: &[Channel]) -> u64 {
         let Some((time, others)) = channels.split_first() else {
             return 0;
@@ -248,13 +249,13 @@ impl Mf4File {
         for number in [channel.byte, channel.bits, channel.flags, 0] {
             data.extend_from_slice(&number.to_le_bytes());
         }
-        // Neither precision nor attachments, ranges or limits.
+        // No precision, attachments, ranges and limits.
         data.resize(data.len() + 4 + 6 * 8, 0);
         let links = [next, channel.parts, name, 0, 0, 0, unit, 0];
         self.block(b"##CN", &links, &data)
     }
 
-    /// A group of channels with their records, before the data group `next`.
+    /// Appends a group of channels with their records, before the data group `next`.
     fn data_group(&mut self, next: u64, first_channel: u64, data: u64, records: &Records) -> u64 {
         let group = self.channel_group(first_channel, records);
         self.block(b"##DG", &[next, group, data, 0], &[0; 8])
@@ -272,14 +273,14 @@ impl Mf4File {
         self.block(b"##CG", &links, &data)
     }
 
-    /// A file within the file.
+    /// Appends a file within the file.
     fn attachment(&mut self, name: &str, mime_type: &str, content: &[u8]) -> u64 {
-        /// The content is here, as it is: neither beside the file nor compressed nor hashed.
+        /// Flag of a content that is embedded, neither compressed nor hashed.
         const EMBEDDED: u64 = 1;
         let [name, mime_type] = [name, mime_type].map(|text| self.text(b"##TX", text));
         let mut data = EMBEDDED.to_le_bytes().to_vec();
         data.resize(data.len() + 16, 0);
-        // As long as it was.
+        // Original length and stored length are the same.
         for _ in 0..2 {
             data.extend_from_slice(&wide(content.len()).to_le_bytes());
         }
@@ -287,7 +288,7 @@ impl Mf4File {
         self.block(b"##AT", &[0, name, mime_type, 0], &data)
     }
 
-    /// Who wrote the file; the standard demands it.
+    /// Appends the history with the program that wrote the file, as the standard demands.
     fn history(&mut self, nanos: u64) -> u64 {
         let version = env!("CARGO_PKG_VERSION");
         let comment = format!(

@@ -15,19 +15,19 @@ use recording::work::Way;
 
 pub use parquet::errors::ParquetError;
 
-/// The cells of a column.
+/// Cells of a column.
 pub enum Cells<'a> {
     /// Whole numbers, none of them absent.
     Count(Vec<i64>),
-    /// Whole numbers, null where there is none.
+    /// Whole numbers; `None` becomes null.
     Whole(Vec<Option<i64>>),
-    /// Numbers, null where there is none (NaN).
+    /// Numbers; NaN becomes null.
     Number(Cow<'a, [f64]>),
-    /// Text, null where there is none.
+    /// Texts; `None` becomes null.
     Text(Vec<Option<String>>),
 }
 
-/// What a column holds.
+/// Type of a column.
 #[derive(Clone, Copy)]
 pub enum ColumnKind {
     /// Whole numbers, in every row.
@@ -40,11 +40,11 @@ pub enum ColumnKind {
     Text,
 }
 
-/// A table that is written group of rows by group of rows.
+/// Table that is written row group by row group.
 pub struct ParquetTable<W: Write + Send>(SerializedFileWriter<W>);
 
 impl<W: Write + Send> ParquetTable<W> {
-    /// A table with columns and no rows.
+    /// Makes a table with columns and no rows.
     pub fn new(
         output: W,
         name: &str,
@@ -61,7 +61,7 @@ impl<W: Write + Send> ParquetTable<W> {
         Ok(Self(writer))
     }
 
-    /// Appends rows, given by their columns in the table's order; each column is asked for when the one before is written.
+    /// Appends rows, given by their columns in the table's order; each column is requested after the one before is written.
     pub fn write<'a>(
         &mut self,
         columns: impl IntoIterator<Item = Cells<'a>>,
@@ -91,20 +91,20 @@ impl<W: Write + Send> ParquetTable<W> {
         rows.close().map(|_| ())
     }
 
-    /// Writes what ends the file.
+    /// Writes the end of the file.
     pub fn finish(self) -> Result<W, ParquetError> {
         self.0.into_inner()
     }
 }
 
-/// Rows of a run between two places at which a reader can begin. The writer holds what it knows of each group to the end of the
-/// file, so that of ten hours there are few.
+/// Rows of a run between two places at which a reader can begin. The writer holds the metadata of each group to the end of the
+/// file, so ten hours have few groups.
 const GROUP_ROWS: usize = 1 << 20;
 
 /// Writes the signals: one row a cycle, the columns of `signals.csv`.
 ///
 /// # Errors
-/// The library or the output refuses.
+/// If the library or the output refuses.
 pub fn write_signals(
     output: impl Write + Send,
     timelines: &[Timeline],
@@ -161,7 +161,7 @@ fn schema(name: &str, columns: &[(&str, ColumnKind)]) -> Result<TypePtr, Parquet
         .map(Arc::new)
 }
 
-/// A value that is there has the level 1, one that is not 0; a column whose values are all there has no levels.
+/// Writes a column. A present value has the level 1, a missing one 0; a column without missing values has no levels.
 fn write_column<T: DataType, W: Write + Send, C>(
     rows: &mut SerializedRowGroupWriter<'_, W>,
     cells: &[C],

@@ -1,4 +1,4 @@
-//! A node that fails as planned.
+//! Node that fails as planned.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -9,12 +9,12 @@ use dbc::scenario_clock::ScenarioClock;
 
 use crate::plan::{FaultKind, FaultPlan, Output, PlannedFault};
 
-/// Frames that a hanging node's CAN controller and driver keep for it (assumed).
+/// Largest number of frames that a hanging node's CAN controller and driver keep for it (assumed).
 const RECEIVE_FRAMES_MAX: usize = 32;
 
 const NANOSECONDS_PER_SECOND: f64 = 1e9;
 
-/// Whether the node works at all.
+/// Operating condition of a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Condition {
     Working,
@@ -22,18 +22,18 @@ enum Condition {
     Dead(Output),
 }
 
-/// Makes a node as it is after power-on.
+/// Function that puts a node in its state after power-on.
 type Renew<N> = Box<dyn FnMut(&mut N) + Send>;
 
-/// A node in a scenario with faults. It never fails as a whole: a node that gives up has gone to its safe state, and
-/// the run goes on to show that it stays there.
+/// Node in a scenario with faults. It never fails as a whole: a node that gives up has gone to its safe state, and the run
+/// continues to show that it stays there.
 pub struct Faulty<N> {
     node: N,
     renew: Renew<N>,
     plan: FaultPlan,
     scenario: ScenarioClock,
     now: Duration,
-    /// The latest time up to which the plan was followed.
+    /// Latest time up to which the plan was followed.
     followed: Option<Duration>,
     condition: Condition,
     clock: NodeClock,
@@ -51,7 +51,7 @@ impl<N: fmt::Debug> fmt::Debug for Faulty<N> {
 }
 
 impl<N: Node> Faulty<N> {
-    /// A node before its power-on, and what makes it new again. Faults come by a clock of scenario time.
+    /// Makes a node before its power-on, with the function that renews it. Faults come by a clock of scenario time.
     pub fn new(
         node: N,
         plan: FaultPlan,
@@ -77,31 +77,31 @@ impl<N: Node> Faulty<N> {
         }
     }
 
-    /// The node itself.
+    /// Returns the node itself.
     #[must_use]
     pub fn node(&self) -> &N {
         &self.node
     }
 
-    /// The node itself.
+    /// Returns the node itself.
     #[must_use]
     pub fn node_mut(&mut self) -> &mut N {
         &mut self.node
     }
 
-    /// Sees what another node sends that is on the same CAN controller, which does not receive it: scenario time follows from the
+    /// Takes a frame of another node on the same CAN controller, which does not receive it: scenario time follows from the
     /// statuswords of all drives.
     pub fn overhear(&mut self, frame: &CanFrame) {
         self.scenario.on_frame(self.now, frame);
     }
 
-    /// When the scenario began.
+    /// Returns the start of the scenario.
     #[must_use]
     pub fn scenario_zero(&self) -> Option<Duration> {
         self.scenario.zero()
     }
 
-    /// What a dead node leaves its output at; none while it lives.
+    /// Returns the output of a dead node; `None` while it lives.
     #[must_use]
     pub fn dead_output(&self) -> Option<Output> {
         match self.condition {
@@ -110,13 +110,13 @@ impl<N: Node> Faulty<N> {
         }
     }
 
-    /// How far the node's clock is ahead of the true time, and how far behind.
+    /// Returns how far the node's clock is ahead of the true time, and how far behind.
     #[must_use]
     pub fn clock_error(&self) -> (Duration, Duration) {
         self.clock_error_at(self.now)
     }
 
-    /// The clock's error at a time, if nothing begins or ends before it.
+    /// Returns the clock's error at a time, if no fault begins or ends before it.
     #[must_use]
     pub fn clock_error_at(&self, now: Duration) -> (Duration, Duration) {
         let node = self.clock.node_time(now);
@@ -151,13 +151,13 @@ impl<N: Node> Faulty<N> {
         }
     }
 
-    /// What it had to send and had not received yet goes with it.
+    /// Discards the frames that it had to send and those that it had not received yet.
     fn forget(&mut self) {
         self.outbox.clear();
         self.inbox.clear();
     }
 
-    /// Goes on after a hang: receives what was kept for it.
+    /// Continues after a hang: receives the frames that were kept for it.
     fn wake_up(&mut self) {
         let time = self.clock.node_time(self.now);
         for frame in std::mem::take(&mut self.inbox) {
@@ -200,7 +200,7 @@ impl<N: Node> Faulty<N> {
         rates.sum()
     }
 
-    /// The next time at which something of the plan begins or ends.
+    /// Returns the next time at which a fault of the plan begins or ends.
     fn next_change(&self) -> Option<Duration> {
         let followed = self.followed.unwrap_or_default();
         let boot = Some(self.plan.late_boot).filter(|boot| *boot > followed);
@@ -217,7 +217,7 @@ impl<N: Node> Faulty<N> {
             .min()
     }
 
-    /// Collects what the node sends.
+    /// Collects the frames that the node sends.
     fn collect(&mut self) {
         let time = self.scenario_time(Some(self.now));
         let slow = self.active(time).map(|kind| match kind {
@@ -325,10 +325,10 @@ impl<N: Node> Node for Faulty<N> {
     }
 }
 
-/// A clock that may run fast or slow.
+/// Clock that may run fast or slow.
 #[derive(Clone, Copy, Debug, Default)]
 struct NodeClock {
-    /// Where the rate last changed: true time and the node's.
+    /// Point of the last change of the rate: true time and the node's.
     anchor: (Duration, Duration),
     rate: f64,
 }
@@ -347,12 +347,12 @@ impl NodeClock {
         node_anchor + scaled(elapsed, 1.0 + self.rate)
     }
 
-    /// The first true time at which the node's clock has reached a time.
+    /// Returns the first true time at which the node's clock has reached a time.
     fn true_time(&self, node_time: Duration) -> Duration {
         let (true_anchor, node_anchor) = self.anchor;
         let elapsed = node_time.saturating_sub(node_anchor);
         let mut time = true_anchor + scaled(elapsed, 1.0 / (1.0 + self.rate));
-        // Rounding may leave it just short.
+        // Rounding may leave it just short of it.
         while self.node_time(time) < node_time {
             time += Duration::from_nanos(1);
         }
@@ -360,7 +360,7 @@ impl NodeClock {
     }
 }
 
-/// A time by a factor; exact for the factor 1.
+/// Scales a time by a factor; exact for the factor 1.
 fn scaled(time: Duration, factor: f64) -> Duration {
     if factor == 1.0 {
         return time;

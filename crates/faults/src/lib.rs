@@ -1,11 +1,11 @@
-//! Faults on purpose, as far as several rooms need them.
+//! Deliberate faults, as far as several crates need them.
 //!
-//! Comes in: the `[fault]` table of a scenario, a seed, a node and the frames for it. Goes out: the same node as a
-//! [`Faulty`] one, which fails as `[fault.node]` says, in every world alike; the random numbers of one fault as a
-//! [`Stream`], which no other fault disturbs.
+//! Input: the `[fault]` table of a scenario, a seed, a node and the frames for it. Output: the same node as a [`Faulty`] one,
+//! which fails as `[fault.node]` says, in every world alike; the random numbers of one fault as a [`Stream`], which no other
+//! fault disturbs.
 //!
-//! It does not know: buses, plants and sensors. Sensor, amplifier and plant fail in the plant emulator, and the bus fails in
-//! the bus model.
+//! It knows no buses, plants and sensors. Sensor, amplifier and plant fail in the plant emulator, and the bus fails in the bus
+//! model.
 
 mod faulty;
 mod plan;

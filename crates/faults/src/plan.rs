@@ -1,48 +1,48 @@
-//! What happens to one node, from the scenario.
+//! Faults of one node, from the scenario.
 
 use std::time::Duration;
 
 use scenario::fault::{Fault, Faults, Group};
 
-/// The current through the plant while its drive is dead.
+/// Current through the plant while its drive is dead.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Output {
     /// The amplifier keeps its last command.
     Hold,
-    /// None: the amplifier is switched off with its drive.
+    /// The current is zero: the amplifier is switched off with its drive.
     Zero,
 }
 
-/// How a node fails.
+/// Kind of a node's fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultKind {
-    /// Dead; at its end it boots anew.
+    /// The node is dead; at the end of the fault it boots anew.
     Crash(Output),
-    /// Frozen; at its end it goes on.
+    /// The node is frozen; at the end of the fault it continues.
     Hang,
-    /// Boots anew at once.
+    /// The node boots anew at once.
     Restart,
-    /// What it says leaves it later.
+    /// The frames of the node leave it later by this time.
     Slow(Duration),
-    /// Its clock is fast by so much of the time.
+    /// The node's clock is fast by this fraction of the time.
     Drift(f64),
-    /// Its heartbeats do not leave it.
+    /// The heartbeats of the node do not leave it.
     LostHeartbeat,
 }
 
-/// One fault in scenario time.
+/// Fault in scenario time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannedFault {
-    /// Begins.
+    /// Start of the fault.
     pub from: Duration,
-    /// Ends; `Duration::MAX` if never.
+    /// End of the fault; `Duration::MAX` if it never ends.
     pub until: Duration,
-    /// How.
+    /// Kind of the fault.
     pub kind: FaultKind,
 }
 
 impl PlannedFault {
-    /// A fault of a node; `None` for one of its boot or its data sheet, and for an order that somebody gives it.
+    /// Makes a fault of a node; `None` for a fault of its boot or its data sheet, and for an order that is sent to it.
     fn new(fault: &Fault) -> Option<Self> {
         let kind = match fault.kind.name {
             "crash" if fault.says("output", "hold") => FaultKind::Crash(Output::Hold),
@@ -65,26 +65,26 @@ impl PlannedFault {
         })
     }
 
-    /// Whether it acts at a scenario time.
+    /// Returns whether it acts at a scenario time.
     #[must_use]
     pub fn acts_at(&self, time: Duration) -> bool {
         (self.from..self.until).contains(&time)
     }
 }
 
-/// All that happens to one node.
+/// All faults of one node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaultPlan {
-    /// The node's number on the bus.
+    /// Node-ID.
     pub number: u8,
-    /// How long after the others it boots.
+    /// Delay of its boot after the others.
     pub late_boot: Duration,
-    /// The rest.
+    /// Other faults.
     pub faults: Vec<PlannedFault>,
 }
 
 impl FaultPlan {
-    /// The faults of one node, whose number on the bus this is.
+    /// Returns the faults of the node with the node-ID `number`.
     #[must_use]
     pub fn new(faults: &Faults, number: u8) -> Self {
         let boots = faults.of("late_boot");
@@ -101,7 +101,7 @@ impl FaultPlan {
         }
     }
 
-    /// Without the faults of these kinds, which something else plays.
+    /// Removes the faults that `is_played_elsewhere` accepts.
     #[must_use]
     pub fn without(mut self, is_played_elsewhere: impl Fn(&FaultKind) -> bool) -> Self {
         self.faults

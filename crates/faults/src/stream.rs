@@ -4,56 +4,56 @@ use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use scenario::fault::Fault;
 
-/// A stream of random numbers.
+/// Stream of random numbers.
 #[derive(Clone, Debug)]
 pub struct Stream(Pcg64Mcg);
 
 impl Stream {
-    /// The stream of a seed.
+    /// Makes the stream of a seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(Pcg64Mcg::seed_from_u64(seed))
     }
 
-    /// The stream of one fault of a scenario; other faults have no part in it.
+    /// Makes the stream of one fault of a scenario, independent of other faults.
     #[must_use]
     pub fn for_fault(seed: u64, fault: &Fault) -> Self {
         Self::named(seed, &fault.path())
     }
 
-    /// The stream of something with a name.
+    /// Makes the stream of a name.
     #[must_use]
     pub fn named(seed: u64, name: &str) -> Self {
-        // FNV-1a: any hash serves that differs between names and never changes.
+        // FNV-1a; any hash is suitable that differs between names and never changes.
         let hash = name.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3)
         });
         Self::new(seed ^ hash)
     }
 
-    /// 64 random bits.
+    /// Returns 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0.next_u64()
     }
 
-    /// Uniform in (0, 1]: 53 bits, never 0.
+    /// Returns a uniform number in (0, 1]: 53 bits, never 0.
     pub fn uniform(&mut self) -> f64 {
         const SCALE: f64 = 1.0 / (1_u64 << 53) as f64;
         ((self.bits() >> 11) + 1) as f64 * SCALE
     }
 
-    /// Uniform among `0..count`; 0 for a count of 0.
+    /// Returns a uniform number in `0..count`; 0 for a count of 0.
     pub fn below(&mut self, count: u64) -> u64 {
         // The bias is below count / 2^64.
         self.bits().checked_rem(count).unwrap_or_default()
     }
 
-    /// True with a probability.
+    /// Returns true with a probability.
     pub fn happens(&mut self, probability: f64) -> bool {
         self.uniform() <= probability
     }
 
-    /// From the standard normal distribution, by Box and Muller.
+    /// Returns a number of the standard normal distribution, by Box and Muller.
     pub fn normal(&mut self) -> f64 {
         let radius = libm::sqrt(-2.0 * libm::log(self.uniform()));
         radius * libm::cos(std::f64::consts::TAU * self.uniform())

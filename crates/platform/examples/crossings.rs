@@ -19,7 +19,7 @@ const ROUNDS: u32 = 50_000;
 const PATIENCE: Duration = Duration::from_secs(1);
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// Answers each frame with one, as the drive and the controller do once per cycle.
+/// Node that answers each frame with one, as the drive and the controller do once per cycle.
 struct Answering {
     hears: u16,
     says: u16,
@@ -86,7 +86,7 @@ fn main() -> Outcome<()> {
     }
 }
 
-/// The other end of the bus's measurement; ends when the bus or its frames end.
+/// Runs the other end of the bus's measurement; ends when the bus or its frames end.
 fn echo(address: &BusAddress) -> Outcome<()> {
     let mut bus = platform::open(address, &[Filter::exact(0x100)])?;
     bus.send(&CanFrame::new(0x101, &[]))?;
@@ -156,7 +156,7 @@ fn follower(name: &str, hears: u16, says: u16) -> Outcome<(Child, Remote)> {
     Ok((child, remote))
 }
 
-/// The frame of each goes to the other, in turn.
+/// Passes the frame of each participant to the other, in turn.
 fn cycles(plant: &mut impl Participant, controller: &mut impl Participant) -> Outcome<Duration> {
     let mut frames = vec![(Duration::ZERO, CanFrame::new(1, &[0; 8]))];
     let mut answer = Answer::default();

@@ -6,7 +6,7 @@ use std::error::Error;
 use canopen::{Application, Device, Node, NodeId, eds};
 use platform::stop::StopSignal;
 
-/// Leaves every object to its readers and writers.
+/// Application that leaves every object to its readers and writers.
 struct Passive;
 
 impl Application for Passive {}

@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Carries what was begun at `now` to its end; the time then.
+/// Carries a transfer that began at `now` to its end; returns the time of the end.
 fn finish(
     client: &mut SdoClient,
     bus: &mut dyn Bus,

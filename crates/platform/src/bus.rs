@@ -1,4 +1,4 @@
-//! The seam to a CAN bus: what a participant needs of it, its address, and what can be wrong with it.
+//! Interface to a CAN bus: the operations that a participant needs, the address of a bus, and the errors.
 
 use std::fmt;
 use std::io;
@@ -14,44 +14,44 @@ use rustix::io::Errno;
 use crate::clock;
 use crate::probe;
 
-/// How long [`Bus::send`] waits for room in a full queue.
+/// Longest time that [`Bus::send`] waits for room in a full queue.
 pub const SEND_PATIENCE: Duration = Duration::from_millis(50);
 
-/// A CAN bus as one participant sees it. Its own frames do not come back.
+/// CAN bus as one participant sees it. Its own frames do not come back.
 pub trait Bus: Send {
     /// Sends a frame. Waits up to [`SEND_PATIENCE`] where the bus's queue is full.
     ///
     /// # Errors
-    /// When the queue stays full or the bus is gone.
+    /// If the queue stays full or the bus is gone.
     fn send(&mut self, frame: &CanFrame) -> Result<(), BusError>;
 
-    /// The next frame that passes the filters, oldest first; `None` when none came within `timeout`. With a `timeout`
-    /// of zero it never waits. The kernel's error messages come as frames with [`CanFrame::is_error`] where a filter
+    /// Returns the oldest frame that passes the filters and was not taken yet; `None` if none comes within `timeout`. With a
+    /// `timeout` of zero it never waits. The kernel's error messages come as frames with [`CanFrame::is_error`] if a filter
     /// accepts them.
     ///
     /// # Errors
-    /// When the bus is gone.
+    /// If the bus is gone.
     fn receive(&mut self, timeout: Duration) -> Result<Option<CanFrame>, BusError>;
 
     /// Becomes readable when a frame is there.
     fn as_fd(&self) -> BorrowedFd<'_>;
 
-    /// Frames that were lost because they were not received in time, as far as known.
+    /// Number of frames that were lost because they were not received in time, as far as known.
     fn dropped(&self) -> u64;
 
-    /// Frames that had to wait for room in a full queue before they were sent.
+    /// Number of frames that had to wait for room in a full queue before they were sent.
     fn delayed(&self) -> u64;
 
-    /// Lets [`Bus::fd_frames`] count; a bus of canrig's own carries no CAN FD.
+    /// Makes [`Bus::fd_frames`] count. An embedded bus carries no CAN FD, so this does nothing by default.
     fn count_fd_frames(&mut self) {}
 
-    /// CAN FD frames that passed the filters and were not received, since the bench reads classic CAN.
+    /// Number of CAN FD frames that passed the filters and were not received, since the bench reads classic CAN.
     fn fd_frames(&self) -> u64 {
         0
     }
 }
 
-/// Where a bus is: `can0`, `vcan0` (a SocketCAN interface), `embedded:/path/to/socket`, or `private:1234`.
+/// Address of a bus: `can0`, `vcan0` (a SocketCAN interface), `embedded:/path/to/socket`, or `private:1234`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BusAddress {
     /// A CAN network interface.
@@ -62,7 +62,7 @@ pub enum BusAddress {
     Private(u32),
 }
 
-/// What is wrong with the text of an address.
+/// Error in the text of an address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("\"{text}\" is no bus: name a CAN interface such as vcan0, or embedded:/path/to/socket")]
 pub struct BadAddress {
@@ -103,10 +103,10 @@ impl fmt::Display for BusAddress {
     }
 }
 
-/// What is wrong with a bus, and what to do next.
+/// Error of a bus, with a hint for the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
-    /// No SocketCAN, or no right to it.
+    /// SocketCAN is missing, or the process has no right to it.
     #[error(transparent)]
     NoKernelCan(#[from] probe::NoKernelCan),
     /// No interface of this name.
@@ -114,10 +114,10 @@ pub enum BusError {
         "CAN interface {name} does not exist; make a virtual one with: ip link add dev {name} type vcan && ip link set {name} up"
     )]
     NoInterface {
-        /// The name asked for.
+        /// Name that was asked for.
         name: String,
     },
-    /// An interface, but not for CAN.
+    /// The interface is not for CAN.
     #[error(
         "{name} is no CAN interface; `ip -brief link show type can` and `... type vcan` list those there are"
     )]
@@ -145,7 +145,7 @@ pub enum BusError {
         /// The path.
         path: PathBuf,
     },
-    /// The embedded bus belongs to someone else.
+    /// The embedded bus belongs to another user.
     #[error("the bus at {path} belongs to user {owner}, not to you", path = path.display())]
     ForeignHub {
         /// The socket's path.
@@ -183,19 +183,19 @@ pub enum BusError {
         /// The bus.
         address: BusAddress,
     },
-    /// The system's error, where nothing better is known.
+    /// Error of the system for which no better message is known.
     #[error("{address} failed to {action}: {source}")]
     System {
         /// The bus.
         address: BusAddress,
-        /// What was tried.
+        /// Action that failed.
         action: &'static str,
         /// The system's error.
         source: io::Error,
     },
 }
 
-/// Bytes of a socket's path at most: `sun_path` less its final zero.
+/// Longest path of a socket in bytes: `sun_path` less its final zero.
 pub const PATH_BYTES_MAX: usize = 107;
 
 /// Receives with `attempt` until it gives a frame or `timeout` is over.
@@ -223,7 +223,7 @@ pub(crate) fn receive_within(
     Ok(None)
 }
 
-/// Waits until `fd` is ready or `timeout` is over; true when it is ready. An interrupted wait goes on.
+/// Waits until `fd` is ready or `timeout` is over; returns whether it is ready. An interrupted wait is resumed.
 pub(crate) fn wait_ready(
     fd: BorrowedFd<'_>,
     flags: PollFlags,
@@ -242,7 +242,7 @@ pub(crate) fn wait_ready(
     }
 }
 
-/// What may keep frames in the queue.
+/// Returns a likely reason for a full queue, for the error message.
 fn why_full(address: &BusAddress) -> &'static str {
     match address {
         BusAddress::Interface(_) => "is anyone else on the bus to acknowledge?",
@@ -250,7 +250,7 @@ fn why_full(address: &BusAddress) -> &'static str {
     }
 }
 
-/// Waits until `fd` is ready, `timeout` is over or a signal comes; true when it is ready.
+/// Waits until `fd` is ready, `timeout` is over or a signal comes; returns whether `fd` is ready.
 fn wait_once(fd: BorrowedFd<'_>, flags: PollFlags, timeout: Duration) -> Result<bool, Errno> {
     let timeout = Timespec::try_from(timeout).map_err(|_| Errno::INVAL)?;
     match poll(&mut [PollFd::from_borrowed_fd(fd, flags)], Some(&timeout)) {

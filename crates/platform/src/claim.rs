@@ -1,7 +1,7 @@
-//! A CAN interface that one process of this machine has for itself.
+//! Exclusive use of a CAN interface by one process of this machine.
 //!
-//! The claim is a socket with an abstract name. The kernel keeps such names for each network namespace, as it does
-//! interfaces, whoever the users are, and forgets them with the process, however that ends. No file is left.
+//! The claim is a socket with an abstract name. The kernel keeps such names for each network namespace, as it does interfaces,
+//! across all users, and removes them when the process ends in any way. No file is left.
 #![expect(
     unsafe_code,
     reason = "a process of another container has no number here, for which rustix has no type"
@@ -16,13 +16,13 @@ use rustix::net::{
     socket_with,
 };
 
-/// Questions who has it, of which each stays in the kernel: none is answered.
+/// Number of pending connections that the kernel holds. Other processes connect to ask for the holder; none is accepted.
 const BACKLOG: i32 = 4096;
 
-/// Why an interface cannot be claimed.
+/// Reason why an interface cannot be claimed.
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
-    /// Another process has it.
+    /// Another process holds it.
     #[error("{}", words(.0))]
     Taken(Holder),
     /// The system refuses.
@@ -35,12 +35,12 @@ pub enum ClaimError {
     },
 }
 
-/// Who has an interface.
+/// Process that holds an interface.
 #[derive(Debug)]
 pub struct Holder {
     /// The interface.
     pub name: String,
-    /// The process, where it can be seen from here.
+    /// Process number, if it is visible from this namespace.
     pub process: Option<i32>,
 }
 
@@ -55,7 +55,7 @@ fn words(Holder { name, process }: &Holder) -> String {
     }
 }
 
-/// An interface while nobody else can claim it; given back when dropped.
+/// Exclusive claim on an interface; released on drop.
 #[derive(Debug)]
 pub struct Claim {
     _socket: OwnedFd,
@@ -103,7 +103,7 @@ fn socket() -> rustix::io::Result<OwnedFd> {
     socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)
 }
 
-/// The process that listens at an address, where it can be seen from here.
+/// Returns the process that listens at an address, if it is visible from this namespace.
 fn holder(address: &SocketAddrUnix) -> Option<i32> {
     let socket = socket().ok()?;
     connect(&socket, address).ok()?;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use rustix::thread::{NanosleepRelativeResult, nanosleep};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
-/// Less than this is no step: the clocks drift, and the process may be held up between reading one and the other.
+/// Smallest difference that counts as a step: the clocks drift, and the process may be held up between reading the two.
 const WALL_STEP_MIN: Duration = Duration::from_millis(10);
 
 /// Time since the clock was started, from `CLOCK_MONOTONIC`.
@@ -16,7 +16,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// A clock that begins now.
+    /// Starts a clock.
     #[must_use]
     pub fn start() -> Self {
         Self {
@@ -25,25 +25,26 @@ impl Clock {
         }
     }
 
-    /// Time since the start; never decreases.
+    /// Returns the time since the start; it never decreases.
     #[must_use]
     pub fn now(&self) -> Duration {
         monotonic().saturating_sub(self.start)
     }
 
-    /// The wall-clock time of the start, since 1970.
+    /// Returns the wall-clock time of the start, since 1970.
     #[must_use]
     pub fn wall_epoch(&self) -> Duration {
         self.wall_at_start
     }
 
-    /// A wall-clock time on this clock, as if the wall clock had not been stepped since the start.
+    /// Converts a wall-clock time to this clock, as if the wall clock had not been stepped since the start.
     #[must_use]
     pub fn from_wall(&self, wall: Duration) -> Duration {
         wall.saturating_sub(self.wall_at_start)
     }
 
-    /// Where the wall clock was stepped, later wall-clock times go on from here as if it had always been as it is now.
+    /// After a step of the wall clock, maps later wall-clock times to this clock as if the wall clock had always been as it is
+    /// now.
     pub(crate) fn follow_wall_steps(&mut self) {
         let (now, wall) = (self.now(), wall());
         if wall.abs_diff(self.wall_at_start + now) > WALL_STEP_MIN {
@@ -51,27 +52,27 @@ impl Clock {
         }
     }
 
-    /// By how much the wall clock went away from the monotonic clock since the start: more than a few milliseconds mean
-    /// that it was stepped, and wall-clock receive stamps are not to be trusted.
+    /// Returns the difference that the wall clock has gained on the monotonic clock since the start, without its sign. More than
+    /// a few milliseconds mean that it was stepped, and wall-clock receive stamps are not to be trusted.
     #[must_use]
     pub fn wall_clock_step(&self) -> Duration {
         let expected = self.wall_at_start + self.now();
         wall().abs_diff(expected)
     }
 
-    /// A time of the system's monotonic clock on this clock; zero before its start.
+    /// Converts a time of the system's monotonic clock to this clock; zero before its start.
     #[must_use]
     pub fn from_monotonic(&self, time: Duration) -> Duration {
         time.saturating_sub(self.start)
     }
 
-    /// This clock's `time` on `CLOCK_MONOTONIC`, for absolute timers.
+    /// Converts this clock's `time` to `CLOCK_MONOTONIC`, for absolute timers.
     pub(crate) fn on_monotonic(&self, time: Duration) -> Duration {
         self.start.saturating_add(time)
     }
 }
 
-/// `CLOCK_MONOTONIC` itself. Where reading it is a system call, as in user-mode Linux, it costs as much as a frame.
+/// Reads `CLOCK_MONOTONIC`. Where that is a system call, as in user-mode Linux, it costs as much as a frame.
 pub(crate) fn monotonic() -> Duration {
     duration(clock_gettime(ClockId::Monotonic))
 }
@@ -80,12 +81,12 @@ fn wall() -> Duration {
     duration(clock_gettime(ClockId::Realtime))
 }
 
-/// A time of the system that is not negative.
+/// Converts a time of the system; a negative one becomes zero.
 fn duration(time: Timespec) -> Duration {
     Duration::try_from(time).unwrap_or_default()
 }
 
-/// Waits; longer when the system is busy, not shorter.
+/// Sleeps for `time`; longer when the system is busy, never shorter.
 pub fn sleep(time: Duration) {
     let Ok(mut remaining) = Timespec::try_from(time) else {
         return;

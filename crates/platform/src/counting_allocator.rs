@@ -1,12 +1,12 @@
-//! An allocator that counts the allocations of each thread, for tests of what allocates nothing.
+//! Allocator that counts the allocations of each thread, for tests of code that must not allocate.
 //!
-//! A test program declares it as its `#[global_allocator]`, which needs no unsafe code there; no other program has it.
+//! A test program declares it as its `#[global_allocator]`, which needs no unsafe code there; no other program uses it.
 #![expect(unsafe_code, reason = "a global allocator is unsafe to implement")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-/// The system's allocator with a count.
+/// System allocator with a count.
 #[derive(Clone, Copy, Debug)]
 pub struct CountingAllocator;
 
@@ -14,7 +14,7 @@ thread_local! {
     static COUNT: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Allocations and reallocations by this thread so far; 0 for ever where the program has another allocator.
+/// Returns the number of allocations and reallocations by this thread so far; always 0 with another allocator.
 #[must_use]
 pub fn allocations() -> u64 {
     COUNT.get()

@@ -19,17 +19,17 @@ use crate::bus::{Bus, BusAddress, BusError, SEND_PATIENCE, receive_within, wait_
 use crate::hub;
 use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_filters, encode_frame};
 
-/// How long the hub may take to let a participant join.
+/// Longest time that the hub may take to let a participant join.
 const JOIN_PATIENCE: Duration = Duration::from_secs(5);
 
-/// A filter for no kind of error message, which nothing passes, in place of no filter: an empty packet would read as the
-/// end of the connection.
+/// Filter that nothing passes, for a participant without filters: it accepts error messages of no kind. An empty packet would
+/// read as the end of the connection.
 const NOTHING: Filter = Filter {
     id: 0,
     mask: ERROR_FLAG,
 };
 
-/// One participant's connection to a hub.
+/// Connection of one participant to a hub.
 pub(crate) struct EmbeddedBus {
     path: PathBuf,
     socket: OwnedFd,
@@ -38,10 +38,10 @@ pub(crate) struct EmbeddedBus {
 }
 
 impl EmbeddedBus {
-    /// Joins the bus at `path`; when this returns, the hub knows the filters.
+    /// Joins the bus at `path`. When this returns, the hub knows the filters.
     ///
     /// # Errors
-    /// When no hub of this user is there, or it does not let us join within 5 s.
+    /// If no hub of this user is there, or it does not let us join within 5 s.
     pub(crate) fn open(path: &Path, filters: &[Filter]) -> Result<Self, BusError> {
         let bus = Self {
             path: path.into(),
@@ -54,7 +54,7 @@ impl EmbeddedBus {
         Ok(bus)
     }
 
-    /// A hub of another user could feed us what it likes.
+    /// Refuses a hub of another user, which could feed us any frame.
     fn check_owner(&self) -> Result<(), BusError> {
         let owner = socket_peercred(&self.socket)
             .map_err(|errno| self.failed("ask for its owner", errno))?
@@ -109,7 +109,7 @@ impl EmbeddedBus {
         }
     }
 
-    /// The hub is gone. Where it was killed, its socket is still there: the last to notice cleans up.
+    /// Returns the error for a hub that is gone. The socket of a killed hub still exists; it is removed here.
     fn closed(&self) -> BusError {
         hub::remove_silent(&self.path);
         BusError::Closed {
@@ -166,7 +166,7 @@ impl Bus for EmbeddedBus {
         self.socket.as_fd()
     }
 
-    /// As the hub reported last: it reports before the first frame after a loss.
+    /// Number that the hub reported last. It reports before the first frame after a loss.
     fn dropped(&self) -> u64 {
         self.dropped.get()
     }
@@ -176,7 +176,7 @@ impl Bus for EmbeddedBus {
     }
 }
 
-/// A socket that is connected to the hub at `path`.
+/// Returns a socket that is connected to the hub at `path`.
 fn connect_to(path: &Path) -> Result<OwnedFd, BusError> {
     let address =
         SocketAddrUnix::new(path).map_err(|_| BusError::PathTooLong { path: path.into() })?;

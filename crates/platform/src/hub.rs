@@ -48,10 +48,10 @@ pub(crate) use place::remove_silent;
 pub use switch::CLIENTS_MAX;
 use switch::Switch;
 
-/// Above the nodes: a frame under way is worth more than the next one.
+/// Priority of the hub's thread, above the nodes: a frame under way is worth more than the next one.
 const PRIORITY: u8 = 60;
 
-/// What a hub has counted.
+/// Counters of a hub.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HubReport {
     /// Frames taken from clients.
@@ -60,18 +60,18 @@ pub struct HubReport {
     pub dropped: u64,
     /// Packets that were not a frame, and first packets that were not filters.
     pub malformed: u64,
-    /// Connections refused: of another user, or too many.
+    /// Connections refused, because of another user or because there were too many.
     pub refused: u64,
 }
 
-/// The buses of this user's hubs that are running on this machine, found without disturbing them.
+/// Returns the buses of this user's hubs that are running on this machine, without disturbing them.
 #[must_use]
 pub fn running() -> Vec<BusAddress> {
     let sockets = place::running();
     sockets.into_iter().map(BusAddress::Embedded).collect()
 }
 
-/// A running hub; dropping it ends the bus and removes its socket.
+/// Running hub; dropping it ends the bus and removes its socket.
 pub struct Hub {
     place: Place,
     counters: Arc<Counters>,
@@ -84,7 +84,7 @@ impl Hub {
     /// Starts a hub on its own thread, and the recorder of its bus.
     ///
     /// # Errors
-    /// When no socket can be made.
+    /// If no socket can be made.
     pub fn start() -> Result<(Self, Recorder), HubError> {
         Self::start_in(&place::candidates())
     }
@@ -101,7 +101,7 @@ impl Hub {
             .name("hub".into())
             .spawn(move || {
                 let asked = scheduling::request_fifo(PRIORITY);
-                // Nobody listens when the start itself was given up.
+                // No receiver is left if the start itself was given up.
                 sender.send(asked).ok();
                 switch.run();
             })?;
@@ -118,13 +118,13 @@ impl Hub {
         Ok((hub, recorder))
     }
 
-    /// Where the bus is.
+    /// Returns the address of the bus.
     #[must_use]
     pub fn address(&self) -> BusAddress {
         BusAddress::Embedded(self.place.socket())
     }
 
-    /// What was counted so far.
+    /// Returns the counters as they are now.
     #[must_use]
     pub fn report(&self) -> HubReport {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
@@ -136,7 +136,7 @@ impl Hub {
         }
     }
 
-    /// Why the hub's thread has no real-time priority; `None` when it has.
+    /// Returns why the hub's thread has no real-time priority; `None` if it has.
     #[must_use]
     pub fn refusal(&self) -> Option<&Refused> {
         self.real_time.as_ref().err()

@@ -1,5 +1,5 @@
-//! The keeper of a program: a process of this program that starts it, keeps its output, and ends it with all that it started, also
-//! when canrig was killed.
+//! Keeper of a program: a process of this executable that starts the program, keeps its output, and ends it with all its
+//! descendants, also after canrig was killed.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -26,28 +26,28 @@ use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
 use crate::stop::{OF_TERMINAL, ignore};
 use crate::worker::how;
 
-/// The hidden subcommand that keeps a program.
+/// Hidden subcommand that keeps a program.
 pub const SUBCOMMAND: &str = "program-keeper";
 
-/// The variable that gives the number of a pipe from canrig, which ends when the program is to end.
+/// Variable with the number of a pipe from canrig. The pipe is closed when the program is to end.
 const LIFELINE_VARIABLE: &str = "CANRIG_LIFELINE";
 
-/// Time that a program has to end once it is asked to, and once it got SIGTERM.
+/// Time for a program to end after the request, and after SIGTERM.
 pub(crate) const STOP_PATIENCE: Duration = Duration::from_secs(3);
 pub(crate) const TERM_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Most output of a program that is kept.
+/// Largest kept output of a program.
 const LOG_BYTES_MAX: u64 = 16 << 20;
-/// Most of its end that is told.
+/// Largest part of its last output that is told.
 const TOLD_BYTES_MAX: usize = 2_000;
 const TOLD_LINES_MAX: usize = 12;
 const PART_BYTES: usize = 64 << 10;
 
-/// Starts a program, keeps its output in a file, and waits for its end: by itself, or when standard input ends. Returns how it ended,
-/// after the words "the program", and in the lines behind it the end of the output.
+/// Starts a program, keeps its output in a file, and waits for its end: by itself, or after the end of standard input. Returns a
+/// text that continues "the program", such as "exited with code 0", and in the next lines the last output.
 ///
 /// # Errors
-/// The system refuses what it needs.
+/// If the system refuses.
 pub fn keep(log: Option<PathBuf>, command: &[OsString]) -> io::Result<String> {
     ignore(&OF_TERMINAL)?;
     ignore(&[libc::SIGTERM])?;
@@ -85,11 +85,11 @@ fn start(command: &[OsString], output: OwnedFd) -> io::Result<Pid> {
     Ok(Pid::from_child(&command.spawn()?))
 }
 
-/// Waits for the program's end; asks for it when standard input ends.
+/// Waits for the program's end; ends it when standard input ends.
 fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus> {
     let handle = pidfd_open(program, PidfdFlags::empty())?;
     let mut signals = [(STOP_PATIENCE, Signal::TERM), (TERM_PATIENCE, Signal::KILL)].into_iter();
-    // The next signal, and its time.
+    // Next signal, with its time.
     let mut next: Option<(Duration, Signal)> = None;
     let (mut is_wanted, mut is_open) = (true, true);
     loop {
@@ -124,7 +124,7 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
                 .map(|(time, signal)| (monotonic() + time, signal));
         }
         if let Some((_, signal)) = next.filter(|(time, _)| *time <= monotonic()) {
-            // One that has ended meanwhile is seen above.
+            // The poll above sees a program that has ended meanwhile.
             let _ = kill_process_group(program, signal);
             next = signals
                 .next()
@@ -133,7 +133,7 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
     }
 }
 
-/// Kills all that the program started and left, whose parent is this process since the program's end.
+/// Kills all processes that the program left behind; this process became their parent when the program ended.
 fn end_descendants() {
     loop {
         for child in children_of(getpid().as_raw_nonzero().get().unsigned_abs()) {
@@ -146,14 +146,14 @@ fn end_descendants() {
     }
 }
 
-/// Processes of this parent.
+/// Returns the child processes of `parent`.
 pub(crate) fn children_of(parent: u32) -> Vec<Pid> {
     let parent = parent.to_string();
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
     let is_child = |number: &i32| {
         let stat = fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
-        // The name of the program before may hold anything.
+        // The program's name before this may contain any character.
         let fields = stat.rsplit(") ").next().unwrap_or_default();
         fields.split(' ').nth(1) == Some(parent.as_str())
     };
@@ -161,7 +161,7 @@ pub(crate) fn children_of(parent: u32) -> Vec<Pid> {
     numbers.filter_map(Pid::from_raw).collect()
 }
 
-/// The output of a program.
+/// Kept output of a program.
 struct Log {
     path: Option<PathBuf>,
     file: Option<File>,
@@ -181,7 +181,7 @@ impl Log {
         }
     }
 
-    /// Takes a part of what is there; false at the end.
+    /// Takes a part of the pending output; returns false at the end.
     fn take(&mut self, output: &OwnedFd) -> bool {
         let mut part = [0; PART_BYTES];
         match rustix::io::read(output, &mut part) {
@@ -190,7 +190,7 @@ impl Log {
                 true
             }
             Err(Errno::INTR) => true,
-            // There is no more of a program that has ended.
+            // A program that has ended writes no more.
             Ok(_) | Err(_) => false,
         }
     }
@@ -225,7 +225,7 @@ impl Log {
         }
     }
 
-    /// Last lines.
+    /// Returns the last lines.
     fn end(&self) -> String {
         let text = String::from_utf8_lossy(&self.end);
         let lines = Vec::from_iter(text.trim().lines());

@@ -7,7 +7,7 @@ pub(crate) const FRAME_BYTES: usize = 16;
 /// Bytes of `struct can_filter`.
 pub(crate) const FILTER_BYTES: usize = 8;
 
-/// A frame as `struct can_frame`: identifier with flags, length, three bytes of padding, data.
+/// Encodes a frame as `struct can_frame`: identifier with flags, length, three bytes of padding, data.
 pub(crate) fn encode_frame(frame: &CanFrame) -> [u8; FRAME_BYTES] {
     let mut bytes = [0; FRAME_BYTES];
     bytes[..4].copy_from_slice(&frame.raw_id().to_ne_bytes());
@@ -16,7 +16,7 @@ pub(crate) fn encode_frame(frame: &CanFrame) -> [u8; FRAME_BYTES] {
     bytes
 }
 
-/// A frame from `struct can_frame`; `None` when it is none.
+/// Decodes a `struct can_frame`; `None` if the bytes are not a frame.
 pub(crate) fn decode_frame(bytes: &[u8]) -> Option<CanFrame> {
     let bytes: &[u8; FRAME_BYTES] = bytes.try_into().ok()?;
     let (id, rest) = bytes.split_first_chunk::<4>()?;
@@ -24,7 +24,7 @@ pub(crate) fn decode_frame(bytes: &[u8]) -> Option<CanFrame> {
     CanFrame::from_raw(u32::from_ne_bytes(*id), rest[0], *data)
 }
 
-/// Filters as an array of `struct can_filter`.
+/// Encodes filters as an array of `struct can_filter`.
 pub(crate) fn encode_filters(filters: &[Filter]) -> Vec<u8> {
     filters
         .iter()
@@ -33,7 +33,7 @@ pub(crate) fn encode_filters(filters: &[Filter]) -> Vec<u8> {
         .collect()
 }
 
-/// Filters from an array of `struct can_filter`; `None` when the length is no multiple of 8.
+/// Decodes an array of `struct can_filter`; `None` if the length is no multiple of 8.
 pub(crate) fn decode_filters(bytes: &[u8]) -> Option<Vec<Filter>> {
     let (filters, rest) = bytes.as_chunks::<FILTER_BYTES>();
     rest.is_empty().then(|| {

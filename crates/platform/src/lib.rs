@@ -1,13 +1,12 @@
 //! Everything that touches the operating system: buses, clock, scheduling, processes, and the two runners.
 //!
-//! Comes in: a [`canopen::Node`], which knows no time and no socket, and the [`bus::BusAddress`] where it shall live. Goes
-//! out: the node's frames on that bus, stamped frames of everybody from a [`recorder`], and a report on how late the node's
-//! loop woke up.
+//! Input: a [`canopen::Node`], which has no clock and no socket, and the [`bus::BusAddress`] of its bus. Output: the node's
+//! frames on that bus, stamped frames of all participants from a [`recorder`], and a report on how late the node's loop woke up.
 //!
 //! [`real_time`] moves a node by the monotonic clock and a [`bus`]; [`lockstep`] moves it in virtual time, on behalf of a
 //! coordinator that models the bus. [`open()`] joins a bus of any kind: SocketCAN, the [`hub`]'s or the [`private_bus`].
 //!
-//! It does not know: scenarios, what a frame means, what a node is for.
+//! It knows no scenarios, no meaning of frames, no purpose of a node.
 
 pub mod bus;
 pub mod claim;

@@ -1,14 +1,14 @@
-//! What the kernel reports of a CAN interface (netlink): its state, bit rate and error counters.
+//! State of a CAN interface as the kernel reports it (netlink): error state, bit rate and error counters.
 
 use std::io;
 
 use socketcan::CanInterface;
 use socketcan::nl::{CanCtrlMode, CanState};
 
-/// A CAN interface. What its driver does not report is `None`; a vcan reports only whether it is up.
+/// CAN interface. A value that its driver does not report is `None`; a vcan reports only whether it is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Link {
-    /// Whether it is up.
+    /// Whether the interface is up.
     pub is_up: bool,
     /// Bits per second.
     pub bit_rate: Option<u32>,
@@ -16,13 +16,13 @@ pub struct Link {
     pub state: Option<State>,
     /// Transmit and receive error counters (ISO 11898-1).
     pub errors: Option<[u16; 2]>,
-    /// It hears the bus, but neither acknowledges nor sends.
+    /// Whether the controller hears the bus, but neither acknowledges nor sends.
     pub is_listen_only: bool,
-    /// It hears only itself.
+    /// Whether the controller hears only its own frames.
     pub is_loopback: bool,
 }
 
-/// Error state of a CAN controller, as the kernel has it.
+/// Error state of a CAN controller, by the kernel's names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
     /// Both counters are below 96.
@@ -31,16 +31,16 @@ pub enum State {
     ErrorWarning,
     /// One is 128 or more.
     ErrorPassive,
-    /// It takes no part in the bus.
+    /// The controller takes no part in the bus.
     BusOff,
-    /// It is stopped or asleep.
+    /// The controller is stopped or asleep.
     Stopped,
 }
 
 /// Asks the kernel about an interface of this process's network namespace.
 ///
 /// # Errors
-/// There is no such interface, or the kernel does not answer.
+/// If there is no such interface, or the kernel does not answer.
 pub fn link(name: &str) -> io::Result<Link> {
     let details = CanInterface::open(name)
         .and_then(|interface| interface.details())

@@ -1,16 +1,16 @@
-//! Virtual time: a coordinator says how far time goes and which frames the bus delivers, each participant answers with
-//! the frames that it queued and with its next deadline.
+//! Virtual time: a coordinator grants time and delivers the frames of the bus; each participant answers with the frames that it
+//! queued and with its next deadline.
 //!
-//! [`Participant`] is the coordinator's view of a node. [`Local`] is a node in this process, [`Remote`] one in another
-//! process at a bus seat: one of ours runs [`follow`], which steps the node with the same code, so the answers are the same; a program
-//! of somebody else speaks the protocol by itself.
+//! [`Participant`] is the coordinator's view of a node. [`Local`] is a node in this process, [`Remote`] one in another process at
+//! a bus seat. A process of canrig runs [`follow`], which steps the node with the same code, so the answers are the same; an
+//! external program implements the protocol itself.
 //!
 //! The rules of a step from the participant's current time to `to`:
 //! - a deadline earlier than the next frame ticks first, at the deadline;
 //! - at equal times the frames come first, then the tick;
 //! - a deadline at `to` itself ticks in this step;
-//! - after `to` the node may go on by its own deadlines until a later time, which the coordinator has found safe; it
-//!   ends early with the instant in which it queues a frame that somebody may answer;
+//! - after `to` the node may continue by its own deadlines until a later time, which the coordinator has found safe; it
+//!   ends early with the instant in which it queues a frame that another participant may answer;
 //! - frames that the node queues carry the time at which it queued them;
 //! - the step ends early when the node has stopped or failed.
 

@@ -1,17 +1,17 @@
-//! What becomes of memory that was freed.
+//! Treatment of freed memory by the C library.
 #![expect(unsafe_code, reason = "mallopt and malloc_trim have no safe wrapper")]
 
-/// Larger blocks come from the system one by one and go back to it at once.
+/// Size above which a block comes from the system by itself and returns to it when freed.
 const BLOCK_BYTES_MAX: i32 = 8 << 20;
-/// So much stays with the process at the end of its heap.
+/// Free bytes at the end of the heap that stay with the process.
 const KEPT_BYTES_MAX: i32 = 64 << 20;
-/// The heap grows by so much at once, which most runs do not exceed.
+/// Growth of the heap at once, enough for most runs.
 const GROWTH_BYTES: i32 = 16 << 20;
 
-/// Lets memory that was freed stay with the process, which uses it again soon: run after run makes and drops large buffers.
-/// Otherwise the system clears each of their pages anew, which costs a sweep 10 % of its time.
+/// Keeps freed memory with the process, which uses it again soon: each run makes and drops large buffers. Otherwise the system
+/// clears each of their pages anew, which costs a sweep 10 % of its time.
 ///
-/// Another C library than glibc does as it likes.
+/// Does nothing with a C library other than glibc.
 pub fn keep_freed() {
     #[cfg(target_env = "gnu")]
     for (parameter, bytes) in [
@@ -19,14 +19,14 @@ pub fn keep_freed() {
         (libc::M_TRIM_THRESHOLD, KEPT_BYTES_MAX),
         (libc::M_TOP_PAD, GROWTH_BYTES),
     ] {
-        // SAFETY: changes how blocks are handed out from now on; those that are out stay valid.
+        // SAFETY: changes how blocks are handed out from now on; blocks in use stay valid.
         unsafe { libc::mallopt(parameter, bytes) };
     }
 }
 
-/// Gives the system back what was freed, when no run is to follow that would use it.
+/// Returns freed memory to the system, when no following run would use it.
 pub(crate) fn return_freed() {
-    // SAFETY: only blocks that nobody uses go back.
+    // SAFETY: only unused blocks are returned.
     #[cfg(target_env = "gnu")]
     unsafe {
         libc::malloc_trim(0)

@@ -1,4 +1,4 @@
-//! From a bus's address to a participant of it: the one place that knows all kinds of buses.
+//! Opening a bus by its address: the one place that knows all kinds of buses.
 
 use canopen::Filter;
 
@@ -7,11 +7,11 @@ use crate::embedded_bus::EmbeddedBus;
 use crate::private_bus;
 use crate::socketcan_bus::SocketCanBus;
 
-/// Opens the bus for one participant, who receives what one of `filters` accepts. A private bus is for a process with a
-/// single thread, which enters its namespaces for good.
+/// Opens the bus for one participant, which receives the frames that one of `filters` accepts. A private bus is for a process
+/// with a single thread, which enters its namespaces for good.
 ///
 /// # Errors
-/// Says what is missing and what to do about it.
+/// With a message that names the missing part and a remedy.
 pub fn open(address: &BusAddress, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
     Ok(match address {
         BusAddress::Interface(name) => Box::new(SocketCanBus::open(name, filters)?),

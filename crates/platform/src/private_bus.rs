@@ -1,4 +1,4 @@
-//! A bus of one's own, without root: a vcan in a user and a network namespace that nobody else sees.
+//! Private bus without root: a vcan in a user and a network namespace of its own.
 //!
 //! A process may change its user namespace only while it has a single thread, so a helper does it: it makes the
 //! namespaces and the interface, opens the bench's sockets there and passes them on, then waits until the bench closes
@@ -36,24 +36,24 @@ pub const INTERFACE: &str = "vcan0";
 /// The hidden subcommand that runs [`serve`]; its argument is the channel's number.
 pub const HELPER: &str = "private-bus";
 
-/// How long the helper may take.
+/// Longest time that the helper may take.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Sockets that the helper opens for the bench.
 const SOCKETS: usize = 2;
 
-/// Why there is no private bus.
+/// Reason why there is no private bus.
 #[derive(Debug, thiserror::Error)]
 pub enum PrivateBusError {
     /// The helper could not be started or heard.
     #[error("the helper for a private bus failed: {0}")]
     Helper(io::Error),
-    /// The system refuses a step; the helper's own words.
+    /// The system refuses a step; the text is the helper's.
     #[error("{0}")]
     Refused(String),
 }
 
-/// A private bus while it lives.
+/// Private bus; it ends on drop.
 pub struct PrivateBus {
     recorder: Option<CanSocket>,
     node_socket: Option<CanSocket>,
@@ -63,10 +63,10 @@ pub struct PrivateBus {
 }
 
 impl PrivateBus {
-    /// Makes one. Call it on the thread that lives as long as the run.
+    /// Makes a private bus. Call it on the thread that lives as long as the run.
     ///
     /// # Errors
-    /// Says what the system refuses.
+    /// With the step that the system refuses.
     pub fn start() -> Result<Self, PrivateBusError> {
         let (ours, theirs) = channel().map_err(PrivateBusError::Helper)?;
         let mut command = process::myself().map_err(PrivateBusError::Helper)?;
@@ -94,25 +94,25 @@ impl PrivateBus {
         Ok(bus)
     }
 
-    /// The process whose namespaces the nodes [`enter`].
+    /// Returns the process whose namespaces the nodes [`enter`].
     #[must_use]
     pub fn process(&self) -> u32 {
         self.helper.id()
     }
 
-    /// The recorder of this bus; once.
+    /// Returns the recorder of this bus, once.
     ///
     /// # Errors
-    /// When the system refuses it, or it was taken before.
+    /// If the system refuses it, or it was taken before.
     pub fn recorder(&mut self) -> Result<Recorder, BusError> {
         let socket = self.recorder.take().ok_or_else(taken)?;
         Recorder::on_socket(INTERFACE, socket)
     }
 
-    /// Joins this bus as a node of the bench's own; once.
+    /// Joins this bus as a node of the bench itself, once.
     ///
     /// # Errors
-    /// When the system refuses it, or it was taken before.
+    /// If the system refuses it, or it was taken before.
     pub fn join(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
         let socket = self.node_socket.take().ok_or_else(taken)?;
         Ok(Box::new(SocketCanBus::on_socket(
@@ -124,7 +124,7 @@ impl PrivateBus {
 impl Drop for PrivateBus {
     fn drop(&mut self) {
         self.channel = None;
-        // One that does not end is ended by the kernel when this thread ends.
+        // The kernel ends a helper that does not end by itself when this thread ends.
         let _ = self.helper.wait();
     }
 }
@@ -135,7 +135,7 @@ fn taken() -> BusError {
     }
 }
 
-/// What the helper does; call it in a process with a single thread. Returns when the bench closes the channel.
+/// Runs the helper; call it in a process with a single thread. Returns when the bench closes the channel.
 ///
 /// # Errors
 /// The reason is sent to the bench.
@@ -147,12 +147,12 @@ pub fn serve(channel: OwnedFd) -> io::Result<()> {
             return Err(io::Error::other(refused));
         }
     }
-    // Its end, since the bench sends nothing.
+    // Waits for the end of the channel, since the bench sends nothing.
     rustix::net::recv(&channel, &mut [0; 1], RecvFlags::empty())?;
     Ok(())
 }
 
-/// Namespaces, interface and sockets; a sandbox may grant the first and then refuse their use, so a frame must cross.
+/// Makes namespaces, interface and sockets. A sandbox may grant the first and then refuse their use, so a frame must cross.
 fn make() -> Result<Vec<CanSocket>, String> {
     let said = |what: &'static str| move |error: io::Error| format!("{what}: {error}");
     leave_namespaces().map_err(said(
@@ -177,7 +177,7 @@ fn probe(socket: CanSocket) -> Result<SocketCanBus, String> {
     SocketCanBus::on_socket(INTERFACE, socket, &[Filter::ALL]).map_err(|error| error.to_string())
 }
 
-/// Root needs no user namespace, in which it would lose its right to real-time priority.
+/// Moves to new namespaces. Root needs no user namespace, in which it would lose its right to real-time priority.
 fn leave_namespaces() -> io::Result<()> {
     let (user, group) = (geteuid().as_raw(), getegid().as_raw());
     if user == 0 && unshare(libc::CLONE_NEWNET).is_ok() {
@@ -190,7 +190,7 @@ fn leave_namespaces() -> io::Result<()> {
 }
 
 fn unshare(flags: libc::c_int) -> io::Result<()> {
-    // SAFETY: the call takes flags and changes what this process sees; no descriptor or memory of ours is concerned.
+    // SAFETY: the call takes flags and changes only the view of this process; no descriptor or memory is concerned.
     match unsafe { libc::unshare(flags) } {
         0 => Ok(()),
         _ => Err(io::Error::last_os_error()),
@@ -219,7 +219,7 @@ fn make_interface() -> io::Result<()> {
     }
 }
 
-/// `RTM_NEWLINK` for an interface that is up, with its name and kind.
+/// Returns `RTM_NEWLINK` for an interface that is up, with its name and kind.
 fn new_link_request() -> Vec<u8> {
     // NLM_F_REQUEST, NLM_F_ACK, NLM_F_EXCL, NLM_F_CREATE
     const ACKNOWLEDGED_NEW: u16 = 0x001 | 0x004 | 0x200 | 0x400;
@@ -242,7 +242,7 @@ fn new_link_request() -> Vec<u8> {
     message
 }
 
-/// Length, type and value, filled up to a multiple of four bytes.
+/// Appends length, type and value, padded to a multiple of four bytes.
 fn push_attribute(message: &mut Vec<u8>, kind: u16, value: &[u8]) {
     let length = u16::try_from(4 + value.len()).expect("a short attribute");
     message.extend_from_slice(&length.to_ne_bytes());
@@ -251,11 +251,11 @@ fn push_attribute(message: &mut Vec<u8>, kind: u16, value: &[u8]) {
     message.resize(message.len().next_multiple_of(4), 0);
 }
 
-/// Enters the namespaces of a helper, for a node's process while it has a single thread. Ask for real-time priority
-/// before: a user namespace takes the right to it away.
+/// Enters the namespaces of a helper, for a node's process while it has a single thread. Request real-time priority before: a
+/// user namespace takes the right to it away.
 ///
 /// # Errors
-/// When the helper is gone or the system refuses.
+/// If the helper is gone or the system refuses.
 pub fn enter(helper: u32) -> io::Result<()> {
     let theirs = |kind: &str| File::open(format!("/proc/{helper}/ns/{kind}"));
     let user = theirs("user")?;
@@ -287,7 +287,7 @@ fn send(channel: &OwnedFd, text: &str, sockets: &[CanSocket]) -> io::Result<()> 
     Ok(())
 }
 
-/// The helper's words, and the sockets.
+/// Receives the helper's text and the sockets.
 fn receive(channel: &OwnedFd) -> io::Result<(String, Vec<OwnedFd>)> {
     if !wait_ready(channel.as_fd(), PollFlags::IN, PATIENCE)? {
         return Err(io::Error::other("it gave no answer"));

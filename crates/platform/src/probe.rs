@@ -1,4 +1,4 @@
-//! What this system has of SocketCAN.
+//! Support of this system for SocketCAN.
 #![expect(unsafe_code, reason = "the interface flags come from an ioctl")]
 
 use std::io;
@@ -7,12 +7,12 @@ use std::os::fd::AsRawFd;
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, Protocol, SocketFlags, SocketType, netdevice};
 
-/// The protocol number `CAN_RAW` of `linux/can.h`.
+/// Protocol number `CAN_RAW` of `linux/can.h`.
 const CAN_RAW: u32 = 1;
-/// The hardware type `ARPHRD_CAN` of `linux/if_arp.h`.
+/// Hardware type `ARPHRD_CAN` of `linux/if_arp.h`.
 const ARPHRD_CAN: libc::sa_family_t = 280;
 
-/// Why SocketCAN is not to be had.
+/// Reason why SocketCAN is not available.
 #[derive(Debug, thiserror::Error)]
 pub enum NoKernelCan {
     /// The kernel is built without CAN, or its module is not there.
@@ -31,12 +31,12 @@ pub enum NoKernelCan {
     System(io::Error),
 }
 
-/// What is known of a network interface.
+/// State of a network interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interface {
-    /// There is none of this name.
+    /// No interface has this name.
     Missing,
-    /// It is not for CAN.
+    /// The interface is not for CAN.
     NotCan,
     /// A CAN interface that is down.
     Down,
@@ -44,10 +44,10 @@ pub enum Interface {
     Up,
 }
 
-/// Whether this kernel gives us CAN sockets.
+/// Checks that this kernel provides CAN sockets.
 ///
 /// # Errors
-/// Says why not.
+/// With the reason if it does not.
 pub fn kernel_can() -> Result<(), NoKernelCan> {
     let raw = std::num::NonZeroU32::new(CAN_RAW).map(Protocol::from_raw);
     match rustix::net::socket_with(
@@ -64,10 +64,10 @@ pub fn kernel_can() -> Result<(), NoKernelCan> {
     }
 }
 
-/// What the interface `name` is, in this process's network namespace.
+/// Returns the state of the interface `name` in this process's network namespace.
 ///
 /// # Errors
-/// When the system does not say.
+/// If the system does not answer.
 pub fn interface(name: &str) -> io::Result<Interface> {
     let any = rustix::net::socket_with(
         AddressFamily::UNIX,
@@ -95,7 +95,7 @@ pub fn interface(name: &str) -> io::Result<Interface> {
     })
 }
 
-/// Asks one of the `SIOCGIF...` requests about an interface.
+/// Sends one of the `SIOCGIF...` requests for an interface.
 fn interface_request(
     socket: &impl AsRawFd,
     name: &str,

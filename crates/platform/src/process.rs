@@ -20,16 +20,16 @@ use rustix::process::{
 
 use crate::stop::OF_TERMINAL;
 
-/// A command that starts this program again, as a child that does not outlive us:
+/// Returns a command that starts this program again, as a child that does not outlive us:
 /// - its standard input is a pipe from us, whose end stops it ([`crate::stop::StopSignal::from_parent`]);
-/// - what its terminal sends ([`OF_TERMINAL`]) does not end it, that is ours to do;
+/// - the signals of its terminal ([`OF_TERMINAL`]) do not end it; that is our task;
 /// - SIGTERM comes when the *thread* that spawned it ends (`PR_SET_PDEATHSIG`), so spawn from a thread that lives as
 ///   long as the run. It arms an alarm that ends even a child that hangs.
 ///
 /// # Errors
 /// Never on a system with `/proc`.
 pub fn myself() -> io::Result<Command> {
-    // The running file itself, even when another was put in its place meanwhile.
+    // The running file itself, even if another was put in its place meanwhile.
     let mut command = Command::new("/proc/self/exe");
     if let Some(name) = std::env::args_os().next() {
         command.arg0(name);
@@ -52,8 +52,8 @@ pub fn myself() -> io::Result<Command> {
     Ok(command)
 }
 
-/// Gives the process of a command a session and a group of its own, where no terminal reaches it; the signals that end a process end
-/// it. It is killed when the thread that spawned it ends.
+/// Gives the process of a command a session and a group of its own, out of reach of any terminal, and restores the default
+/// actions of signals. The process is killed when the thread that spawned it ends.
 pub(crate) fn in_own_session(command: &mut Command) {
     let prepare = move || {
         setsid()?;
@@ -68,7 +68,7 @@ pub(crate) fn in_own_session(command: &mut Command) {
     unsafe { command.pre_exec(prepare) };
 }
 
-/// Fewer files than a run needs may be open at once.
+/// Error: fewer files than a run needs may be open at once.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "only {permitted} files may be open at once, and {needed} are needed; permit them with: ulimit -n {needed}"
@@ -78,10 +78,10 @@ pub struct TooFewFiles {
     needed: u64,
 }
 
-/// Raises this process's limit of open files where it is below `needed`.
+/// Raises this process's limit of open files if it is below `needed`.
 ///
 /// # Errors
-/// More are not permitted.
+/// If more are not permitted.
 pub fn permit_open_files(needed: u64) -> Result<(), TooFewFiles> {
     let limit = getrlimit(Resource::Nofile);
     let (Some(current), maximum) = (limit.current, limit.maximum) else {
@@ -100,7 +100,7 @@ pub fn permit_open_files(needed: u64) -> Result<(), TooFewFiles> {
     })
 }
 
-/// Lets the child inherit `descriptor`; returns the number that the child is to be given. The descriptor is closed here when `command` is
+/// Makes the child inherit `descriptor`; returns the number to pass to the child. The descriptor is closed here when `command` is
 /// dropped: drop it once the child is spawned, or its end of a side channel stays open after its death.
 pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
     let number = descriptor.as_raw_fd();
@@ -110,10 +110,10 @@ pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
     number
 }
 
-/// Stops a child where it is (SIGSTOP), or lets it go on (SIGCONT).
+/// Stops a child where it is (SIGSTOP), or resumes it (SIGCONT).
 ///
 /// # Errors
-/// There is no such child any more.
+/// If the child does not exist any more.
 pub fn suspend(number: u32, is_suspended: bool) -> io::Result<()> {
     let signal = if is_suspended {
         Signal::STOP
@@ -124,7 +124,7 @@ pub fn suspend(number: u32, is_suspended: bool) -> io::Result<()> {
     kill_process(child.ok_or(Errno::SRCH)?, signal).map_err(io::Error::from)
 }
 
-/// Whether a process that this signal killed broke by itself: nobody else sends these.
+/// Returns whether a process killed by this signal crashed by itself: no other process sends these signals.
 #[must_use]
 pub fn is_crash(signal: i32) -> bool {
     [
@@ -142,7 +142,7 @@ pub fn is_crash(signal: i32) -> bool {
 /// Opens the side channel that the parent passed under `number`.
 ///
 /// # Errors
-/// When `number` is no `SOCK_SEQPACKET` socket, or was taken before.
+/// If `number` is no `SOCK_SEQPACKET` socket, or was taken before.
 pub fn inherited_channel(number: RawFd) -> io::Result<OwnedFd> {
     static TAKEN: AtomicI32 = AtomicI32::new(-1);
     if number <= 2 {
@@ -194,7 +194,7 @@ mod tests {
     const CHANNEL: &str = "PLATFORM_TEST_CHANNEL";
     const HANGS: &str = "PLATFORM_TEST_HANGS";
 
-    /// What the children of the tests below do; by itself it is no test.
+    /// Child of the tests below; not a test by itself.
     #[test]
     #[ignore = "not a test: the child of the other tests"]
     fn child() {
@@ -212,7 +212,7 @@ mod tests {
         std::process::exit(42);
     }
 
-    /// A child that is up, and our end of its channel.
+    /// Starts a child; returns it once it is up, with our end of its channel.
     fn child_that(hangs: bool) -> (Child, OwnedFd) {
         let (ours, theirs) = channel().unwrap();
         let mut command = myself().unwrap();

@@ -1,4 +1,4 @@
-//! A program of somebody else that takes a seat: how it is started, how it is spoken with, how it is ended.
+//! External programs at a seat: start, messages, end.
 
 use std::fs::Permissions;
 use std::io;
@@ -30,71 +30,71 @@ use crate::seat::{
 };
 use crate::worker::Channel;
 
-/// The variable that names the socket of a law's seat.
+/// Variable with the socket of a law's seat.
 pub const PORTS_VARIABLE: &str = "CANRIG_PORTS";
-/// The variable that names the bus of a node.
+/// Variable with the bus of a node.
 pub const BUS_VARIABLE: &str = "CANRIG_BUS";
 
-/// Variables that are set where the environment of canrig does not have them: without them Python repeats nothing.
+/// Variables that are set if the environment of canrig lacks them: without them results of Python programs are not reproducible.
 const DEFAULTS: [(&str, &str); 3] = [
     ("OMP_NUM_THREADS", "1"),
     ("PYTHONHASHSEED", "0"),
     ("PYTHONUNBUFFERED", "1"),
 ];
 
-/// Time that a program has to come to its seat, and to get ready there: some start an interpreter.
+/// Longest time for a program to come to its seat, and to get ready there: some start an interpreter.
 pub const START_PATIENCE: Duration = Duration::from_secs(60);
-/// Time that the end of a program may take, with some to spare for the machine.
+/// Longest time for the end of a program, with a reserve for a slow machine.
 pub const END_PATIENCE: Duration = STOP_PATIENCE
     .saturating_add(TERM_PATIENCE)
     .saturating_add(Duration::from_secs(3));
-/// Time between two looks whether a program has ended that is waited for.
+/// Period of the check whether a program has ended.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How a program ended by itself, or when it was asked to.
+/// Text for a program that ended by itself or on request.
 pub const ORDERLY: &str = "exited with code 0";
 
-/// What is started.
+/// Description of a program to start.
 #[derive(Clone, Copy, Debug)]
 pub struct Order<'a> {
-    /// The program and its arguments.
+    /// Program and its arguments.
     pub command: &'a [String],
-    /// Its working directory.
+    /// Working directory.
     pub folder: &'a Path,
-    /// The file of what it prints.
+    /// File for the output.
     pub log: Option<&'a Path>,
-    /// Variables that are added to its environment.
+    /// Variables to add to its environment.
     pub environment: &'a [(&'a str, String)],
 }
 
-/// What came of waiting for a message.
+/// Result of a wait for a message.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Received {
-    /// A message of so many bytes.
+    /// A message of this many bytes.
     Message(usize),
-    /// None came.
+    /// No message came.
     Nothing,
     /// The program closed its end.
     Closed,
 }
 
-/// A program at a seat, which ends when this is dropped.
+/// Program at a seat; it ends on drop.
 #[derive(Debug)]
 pub struct Program {
     keeper: Child,
-    /// Where it is expected, until it comes.
+    /// Socket at which the program is expected, until it connects.
     listener: Option<Listener>,
     channel: Option<OwnedFd>,
-    /// The keeper's words on its end so far; whole once `has_ended`.
+    /// Report of the keeper on the end so far; whole once `has_ended`.
     told: Vec<u8>,
     has_ended: bool,
 }
 
 impl Program {
-    /// Starts a program that comes to a seat, or to none; it ends with the thread that started it.
+    /// Starts a program with a seat, or without one; it ends with the thread that started it.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub fn start(order: &Order<'_>, listener: Option<Listener>) -> io::Result<Self> {
         let mut command = myself()?;
         let log = order.log.map(std::path::absolute).transpose()?;
@@ -126,10 +126,11 @@ impl Program {
         })
     }
 
-    /// Waits for the program to come to its seat; false if it ended before, or its time is over. Then nobody can come any more.
+    /// Waits for the program to connect to its seat; returns false if it ended before, or took too long. Afterwards the seat is
+    /// closed.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub fn accept(&mut self) -> io::Result<bool> {
         let clock = Clock::start();
         while let Some(listener) = &self.listener {
@@ -141,7 +142,7 @@ impl Program {
         Ok(self.channel.is_some())
     }
 
-    /// The channel to the program, for who speaks with it otherwise.
+    /// Takes the channel to the program, for a caller with another protocol.
     #[must_use]
     pub fn take_channel(&mut self) -> Option<OwnedFd> {
         self.channel.take()
@@ -152,7 +153,7 @@ impl Program {
         self.signal(Signal::KILL);
     }
 
-    /// Stops the program and all in its group where they are, or lets them go on.
+    /// Stops the program and all in its group where they are, or resumes them.
     pub fn suspend(&self, is_suspended: bool) {
         self.signal(if is_suspended {
             Signal::STOP
@@ -163,36 +164,36 @@ impl Program {
 
     fn signal(&self, signal: Signal) {
         for program in children_of(self.keeper.id()) {
-            // One that has ended meanwhile is seen by its keeper.
+            // The keeper notices a program that has ended meanwhile.
             let _ = kill_process_group(program, signal);
         }
     }
 
-    /// Number of the process that keeps it.
+    /// Returns the number of the keeper's process.
     #[must_use]
     pub fn keeper(&self) -> u32 {
         self.keeper.id()
     }
 
-    /// Tells the program that there is no more to do, by the end of its lifeline. It is ended if it does not end.
+    /// Asks the program to end, by the end of its lifeline. It is killed if it does not end.
     pub fn dismiss(&mut self) {
         self.keeper.stdin = None;
     }
 
-    /// Sends a message. Never waits.
+    /// Sends a message without waiting.
     ///
     /// # Errors
-    /// The program is gone, or does not read.
+    /// If the program is gone, or does not read.
     pub fn send(&self, message: &[u8]) -> io::Result<()> {
         let channel = self.channel.as_ref().ok_or(Errno::NOTCONN)?;
         send(channel, message, SendFlags::NOSIGNAL | SendFlags::DONTWAIT)?;
         Ok(())
     }
 
-    /// Waits for a message, no longer than `patience`. One that is longer than the room for it is cut.
+    /// Waits for a message, no longer than `patience`. A message longer than the buffer is cut.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub fn receive(&self, message: &mut [u8], patience: Duration) -> io::Result<Received> {
         let channel = self.channel.as_ref().ok_or(Errno::NOTCONN)?;
         if !wait_ready(channel.as_fd(), PollFlags::IN, patience)? {
@@ -205,8 +206,8 @@ impl Program {
         }
     }
 
-    /// Waits for the end of a program that closed its end of the channel, no longer than `patience`: how it ended, after the words
-    /// "the program", and the end of its output; `None` if it did not.
+    /// Waits for the end of a program that closed its end of the channel, no longer than `patience`. Returns a text that
+    /// continues "the program", and its last output; `None` if it did not end.
     pub fn ended(&mut self, patience: Duration) -> Option<(String, String)> {
         let clock = Clock::start();
         while !self.look() {
@@ -214,7 +215,7 @@ impl Program {
                 return None;
             }
             if let Some(told) = &self.keeper.stdout {
-                // What cannot be waited for is looked at again.
+                // After a failed wait the loop looks again.
                 let _ = wait_ready(told.as_fd(), PollFlags::IN, LOOK.min(patience));
             }
         }
@@ -223,7 +224,7 @@ impl Program {
         Some((how.to_owned(), output.trim_end().to_owned()))
     }
 
-    /// Whether the keeper has told all.
+    /// Reads from the keeper; returns whether its report is complete.
     fn look(&mut self) -> bool {
         let mut part = [0; 4096];
         while let (false, Some(told)) = (self.has_ended, &self.keeper.stdout) {
@@ -238,11 +239,11 @@ impl Program {
 }
 
 impl Drop for Program {
-    /// Asks the program for its end, and waits for that.
+    /// Asks the program to end, and waits for it.
     fn drop(&mut self) {
         let mut stop = Vec::new();
         Header::of(Kind::Stop).begin(&mut stop);
-        // A program that is gone needs no asking.
+        // A program that is gone need not be asked.
         let _ = self.send(&stop);
         self.keeper.stdin = None;
         if self.ended(END_PATIENCE).is_none() {
@@ -252,7 +253,7 @@ impl Drop for Program {
     }
 }
 
-/// A program's end of its seat: for a process of this program that plays a law.
+/// The program's end of its seat, for a process of canrig that runs a law.
 pub struct Seat {
     channel: Channel,
     message: Vec<u8>,
@@ -260,10 +261,10 @@ pub struct Seat {
 }
 
 impl Seat {
-    /// Takes the seat that the environment names.
+    /// Takes the seat named by the environment.
     ///
     /// # Errors
-    /// There is no such variable, or nobody listens there.
+    /// If there is no such variable, or no socket listens there.
     pub fn join(name: &str) -> io::Result<Self> {
         let path = std::env::var_os(PORTS_VARIABLE).map(PathBuf::from);
         let path = path.ok_or_else(|| io::Error::other("no seat is named: runs start this"))?;
@@ -279,19 +280,19 @@ impl Seat {
         Ok(seat)
     }
 
-    /// Waits for WELCOME: its JSON, and the seed.
+    /// Waits for WELCOME; returns its JSON and the seed.
     ///
     /// # Errors
-    /// canrig is gone, or speaks another protocol.
+    /// If canrig is gone, or speaks another protocol.
     pub fn welcome(&mut self) -> io::Result<(&[u8], u64)> {
         let length = self.channel.receive(&mut self.message, None)?;
         read_welcome(&self.message[..length]).map_err(io::Error::other)
     }
 
-    /// Plays a law, or says why there is none, until it is asked to stop.
+    /// Runs a law, or reports why there is none, until canrig asks it to stop.
     ///
     /// # Errors
-    /// canrig speaks another protocol.
+    /// If canrig speaks another protocol.
     pub fn play<Law>(
         &mut self,
         law: Result<Law, String>,
@@ -350,7 +351,7 @@ fn seqpacket() -> io::Result<OwnedFd> {
     Ok(socket_with(family, kind, SocketFlags::CLOEXEC, None)?)
 }
 
-/// A seat that waits for its program: a socket in a folder that nobody else can enter.
+/// Seat that waits for its program: a socket in a folder that no other user can enter.
 #[derive(Debug)]
 pub struct Listener {
     socket: OwnedFd,
@@ -361,7 +362,7 @@ impl Listener {
     /// Opens a seat.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub fn open() -> io::Result<Self> {
         let folder = tempfile::Builder::new()
             .prefix("canrig-seat-")
@@ -374,7 +375,7 @@ impl Listener {
         Ok(listener)
     }
 
-    /// The socket.
+    /// Returns the path of the socket.
     #[must_use]
     pub fn path(&self) -> PathBuf {
         self.folder.path().join("socket")
@@ -383,7 +384,7 @@ impl Listener {
     /// Waits for a program of the same user; `None` if none comes in time.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub fn accept(&self, patience: Duration) -> io::Result<Option<OwnedFd>> {
         if !wait_ready(self.socket.as_fd(), PollFlags::IN, patience)? {
             return Ok(None);

@@ -20,50 +20,50 @@ use crate::clock::Clock;
 use crate::stop::StopSignal;
 use timer::Timer;
 
-/// How long a node may take to reach its safe state.
+/// Longest time for a node to reach its safe state.
 pub const STOP_PATIENCE: Duration = Duration::from_millis(500);
 
-/// Frames taken in one go; then ticks and the stop signal have their turn.
+/// Largest number of frames taken in a row, before ticks and the stop signal have their turn.
 const BATCH_FRAMES: usize = 64;
 
-/// Ticks in a row that leave the deadline where it was before the node counts as stuck.
+/// Largest number of ticks in a row that leave the deadline unchanged before the node counts as stuck.
 const TICKS_PER_DEADLINE_MAX: u32 = 1000;
 
-/// Latenesses above 10 s count as 10 s.
+/// Largest lateness that is counted; above 10 s it counts as 10 s.
 const LATENESS_NANOSECONDS_MAX: u64 = 10_000_000_000;
 
-/// Waking up later than this is noted with its time.
+/// Smallest lateness of a wake-up that is noted with its time.
 pub const LATE_MIN: Duration = Duration::from_micros(500);
 
-/// So often: a report with all of them fits a pipe, and a machine that is later more often says nothing new.
+/// Largest number of late wake-ups that are noted: a report with all of them fits a pipe, and more of them add nothing new.
 const LATE_COUNT_MAX: usize = 1000;
 
-/// What a loop has done.
+/// Report on a loop.
 #[derive(Clone, Debug)]
 pub struct RunReport {
-    /// Ticks of the node.
+    /// Number of ticks of the node.
     pub ticks: u64,
-    /// Deadlines that had passed before the tick before them was done.
+    /// Number of deadlines that had passed before the tick before them was done.
     pub overruns: u64,
-    /// How late the ticks were, in nanoseconds, to three digits.
+    /// Lateness of the ticks in nanoseconds, to three digits.
     pub lateness_nanoseconds: Histogram<u64>,
-    /// Frames that the node took.
+    /// Number of frames that the node took.
     pub frames_received: u64,
-    /// Frames that the node sent.
+    /// Number of frames that the node sent.
     pub frames_sent: u64,
-    /// The same by standard identifier.
+    /// Number of frames sent, by standard identifier.
     pub sent: Vec<u64>,
-    /// Frames that were lost before the node could take them.
+    /// Number of frames that were lost before the node could take them.
     pub frames_dropped: u64,
-    /// Frames that waited for room in a full queue before they were sent.
+    /// Number of frames that waited for room in a full queue before they were sent.
     pub frames_delayed: u64,
-    /// Where the loop waited before a deadline and woke up more than [`LATE_MIN`] after it: both on the monotonic clock of
-    /// the system. Nothing that the node did made it so.
+    /// Deadlines before which the loop waited and after which it woke up more than [`LATE_MIN`] late, each with the time of the
+    /// wake-up, on the monotonic clock of the system. The node did not cause these.
     pub late: Vec<[Duration; 2]>,
 }
 
 impl RunReport {
-    /// The identifiers of which the node sent frames, each with their number.
+    /// Returns the identifiers of which the node sent frames, each with their number.
     pub fn sent_frames(&self) -> impl Iterator<Item = (u16, u64)> {
         let counted = (0_u16..).zip(self.sent.iter().copied());
         counted.filter(|(_, frames)| *frames > 0)
@@ -85,7 +85,7 @@ impl RunReport {
     }
 }
 
-/// One line.
+/// Writes the report on one line.
 impl fmt::Display for RunReport {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let late = |quantile: f64| self.lateness_nanoseconds.value_at_quantile(quantile) / 1000;
@@ -106,7 +106,7 @@ impl fmt::Display for RunReport {
     }
 }
 
-/// Why a loop ended before the node had stopped.
+/// Reason why a loop ended before the node had stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The bus failed.
@@ -129,18 +129,18 @@ pub enum RunError {
     /// The system refused a timer or a wait.
     #[error("the loop could not {action}: {source}")]
     System {
-        /// What was tried.
+        /// Action that failed.
         action: &'static str,
         /// The system's error.
         source: Errno,
     },
 }
 
-/// Moves `node` until it has stopped. Its time begins now. When `stop` is raised, the node is asked for its safe state
-/// and has [`STOP_PATIENCE`] for it.
+/// Runs `node` until it has stopped. Its time begins now. When `stop` is raised, the node is asked for its safe state and has
+/// [`STOP_PATIENCE`] for it.
 ///
 /// # Errors
-/// When the bus fails, when the node fails, hangs at a deadline or does not stop.
+/// If the bus fails, or if the node fails, hangs at a deadline or does not stop.
 pub fn run(
     node: &mut dyn Node,
     bus: &mut dyn Bus,
@@ -150,7 +150,7 @@ pub fn run(
     ended.map(|()| report)
 }
 
-/// As [`run`]; what was counted also where it fails.
+/// As [`run`], with a report also after a failure.
 pub fn run_reporting(
     node: &mut dyn Node,
     bus: &mut dyn Bus,
@@ -169,7 +169,7 @@ pub fn run_reporting(
     (cycle.into_report(), ended)
 }
 
-/// What a wait ended with, besides the timer.
+/// Events other than the timer that ended a wait.
 struct Ready {
     frames: bool,
     stop: bool,
@@ -180,13 +180,13 @@ fn wait(timer: &mut Timer, cycle: &Cycle<'_>, stop: &StopSignal) -> Result<Ready
     timer
         .set(cycle.next_deadline())
         .map_err(system("set its timer"))?;
-    // Once asked, a stop signal that stays raised would keep the loop awake.
+    // Not watched after the request to stop, since a signal that stays raised would keep the loop awake.
     let [pipe, event] = match cycle.stop_asked_at {
         None => stop.fds(),
         Some(_) => [None, None],
     };
     let bus = cycle.bus.as_fd();
-    // A missing descriptor's place is taken by the timer's, which is watched anyway.
+    // The timer, which is watched anyway, takes the place of a missing descriptor.
     let mut fds = [
         bus,
         timer.as_fd(),
@@ -205,13 +205,13 @@ fn wait(timer: &mut Timer, cycle: &Cycle<'_>, stop: &StopSignal) -> Result<Ready
     })
 }
 
-/// The node in its world.
+/// State of the loop: the node, its bus and its clock.
 struct Cycle<'a> {
     node: &'a mut dyn Node,
     bus: &'a mut dyn Bus,
     clock: Clock,
     report: RunReport,
-    /// When the loop had nothing to do any more.
+    /// Time at which the loop had no more to do.
     waits_since: Duration,
     stop_asked_at: Option<Duration>,
     ticks_at_deadline: u32,
@@ -244,7 +244,7 @@ impl Cycle<'_> {
         }
     }
 
-    /// All of a batch were there when the loop woke up, at `now`.
+    /// Delivers a batch of frames, all of which were there when the loop woke up, at `now`.
     fn deliver_frames(&mut self, now: Duration) -> Result<(), RunError> {
         for _ in 0..BATCH_FRAMES {
             let Some(frame) = self.bus.receive(Duration::ZERO)? else {
@@ -266,7 +266,7 @@ impl Cycle<'_> {
             return Ok(());
         };
         self.note_late(deadline, woken_at);
-        // Frames came first, so the tick is later than the waking up.
+        // Frames came first, so the tick is later than the wake-up.
         let now = self.clock.now();
         let late = u64::try_from((now - deadline).as_nanos()).unwrap_or(u64::MAX);
         self.report.lateness_nanoseconds.saturating_record(late);
@@ -280,7 +280,7 @@ impl Cycle<'_> {
         self.check_moved(deadline, next)
     }
 
-    /// Who waited before the deadline and woke up late was held up by the machine; who did not, by the node.
+    /// Notes a late wake-up if the machine caused it: the loop waited before the deadline. Otherwise the node was late by itself.
     fn note_late(&mut self, deadline: Duration, woken_at: Duration) {
         let is_late = self.waits_since <= deadline && woken_at > deadline + LATE_MIN;
         if is_late && self.report.late.len() < LATE_COUNT_MAX {
@@ -289,7 +289,7 @@ impl Cycle<'_> {
         }
     }
 
-    /// A node whose deadline stays is a fault that would keep the processor at real-time priority.
+    /// Refuses a node whose deadline stays, a fault that would keep the processor at real-time priority.
     fn check_moved(&mut self, deadline: Duration, next: Option<Duration>) -> Result<(), RunError> {
         self.ticks_at_deadline = if next == Some(deadline) {
             self.ticks_at_deadline + 1
@@ -315,7 +315,7 @@ impl Cycle<'_> {
         }
     }
 
-    /// The node's next deadline, or the end of the patience.
+    /// Returns the node's next deadline, or the end of the patience if that is earlier.
     fn next_deadline(&self) -> Option<Duration> {
         let patience_ends = self.stop_asked_at.map(|asked| asked + STOP_PATIENCE);
         [self.node.next_deadline(), patience_ends]

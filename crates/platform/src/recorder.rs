@@ -1,7 +1,7 @@
-//! Records a bus: every frame with its time, whoever sent it.
+//! Recorder of a bus: every frame of every sender with its time.
 //!
-//! A recorder never holds up the bus. Frames wait for their reader in a ring of 65 536; what does not fit is counted as
-//! lost, and so is what the kernel threw away.
+//! A recorder never holds up the bus. Frames wait for their reader in a ring of 65 536. Frames that do not fit are counted as
+//! lost, and so are frames that the kernel discarded.
 
 use std::fmt;
 use std::os::fd::{AsFd, OwnedFd};
@@ -20,17 +20,17 @@ use crate::bus::{BusAddress, BusError};
 use crate::clock::Clock;
 use crate::socketcan_bus::{kernel_drops, open_socket};
 
-/// Frames that wait for the reader, at most: some 8 s of a full bus at 1 Mbit/s.
+/// Largest number of frames that wait for the reader: some 8 s of a full bus at 1 Mbit/s.
 pub const RING_FRAMES: usize = 65_536;
 
-/// Bytes asked for as the recorder's receive buffer in the kernel: some 5 000 frames.
+/// Requested size of the recorder's receive buffer in the kernel: some 5 000 frames.
 const RECEIVE_BUFFER_BYTES: usize = 4 << 20;
 
-/// So long without a frame, and the wall clock is looked at for a step. A step that is not seen comes back with the next one, and a log
-/// whose time goes back by half a second is not read there.
+/// Gap between stamps above which the wall clock is checked for a step. An unnoticed step is corrected with the next one that is
+/// noticed; a log whose time goes back by half a second is not read from there on.
 const STAMP_GAP: Duration = Duration::from_millis(100);
 
-/// A frame and when it was on the bus.
+/// Frame with the time at which it was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReceivedFrame {
     /// Time since the recorder's epoch, see [`Recorder::wall_epoch`].
@@ -39,7 +39,7 @@ pub struct ReceivedFrame {
     pub frame: CanFrame,
 }
 
-/// Every frame on a bus, in the order of time.
+/// Recorder of every frame on a bus, in the order of time.
 pub struct Recorder {
     frames: Consumer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
@@ -49,7 +49,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts to record a CAN interface; stamps are those of the kernel's receive path.
+    /// Starts recording a CAN interface; stamps are those of the kernel's receive path.
     ///
     /// # Errors
     /// As for opening the bus.
@@ -57,7 +57,7 @@ impl Recorder {
         Self::on_socket(name, open_socket(name)?)
     }
 
-    /// As [`Recorder::on_interface`] with a socket that is open already.
+    /// As [`Recorder::on_interface`] with an open socket.
     pub(crate) fn on_socket(name: &str, socket: CanSocket) -> Result<Self, BusError> {
         let failed = |action| {
             move |source| BusError::System {
@@ -67,7 +67,7 @@ impl Recorder {
             }
         };
         let (mut ring, recorder) = ring();
-        // Only a socket for both kinds of frames has room for those of CAN FD, which a smaller one cuts.
+        // Only a socket for both kinds of frames has room for CAN FD frames, which a smaller one cuts.
         let socket = CanFdSocket::try_from(socket).map_err(failed("record"))?;
         prepare(&socket).map_err(failed("record"))?;
         let stop = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)
@@ -86,7 +86,7 @@ impl Recorder {
         })
     }
 
-    /// The next frame, oldest first; `None` when there is none yet. Never waits.
+    /// Returns the oldest frame that was not taken yet; `None` if there is none. Never waits.
     #[expect(
         clippy::should_implement_trait,
         reason = "None is not the end, so this is no iterator"
@@ -95,38 +95,38 @@ impl Recorder {
         self.frames.pop().ok()
     }
 
-    /// The wall-clock time (since 1970) of the epoch.
+    /// Returns the wall-clock time (since 1970) of the epoch.
     #[must_use]
     pub fn wall_epoch(&self) -> Duration {
         self.clock.wall_epoch()
     }
 
-    /// A time of the system's monotonic clock as the recorder stamps its frames, see [`Recorder::wall_epoch`].
+    /// Converts a time of the system's monotonic clock to the recorder's time, see [`Recorder::wall_epoch`].
     #[must_use]
     pub fn from_monotonic(&self, time: Duration) -> Duration {
         self.clock.from_monotonic(time)
     }
 
-    /// By how much the wall clock was stepped since the epoch. The kernel's stamps are wall-clock times, so on an
-    /// interface more than a few milliseconds make them untrustworthy.
+    /// Returns the step of the wall clock since the epoch. The kernel's stamps are wall-clock times, so on an interface a step of
+    /// more than a few milliseconds makes them untrustworthy.
     #[must_use]
     pub fn wall_clock_step(&self) -> Duration {
         self.clock.wall_clock_step()
     }
 
-    /// Stops listening to an interface; all frames before this moment can still be taken. On an embedded bus the hub's
-    /// end does the same.
+    /// Stops listening to an interface; all frames before this moment can still be taken. On an embedded bus the hub's end has
+    /// the same effect.
     pub fn stop(&mut self) {
         self.interface = None;
     }
 
-    /// Frames that were not recorded. Final after [`Recorder::stop`].
+    /// Number of frames that were not recorded. Final after [`Recorder::stop`].
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
     }
 
-    /// CAN FD frames that were on the interface; they are counted and not recorded.
+    /// Number of CAN FD frames on the interface; they are counted and not recorded.
     #[must_use]
     pub fn fd_frames(&self) -> u64 {
         self.fd_frames.load(Ordering::Relaxed)
@@ -143,7 +143,7 @@ impl fmt::Debug for Recorder {
     }
 }
 
-/// The writing end of a recorder's ring.
+/// Writing end of a recorder's ring.
 pub(crate) struct Ring {
     frames: Producer<ReceivedFrame>,
     lost: Arc<AtomicU64>,
@@ -152,7 +152,7 @@ pub(crate) struct Ring {
 }
 
 impl Ring {
-    /// Records a frame that is on the bus now.
+    /// Records a frame with the present time.
     pub(crate) fn push_now(&mut self, frame: CanFrame) {
         self.push(self.clock.now(), frame);
     }
@@ -172,7 +172,7 @@ impl Ring {
     }
 }
 
-/// A recorder and the ring that feeds it; the epoch is now.
+/// Makes a recorder and the ring that feeds it; the epoch is now.
 pub(crate) fn ring() -> (Ring, Recorder) {
     let (producer, consumer) = RingBuffer::new(RING_FRAMES);
     let lost = Arc::new(AtomicU64::new(0));
@@ -194,7 +194,7 @@ pub(crate) fn ring() -> (Ring, Recorder) {
     (ring, recorder)
 }
 
-/// The thread that listens to an interface; ends when dropped.
+/// Thread that listens to an interface; ends on drop.
 struct InterfaceThread {
     stop: OwnedFd,
     thread: Option<JoinHandle<()>>,
@@ -211,18 +211,18 @@ impl Drop for InterfaceThread {
     }
 }
 
-/// All frames, stamps, and room for them.
+/// Sets a socket up to receive all frames, with stamps and a large buffer.
 fn prepare(socket: &CanFdSocket) -> std::io::Result<()> {
     socket.set_error_filter_accept_all()?;
     socket.set_recv_timestamp(true)?;
     socket.set_nonblocking(true)?;
-    // Beyond `net.core.rmem_max` only with CAP_NET_ADMIN; else as much as is allowed.
+    // Beyond `net.core.rmem_max` only with CAP_NET_ADMIN; otherwise as much as is allowed.
     set_socket_recv_buffer_size_force(socket, RECEIVE_BUFFER_BYTES)
         .or_else(|_| set_socket_recv_buffer_size(socket, RECEIVE_BUFFER_BYTES))?;
     Ok(())
 }
 
-/// Reads frames into the ring until it is to stop, or the interface is gone.
+/// Reads frames into the ring until the stop event, or until the interface is gone.
 fn listen(socket: &CanFdSocket, stop: &OwnedFd, ring: &mut Ring) {
     let mut stamps = Stamps {
         clock: ring.clock,
@@ -244,15 +244,15 @@ fn listen(socket: &CanFdSocket, stop: &OwnedFd, ring: &mut Ring) {
     ring.add_lost(kernel_drops(socket));
 }
 
-/// The kernel's stamps, which are wall-clock times, on the recorder's clock.
+/// Conversion of the kernel's stamps, which are wall-clock times, to the recorder's clock.
 struct Stamps {
     clock: Clock,
     latest: Duration,
 }
 
 impl Stamps {
-    /// Time since the epoch. Stamps that go back, or far ahead, mean a stepped wall clock: time goes on all the same, or
-    /// a run would wait for its end for as long as the clock was set back.
+    /// Returns the time since the epoch. Stamps that go back, or far ahead, mean a stepped wall clock. Time continues regardless;
+    /// otherwise a run would wait for its end for as long as the clock was set back.
     fn time_of(&mut self, stamp: SystemTime) -> Duration {
         let wall = stamp
             .duration_since(SystemTime::UNIX_EPOCH)
@@ -265,7 +265,7 @@ impl Stamps {
     }
 }
 
-/// Reads what the kernel holds; false when the interface is gone.
+/// Reads all frames that the kernel holds; returns false if the interface is gone.
 fn read_all(socket: &CanFdSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool {
     loop {
         match socket.read_frame_with_timestamp() {
@@ -285,7 +285,7 @@ fn read_all(socket: &CanFdSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool 
     }
 }
 
-/// A classical frame; none for one of CAN FD.
+/// Converts a classical frame; `None` for a CAN FD frame.
 fn from_socketcan(frame: &CanAnyFrame) -> Option<CanFrame> {
     let raw: &libc::can_frame = match frame {
         CanAnyFrame::Normal(frame) => frame.as_ref(),

@@ -1,4 +1,4 @@
-//! Real-time scheduling and locked memory: asked for, and where refused, one line that says how to permit them.
+//! Real-time scheduling and locked memory: requests, and for each refusal one line that says how to permit it.
 #![expect(
     unsafe_code,
     reason = "sched_setscheduler has no safe wrapper in our dependencies"
@@ -14,16 +14,16 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity}
 
 /// Priority of a node's loop.
 pub const NODE_PRIORITY: u8 = 50;
-/// Of a worker whose node waits for it: below all nodes, so that one that hangs holds up none but its own.
+/// Priority of a worker whose node waits for it: below all nodes, so that a worker that hangs holds up only its own node.
 pub(crate) const WORKER_PRIORITY: u8 = NODE_PRIORITY - 1;
 
-/// How far a thread that nobody waits for steps back.
+/// Niceness of a background thread.
 const NICENESS: i32 = 10;
 
-/// Stack that is touched before it is locked, in bytes; the loops need a fraction of it.
+/// Bytes of the stack that are touched before it is locked; the loops need a fraction of it.
 const STACK_BYTES: usize = 128 * 1024;
 
-/// The system refused real-time means; the loop runs without them, its deadlines at the mercy of the machine's load.
+/// Refusal of real-time means by the system; the loop runs without them, its deadlines at the mercy of the machine's load.
 #[derive(Debug, thiserror::Error)]
 pub enum Refused {
     /// No real-time priority.
@@ -31,7 +31,7 @@ pub enum Refused {
         "real-time priority {priority} (SCHED_FIFO) was refused: {source}; permit it to this shell with: sudo prlimit --pid $$ --rtprio=99"
     )]
     Fifo {
-        /// The priority asked for.
+        /// Priority that was asked for.
         priority: u8,
         /// The system's error.
         source: io::Error,
@@ -46,17 +46,17 @@ pub enum Refused {
     },
 }
 
-/// What a real-time loop got of what it asked for.
+/// Real-time means that a loop was granted.
 #[derive(Debug)]
 pub struct Scheduling {
-    /// Real-time priority for the calling thread.
+    /// Real-time priority for the calling thread, or the refusal.
     pub fifo: Result<(), Refused>,
-    /// Memory that is never paged out, for the process.
+    /// Memory that is never paged out, for the process, or the refusal.
     pub memory: Result<(), Refused>,
 }
 
 impl Scheduling {
-    /// What was refused, one line each.
+    /// Returns the refusals, one line each.
     pub fn refusals(&self) -> impl Iterator<Item = &Refused> {
         [&self.fifo, &self.memory]
             .into_iter()
@@ -64,8 +64,8 @@ impl Scheduling {
     }
 }
 
-/// Asks for [`NODE_PRIORITY`] for this thread and for locked memory. Call it on the loop's thread, after the node and
-/// the bus are made and before the loop.
+/// Requests [`NODE_PRIORITY`] for this thread and locked memory. Call it on the loop's thread, after the node and the bus are
+/// made and before the loop.
 pub fn request() -> Scheduling {
     Scheduling {
         memory: lock_memory(),
@@ -73,10 +73,10 @@ pub fn request() -> Scheduling {
     }
 }
 
-/// Asks for a real-time priority (1 to 99) for this thread. Threads and processes that it starts do not inherit it.
+/// Requests a real-time priority (1 to 99) for this thread. Threads and processes that it starts do not inherit it.
 ///
 /// # Errors
-/// When it is not permitted.
+/// If it is not permitted.
 pub fn request_fifo(priority: u8) -> Result<(), Refused> {
     let parameter = libc::sched_param {
         sched_priority: priority.into(),
@@ -93,14 +93,14 @@ pub fn request_fifo(priority: u8) -> Result<(), Refused> {
     })
 }
 
-/// Whether this thread has a real-time priority.
+/// Returns whether this thread has a real-time priority.
 pub(crate) fn has_fifo() -> bool {
     // SAFETY: the call takes a number only; 0 is the calling thread.
     let policy = unsafe { libc::sched_getscheduler(0) };
     policy >= 0 && policy & !libc::SCHED_RESET_ON_FORK == libc::SCHED_FIFO
 }
 
-/// Lets the process of a command ask for a real-time priority before it begins. Refused, it runs without.
+/// Makes the process of a command request a real-time priority before it begins. If refused, it runs without.
 pub(crate) fn with_fifo(command: &mut Command, priority: u8) {
     let ask = move || {
         let _ = request_fifo(priority);
@@ -112,11 +112,11 @@ pub(crate) fn with_fifo(command: &mut Command, priority: u8) {
 
 /// Locks the memory that the process has now, each page from its first use on.
 ///
-/// The loops allocate nothing later, and locking future memory too would make allocations of other threads fail at the
-/// limit. A page that is never used, of a large program most are, is not worth its place.
+/// The loops allocate nothing later, and locking future memory too would make allocations of other threads fail at the limit.
+/// Pages that are never used, most of a large program, are not loaded.
 ///
 /// # Errors
-/// When it is not permitted.
+/// If it is not permitted.
 pub fn lock_memory() -> Result<(), Refused> {
     touch_stack();
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT).map_err(|errno| Refused::Memory {
@@ -124,21 +124,21 @@ pub fn lock_memory() -> Result<(), Refused> {
     })
 }
 
-/// Puts this thread, and what it starts, behind all others that want to run. Where that is refused nothing changes.
+/// Lowers the priority of this thread, and of its future children, below all others. A refusal changes nothing.
 pub fn step_back() {
     let _ = rustix::process::nice(NICENESS);
 }
 
-/// Keeps this thread, and the processes that it starts meanwhile, on the processor where it is now, until dropped. Who only
-/// takes turns loses nothing by it, and waking a process on another processor costs more than most turns. Where it is
-/// refused nothing changes.
+/// Guard that keeps this thread, and the processes that it starts meanwhile, on the present processor until dropped. Threads that
+/// only take turns lose nothing by it, and waking a process on another processor costs more than most turns. A refusal changes
+/// nothing.
 #[derive(Debug)]
 pub struct OneProcessor {
     before: Option<CpuSet>,
 }
 
 impl OneProcessor {
-    /// From now on.
+    /// Pins this thread from now on.
     #[must_use]
     pub fn stay() -> Self {
         let before = sched_getaffinity(None).ok();
@@ -160,7 +160,7 @@ impl Drop for OneProcessor {
     }
 }
 
-/// Makes the kernel give us the stack that the loop will use, so that it is there to be locked.
+/// Makes the kernel map the stack that the loop will use, so that it can be locked.
 #[inline(never)]
 fn touch_stack() {
     black_box([0_u8; STACK_BYTES]);

@@ -1,24 +1,24 @@
-//! What canrig and a program say to each other, byte by byte: version 1 of the protocol of seats, as `docs/reference/seats.md` has it.
+//! Protocol of seats between canrig and a program, version 1, byte by byte; see `docs/reference/seats.md`.
 //!
-//! A message is one packet of a `SOCK_SEQPACKET` socket: a header of 16 bytes, and what its kind adds. Numbers are little-endian, times
-//! are nanoseconds, and reserved bytes are sent as 0 and not looked at. A law has a *port seat*: numbers in, numbers out. A node has a
-//! *bus seat*: time and frames ([`crate::lockstep`]).
+//! A message is one packet of a `SOCK_SEQPACKET` socket: a header of 16 bytes, and a body that depends on its kind. Numbers are
+//! little-endian, times are nanoseconds, and reserved bytes are sent as 0 and ignored. A law has a *port seat*: numbers in,
+//! numbers out. A node has a *bus seat*: time and frames ([`crate::lockstep`]).
 
 /// Longest message.
 pub const MESSAGE_BYTES_MAX: usize = 128 << 10;
-/// The version that is spoken.
+/// Version of the protocol.
 pub const VERSION: u8 = 1;
-/// The number of HELLO: `CRIG` in its bytes.
+/// Number in HELLO: `CRIG` in its bytes.
 pub const MAGIC: u32 = 0x4749_5243;
-/// A time that does not come.
+/// Time of an event that never comes.
 pub const NEVER: u64 = u64::MAX;
-/// In `a` of STEP: some value that is read is missing, and not a number.
+/// Flag in `a` of STEP: some value that the law reads is missing, and not a number.
 pub const IS_MISSING: u8 = 1;
-/// In `a` of DONE: the program has stopped.
+/// Flag in `a` of DONE: the program has stopped.
 pub const STOPPED: u8 = 1;
-/// In `a` of DONE and VALUES: the program cannot go on; a text follows that says why.
+/// Flag in `a` of DONE and VALUES: the program has failed; a text follows that says why.
 pub const FAILED: u8 = 2;
-/// The seat of a law, in HELLO.
+/// Seat of a law, in HELLO.
 pub const PORT_SEAT: u8 = 1;
 
 const HEADER_BYTES: usize = 16;
@@ -27,43 +27,43 @@ const NAME_BYTES: usize = 32;
 /// Longest text of a failure.
 const TEXT_BYTES_MAX: usize = 1_024;
 
-/// What a message is.
+/// Kind of a message.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 #[repr(u8)]
 pub enum Kind {
     /// The program introduces itself.
     Hello = 1,
-    /// canrig says what it plays.
+    /// canrig describes the run.
     Welcome = 2,
     /// canrig grants a node time, with the frames for it.
     Grant = 3,
-    /// The program has gone on, is ready for what comes, or has stopped.
+    /// The program has reached its time, is ready for the next message, or has stopped.
     Done = 4,
     /// canrig asks it to stop.
     Stop = 5,
-    /// canrig gives what a law reads in a cycle.
+    /// canrig gives the values that a law reads in a cycle.
     Step = 6,
-    /// The program gives what a law writes.
+    /// The program gives the values that a law writes.
     Values = 7,
 }
 
-/// What every message begins with.
+/// Header of every message.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct Header {
-    /// What it is, as a [`Kind`] has it.
+    /// Kind of the message, as in [`Kind`].
     pub kind: u8,
-    /// What its kind makes of it.
+    /// Flags or version, depending on the kind.
     pub a: u8,
-    /// Items that follow.
+    /// Number of items that follow.
     pub count: u16,
-    /// Number of a question, and of its answer.
+    /// Number of a question, repeated in its answer.
     pub number: u32,
-    /// Nanoseconds.
+    /// Time in nanoseconds.
     pub time: u64,
 }
 
 impl Header {
-    /// A header of this kind.
+    /// Makes a header of this kind.
     #[must_use]
     pub fn of(kind: Kind) -> Self {
         Self {
@@ -72,7 +72,7 @@ impl Header {
         }
     }
 
-    /// Begins a message with it.
+    /// Begins a message with this header.
     pub fn begin(&self, message: &mut Vec<u8>) {
         message.clear();
         message.extend_from_slice(&[self.kind, self.a]);
@@ -81,10 +81,10 @@ impl Header {
         message.extend_from_slice(&self.time.to_le_bytes());
     }
 
-    /// The header of a message, and what follows.
+    /// Splits a message into its header and body.
     ///
     /// # Errors
-    /// The message is too short for one.
+    /// If the message is shorter than a header.
     pub fn split(message: &[u8]) -> Result<(Self, &[u8]), Misread> {
         let Some((header, body)) = message.split_first_chunk::<HEADER_BYTES>() else {
             return Err(Misread::new(
@@ -104,7 +104,7 @@ impl Header {
     }
 }
 
-/// What is wrong with a message: the first byte that is, and why.
+/// Error in a message: its first wrong byte, and the reason.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 #[error("byte {byte}: {what}")]
 pub struct Misread {
@@ -118,7 +118,7 @@ impl Misread {
     }
 }
 
-/// The header and the body of a message of a kind.
+/// Splits a message of the given kind into its header and body.
 pub(crate) fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misread> {
     let (header, body) = Header::split(message)?;
     if header.kind != kind as u8 {
@@ -132,12 +132,12 @@ pub(crate) fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Mi
 /// Checks the HELLO of a law.
 ///
 /// # Errors
-/// It is none, or takes another seat or version.
+/// If it is no HELLO, or for another seat or version.
 pub fn read_hello(message: &[u8]) -> Result<(), Misread> {
     name_of(message, PORT_SEAT).map(drop)
 }
 
-/// The header and the name of a HELLO at a seat, and what follows.
+/// Returns the header and the name of a HELLO at a seat, and the bytes after them.
 pub(crate) fn name_of(message: &[u8], seat: u8) -> Result<(Header, String, &[u8]), Misread> {
     let (header, body) = split_of(message, Kind::Hello)?;
     let Header { a, number, .. } = header;
@@ -167,7 +167,7 @@ pub(crate) fn name_of(message: &[u8], seat: u8) -> Result<(Header, String, &[u8]
     Ok((header, name, rest))
 }
 
-/// HELLO at a port seat.
+/// Writes HELLO at a port seat.
 pub fn write_hello(message: &mut Vec<u8>, name: &str) {
     let header = Header {
         a: VERSION,
@@ -179,7 +179,7 @@ pub fn write_hello(message: &mut Vec<u8>, name: &str) {
     write_name(message, name);
 }
 
-/// The name in a HELLO, padded.
+/// Writes the name in a HELLO, padded.
 pub(crate) fn write_name(message: &mut Vec<u8>, name: &str) {
     let mut padded = [0; NAME_BYTES];
     let name = &name.as_bytes()[..name.len().min(NAME_BYTES - 1)];
@@ -187,24 +187,24 @@ pub(crate) fn write_name(message: &mut Vec<u8>, name: &str) {
     message.extend_from_slice(&padded);
 }
 
-/// WELCOME at a port seat: what the law reads, writes and was given, as JSON.
+/// Writes WELCOME at a port seat, with the law's inputs, outputs and parameters as JSON.
 pub fn write_welcome(message: &mut Vec<u8>, seed: u64, json: &[u8]) {
     let header = Header {
         a: VERSION,
         ..Header::of(Kind::Welcome)
     };
     header.begin(message);
-    // The bit rates, and behind the seed the node-ID, are a bus seat's.
+    // The bit rates, and the node-ID after the seed, are for bus seats.
     message.extend_from_slice(&[0; 8]);
     message.extend_from_slice(&seed.to_le_bytes());
     message.extend_from_slice(&[0; 8]);
     message.extend_from_slice(json);
 }
 
-/// The JSON of a WELCOME, and the seed.
+/// Returns the JSON of a WELCOME, and the seed.
 ///
 /// # Errors
-/// It is none.
+/// If it is no WELCOME.
 pub fn read_welcome(message: &[u8]) -> Result<(&[u8], u64), Misread> {
     let (_, body) = split_of(message, Kind::Welcome)?;
     let seed = body.get(8..16).and_then(|seed| seed.first_chunk());
@@ -217,7 +217,7 @@ pub fn read_welcome(message: &[u8]) -> Result<(&[u8], u64), Misread> {
     }
 }
 
-/// DONE: the program is ready, or has stopped.
+/// Writes DONE: the program is ready, or has stopped.
 pub fn write_done(message: &mut Vec<u8>, number: u32, a: u8) {
     let header = Header {
         a,
@@ -226,17 +226,17 @@ pub fn write_done(message: &mut Vec<u8>, number: u32, a: u8) {
         ..Header::of(Kind::Done)
     };
     header.begin(message);
-    // A bus seat says here how far it came.
+    // A bus seat writes the time that it reached here.
     message.extend_from_slice(&[0; 8]);
 }
 
-/// The body of an answer, or the text of a program that cannot go on.
+/// Body of an answer, or the text of a program that has failed.
 pub type Told<'a> = Result<&'a [u8], String>;
 
-/// What a program answers to WELCOME (DONE) or to STEP (VALUES), by the number of the question.
+/// Reads a program's answer to WELCOME (DONE) or to STEP (VALUES), checked against the number of the question.
 ///
 /// # Errors
-/// It is no such answer.
+/// If it is no such answer.
 pub fn read_answer(message: &[u8], kind: Kind, number: u32) -> Result<Told<'_>, Misread> {
     let (header, body) = split_of(message, kind)?;
     if header.number != number {
@@ -256,7 +256,7 @@ pub fn read_answer(message: &[u8], kind: Kind, number: u32) -> Result<Told<'_>, 
     }
 }
 
-/// A message of numbers: STEP or VALUES.
+/// Writes a message of numbers: STEP or VALUES.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "a message has less than 65 536 numbers"
@@ -269,16 +269,16 @@ pub fn write_numbers(message: &mut Vec<u8>, header: Header, before: Option<f64>,
     }
 }
 
-/// The numbers of a body, as far as they are whole.
+/// Returns the numbers of a body, without an incomplete one at its end.
 pub fn numbers(body: &[u8]) -> impl ExactSizeIterator<Item = f64> {
     let number = |bytes: &[u8; 8]| f64::from_le_bytes(*bytes);
     body.as_chunks::<8>().0.iter().map(number)
 }
 
-/// The VALUES that answer the STEP of a number.
+/// Reads the VALUES that answer the STEP with this number.
 ///
 /// # Errors
-/// They are none, or not as many.
+/// If it is no such answer, or does not hold `count` values.
 pub fn read_values<'a>(message: &'a [u8], number: u32, count: usize) -> Result<Told<'a>, Misread> {
     let told = read_answer(message, Kind::Values, number)?;
     let stated = u16::from_le_bytes([message[2], message[3]]);
@@ -292,7 +292,7 @@ pub fn read_values<'a>(message: &'a [u8], number: u32, count: usize) -> Result<T
     }
 }
 
-/// A failure that a program tells, as VALUES or DONE.
+/// Writes a program's failure as VALUES or DONE.
 pub fn write_failure(message: &mut Vec<u8>, header: Header, text: &str) {
     Header {
         a: FAILED,
@@ -302,7 +302,7 @@ pub fn write_failure(message: &mut Vec<u8>, header: Header, text: &str) {
     message.extend_from_slice(text_of(text).as_bytes());
 }
 
-/// The longest start of the text of a failure that fits.
+/// Returns the longest start of a failure's text that fits.
 pub(crate) fn text_of(text: &str) -> &str {
     &text[..text.floor_char_boundary(TEXT_BYTES_MAX)]
 }

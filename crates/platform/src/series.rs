@@ -1,5 +1,5 @@
-//! Values of a run that may be longer than memory: the first of them go to a file that has no name and ends with the process,
-//! and are read as if they were in memory.
+//! Series of a run, which may be longer than memory. The first values go to a file without a name, which ends with the process;
+//! they are read as if they were in memory.
 #![expect(unsafe_code, reason = "a file as a slice is a mapping of it")]
 
 mod mapping;
@@ -18,17 +18,17 @@ use mapping::{Mapping, READ_BYTES, expect};
 
 pub use mapping::give_back;
 
-/// So many values stay in memory: two minutes of a signal at 1 kHz.
+/// Largest number of values that stay in memory: two minutes of a signal at 1 kHz.
 pub const KEPT_MAX: usize = 1 << 17;
-/// Values that go to the file at once. A block of zeros takes no room there.
+/// Number of values that go to the file at once. A block of zeros takes no room there.
 const BLOCK: usize = 1 << 13;
-/// So many values stay in memory once others are in the file: a run has a hundred series.
+/// Largest number of values that stay in memory once others are in the file: a run has a hundred series.
 const KEPT_BESIDE_FILE_MAX: usize = 4 * BLOCK;
 
-/// The values at some places, which ascend. What was read of a file goes back to the system on the way.
+/// Returns the values at the given places, which ascend. Pages of a file that were read are released on the way.
 ///
 /// # Panics
-/// There is no such place.
+/// If a place is beyond the end.
 #[must_use]
 pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
     let block = |place: usize| place / block_length::<T>();
@@ -42,12 +42,12 @@ pub fn picked<T: Copy>(values: &[T], places: &[usize]) -> Vec<T> {
     picked
 }
 
-/// The values one by one. What was read of a file goes back to the system on the way.
+/// Iterates over the values. Pages of a file that were read are released on the way.
 pub fn passing<T>(values: &[T]) -> impl Iterator<Item = &T> {
     blocks(values).flatten()
 }
 
-/// The values, some at a time. What was read of a file goes back to the system on the way.
+/// Iterates over blocks of the values. Pages of a file that were read are released on the way.
 pub fn blocks<T>(values: &[T]) -> Blocks<'_, T> {
     Blocks {
         block: &[],
@@ -56,10 +56,10 @@ pub fn blocks<T>(values: &[T]) -> Blocks<'_, T> {
     }
 }
 
-/// The values, so many at a time. What was read of a file goes back to the system on the way.
+/// Iterates over the values, `count` at a time. Pages of a file that were read are released on the way.
 ///
 /// # Panics
-/// There are none at a time.
+/// If `count` is 0.
 pub fn parts<T>(values: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     let blocks = Blocks {
         length: block_length::<T>().next_multiple_of(count),
@@ -68,14 +68,14 @@ pub fn parts<T>(values: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     blocks.flat_map(move |block| block.chunks(count))
 }
 
-/// Values of which one block after another is in memory.
+/// Iterator over blocks of values, of which only the present one is in memory.
 #[derive(Debug)]
 pub struct Blocks<'a, T> {
-    /// The block that is read.
+    /// Block that was returned last.
     block: &'a [T],
-    /// What is behind it.
+    /// Values after the block.
     rest: &'a [T],
-    /// Values in a block.
+    /// Number of values in a block.
     length: usize,
 }
 
@@ -97,26 +97,27 @@ impl<T> Drop for Blocks<'_, T> {
     }
 }
 
-/// How many values of a file are in memory at a time.
+/// Returns how many values of a file are in memory at a time.
 fn block_length<T>() -> usize {
     (READ_BYTES / size_of::<T>().max(1)).max(1)
 }
 
-/// Whether the file system is in memory. There, reading a hole takes room, and the system kills who reads one where there is none.
+/// Returns whether the file system is in memory. There, reading a hole takes memory, and the system kills the reader if there is
+/// none left.
 fn is_in_memory(file: &File) -> bool {
     rustix::fs::fstatfs(file).is_ok_and(|system| system.f_type == libc::TMPFS_MAGIC)
 }
 
-/// A series that grows.
+/// Series that grows.
 #[derive(Debug)]
 pub struct SeriesWriter<T> {
     kept_max: usize,
     file: Option<File>,
     /// Whether blocks of zeros take no room in the file.
     has_holes: bool,
-    /// Values in the file.
+    /// Number of values in the file.
     filed: usize,
-    /// Whether the system refused the file: then all stays in memory.
+    /// Whether the system refused the file; then all values stay in memory.
     is_refused: bool,
     tail: Vec<T>,
 }
@@ -128,7 +129,7 @@ impl<T: Pod> Default for SeriesWriter<T> {
 }
 
 impl<T: Pod> SeriesWriter<T> {
-    /// An empty series that keeps so many values in memory at most.
+    /// Makes an empty series that keeps at most `kept_max` values in memory.
     #[must_use]
     pub fn keeping(kept_max: usize) -> Self {
         Self {
@@ -141,12 +142,12 @@ impl<T: Pod> SeriesWriter<T> {
         }
     }
 
-    /// From now on keeps so many values in memory at most.
+    /// Lowers the number of values that are kept in memory to `kept_max`.
     pub fn keep(&mut self, kept_max: usize) {
         self.kept_max = self.kept_max.min(kept_max.max(2));
     }
 
-    /// Makes room for values, as far as they stay in memory.
+    /// Reserves room for values, as far as they stay in memory.
     pub fn reserve(&mut self, values: usize) {
         self.tail.reserve(values.min(self.kept_max));
     }
@@ -161,7 +162,7 @@ impl<T: Pod> SeriesWriter<T> {
         self.len() == 0
     }
 
-    /// The latest value.
+    /// Returns the latest value.
     #[must_use]
     pub fn last(&self) -> Option<&T> {
         self.tail.last()
@@ -175,7 +176,7 @@ impl<T: Pod> SeriesWriter<T> {
         self.tail.push(value);
     }
 
-    /// Appends a value until there are so many.
+    /// Appends copies of a value up to the given length.
     pub fn fill(&mut self, length: usize, value: T) {
         while self.len() < length {
             if self.tail.len() >= self.kept_max {
@@ -187,12 +188,12 @@ impl<T: Pod> SeriesWriter<T> {
         }
     }
 
-    /// Takes the latest value away; what is in the file stays.
+    /// Removes the latest value and returns it; values in the file stay.
     pub fn pop(&mut self) -> Option<T> {
         self.tail.pop()
     }
 
-    /// Takes the first values out, and leaves the others.
+    /// Removes the first `count` values and returns them.
     pub fn take(&mut self, count: usize) -> Series<T> {
         if self.filed == 0 && count < self.tail.len() {
             let rest = self.tail.split_off(count);
@@ -205,10 +206,10 @@ impl<T: Pod> SeriesWriter<T> {
         whole.truncated(count)
     }
 
-    /// The whole series. Where the system refuses more room on the disk or a mapping, it is in memory.
+    /// Returns the whole series. If the system refuses more room on the disk or a mapping, the series is in memory.
     ///
     /// # Panics
-    /// What was written to the file cannot be read.
+    /// If the file cannot be read back.
     #[must_use]
     pub fn finish(mut self) -> Series<T> {
         if self.filed == 0 {
@@ -221,7 +222,7 @@ impl<T: Pod> SeriesWriter<T> {
         })
     }
 
-    /// All values, in memory.
+    /// Reads all values into memory.
     fn read(self) -> io::Result<Series<T>> {
         let mut values = vec![T::zeroed(); self.filed];
         if let Some(mut file) = self.file {
@@ -243,7 +244,7 @@ impl<T: Pod> SeriesWriter<T> {
             self.kept_max = self.kept_max.min(KEPT_BESIDE_FILE_MAX);
             self.tail.shrink_to(self.kept_max);
         } else {
-            // Better a process that is large than one that ends.
+            // A large process is better than one that ends.
             self.is_refused = true;
             self.kept_max = usize::MAX;
         }
@@ -257,7 +258,7 @@ impl<T: Pod> SeriesWriter<T> {
         Ok(())
     }
 
-    /// Writes the first values of the tail behind those of the file.
+    /// Writes the first values of the tail after those in the file.
     fn write(&mut self, count: usize) -> io::Result<()> {
         let file = match &mut self.file {
             Some(file) => file,
@@ -302,10 +303,10 @@ impl<T: Pod> Extend<T> for SeriesWriter<T> {
     }
 }
 
-/// Values in their order, of any number: a slice.
+/// Sequence of values of any length, used as a slice.
 #[derive(Clone)]
 pub struct Series<T> {
-    /// The first value of the file that is one of the series.
+    /// Index of the first value of the series in the file.
     first: usize,
     length: usize,
     values: Values<T>,
@@ -318,7 +319,7 @@ enum Values<T> {
 }
 
 impl<T: Pod> Series<T> {
-    /// The values one by one. What was read of a file goes back to the system on the way, however long the series is.
+    /// Iterates over the values. Pages of a file that were read are released on the way, however long the series is.
     #[inline]
     #[must_use]
     pub fn iter(&self) -> Iter<'_, T> {
@@ -327,7 +328,7 @@ impl<T: Pod> Series<T> {
 
     /// As [`Series::iter`], for some of the values.
     ///
-    /// # Panics
+    /// If the series has no such values.
     /// The series has no such values.
     #[inline]
     #[must_use]
@@ -345,17 +346,17 @@ impl<T: Pod> Series<T> {
         }
     }
 
-    /// The first values only.
+    /// Returns the series with only its first values.
     #[must_use]
     pub fn truncated(mut self, length: usize) -> Self {
         self.truncate(length);
         self
     }
 
-    /// Some of the values; those in a file are not read for it.
+    /// Returns a part of the values, without reading those in a file.
     ///
     /// # Panics
-    /// The series has no such values.
+    /// If the series has no such values.
     #[must_use]
     pub fn part(&self, places: Range<usize>) -> Self {
         match &self.values {
@@ -371,7 +372,7 @@ impl<T: Pod> Series<T> {
         }
     }
 
-    /// Leaves out all but the first values.
+    /// Removes all but the first values.
     pub fn truncate(&mut self, length: usize) {
         self.length = self.length.min(length);
         if let Values::Kept(values) = &mut self.values {
@@ -379,7 +380,7 @@ impl<T: Pod> Series<T> {
         }
     }
 
-    /// The values in memory, to change them.
+    /// Returns the values for changes, in memory.
     pub fn to_mut(&mut self) -> &mut [T] {
         if let Values::Filed(_) = self.values {
             *self = self.to_vec().into();
@@ -398,8 +399,8 @@ impl<T: Pod> Deref for Series<T> {
     fn deref(&self) -> &[T] {
         match &self.values {
             Values::Kept(values) => values,
-            // SAFETY: the mapping holds at least so many values behind the first, which were written as such: any bytes are one
-            // (`Pod`). It begins at a page, so they are aligned. Nobody else has the file, so they do not change.
+            // SAFETY: the mapping holds at least `length` values from the first on, which were written as such: any bytes are a
+            // value (`Pod`). It begins at a page, so they are aligned. No other code has the file, so they do not change.
             Values::Filed(mapping) => unsafe {
                 let begin = mapping.begin.cast::<T>().add(self.first);
                 slice::from_raw_parts(begin.as_ptr(), self.length)
@@ -455,14 +456,14 @@ impl<T: Pod + fmt::Debug> fmt::Debug for Series<T> {
     }
 }
 
-/// The values of a [`Series`]: of those in a file, one block after another is in memory.
+/// Iterator over the values of a [`Series`]. Of the values in a file, one block after another is in memory.
 #[derive(Debug)]
 pub struct Iter<'a, T> {
-    /// The block that is read.
+    /// Block that is being read.
     block: &'a [T],
-    /// What is left of it.
+    /// Unread rest of the block.
     open: slice::Iter<'a, T>,
-    /// What is behind it.
+    /// Values after the block.
     rest: &'a [T],
     mapping: Option<&'a Mapping>,
 }
@@ -476,7 +477,7 @@ impl<T> Iter<'_, T> {
 }
 
 impl<'a, T> Iter<'a, T> {
-    /// Gives the block back, and begins the next one.
+    /// Releases the block, and begins the next one.
     #[cold]
     fn next_block(&mut self) -> Option<&'a T> {
         self.give_back();
@@ -490,7 +491,7 @@ impl<'a, T> Iter<'a, T> {
     }
 }
 
-/// Two series that are read together end at different times.
+/// Releases the last block, since two series that are read together end at different times.
 impl<T> Drop for Iter<'_, T> {
     #[inline]
     fn drop(&mut self) {
@@ -647,7 +648,7 @@ mod tests {
 
     const COUNT: usize = 4_000_000;
 
-    /// A series that the system has to read from the disk: 1, 2, 3 …, or a hole.
+    /// Makes a series that the system has to read from the disk: 1, 2, 3 …, or a hole.
     fn on_disk(is_hole: bool) -> Series<u64> {
         let mut writer = SeriesWriter::default();
         if is_hole {
@@ -685,7 +686,7 @@ mod tests {
         }
     }
 
-    /// How much of a series' file is in memory.
+    /// Returns how many bytes of a series' file are in memory.
     fn held_bytes(series: &Series<u64>) -> usize {
         let begin = format!("{:x}-", series.as_ptr().addr());
         let text = std::fs::read_to_string("/proc/self/smaps").unwrap();
@@ -701,7 +702,7 @@ mod tests {
         pages.parse::<usize>().unwrap() * 4096
     }
 
-    /// What was read is not held: 400 MB are read twice.
+    /// Pages that were read are released: 400 MB are read twice.
     #[test]
     fn pages_that_were_read_go_back() {
         let before = resident_bytes();
@@ -724,7 +725,7 @@ mod tests {
             give_back(part);
             look();
         }
-        // Without a word it happens too, but nobody knows how soon.
+        // The system would release them without the advice too, but at an unknown time.
         assert!(most.get() < 40_000_000, "{} bytes", most.get());
         for (number, part) in series.chunks(100_000).enumerate() {
             assert_eq!(part[17], 100_000 * number as u64 + 17);

@@ -1,4 +1,4 @@
-//! A bus of the kernel (SocketCAN): a virtual one, or real hardware.
+//! Bus of the kernel (SocketCAN), virtual or on real hardware.
 
 use std::cell::Cell;
 use std::io;
@@ -17,7 +17,7 @@ use crate::clock::{self, Clock};
 use crate::kernel_format::{decode_frame, encode_frame};
 use crate::probe::{self, Interface};
 
-/// Between two attempts to send into a full queue: about the time of one frame at 1 Mbit/s.
+/// Time between two attempts to send into a full queue: about one frame at 1 Mbit/s.
 const SEND_RETRY: Duration = Duration::from_micros(100);
 
 /// Index of the drop counter in the answer to `SO_MEMINFO` (`SK_MEMINFO_DROPS`).
@@ -26,7 +26,7 @@ const MEMINFO_DROPS: usize = 8;
 /// Bytes of the kernel's `struct canfd_frame`.
 const FD_FRAME_BYTES: usize = 72;
 
-/// One participant's socket on a CAN interface.
+/// Socket of one participant on a CAN interface.
 pub(crate) struct SocketCanBus {
     name: String,
     socket: CanSocket,
@@ -38,12 +38,12 @@ impl SocketCanBus {
     /// Opens the interface with the kernel's receive filters.
     ///
     /// # Errors
-    /// Says what is missing and what to do about it.
+    /// With a message that names the missing part and a remedy.
     pub(crate) fn open(name: &str, filters: &[Filter]) -> Result<Self, BusError> {
         Self::on_socket(name, open_socket(name)?, filters)
     }
 
-    /// As [`SocketCanBus::open`] with a socket that is open already.
+    /// As [`SocketCanBus::open`] with an open socket.
     pub(crate) fn on_socket(
         name: &str,
         socket: CanSocket,
@@ -60,7 +60,7 @@ impl SocketCanBus {
         Ok(bus)
     }
 
-    /// Takes what came between the opening and the filters.
+    /// Discards the frames that came between the opening and the filters.
     fn forget_unfiltered(&self) -> Result<(), BusError> {
         while self.try_receive()?.is_some() {}
         Ok(())
@@ -71,7 +71,7 @@ impl SocketCanBus {
         loop {
             match rustix::net::recv(&self.socket, &mut bytes, RecvFlags::DONTWAIT) {
                 Ok((_, FD_FRAME_BYTES)) => self.fd_frames.set(self.fd_frames.get() + 1),
-                // All else is a classical frame; the kernel checks the length.
+                // Everything else is a classical frame; the kernel checks the length.
                 Ok((_, length)) => {
                     if let Some(frame) = decode_frame(bytes.get(..length).unwrap_or_default()) {
                         return Ok(Some(frame));
@@ -168,12 +168,12 @@ impl Bus for SocketCanBus {
     }
 }
 
-/// Lets CAN FD frames reach the socket, so that they can be counted. An old kernel has none.
+/// Makes CAN FD frames reach the socket, so that they can be counted. An old kernel has none.
 fn hear_fd_frames(socket: &CanSocket) {
     let _ = socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1);
 }
 
-/// Opens an unfiltered socket on an interface, after a look at what the system has.
+/// Opens an unfiltered socket on an interface, after a check of the system's support.
 pub(crate) fn open_socket(name: &str) -> Result<CanSocket, BusError> {
     let address = || BusAddress::Interface(name.into());
     let system = |source| BusError::System {
@@ -195,8 +195,8 @@ pub(crate) fn open_socket(name: &str) -> Result<CanSocket, BusError> {
     })
 }
 
-/// Sets the kernel's receive filters. In an identifier the kernel takes the error flag for the inversion of the filter,
-/// which ours do not have.
+/// Sets the kernel's receive filters. The kernel reads the error flag in an identifier as an inversion of the filter, which our
+/// filters do not have.
 fn set_filters(socket: &CanSocket, filters: &[Filter]) -> io::Result<()> {
     if filters.is_empty() {
         return socket.set_filter_drop_all();
@@ -208,7 +208,7 @@ fn set_filters(socket: &CanSocket, filters: &[Filter]) -> io::Result<()> {
     socket.set_filters(&filters)
 }
 
-/// Frames that the kernel threw away because the socket's buffer was full; 0 where the kernel does not say.
+/// Returns the number of frames that the kernel discarded because the socket's buffer was full; 0 if the kernel does not say.
 pub(crate) fn kernel_drops(socket: &impl SocketOptions) -> u64 {
     let mut bytes = [0; 64];
     let length = socket

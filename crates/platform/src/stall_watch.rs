@@ -1,6 +1,6 @@
-//! Watches whether the machine lets its threads run: threads that only sleep, one on each processor, show when a processor
-//! stands still, as those of a virtual machine do while their host runs something else; the kernel's count of the time for which a
-//! thread waited for a processor shows the rest.
+//! Watch for host stalls. On each processor a thread that only sleeps shows when the processor stands still, as those of a
+//! virtual machine do while their host runs something else. The kernel's count of the time for which a thread waited for a
+//! processor shows the other stalls.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -17,35 +17,35 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use crate::clock::{monotonic, sleep};
 use crate::scheduling::{NODE_PRIORITY, request_fifo};
 
-/// How often the watch looks, within these bounds: often enough for its half period, seldom enough for the processor.
+/// Shortest and longest period of the watch, which otherwise equals the threshold.
 const TICKS: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(10)];
-/// How often it looks for new threads.
+/// Period of the search for new threads.
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
-/// Processors that are watched; a machine with more of them has some to spare.
+/// Largest number of processors that are watched; a larger machine has some to spare.
 const PROCESSORS_MAX: usize = 16;
-/// Stalls that are kept: a busy machine has as many in a day, and those who judge them need 300 bytes for each.
+/// Largest number of stalls that are kept: a busy machine has as many in a day, and their evaluation needs 300 bytes for each.
 const STALLS_MAX: usize = 250_000;
 
-/// A stretch in which somebody was held up.
+/// Stretch of time in which a thread was held up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SeenStall<T> {
-    /// Who; none if the machine stood still, or one of its processors with whoever ran there.
+    /// Owner of the thread; `None` if the machine or one of its processors stood still.
     pub who: Option<T>,
-    /// On the monotonic clock of the system: when it was seen to run last.
+    /// Time on the monotonic clock of the system at which it was last seen running.
     pub from: Duration,
-    /// When it was seen to run again.
+    /// Time at which it was seen running again.
     pub until: Duration,
 }
 
-/// Whose threads are watched.
+/// Request to watch some threads.
 enum Order<T> {
-    /// All of a process.
+    /// All threads of a process.
     Process(T, u32),
-    /// One of this process, by its name.
+    /// One thread of this process, by its name.
     OwnThread(T, &'static str),
 }
 
-/// A watch over this machine, until it is stopped.
+/// Watch over this machine, until it is stopped.
 #[derive(Debug)]
 pub struct StallWatch<T> {
     orders: Sender<Order<T>>,
@@ -55,10 +55,10 @@ pub struct StallWatch<T> {
 }
 
 impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
-    /// Notes whoever is held up for longer than this.
+    /// Starts to note all stalls longer than this.
     ///
     /// # Errors
-    /// No thread can be started.
+    /// If no thread can be started.
     pub fn start(longer_than: Duration) -> std::io::Result<Self> {
         let (orders, received) = channel();
         let thread = std::thread::Builder::new()
@@ -81,16 +81,16 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
 
     /// Watches all threads of a process from now on.
     pub fn process(&self, who: T, process: u32) {
-        // A watch that has ended watches nobody.
+        // A watch that has ended takes no more orders.
         let _ = self.orders.send(Order::Process(who, process));
     }
 
-    /// Watches the thread of this process that has this name.
+    /// Watches the thread with this name in this process.
     pub fn own_thread(&self, who: T, name: &'static str) {
         let _ = self.orders.send(Order::OwnThread(who, name));
     }
 
-    /// What was seen, in the order of the ends.
+    /// Stops the watch; returns the stalls in the order of their ends.
     #[must_use]
     pub fn stop(self) -> Vec<SeenStall<T>> {
         drop(self.orders);
@@ -102,7 +102,7 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
     }
 }
 
-/// What several have seen, each stall once, in the order of the ends.
+/// Merges the stalls of several watches, in the order of their ends.
 fn merged<T: Copy + PartialEq>(stalls: impl Iterator<Item = SeenStall<T>>) -> Vec<SeenStall<T>> {
     let mut stalls = Vec::from_iter(stalls);
     stalls.sort_by_key(|stall| stall.from);
@@ -114,7 +114,7 @@ fn merged<T: Copy + PartialEq>(stalls: impl Iterator<Item = SeenStall<T>>) -> Ve
     seen
 }
 
-/// Those that this thread may run on.
+/// Returns the processors that this thread may run on, one per set.
 fn processors() -> Vec<CpuSet> {
     let allowed = sched_getaffinity(None).unwrap_or_default();
     let numbers = (0..CpuSet::MAX_CPU).filter(|number| allowed.is_set(*number));
@@ -126,14 +126,14 @@ fn processors() -> Vec<CpuSet> {
     alone.collect()
 }
 
-/// Notes when a processor stood still: a thread that runs there only was late, and waited for no other thread.
+/// Notes stalls of a processor: a thread that runs only there was late without waiting for another thread.
 fn watch_processor<T: Copy + PartialEq>(
     processor: CpuSet,
     longer_than: Duration,
     is_over: &AtomicBool,
 ) -> Vec<SeenStall<T>> {
     let mut seen = Vec::new();
-    // Refused or not counted, nothing can be said about it.
+    // No statement is possible if the system refuses to pin the thread or does not count.
     let pinned = sched_setaffinity(None, &processor);
     let (Ok(()), Ok(count)) = (pinned, File::open("/proc/thread-self/schedstat")) else {
         return seen;
@@ -164,7 +164,8 @@ fn watch<T: Copy + PartialEq>(
     longer_than: Duration,
     orders: &Receiver<Order<T>>,
 ) -> Vec<SeenStall<T>> {
-    // As the nodes: what holds them up holds this thread up, and what does not, does not. Refused, they were refused too.
+    // The watch has the priority of the nodes, so that it is held up exactly when they are. If refused, the nodes were refused
+    // too.
     let _ = request_fifo(NODE_PRIORITY);
     let tick = tick_for(longer_than);
     let mut watched = Vec::new();
@@ -206,7 +207,7 @@ fn watch<T: Copy + PartialEq>(
     }
 }
 
-/// Adds a stall, or makes the last one of the same kind longer.
+/// Adds a stall, or extends the last one of the same owner if they meet.
 fn note<T: Copy + PartialEq>(
     seen: &mut Vec<SeenStall<T>>,
     who: Option<T>,
@@ -223,7 +224,7 @@ fn note<T: Copy + PartialEq>(
     }
 }
 
-/// A thread and how long it has waited for a processor.
+/// Thread with the time for which it has waited for a processor.
 struct Thread<T> {
     who: T,
     place: PathBuf,
@@ -232,7 +233,7 @@ struct Thread<T> {
 }
 
 impl<T> Thread<T> {
-    /// None where the system does not count, or the thread has ended.
+    /// `None` if the system does not count, or the thread has ended.
     fn open(who: T, place: &Path) -> Option<Self> {
         let count = File::open(place.join("schedstat")).ok()?;
         let waited = waited_in_all(&count)?;
@@ -244,7 +245,7 @@ impl<T> Thread<T> {
         })
     }
 
-    /// For how long since the last time; none once it has ended.
+    /// Returns the time waited since the last call; `None` once the thread has ended.
     fn waited(&mut self) -> Option<Duration> {
         let waited = waited_in_all(&self.count)?;
         let before = std::mem::replace(&mut self.waited, waited);
@@ -252,7 +253,7 @@ impl<T> Thread<T> {
     }
 }
 
-/// The second number of `schedstat`: nanoseconds spent waiting on a run queue.
+/// Returns the second number of `schedstat`: nanoseconds spent waiting on a run queue.
 fn waited_in_all(count: &File) -> Option<Duration> {
     let mut bytes = [0; 96];
     let length = pread(count, &mut bytes, 0).ok()?;
@@ -261,7 +262,7 @@ fn waited_in_all(count: &File) -> Option<Duration> {
     Some(Duration::from_nanos(nanoseconds))
 }
 
-/// Finds the threads that are not watched yet.
+/// Adds the threads that are not watched yet.
 fn search<T: Copy>(watched: &[Order<T>], threads: &mut Vec<Thread<T>>) {
     for order in watched {
         let (who, process, name) = match order {

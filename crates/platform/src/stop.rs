@@ -1,4 +1,4 @@
-//! How a process is stopped: by its parent's death, by the end of its standard input, by a signal, by a program.
+//! Stopping a process: by its parent's death, by the end of its standard input, by a signal, by a program.
 #![expect(unsafe_code, reason = "signal handlers")]
 
 use std::io;
@@ -11,25 +11,25 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::io::Errno;
 use rustix::pipe::{PipeFlags, pipe_with};
 
-/// After a signal to stop, the kernel ends the process when it has not ended by itself for so long.
+/// Seconds after a signal to stop in which the process must end by itself; then the kernel ends it.
 const KILL_AFTER_SECONDS: libc::c_uint = 3;
 
-/// The event that the signal handler raises; -1 before there is one.
+/// Event that the signal handler raises; -1 before there is one.
 static SIGNAL_EVENT: AtomicI32 = AtomicI32::new(-1);
-/// The exit code of a program that a signal ends at once.
+/// Exit code of a program that a signal ends at once.
 static AT_ONCE_CODE: AtomicI32 = AtomicI32::new(0);
-/// What calls the thread that does something before that end; -1 where nothing is to be done.
+/// Event that wakes the thread of [`end_at_once_after`]; -1 if there is nothing to do before that end.
 static AT_ONCE_EVENT: AtomicI32 = AtomicI32::new(-1);
 
-/// What a terminal sends to all processes in it: Ctrl-C, Ctrl-\, and its end.
+/// Signals that a terminal sends to all its processes: Ctrl-C, Ctrl-\, and its end.
 pub const OF_TERMINAL: [libc::c_int; 3] = [libc::SIGINT, libc::SIGQUIT, libc::SIGHUP];
 
-/// Says to a loop that it is to stop.
+/// Signal for a loop to stop.
 #[derive(Debug)]
 pub struct StopSignal {
-    /// Its end means stop; what is written to it means nothing.
+    /// Pipe whose end means stop; bytes written to it mean nothing.
     pipe: Option<Pipe>,
-    /// Raised by the signal handler.
+    /// Event that the signal handler raises.
     event: Option<BorrowedFd<'static>>,
 }
 
@@ -39,19 +39,19 @@ enum Pipe {
     Owned(OwnedFd),
 }
 
-/// Raises a [`StopSignal`] when dropped.
+/// Guard that raises a [`StopSignal`] when dropped.
 #[derive(Debug)]
 pub struct Stopper {
     _pipe: OwnedFd,
 }
 
 impl StopSignal {
-    /// For a child of the bench: stops when the standard input ends, which is also how the parent's death shows, and at
-    /// SIGTERM. What ends the bench from its terminal reaches the children too, who must outlive it for an orderly end:
-    /// [`OF_TERMINAL`] are ignored.
+    /// Makes the signal of a child of the bench. It is raised by SIGTERM and by the end of the standard input, which also shows
+    /// the parent's death. Signals from the bench's terminal ([`OF_TERMINAL`]) reach the children too, which must outlive the
+    /// bench for an orderly end, so they are ignored.
     ///
     /// # Errors
-    /// When the system refuses the handler.
+    /// If the system refuses the handler.
     pub fn from_parent() -> io::Result<Self> {
         ignore(&OF_TERMINAL)?;
         Ok(Self {
@@ -60,11 +60,11 @@ impl StopSignal {
         })
     }
 
-    /// For a program that is started by hand: stops at Ctrl-C, SIGTERM, and when its terminal is closed or sends SIGQUIT,
-    /// unless whoever started it has these two ignored (nohup).
+    /// Makes the signal of a program that is started by hand. It is raised by Ctrl-C and SIGTERM, and when the terminal is closed
+    /// or sends SIGQUIT, unless the parent had these two ignored (nohup).
     ///
     /// # Errors
-    /// When the system refuses the handler.
+    /// If the system refuses the handler.
     pub fn from_signals() -> io::Result<Self> {
         Ok(Self {
             pipe: None,
@@ -72,10 +72,10 @@ impl StopSignal {
         })
     }
 
-    /// For a loop in a thread: stops when the [`Stopper`] is dropped.
+    /// Makes the signal of a loop in a thread; it is raised when the [`Stopper`] is dropped.
     ///
     /// # Errors
-    /// When the system refuses the pipe.
+    /// If the system refuses the pipe.
     pub fn manual() -> io::Result<(Stopper, Self)> {
         let (reader, writer) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
         let signal = Self {
@@ -85,13 +85,13 @@ impl StopSignal {
         Ok((Stopper { _pipe: writer }, signal))
     }
 
-    /// True when it is time to stop. Never waits.
+    /// Returns whether it is time to stop. Never waits.
     #[must_use]
     pub fn is_raised(&self) -> bool {
         self.event.is_some_and(is_readable) || self.pipe_fd().is_some_and(has_ended)
     }
 
-    /// What becomes readable when [`StopSignal::is_raised`] may have changed.
+    /// Descriptors that become readable when [`StopSignal::is_raised`] may have changed.
     pub(crate) fn fds(&self) -> [Option<BorrowedFd<'_>>; 2] {
         [self.pipe_fd(), self.event]
     }
@@ -113,7 +113,7 @@ fn is_readable(fd: BorrowedFd<'_>) -> bool {
     .is_ok_and(|ready| ready > 0)
 }
 
-/// Reads away what is there; true at the end.
+/// Discards the pending bytes; returns whether the pipe has ended.
 fn has_ended(fd: BorrowedFd<'_>) -> bool {
     let mut bytes = [0; 256];
     while is_readable(fd) {
@@ -121,34 +121,34 @@ fn has_ended(fd: BorrowedFd<'_>) -> bool {
             Ok(0) => return true,
             Ok(_) | Err(Errno::INTR) => {}
             Err(Errno::AGAIN) => return false,
-            // Nobody can send us anything any more.
+            // After an error no more bytes can come.
             Err(_) => return true,
         }
     }
     false
 }
 
-/// Which signals are to stop a program that is started by hand: those of a terminal and SIGTERM, but not what whoever started it
-/// has ignored (nohup).
+/// Returns the signals that stop a program that is started by hand: those of a terminal and SIGTERM, without those that its
+/// parent had ignored (nohup).
 fn heard() -> impl Iterator<Item = libc::c_int> {
     let may_be_ignored = [libc::SIGHUP, libc::SIGQUIT].into_iter();
     let heard = may_be_ignored.filter(|signal| !is_ignored(*signal));
     [libc::SIGINT, libc::SIGTERM].into_iter().chain(heard)
 }
 
-/// From now on the signals that stop a program end this one at once, with an exit code.
+/// Makes the signals that stop a program end this one at once, with an exit code.
 ///
 /// # Errors
-/// When the system refuses the handler.
+/// If the system refuses the handler.
 pub fn end_at_once(code: u8) -> io::Result<()> {
     AT_ONCE_CODE.store(code.into(), Ordering::Relaxed);
     heard().try_for_each(|signal| set_handler(signal, at_once()))
 }
 
-/// Takes [`end_at_once`] back, for who ends in order by handlers of their own; where these are there already, they stay.
+/// Undoes [`end_at_once`], for a program with an orderly end by its own handlers. Handlers that are set already stay.
 ///
 /// # Errors
-/// When the system refuses.
+/// If the system refuses.
 pub fn end_in_order() -> io::Result<()> {
     heard()
         .filter(|signal| has_handler(*signal, at_once()))
@@ -169,8 +169,8 @@ extern "C" fn on_end(_signal: libc::c_int) {
     }
 }
 
-/// From now on a program that a signal ends at once does something first, in a thread: a handler may not do much. What it does is
-/// always the same.
+/// Makes a program that a signal ends at once do something first, in a thread, since a handler may not do much. The action of the
+/// first call is used for all.
 pub(crate) fn end_at_once_after(act: fn()) {
     static EVENT: OnceLock<Option<OwnedFd>> = OnceLock::new();
     if !heard().any(|signal| has_handler(signal, at_once())) {
@@ -192,19 +192,19 @@ pub(crate) fn end_at_once_after(act: fn()) {
     AT_ONCE_EVENT.store(event, Ordering::Relaxed);
 }
 
-/// Takes [`end_at_once_after`] back.
+/// Undoes [`end_at_once_after`].
 pub(crate) fn end_at_once_after_nothing() {
     AT_ONCE_EVENT.store(-1, Ordering::Relaxed);
 }
 
-/// From now on these signals do nothing.
+/// Makes these signals do nothing.
 pub(crate) fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
     signals
         .iter()
         .try_for_each(|signal| set_handler(*signal, libc::SIG_IGN))
 }
 
-/// Whether a signal does nothing to this process, as whoever started it wanted (nohup).
+/// Returns whether this process ignores a signal, as its parent may have arranged (nohup).
 #[must_use]
 pub fn is_ignored(signal: libc::c_int) -> bool {
     has_handler(signal, libc::SIG_IGN)
@@ -219,15 +219,15 @@ fn has_handler(signal: libc::c_int, handler: libc::sighandler_t) -> bool {
     }
 }
 
-/// Makes a file that grows beyond what this process may write an error, in place of the signal that ends it.
+/// Turns a write beyond the permitted size of a file into an error, in place of the signal that ends the process.
 ///
 /// # Errors
-/// When the system refuses.
+/// If the system refuses.
 pub fn take_long_files_as_errors() -> io::Result<()> {
     ignore(&[libc::SIGXFSZ])
 }
 
-/// Turns `signals` into an event.
+/// Returns an event that `signals` raise.
 fn signal_event(signals: &[libc::c_int]) -> io::Result<BorrowedFd<'static>> {
     static EVENT: OnceLock<OwnedFd> = OnceLock::new();
     let fresh = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
@@ -240,7 +240,7 @@ fn signal_event(signals: &[libc::c_int]) -> io::Result<BorrowedFd<'static>> {
     Ok(event.as_fd())
 }
 
-/// Raises the event, and arms the kernel against a process that no longer looks at it: SIGALRM ends it.
+/// Raises the event, and sets an alarm for a process that no longer looks at it: SIGALRM ends it.
 extern "C" fn on_signal(_signal: libc::c_int) {
     raise(SIGNAL_EVENT.load(Ordering::Relaxed));
 }
@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn who_started_the_program_decides_whether_a_signal_is_ignored() {
-        // The test runner leaves it as it is.
+        // The test runner leaves this signal at its default.
         assert!(!is_ignored(libc::SIGWINCH));
         ignore(&[libc::SIGWINCH]).unwrap();
         assert!(is_ignored(libc::SIGWINCH));

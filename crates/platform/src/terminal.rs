@@ -1,9 +1,9 @@
-//! Text that somebody else wrote, on its way to a terminal.
+//! Foreign text for a terminal.
 
 use std::borrow::Cow;
 
-/// The text with each character that steers a terminal or cannot be seen written as `\u001b`, which is also how JSON writes it.
-/// New lines and tabs stay.
+/// Returns the text with each control character and each invisible character written as `\u001b`, as in JSON. New lines and tabs
+/// stay.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(steers) {
@@ -21,8 +21,9 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Controls with the escape among them, what changes the direction of text, what ends lines elsewhere, what nobody sees (Unicode's
-/// `Default_Ignorable_Code_Point`, and the marks of annotations), and what is no character, which XML does not admit either.
+/// Returns whether a character steers a terminal or is invisible: controls with the escape among them, marks that change the
+/// direction of text, line ends of other systems, invisible characters (Unicode's `Default_Ignorable_Code_Point`, and the marks
+/// of annotations), and noncharacters, which XML does not admit either.
 fn steers(character: char) -> bool {
     match character {
         '\n' | '\t' => false,

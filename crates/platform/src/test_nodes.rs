@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use canopen::{CanFrame, Filter, Node, Progress};
 
-/// Answers each frame 0x100 with 0x101 and the same data, and sends 0x200 with a counter every `period`.
+/// Node that answers each frame 0x100 with 0x101 and the same data, and sends 0x200 with a counter every `period`.
 pub(crate) struct Echo {
     pub(crate) period: Duration,
     pub(crate) deadline: Duration,
     pub(crate) ticks: u32,
     pub(crate) received: u32,
-    /// How early ticks came at most: zero when none came before its deadline.
+    /// Smallest lateness of a tick: zero if none came before its deadline.
     pub(crate) earliest_tick: Option<Duration>,
     pub(crate) stops_after: Duration,
     pub(crate) stop_at: Option<Duration>,

@@ -1,4 +1,5 @@
-//! What a program has begun to write and not ended: a signal that ends the program at once removes it first.
+//! Files and folders that a program has begun to write and not finished. A signal that ends the program at once removes them
+//! first.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -9,15 +10,15 @@ use crate::stop;
 
 static PATHS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// A file or a folder that is removed when a signal ends the program. Whoever has it removes it, or gives it its name, before.
+/// File or folder that is removed when a signal ends the program. Its owner must rename or remove it before the drop.
 #[derive(Debug)]
 pub struct Unfinished(PathBuf);
 
 impl Unfinished {
-    /// Makes it; no signal ends the program between that and when its path is known.
+    /// Makes the file or folder. No signal ends the program before its path is known.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// If it cannot be made.
     pub fn begin<T, E>(
         make: impl FnOnce() -> Result<T, E>,
         path: impl FnOnce(&T) -> PathBuf,
@@ -65,6 +66,6 @@ fn remove_all() {
             fs::remove_file(path)
         };
     }
-    // Who misses what was removed waits for the end, and has nothing to say about it.
+    // The lock stays held: a thread that misses a removed file waits in `drop` until the program ends, and reports no error.
     std::mem::forget(paths);
 }

@@ -1,4 +1,4 @@
-//! A process of this program that works for another one, and may break: whoever started it sees how it ended, and goes on.
+//! Worker process of this program for code that may crash: the process that started it sees how it ended, and continues.
 
 use std::io;
 use std::os::fd::{OwnedFd, RawFd};
@@ -16,12 +16,12 @@ use crate::lockstep::channel;
 use crate::process::{inherit, inherited_channel, myself};
 use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
 
-/// Of what a worker wrote on its standard error, so much is told at its end.
+/// Largest part of a worker's standard error that is told at its end.
 const TOLD_BYTES_MAX: usize = 2_000;
-/// How long a worker that closed its channel may take to its end, in steps of a millisecond.
+/// Time for a worker to end after it closed its channel, in steps of a millisecond.
 const END_PATIENCE_MILLISECONDS: u32 = 1_000;
 
-/// One end of the channel between a worker and who started it. Messages arrive whole.
+/// One end of the channel between a worker and its parent. Messages arrive whole.
 pub struct Channel {
     socket: OwnedFd,
     patience: Option<Duration>,
@@ -35,11 +35,11 @@ impl Channel {
         }
     }
 
-    /// The worker's end, which who started it passed under `number`. From now on the worker is killed where that one ends, whatever
-    /// it does.
+    /// Opens the worker's end, which the parent passed under `number`. From now on the worker is killed when the parent ends,
+    /// whatever it does.
     ///
     /// # Errors
-    /// There is no channel of this number.
+    /// If there is no channel of this number.
     pub fn inherited(number: RawFd) -> io::Result<Self> {
         set_parent_process_death_signal(Some(Signal::KILL))?;
         inherited_channel(number).map(Self::new)
@@ -48,16 +48,16 @@ impl Channel {
     /// Sends a message.
     ///
     /// # Errors
-    /// The other end is gone.
+    /// If the other end is gone.
     pub fn send(&self, message: &[u8]) -> io::Result<()> {
         send(&self.socket, message, SendFlags::NOSIGNAL)?;
         Ok(())
     }
 
-    /// Waits for a message, no longer than `patience`; its length, 0 where the other end is gone.
+    /// Waits for a message, no longer than `patience`; returns its length, 0 if the other end is gone.
     ///
     /// # Errors
-    /// [`io::ErrorKind::TimedOut`] where none came, or the channel failed.
+    /// [`io::ErrorKind::TimedOut`] if none came, or the error of a failed channel.
     pub fn receive(&mut self, message: &mut [u8], patience: Option<Duration>) -> io::Result<usize> {
         if self.patience != patience {
             set_socket_timeout(&self.socket, Timeout::Recv, patience)?;
@@ -75,21 +75,21 @@ impl Channel {
     }
 }
 
-/// A worker, which ends when this is dropped.
+/// Worker; it ends on drop.
 pub struct Worker {
-    /// The channel to it.
+    /// Channel to the worker.
     pub channel: Channel,
     child: Child,
-    /// What it writes on its standard error; what does not fit is lost, so that it never waits.
+    /// Standard error of the worker. Output that does not fit is lost, so that the worker never waits.
     errors: OwnedFd,
 }
 
 impl Worker {
-    /// Starts this program again, with these arguments and the number of its end of the channel behind them. It ends with the thread
-    /// that started it ([`myself`]). Where that thread has a real-time priority, so has the worker, which it waits for.
+    /// Starts this program again, with these arguments followed by the number of its end of the channel. It ends with the thread
+    /// that started it ([`myself`]). If that thread has a real-time priority, so has the worker, which the thread waits for.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub fn start(arguments: &[&str]) -> io::Result<Self> {
         let (ours, theirs) = channel()?;
         let (errors, their_errors) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
@@ -108,8 +108,8 @@ impl Worker {
         })
     }
 
-    /// How it ended, after the words "the process", and the end of what it wrote on its standard error. One that does not end by itself
-    /// soon is ended.
+    /// Returns a text that continues "the process", such as "exited with code 0", and the last part of its standard error. A
+    /// process that does not end soon is killed.
     pub fn ended(&mut self) -> (String, String) {
         let mut left = END_PATIENCE_MILLISECONDS;
         let status = loop {
@@ -150,7 +150,7 @@ impl Drop for Worker {
     }
 }
 
-/// How a process ended, in words.
+/// Describes how a process ended.
 pub(crate) fn how(status: ExitStatus) -> String {
     let name = |signal| match signal {
         libc::SIGSEGV => " (SIGSEGV: it used memory that is not its own)",
@@ -177,7 +177,7 @@ mod tests {
 
     const SOON: Option<Duration> = Some(Duration::from_secs(10));
 
-    /// What the workers of the tests below do; by itself it is no test.
+    /// Worker of the tests below; not a test by itself.
     #[test]
     #[ignore = "not a test: the worker of the other tests"]
     fn work() {
@@ -218,7 +218,7 @@ mod tests {
         }
     }
 
-    /// Policy and priority of a process's first thread: 1 is SCHED_FIFO, 0 the ordinary one.
+    /// Returns policy and priority of a process's first thread: 1 is SCHED_FIFO, 0 the ordinary one.
     fn scheduling(number: u32) -> [u32; 2] {
         let stat = std::fs::read_to_string(format!("/proc/{number}/stat")).unwrap();
         let (_, fields) = stat.rsplit_once(')').unwrap();

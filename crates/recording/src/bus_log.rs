@@ -1,4 +1,4 @@
-//! The log of a run while it grows.
+//! Log of a run in progress.
 
 use std::fs::{File, Metadata};
 use std::io::{self, BufWriter, IntoInnerError, Write};
@@ -13,17 +13,17 @@ use zstd::zstd_safe::CParameter;
 use crate::log::{self, OpenLog, Stamped, is_compressed};
 use crate::write_error::WriteError;
 
-/// So much of a run is compressed at once. A kill loses no more.
+/// Length of the pieces in which a run is compressed. A kill loses no more than one.
 const PIECE: Duration = Duration::from_secs(1);
-/// After so many flushes without a frame, what there is is compressed: a second of a bus that fell silent.
+/// Number of flushes without a frame after which the open piece is compressed: a second of a silent bus.
 const IDLE_FLUSHES_MAX: u32 = 50;
-/// More takes longer and saves little.
+/// Compression level; a higher one takes longer and saves little.
 const LEVEL: i32 = 3;
 
 /// `bus.log`, or the compressed log of a long run.
 #[derive(Debug)]
 pub struct BusLog {
-    /// None where it has no name.
+    /// `None` for a file without a name.
     path: Option<PathBuf>,
     output: Output,
 }
@@ -35,10 +35,10 @@ enum Output {
 }
 
 impl BusLog {
-    /// An empty log; its name says whether it is compressed.
+    /// Makes an empty log; its name decides whether it is compressed.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// If the file cannot be written.
     pub fn create(path: PathBuf) -> Result<Self, WriteError> {
         let file = File::options()
             .read(true)
@@ -53,10 +53,10 @@ impl BusLog {
         })
     }
 
-    /// An empty compressed log in a file that has no name and ends with the process.
+    /// Makes an empty compressed log in a file without a name, which ends with the process.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// If the file cannot be written.
     pub(crate) fn without_name() -> Result<Self, WriteError> {
         let output = tempfile::tempfile().and_then(|file| Output::new(file, true));
         Ok(Self {
@@ -65,13 +65,13 @@ impl BusLog {
         })
     }
 
-    /// What an error is about.
+    /// Returns the path for an error message.
     fn place(&self) -> PathBuf {
         self.path.clone().unwrap_or_else(std::env::temp_dir)
     }
 
     /// # Errors
-    /// The disk does not take them.
+    /// If the disk does not take them.
     pub fn append(&mut self, frames: &[Stamped]) -> Result<(), WriteError> {
         let written = match &mut self.output {
             Output::Plain(output) => log::write_log(output, frames),
@@ -80,11 +80,11 @@ impl BusLog {
         written.map_err(|error| WriteError::at(&self.place())(error))
     }
 
-    /// Hands everything to the operating system, so that a kill loses nothing older; of a compressed log, all but the latest
+    /// Hands all frames to the operating system, so that a kill loses no older ones; for a compressed log, all but the latest
     /// second.
     ///
     /// # Errors
-    /// The disk does not take it.
+    /// If the disk does not take it.
     pub fn flush(&mut self) -> Result<(), WriteError> {
         let written = match &mut self.output {
             Output::Plain(output) => output.flush(),
@@ -93,10 +93,10 @@ impl BusLog {
         written.map_err(|error| WriteError::at(&self.place())(error))
     }
 
-    /// Ends the log, to read it.
+    /// Ends the log and returns it for reading.
     ///
     /// # Errors
-    /// The disk does not take it, or the log is not where it was.
+    /// If the disk does not take it, or the log is not at its path any more.
     pub(crate) fn finish(mut self) -> Result<OpenLog, WriteError> {
         self.flush()?;
         let place = self.place();
@@ -114,7 +114,7 @@ impl BusLog {
     }
 }
 
-/// Whether a file that is open is the one of this name.
+/// Returns whether an open file is the one at this path.
 pub(crate) fn has_name(file: &File, path: &Path) -> bool {
     let number = |found: Metadata| (found.dev(), found.ino());
     let own = file.metadata().map(number);
@@ -151,13 +151,13 @@ impl Output {
     }
 }
 
-/// A compressed log: each second is a piece that can be read without the others.
+/// Compressed log: each second is a piece that can be read without the others.
 struct Pieces {
     file: File,
     compressor: Compressor<'static>,
-    /// The lines of the latest piece, which is still open.
+    /// Lines of the latest piece, which is still open.
     text: Vec<u8>,
-    /// When it begins.
+    /// Time of its first frame.
     since: Duration,
     /// Whether frames came since the latest flush.
     has_new: bool,
@@ -226,7 +226,7 @@ mod tests {
         )
     }
 
-    /// A log of three seconds, and how many frames are read of it when it is cut to so many bytes.
+    /// A log of three seconds, cut at each byte: the whole seconds before the cut are read.
     #[test]
     fn a_compressed_log_cut_at_any_byte_reads_to_the_last_second() {
         let folder = tempfile::tempdir().unwrap();
@@ -239,7 +239,7 @@ mod tests {
             log.flush().unwrap();
             ends.push(fs::metadata(&path).unwrap().len());
         }
-        // Nobody ended it: that is what a kill leaves.
+        // The log was not ended, as after a kill.
         let killed = Log::read(&path).unwrap();
         assert_eq!((killed.frames.len(), killed.unread.broken), (3000, None));
         log.finish().unwrap();

@@ -1,5 +1,5 @@
-//! Takes the frames of a running world: into the log of its folder, or into memory where it has none. Of a long run, memory holds
-//! the latest frames only; without a folder, the others are in a file without a name.
+//! Capture of the frames of a running world: into the log of its folder, or into memory if it has none. Of a long run, memory
+//! holds only the latest frames; without a folder, the others are in a file without a name.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,12 +16,13 @@ use crate::progress::{ProgressReader, RunProgress};
 use crate::run_folder::WriteError;
 use crate::unrecorded::Unrecorded;
 
-/// So many frames of a run without a folder stay in memory, in 40 MB: four minutes of a bus with four frames in a cycle of 1 ms.
+/// Largest number of frames of a run without a folder in memory, 40 MB: four minutes of a bus with four frames in a cycle of 1
+/// ms.
 const WITHOUT_LOG_MAX: usize = 8 * KEPT_MAX;
-/// So many identifiers are remembered by their last frame.
+/// Number of identifiers whose last frame is remembered.
 const IDENTIFIERS_MAX: usize = 4096;
 
-/// What the threads of a run share: its progress, and the request to end.
+/// State that the threads of a run share: its progress, and the request to end.
 #[derive(Debug, Default)]
 pub struct Watch {
     progress: Mutex<RunProgress>,
@@ -44,26 +45,26 @@ impl Watch {
         self.is_interrupted.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the run was asked to end.
+    /// Returns whether the run was asked to end.
     #[must_use]
     pub fn is_interrupted(&self) -> bool {
         self.is_interrupted.load(Ordering::Relaxed)
     }
 }
 
-/// The frames of one run so far.
+/// Frames of one run so far.
 #[derive(Debug)]
 pub struct Capture<'a> {
-    /// The latest frames; of each identifier that is not among them, the last before.
+    /// Latest frames; for each identifier that is not among them, also its last frame before.
     frames: Vec<Stamped>,
-    /// Frames so far.
+    /// Number of frames so far.
     count: usize,
     unrecorded: Unrecorded,
-    /// So many of the frames are in the log.
+    /// Number of the frames that are in the log.
     written: usize,
     log: Option<BusLog>,
     clock: ScenarioClock,
-    /// Time of the last frame of a run that broke off; the frames behind it show how the nodes stop.
+    /// Time of the last frame of a run that broke off; later frames show how the nodes stop.
     broke_off: Option<Duration>,
     progress: Option<ProgressReader>,
     watch: &'a Watch,
@@ -71,8 +72,8 @@ pub struct Capture<'a> {
 }
 
 impl<'a> Capture<'a> {
-    /// An empty capture of a run with a folder: writes to `log`, shows the run's progress to `watch` and hands the frames
-    /// on to `observers`.
+    /// Makes an empty capture of a run with a folder. It writes to `log`, shows the run's progress to `watch` and passes the
+    /// frames on to `observers`.
     #[must_use]
     pub fn new(
         log: BusLog,
@@ -90,7 +91,7 @@ impl<'a> Capture<'a> {
         }
     }
 
-    /// An empty capture of a run without a folder.
+    /// Makes an empty capture of a run without a folder.
     #[must_use]
     pub fn in_memory(clock: ScenarioClock, watch: &'a Watch) -> Self {
         Self {
@@ -107,7 +108,7 @@ impl<'a> Capture<'a> {
         }
     }
 
-    /// Makes room for so many frames, since frames that have to move as they become more are copied again and again.
+    /// Reserves room for this many frames, since a growing buffer would copy them again and again.
     pub fn expect(&mut self, frames: usize) {
         let kept_max = self.log.as_ref().map_or(WITHOUT_LOG_MAX, |_| 2 * KEPT_MAX);
         self.frames.reserve(frames.min(kept_max));
@@ -124,7 +125,7 @@ impl<'a> Capture<'a> {
         }
     }
 
-    /// Scenario time of the last frame; `None` before the scenario began.
+    /// Returns scenario time of the last frame; `None` before the scenario began.
     #[must_use]
     pub fn scenario_time(&self) -> Option<Duration> {
         self.frames
@@ -132,26 +133,26 @@ impl<'a> Capture<'a> {
             .and_then(|last| self.clock.scenario_time(last.time))
     }
 
-    /// When the scenario began, on the clock of the frames; `None` before.
+    /// Returns the start of the scenario on the clock of the frames; `None` before it.
     #[must_use]
     pub fn zero(&self) -> Option<Duration> {
         self.clock.zero()
     }
 
-    /// Notes that the run breaks off here, unless it has before.
+    /// Notes that the run breaks off here, unless it did before.
     pub fn break_off(&mut self) {
         let last = self.frames.last().map(|last| last.time);
         self.broke_off = self.broke_off.or(last);
     }
 
-    /// The latest frames up to where the run broke off.
+    /// Returns the latest frames up to the point where the run broke off.
     #[must_use]
     pub fn frames_of_run(&self) -> &[Stamped] {
         let is_of_run = |stamped: &Stamped| self.broke_off.is_none_or(|end| stamped.time <= end);
         &self.frames[..self.frames.partition_point(is_of_run)]
     }
 
-    /// Whether the user wants the run to end.
+    /// Returns whether the user wants the run to end.
     #[must_use]
     pub fn is_interrupted(&self) -> bool {
         self.watch.is_interrupted()
@@ -162,23 +163,23 @@ impl<'a> Capture<'a> {
         self.watch
     }
 
-    /// The latest frames; the last of each identifier is among them.
+    /// Returns the latest frames; the last one of each identifier is among them.
     #[must_use]
     pub fn frames(&self) -> &[Stamped] {
         &self.frames
     }
 
-    /// The frames that came since `seen` was the number of frames so far, which becomes what it is now. Who looks after each
+    /// Returns the frames that came since `seen` was the number of frames, and updates it. A reader that calls this after each
     /// flush misses none.
     pub fn since(&self, seen: &mut usize) -> &[Stamped] {
         let new = self.count - std::mem::replace(seen, self.count);
         &self.frames[self.frames.len().saturating_sub(new)..]
     }
 
-    /// Writes what is not yet in `bus.log`, and shows how far the run is.
+    /// Writes the frames that are not in `bus.log` yet, and updates the progress of the run.
     ///
     /// # Errors
-    /// The disk does not take it.
+    /// If the disk does not take them.
     pub fn flush(&mut self) -> Result<(), WriteError> {
         if self.log.is_none() && self.frames.len() > WITHOUT_LOG_MAX {
             self.log = Some(BusLog::without_name()?);
@@ -200,7 +201,7 @@ impl<'a> Capture<'a> {
         Ok(())
     }
 
-    /// Leaves out all but the latest frames, and of the others the last of each identifier.
+    /// Removes all but the latest frames and the last one of each other identifier.
     #[cold]
     fn forget(&mut self) {
         let latest = self.frames.split_off(self.frames.len() - KEPT_MAX);
@@ -227,10 +228,10 @@ impl<'a> Capture<'a> {
         self.unrecorded.fd_frames += frames;
     }
 
-    /// The frames, with everything in the log if there is one, and what is not among them.
+    /// Returns the frames, after all were written to the log if there is one, with a count of the missing ones.
     ///
     /// # Errors
-    /// The disk does not take them.
+    /// If the disk does not take them.
     pub fn finish(mut self) -> Result<(Frames, Unrecorded), WriteError> {
         self.flush()?;
         let log = self.log.map(BusLog::finish).transpose()?;
@@ -252,7 +253,7 @@ mod tests {
     use scenario::Trial;
 
     fn frame(number: usize) -> Stamped {
-        // One identifier comes once only, at the beginning.
+        // One identifier comes only once, at the beginning.
         let id = if number == 3 { 0x081 } else { 0x190 };
         let micros = u64::try_from(number).unwrap();
         Stamped::new(Duration::from_micros(micros), CanFrame::new(id, &[1]))

@@ -1,8 +1,8 @@
-//! Texts in tables for other programs. Names in a folder's DBC are somebody else's.
+//! Texts in tables for other programs. Names in a folder's DBC are foreign.
 
 use std::borrow::Cow;
 
-/// A text that no spreadsheet takes for a formula: where it could, an apostrophe is before it.
+/// Returns a text that no spreadsheet takes for a formula: with an apostrophe before it if it could be one.
 #[must_use]
 pub fn inert(text: &str) -> Cow<'_, str> {
     if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
@@ -12,7 +12,7 @@ pub fn inert(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// The same as a cell of a CSV table: in quotes where a part of it would be taken for the table's own.
+/// Returns the text as a cell of a CSV table, in quotes if a character would be taken for the table's own.
 #[must_use]
 pub fn cell(text: &str) -> Cow<'_, str> {
     let text = inert(text);
@@ -23,7 +23,7 @@ pub fn cell(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// The names of a table's columns as its first line.
+/// Returns the names of a table's columns as its first line.
 #[must_use]
 pub fn heading<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     let cells = names.into_iter().map(cell);

@@ -1,5 +1,5 @@
-//! A drive's report on itself after the end that a node put to a run: its power state and its current, which the bench asks for by SDO
-//! once the drive's watches have passed. A drive that hears no SYNC says nothing by itself.
+//! Reports of a drive on itself after a node ended a run: its power state and its current. The bench asks for them by SDO once
+//! the drive's watches have run out, since a drive that hears no SYNC sends nothing by itself.
 
 use std::time::Duration;
 
@@ -10,20 +10,20 @@ use dbc::{Coding, names};
 use plan::ControlLoop;
 use scenario::rig::{ObjectAddress, Timeouts};
 
-/// The client's command that reads an object.
+/// Client's command that reads an object.
 const UPLOAD: u8 = 0x40;
-/// The server's answer with the value in it, whatever its length.
+/// Mask and value of the server's answer that contains the value, of any length.
 const EXPEDITED: (u8, u8) = (0b1110_0010, 0b0100_0010);
 const STATUSWORD_OBJECT: ObjectAddress = ObjectAddress {
     index: STATUSWORD,
     sub_index: 0,
 };
-/// SYNC periods after which a drive misses the SYNC.
+/// Number of SYNC periods after which a drive misses the SYNC.
 const SYNC_PERIODS: u32 = 3;
-/// Time of the longest watch that is waited for.
+/// Longest watch to wait for.
 const WATCH_MAX: Duration = Duration::from_secs(1);
 
-/// Time after which a drive that nobody leads any more is off by itself: its watches for heartbeat and SYNC have passed.
+/// Returns the time after which a drive without a controller is off by itself: its watches for heartbeat and SYNC have run out.
 #[must_use]
 pub fn watch(one: &ControlLoop) -> Duration {
     let real = one.real_drive.as_ref();
@@ -33,7 +33,7 @@ pub fn watch(one: &ControlLoop) -> Duration {
     heartbeat.max(sync).min(WATCH_MAX)
 }
 
-/// The requests that make a drive report its power state and its current, where it measures that.
+/// Returns the requests for a drive's power state and for its current, if it measures that.
 #[must_use]
 pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
     let drive = one.nodes.drive.id;
@@ -46,7 +46,7 @@ pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
     [Some(STATUSWORD_OBJECT), current].map(|object| object.map(request))
 }
 
-/// The object of the measured current, and how its value is read.
+/// Returns the object of the measured current, with the coding of its value.
 fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
     let signal = feedback.signal(&one.trial.wiring.sensor.measurand.rename(names::CURRENT))?;
@@ -56,14 +56,14 @@ fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     Some((object, signal.coding.starting_at(0)))
 }
 
-/// The answers of a drive, each with its scenario time in seconds.
+/// Answers of a drive, each with its scenario time in seconds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DriveReports {
     pub statuswords: Vec<(f64, f64)>,
     pub currents_amperes: Vec<(f64, f64)>,
 }
 
-/// Reads the answers of one drive.
+/// Reader of the answers of one drive.
 pub(crate) struct DriveReportReader {
     raw_id: u32,
     current: Option<(ObjectAddress, Coding)>,
@@ -84,7 +84,7 @@ impl DriveReportReader {
         self.raw_id
     }
 
-    /// Takes a frame of that identifier.
+    /// Takes a frame with that identifier.
     pub(crate) fn on_frame(&mut self, time: Duration, frame: &CanFrame) {
         let &[command, low, high, sub_index, a, b, c, d] = frame.data() else {
             return;
@@ -105,7 +105,7 @@ impl DriveReportReader {
         }
     }
 
-    /// All reports in the order of time.
+    /// Takes all reports, in the order of time.
     pub(crate) fn take_all(&mut self) -> DriveReports {
         std::mem::take(&mut self.reports)
     }

@@ -1,10 +1,10 @@
-//! Who ended a run before its scenario's end, and why.
+//! End of a run before its scenario's end, with its cause.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Who ended it.
+/// Cause of the end.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndedBy {
@@ -12,29 +12,29 @@ pub enum EndedBy {
     Node,
     /// A part of canrig, or the bus.
     Bench,
-    /// Ctrl-C.
+    /// The user, by Ctrl-C.
     User,
 }
 
-/// The end of a run that did not come to its scenario's end, as `verdict.json` holds it.
+/// End of a run before its scenario's end, as `verdict.json` holds it.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct EarlyEnd {
     pub by: EndedBy,
-    /// Which node; none where the bench or the user ended it.
+    /// Node that caused the end; `None` if the bench or the user ended it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub node: Option<String>,
-    /// Since when something was amiss, in scenario time; where the scenario never began, in that of the recording.
+    /// Time of the first sign of the cause, in scenario time, or in recording time if the scenario never began.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub since_seconds: Option<f64>,
-    /// When the run ended for it, in the same time.
+    /// Time at which the run ended because of it, on the same clock.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_seconds: Option<f64>,
-    /// What happened.
+    /// Description of the cause.
     pub what: String,
 }
 
 impl EarlyEnd {
-    /// The bench's or the user's end.
+    /// Makes an end by the bench or the user.
     #[must_use]
     pub fn without_node(by: EndedBy, what: impl Into<String>) -> Self {
         Self {
@@ -47,7 +47,7 @@ impl EarlyEnd {
     }
 }
 
-/// `controller: silent since 3.012 s`
+/// Writes a text such as `controller: silent since 3.012 s`.
 impl fmt::Display for EarlyEnd {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.node {

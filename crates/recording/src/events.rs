@@ -1,4 +1,4 @@
-//! What happened on the bus besides the cyclic traffic: start-up, states, emergencies, disturbances.
+//! Events of a run other than cyclic traffic: start-up, states, emergencies, disturbances.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,13 +15,13 @@ use crate::log::Stamped;
 use crate::node_words::NodeWords;
 use crate::occurrences::{Notes, Occurrences};
 
-/// An error of the bus that was silent for so long begins anew.
+/// Silence after which an error of the bus makes a new event.
 const BUS_ERROR_PAUSE: Duration = Duration::from_secs(1);
 
-/// How grave an event is.
+/// Severity of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// Part of a normal run.
+    /// A part of a normal run.
     Info,
     /// A fault that the scenario injects.
     Warning,
@@ -29,16 +29,16 @@ pub enum Level {
     Error,
 }
 
-/// What may happen, on the bus or by the scenario.
+/// Event on the bus or of the scenario.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Event {
     pub level: Level,
-    /// What happened, for people.
+    /// Description of the event for the user.
     pub text: String,
 }
 
 impl Event {
-    /// No word of it steers a terminal, even where the text has labels of a stranger's DBC.
+    /// Makes an event. Its text cannot steer a terminal, even if it holds labels of a foreign DBC.
     #[must_use]
     pub fn new(level: Level, text: &str) -> Self {
         Self {
@@ -48,36 +48,36 @@ impl Event {
     }
 }
 
-/// All that happened.
+/// All events of a run.
 pub type Events = Occurrences<Event>;
 
-/// What of a message is worth an event.
+/// Rule by which a message makes events.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum EventKind {
-    /// A state, whenever it changes.
+    /// State, at each change.
     State,
-    /// Every message.
+    /// Command, with every message.
     Command,
-    /// Every message; 0 says that the emergency is over.
+    /// Emergency, with every message; 0 means that it is over.
     Emergency,
 }
 
-/// A signal that makes events.
+/// Signal that makes events.
 struct EventSignal {
     signal: SignalHandle,
     definition: Signal,
     kind: EventKind,
-    /// Whose it is.
+    /// Node of the signal.
     node: String,
-    /// The latest value, and the bits that it was made of.
+    /// Latest value, and the bits from which it was decoded.
     last: Option<f64>,
     last_bits: Option<u64>,
-    /// What explains an emergency further.
+    /// Signal that explains an emergency further.
     cause: Option<(SignalHandle, Signal)>,
 }
 
 impl EventSignal {
-    /// The signal's value with its label, where it makes an event.
+    /// Returns the signal's value with its label, if it makes an event.
     fn read(&mut self, stamped: &Stamped) -> Option<(f64, String)> {
         let is_state = self.kind == EventKind::State;
         let bits = self.signal.bits(&stamped.frame);
@@ -98,8 +98,8 @@ impl EventSignal {
         Some((value, text))
     }
 
-    /// The label of what explains an emergency further; where there are several drives, with the node concerned, whose number is
-    /// the lowest byte.
+    /// Returns the label of the signal that explains an emergency further. With several drives it names the node concerned, whose
+    /// number is the lowest byte.
     fn cause(&self, stamped: &Stamped, words: &NodeWords) -> Option<String> {
         let (signal, definition) = self.cause.as_ref()?;
         let value = signal.decode(&stamped.frame)?;
@@ -118,20 +118,20 @@ impl EventSignal {
     }
 }
 
-/// Reads events from frames: every change of a state, every NMT command, every emergency.
+/// Reader of events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
     words: NodeWords,
     signals: ByIdentifier<EventSignal>,
-    /// By the recording's clock, as the emergencies.
+    /// Events with recording times, like the emergencies.
     events: Notes<Event>,
     emergencies: Notes<Emergency>,
-    /// When each was last seen.
+    /// Time of the last sighting of each error.
     bus_errors: BTreeMap<String, Duration>,
     given_until_seconds: f64,
 }
 
 impl EventReader {
-    /// Of several loops each has a reader.
+    /// Makes the reader of one loop.
     pub(crate) fn new(database: &Database, words: NodeWords) -> Self {
         let signals = event_signals(database, &words);
         Self {
@@ -147,13 +147,13 @@ impl EventReader {
         }
     }
 
-    /// The identifiers of the messages that make events; errors of the bus make some besides.
+    /// Returns the identifiers of the messages that make events; errors of the bus make some, too.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
         self.signals.raw_ids()
     }
 
-    /// Takes a frame of a message that makes events, or an error of the bus; true where it made one. Readers of several loops on
-    /// one bus agree on that, also where one of them was not asked since the latest event.
+    /// Takes a frame of a message that makes events, or an error of the bus; returns whether it made one. The readers of several
+    /// loops on one bus give the same answer, even if one of them was not asked since the latest event.
     pub(crate) fn on_frame(&mut self, stamped: &Stamped) -> bool {
         if let Some(message) = error_frames::read(&stamped.frame) {
             return self.on_error_frame(stamped.time, message);
@@ -180,7 +180,7 @@ impl EventReader {
         true
     }
 
-    /// What a CAN driver reports. What it may report with each frame is an event when it begins.
+    /// Takes the report of a CAN driver. An error that it may report with each frame makes an event only when it begins.
     fn on_error_frame(&mut self, time: Duration, message: ErrorMessage) -> bool {
         let ErrorMessage {
             node,
@@ -200,13 +200,13 @@ impl EventReader {
         true
     }
 
-    /// The emergencies since the last time; the scenario began at `zero`, on the recording's clock.
+    /// Takes the emergencies since the last call; the scenario began at `zero`, on the recording's clock.
     pub(crate) fn take_emergencies(&mut self, zero: Option<Duration>) -> Occurrences<Emergency> {
         self.emergencies.take_since(seconds_at(zero))
     }
 
-    /// What happened since the last time, and what the scenario did before `until_seconds`, in the order of time. Before
-    /// scenario time 0 is known there is nothing, unless `until_seconds` is infinite.
+    /// Takes the events since the last call, with those of the scenario before `until_seconds`, in the order of time. As long as
+    /// scenario time 0 is unknown there are none, unless `until_seconds` is infinite.
     pub(crate) fn take_until(
         &mut self,
         until_seconds: f64,
@@ -234,7 +234,7 @@ impl EventReader {
     }
 }
 
-/// When the scenario began; where it never did, times are those of the recording.
+/// Returns the start of the scenario; 0 if it never began, so that times are those of the recording.
 fn seconds_at(zero: Option<Duration>) -> f64 {
     zero.unwrap_or_default().as_secs_f64()
 }
@@ -252,7 +252,7 @@ fn emergency(node: &str, value: f64) -> Emergency {
     }
 }
 
-/// The signals that make events: commands of NMT, and of each node its state, its statusword and its emergencies.
+/// Returns the signals that make events: commands of NMT, and for each node its state, its statusword and its emergencies.
 fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
     let make = |message: &str, name: &str, kind, node: &str| {
         let message = database.message(message)?;
@@ -280,12 +280,12 @@ fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
     [nmt].into_iter().chain(of_nodes).flatten().collect()
 }
 
-/// Whose CAN controller a node's number stands for.
+/// Returns the name of the node with this number, or `bench` for an unknown one.
 fn controller_of(node: u8, words: &NodeWords) -> &str {
     words.of_node(node).unwrap_or("bench")
 }
 
-/// To whom a command goes, where there are several drives.
+/// Describes the addressee of a command, if there are several drives.
 fn addressee(frame: &CanFrame, words: &NodeWords) -> String {
     match (words.of_loop(), frame.data()) {
         (Some(_), [_, 0, ..]) => " to all nodes".to_owned(),
@@ -297,7 +297,7 @@ fn addressee(frame: &CanFrame, words: &NodeWords) -> String {
     }
 }
 
-/// The signal that explains an emergency further, where its values have names.
+/// Returns the signal that explains an emergency further, if its values have names.
 fn cause(database: &Database, message: &str) -> Option<(SignalHandle, Signal)> {
     let path = format!("{message}.manufacturer_error");
     Some((database.signal(&path)?, database.definition(&path)?.clone()))

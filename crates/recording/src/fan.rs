@@ -1,4 +1,4 @@
-//! Whether the scenario's disturbances reach an io node on the bus.
+//! Check that the scenario's disturbances reach the io nodes on the bus.
 
 use std::collections::BTreeMap;
 
@@ -6,11 +6,11 @@ use canopen::CanFrame;
 use dbc::names;
 use plan::ControlLoop;
 
-/// Looks for the heartbeats of the io nodes that disturb a loop, and for the commands to them.
+/// Reader of the heartbeats of the io nodes that disturb a loop, and of the commands to them.
 pub(crate) struct FanReader {
-    /// By identifier, whether such a frame came.
+    /// Identifiers to look for, with whether such a frame came.
     seen: BTreeMap<u32, bool>,
-    /// An io node is not in the database.
+    /// Whether an io node is missing in the database.
     is_one_missing: bool,
 }
 
@@ -35,7 +35,7 @@ impl FanReader {
         reader
     }
 
-    /// The identifiers of the messages that it reads.
+    /// Returns the identifiers of the messages that it reads.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
         self.seen.keys().copied()
     }
@@ -46,7 +46,7 @@ impl FanReader {
         }
     }
 
-    /// The io nodes are there and get their commands.
+    /// Returns whether all io nodes are present and get their commands.
     pub(crate) fn has_fan(&self) -> bool {
         !self.is_one_missing && self.seen.values().all(|seen| *seen)
     }

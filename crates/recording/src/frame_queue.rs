@@ -1,7 +1,7 @@
-//! Frames for an observer that may be slow, paused or gone: a wait-free ring of bounded size to a thread of its own.
+//! Queue of frames for an observer that may be slow, paused or gone: a wait-free ring of bounded size to a thread of its own.
 //!
-//! A push costs 10 to 25 ns a frame, measured by the ignored test below, whatever the observer does: neither lock,
-//! allocation nor system call. That is 0.1 µs a cycle, however many signals its frames hold.
+//! A push costs 10 to 25 ns a frame for any observer, measured by the ignored test below: neither lock, allocation nor system
+//! call. That is 0.1 µs a cycle for any number of signals.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,23 +12,23 @@ use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use crate::log::Stamped;
 
-/// Frames that an observer may be behind: about ten seconds of a bus with six frames in a cycle of 1 ms, in 3 MB.
+/// Number of frames that an observer may be behind: about ten seconds of a bus with six frames in a cycle of 1 ms, in 3 MB.
 const CAPACITY: usize = 1 << 16;
-/// How long virtual time stands still for an observer that takes nothing. After that it is no longer waited for.
+/// Longest time for which virtual time waits for an observer that takes no frame. Afterwards it is not waited for any more.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How often it is looked whether there is room.
+/// Period of the check for room.
 const LOOK_PERIOD: Duration = Duration::from_millis(1);
 
-/// What to do with a frame when the observer is too far behind.
+/// Treatment of a frame when the observer is too far behind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WhenFull {
-    /// Leave it out, and count it: real time waits for nobody.
+    /// Drop and count it: real time does not wait.
     Drop,
-    /// Wait for room, as long as the observer takes anything at all.
+    /// Wait for room, as long as the observer takes any frames.
     Wait,
 }
 
-/// Frames that an observer has not got.
+/// Number of frames that an observer has missed.
 #[derive(Clone, Debug, Default)]
 pub struct DroppedFrames(Arc<AtomicU64>);
 
@@ -39,7 +39,7 @@ impl DroppedFrames {
     }
 }
 
-/// The run's end of a bounded queue of frames.
+/// Run's end of a bounded queue of frames.
 #[derive(Debug)]
 pub struct FrameQueue {
     ring: Producer<Stamped>,
@@ -48,7 +48,7 @@ pub struct FrameQueue {
 }
 
 impl FrameQueue {
-    /// The run's end, the observer's end, and the count of what did not fit.
+    /// Makes a queue; returns the run's end, the observer's end, and the count of the frames that did not fit.
     #[must_use]
     pub fn new(when_full: WhenFull) -> (Self, Consumer<Stamped>, DroppedFrames) {
         let (ring, observer) = RingBuffer::new(CAPACITY);
@@ -61,13 +61,13 @@ impl FrameQueue {
         (queue, observer, dropped)
     }
 
-    /// Hands a frame on.
+    /// Passes a frame on.
     pub fn push(&mut self, stamped: Stamped) {
         let Err(PushError::Full(stamped)) = self.ring.push(stamped) else {
             return;
         };
         if self.when_full == WhenFull::Wait && self.has_room_in_time() {
-            // There is room, and nobody else pushes.
+            // There is room, and no other thread pushes.
             let _ = self.ring.push(stamped);
             return;
         }

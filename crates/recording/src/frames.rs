@@ -1,4 +1,4 @@
-//! The frames of a recording, as often as they are needed: few are in memory, many are read from their log each time.
+//! Frames of a recording, for repeated reading: few are kept in memory, many are read from their log each time.
 
 use std::fmt;
 use std::io;
@@ -7,7 +7,7 @@ use std::slice;
 
 use crate::log::{LogFile, OpenLog, Stamped, Unread};
 
-/// So many frames stay in memory at most: half a minute of a bus with four frames in a cycle of 1 ms, in 5 MB.
+/// Largest number of frames in memory: half a minute of a bus with four frames in a cycle of 1 ms, in 5 MB.
 pub(crate) const KEPT_MAX: usize = 1 << 17;
 
 /// All frames of a recording.
@@ -15,12 +15,12 @@ pub(crate) const KEPT_MAX: usize = 1 << 17;
 pub struct Frames {
     kept: Vec<Stamped>,
     count: usize,
-    /// Where they are, if not all are kept.
+    /// Log with the frames, if not all are kept.
     log: Option<OpenLog>,
 }
 
 impl Frames {
-    /// The first so many frames of a log that was read to its end before.
+    /// Returns the first `count` frames of a log that was read to its end before.
     #[must_use]
     pub(crate) fn of_log(log: OpenLog, count: usize) -> Self {
         Self {
@@ -30,7 +30,7 @@ impl Frames {
         }
     }
 
-    /// All of them in memory.
+    /// Returns all of them in memory.
     #[must_use]
     pub fn into_vec(self) -> Vec<Stamped> {
         match self.log {
@@ -49,10 +49,10 @@ impl Frames {
         self.count == 0
     }
 
-    /// From the first to the last.
+    /// Iterates from the first to the last.
     ///
     /// # Panics
-    /// The log was changed since it was read before: with [`LogChanged`].
+    /// With [`LogChanged`], if the log was changed since it was read before.
     #[must_use]
     pub fn iter(&self) -> FrameIter<'_> {
         match &self.log {
@@ -84,14 +84,14 @@ impl<'a> IntoIterator for &'a Frames {
     }
 }
 
-/// The frames one by one.
+/// Iterator over the frames.
 pub enum FrameIter<'a> {
     /// From memory.
     Kept(slice::Iter<'a, Stamped>),
     /// From their log.
     Log {
         log: Box<LogFile>,
-        /// So many are still to come. A log that has grown since it was read before has more.
+        /// Number of frames still to come. A log that has grown since it was read before has more.
         left: usize,
     },
 }
@@ -121,7 +121,7 @@ impl Iterator for FrameIter<'_> {
     }
 }
 
-/// What a log holds, as far as it can be read.
+/// Content of a log, as far as it can be read.
 #[derive(Clone, Debug, Default)]
 pub struct Log {
     pub frames: Frames,
@@ -129,10 +129,10 @@ pub struct Log {
 }
 
 impl Log {
-    /// Reads a log file to its end, up to where it breaks off. The frames of a long one are read again when they are needed.
+    /// Reads a log file up to its end, or to the point where it breaks off. The frames of a long one are read again when needed.
     ///
     /// # Errors
-    /// The file cannot be read, or is no log.
+    /// If the file cannot be read, or is no log.
     pub fn read(path: &Path) -> io::Result<Self> {
         let open = OpenLog::open(path)?;
         let mut log = open.frames()?;
@@ -156,7 +156,7 @@ impl Log {
     }
 }
 
-/// Why the frames of a recording cannot be read again: somebody changed its log since.
+/// Error: the frames of a recording cannot be read again, since its log was changed meanwhile.
 #[derive(Debug)]
 pub struct LogChanged(String);
 
@@ -170,7 +170,7 @@ impl fmt::Display for LogChanged {
     }
 }
 
-/// Whoever goes through frames has them in memory or from a log that was read to its end before, so it is as if memory had failed.
+/// Panics. A reader has frames in memory or from a log that was read to its end before, so a change is like a failure of memory.
 fn changed(reason: &dyn fmt::Display) -> ! {
     std::panic::panic_any(LogChanged(reason.to_string()))
 }

@@ -1,11 +1,11 @@
-//! Which frames somebody reads, and what for: looked up for every frame of a recording.
+//! Index of the frames that a reader reads, and of their purpose: looked up for every frame of a recording.
 
 use std::collections::BTreeMap;
 
-/// Identifiers of 11 bits.
+/// Number of identifiers of 11 bits.
 const STANDARD: usize = 0x800;
 
-/// A set of identifiers. Those of more than 11 bits, error frames among them, are always in it.
+/// Set of identifiers. It always contains the identifiers of more than 11 bits, with those of error frames.
 #[derive(Clone, Debug)]
 pub(crate) struct Identifiers([u64; STANDARD / 64]);
 
@@ -20,7 +20,7 @@ impl Identifiers {
 }
 
 impl Identifiers {
-    /// Those of 11 bits that are in it.
+    /// Returns the identifiers of 11 bits in the set.
     fn standard(&self) -> impl Iterator<Item = usize> {
         let words = self.0.iter().enumerate();
         words.flat_map(|(word, bits)| {
@@ -44,16 +44,16 @@ impl FromIterator<u32> for Identifiers {
     }
 }
 
-/// Who of several reads which frames. Each is named by its place.
+/// Index of several readers by frame. Each reader is named by its place.
 pub(crate) struct Readers {
-    /// By identifier of 11 bits.
+    /// Readers by identifier of 11 bits.
     standard: Vec<Vec<usize>>,
-    /// Who reads those of more: all.
+    /// Readers of the longer identifiers: all.
     all: Vec<usize>,
 }
 
 impl Readers {
-    /// From what each of them reads.
+    /// Makes the index from the identifiers that each of them reads.
     pub(crate) fn new<'a>(read: impl IntoIterator<Item = &'a Identifiers>) -> Self {
         let mut standard = vec![Vec::new(); STANDARD];
         let mut all = Vec::new();
@@ -64,18 +64,18 @@ impl Readers {
         Self { standard, all }
     }
 
-    /// Those who read a frame, in their order.
+    /// Returns the readers of a frame, in their order.
     #[inline]
     pub(crate) fn of(&self, raw_id: u32) -> &[usize] {
         self.standard.get(raw_id as usize).unwrap_or(&self.all)
     }
 }
 
-/// Values by the identifiers of messages.
+/// Map of values by the identifiers of messages.
 pub(crate) struct ByIdentifier<T> {
-    /// In the order of the identifiers.
+    /// Values in the order of the identifiers.
     values: Vec<(u32, T)>,
-    /// By identifier of 11 bits, one more than the place of its value; 0 for none.
+    /// One more than the place of the value, by identifier of 11 bits; 0 for no value.
     standard: Box<[u16; STANDARD]>,
 }
 
@@ -102,7 +102,7 @@ impl<T> ByIdentifier<T> {
 }
 
 impl<T> FromIterator<(u32, T)> for ByIdentifier<T> {
-    /// Of two values of one identifier the later is kept.
+    /// Keeps the later of two values with one identifier.
     fn from_iter<I: IntoIterator<Item = (u32, T)>>(values: I) -> Self {
         let values = BTreeMap::from_iter(values).into_iter();
         let values = Vec::from_iter(values);

@@ -1,6 +1,6 @@
-//! How punctual a run in real time was: latencies between frames, and what the nodes' loops counted.
+//! Timing of a run in real time: latencies between frames, and the counters of the nodes' loops.
 //!
-//! Latencies are differences of the receive stamps of one recorder; wake-up lateness is what the nodes' loops counted.
+//! Latencies are differences of the receive stamps of one recorder; wake-up lateness comes from the nodes' loops.
 
 use std::borrow::Borrow;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use crate::log::Stamped;
 use crate::sources::Sent;
 use crate::stalls::Stall;
 
-/// Latencies above this count as this.
+/// Largest latency that is counted; a larger one counts as this.
 const LATENCY_MICROSECONDS_MAX: u64 = 10_000_000;
 
 /// Median and tail of a distribution, in microseconds.
@@ -32,7 +32,7 @@ pub struct Quantiles {
 }
 
 impl Quantiles {
-    /// The quantiles of a histogram whose unit is so many in a microsecond.
+    /// Returns the quantiles of a histogram with `per_microsecond` units in a microsecond.
     #[must_use]
     pub fn new(histogram: &Histogram<u64>, per_microsecond: u32) -> Self {
         #[expect(clippy::cast_precision_loss, reason = "values stay far below 2^52")]
@@ -46,7 +46,7 @@ impl Quantiles {
         }
     }
 
-    /// The larger of each.
+    /// Returns the larger of each quantile.
     #[must_use]
     pub fn worst(self, other: Self) -> Self {
         Self {
@@ -58,29 +58,29 @@ impl Quantiles {
     }
 }
 
-/// What a node's loop counted, as its process reports it at its end.
+/// Counters of a node's loop, as its process reports them at its end.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct NodeReport {
     pub ticks: u64,
-    /// Deadlines that had passed before the tick before them was done.
+    /// Number of deadlines that had passed before the tick before them was done.
     pub overruns: u64,
-    /// How late the ticks were.
+    /// Lateness of the ticks.
     pub wake_up_lateness_microseconds: Quantiles,
-    /// Frames that were lost before the node could take them.
+    /// Number of frames that were lost before the node could take them.
     pub frames_dropped: u64,
-    /// Frames that waited for room in the full queue of the bus (ENOBUFS) before they were sent.
+    /// Number of frames that waited for room in the full queue of the bus (ENOBUFS) before they were sent.
     #[serde(default)]
     pub frames_delayed: u64,
-    /// Cycles in which the process of a law did not answer in time.
+    /// Number of cycles in which the process of a law did not answer in time.
     #[serde(default, skip_serializing_if = "is_none")]
     pub late_answers: u64,
-    /// What the system refused: priority, locked memory.
+    /// Refusals of the system: priority, locked memory.
     pub refused: Vec<String>,
-    /// The frames that the node sent, by identifier. The world takes them out into the run's own list.
+    /// Number of frames that the node sent, by identifier. The world moves them to the run's own list.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sent: Vec<(u16, u64)>,
-    /// Where the loop waited before a deadline and was woken late: deadline and waking up, in nanoseconds of the monotonic
-    /// clock. The world takes them out into the run's stalls.
+    /// Deadlines before which the loop waited and was woken late, with the times of the wake-ups, in nanoseconds of the monotonic
+    /// clock. The world moves them to the run's stalls.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub late: Vec<[u64; 2]>,
 }
@@ -91,7 +91,7 @@ fn is_none(number: &u64) -> bool {
 }
 
 impl NodeReport {
-    /// The report of two nodes together: what they counted, and the worse of their lateness.
+    /// Merges the reports of two nodes: the sums of their counts, and the worse lateness.
     #[must_use]
     pub fn beside(self, other: Self) -> Self {
         let new = Vec::from_iter(
@@ -112,37 +112,37 @@ impl NodeReport {
     }
 }
 
-/// What a world in real time knows besides the frames.
+/// Knowledge of a world in real time apart from the frames.
 #[derive(Clone, Debug, Default)]
 pub struct Host {
-    /// What the controller's loop counted; none of one that is external.
+    /// Report of the controller's loop; `None` for an external controller.
     pub controller: Option<NodeReport>,
-    /// What the emulators' loops counted together; none beside external drives.
+    /// Merged report of the emulators' loops; `None` with external drives only.
     pub plant_emulator: Option<NodeReport>,
-    /// By how much the wall clock was stepped in the run.
+    /// Step of the wall clock in the run.
     pub wall_clock_step: Duration,
-    /// Where the machine held the nodes up, in the order of time.
+    /// Stalls by which the machine held the nodes up, in the order of time.
     pub stalls: Vec<Stall>,
-    /// The frames that canrig's nodes sent.
+    /// Frames that canrig's nodes sent.
     pub sent: Sent,
 }
 
-/// The latencies of all cycles.
+/// Latencies of all cycles.
 pub struct Latencies {
     cycle: CycleReader,
-    /// From the SYNC to the drive's position, in microseconds.
+    /// Times from the SYNC to the drive's position, in microseconds.
     pub sync_to_position: Histogram<u64>,
-    /// From the drive's position to the command that follows from it, in microseconds.
+    /// Times from the drive's position to the command that follows from it, in microseconds.
     pub position_to_command: Histogram<u64>,
-    /// From the SYNC to the command, in microseconds.
+    /// Times from the SYNC to the command, in microseconds.
     pub round_trip: Histogram<u64>,
 }
 
 impl Latencies {
-    /// The latencies of a recording, from scenario time 0 to its end.
+    /// Measures the latencies of a recording, from scenario time 0 to its end.
     ///
     /// # Errors
-    /// The database lacks a signal.
+    /// If the database lacks a signal.
     pub fn new(
         frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
         one: &ControlLoop,
@@ -185,29 +185,29 @@ impl Latencies {
     }
 }
 
-/// A step of a cycle.
+/// Stage of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CycleStage {
-    /// It began.
+    /// The cycle began.
     Sync {
-        /// When, in scenario time.
+        /// Scenario time.
         time: Duration,
     },
     /// The drive sent its position.
     Position {
-        /// Since the SYNC.
+        /// Time since the SYNC.
         after_sync: Duration,
     },
     /// The controller sent the command that follows from it.
     Command {
-        /// Since the position.
+        /// Time since the position.
         after_position: Duration,
-        /// Since the SYNC.
+        /// Time since the SYNC.
         after_sync: Duration,
     },
 }
 
-/// Follows each cycle from its SYNC over the position to the command.
+/// Reader that follows each cycle from its SYNC over the position to the command.
 pub struct CycleReader {
     clock: ScenarioClock,
     position_id: u32,
@@ -218,7 +218,7 @@ pub struct CycleReader {
 
 impl CycleReader {
     /// # Errors
-    /// The database lacks a signal.
+    /// If the database lacks a signal.
     pub fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         Ok(Self {
             clock: one.scenario_clock()?,
@@ -229,20 +229,20 @@ impl CycleReader {
         })
     }
 
-    /// Takes every frame of the bus in order; what it is to its cycle, from scenario time 0 to `end`.
+    /// Takes every frame of the bus in order; returns its stage in its cycle, from scenario time 0 to `end`.
     fn stage_until(&mut self, stamped: &Stamped, end: Duration) -> Option<CycleStage> {
         let time = self.on_frame(stamped).filter(|time| *time < end)?;
         self.stage(stamped, time)
     }
 
-    /// Takes every frame of the bus in order; its scenario time, `None` before the scenario began.
+    /// Takes every frame of the bus in order; returns its scenario time, `None` before the scenario began.
     #[inline]
     pub fn on_frame(&mut self, stamped: &Stamped) -> Option<Duration> {
         self.clock.on_frame(stamped.time, &stamped.frame);
         self.clock.scenario_time(stamped.time)
     }
 
-    /// What a frame is to its cycle, after [`CycleReader::on_frame`].
+    /// Returns the stage of a frame in its cycle, after [`CycleReader::on_frame`].
     #[inline]
     pub fn stage(&mut self, stamped: &Stamped, time: Duration) -> Option<CycleStage> {
         let since = |before: Duration| stamped.time.saturating_sub(before);

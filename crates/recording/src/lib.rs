@@ -1,13 +1,12 @@
-//! What was on the bus: the frames of a run, and what they say.
+//! Recordings of a bus: the frames of a run, and their meaning.
 //!
-//! Comes in: the frames of a world, each with its time, or a `bus.log`; the [`Plan`](plan::Plan), whose database
-//! says what frames mean. Goes out: `bus.log` while a run goes on ([`capture`]), the same frames to observers
-//! ([`frame_queue`]), the run's progress ([`progress`]), and the decoded recording: a [`Timeline`](timeline::Timeline) with
-//! a row for each cycle, its events and losses, the samples of the signals that checks name; the latencies of
-//! real time, and where the machine was late ([`stalls`]).
-//! A [`RunFolder`](run_folder::RunFolder) holds the files of one run, each written as a whole.
+//! Input: the frames of a world, each with its time, or a `bus.log`; the [`Plan`](plan::Plan), whose database gives frames their
+//! meaning. Output: `bus.log` during a run ([`capture`]), the same frames to observers ([`frame_queue`]), the run's progress
+//! ([`progress`]), and the decoded recording: a [`Timeline`](timeline::Timeline) with a row for each cycle, its events and
+//! losses, the samples of the signals that checks name; the latencies of real time, and the stalls of the machine ([`stalls`]). A
+//! [`RunFolder`](run_folder::RunFolder) holds the files of one run, each written as a whole.
 //!
-//! It does not know: limits and verdicts, reports, which world made the frames, how plants and laws behave.
+//! It knows no limits and verdicts, no reports, no world that made the frames, no behaviour of plants and laws.
 
 pub mod bus_log;
 pub mod capture;

@@ -1,4 +1,4 @@
-//! What was on the bus: stamped frames, as `bus.log` holds them (`candump -L`).
+//! Log of a bus: stamped frames, as `bus.log` holds them (`candump -L`).
 
 use std::fmt;
 use std::fs::File;
@@ -18,37 +18,37 @@ use crate::work::Measured;
 
 /// Longest line of a log that is read.
 const LINE_LENGTH_MAX: u64 = 256;
-/// So much after the last good line is read in search of another one.
+/// Number of bytes after the last good line that are searched for another one.
 const UNREADABLE_BYTES_MAX: usize = 1 << 20;
-/// A strange line counts as so many bytes at least: its reason takes room, too.
+/// Smallest number of bytes that a strange line counts for: its reason takes room, too.
 const STRANGE_BYTES_MIN: usize = 64;
-/// A file with more strange lines is no log.
+/// Largest number of strange lines in a log.
 const STRANGE_LINES_MAX: usize = 1000;
-/// A clock is stepped by less in a run.
+/// Upper bound of a step of the clock in a run.
 pub(crate) const STEP_MAX: Duration = Duration::from_millis(500);
-/// So many digits the seconds since 1970 have until the year 2286.
+/// Number of digits of the seconds since 1970 until the year 2286.
 const SECONDS_DIGITS_MAX: usize = 10;
-/// What a line with a CAN FD frame is.
+/// Description of a line with a CAN FD frame.
 const FD_FRAME: &str = "a CAN FD frame";
 
-/// A frame and when its last bit passed.
+/// Frame with the time at which its last bit passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamped {
-    /// Time of the recording's clock: virtual time, or the wall clock's since 1970. Whole microseconds, as the log's.
+    /// Time on the recording's clock: virtual time, or the wall clock's since 1970. Whole microseconds, as in the log.
     pub time: Duration,
     pub frame: CanFrame,
-    /// Bits that it took from the bus. They follow from the frame, and are counted once.
+    /// Number of bits for which it occupied the bus. It follows from the frame, and is counted once.
     pub occupied_bits: u32,
 }
 
 impl Stamped {
-    /// A frame with its time cut to the log's resolution, so that a log read back judges the same.
+    /// Makes a frame with its time cut to the log's resolution, so that a log read back judges the same.
     #[must_use]
     pub fn new(time: Duration, frame: CanFrame) -> Self {
         Self::counted(time, frame, occupied_bits(&frame))
     }
 
-    /// As [`Stamped::new`], with the [`occupied_bits`] that whoever sent the frame has counted.
+    /// As [`Stamped::new`], with the [`occupied_bits`] that the caller has counted already.
     #[must_use]
     pub fn counted(time: Duration, frame: CanFrame, occupied_bits: u32) -> Self {
         Self {
@@ -59,7 +59,7 @@ impl Stamped {
     }
 }
 
-/// One line of `candump -L`, with the interface written as `can0` in every world.
+/// Writes a line of `candump -L`, with the interface written as `can0` in every world.
 impl fmt::Display for Stamped {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (seconds, micros) = (self.time.as_secs(), self.time.subsec_micros());
@@ -67,7 +67,7 @@ impl fmt::Display for Stamped {
     }
 }
 
-/// Why a line is no frame.
+/// Reason why a line is no frame.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("not a line of candump -L: \"{line}\" ({reason})")]
 pub struct LineError {
@@ -118,7 +118,7 @@ fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
     let mut raw_id = hexadecimal(id).ok_or("identifier is not hexadecimal")?;
     match id.len() {
         3 if raw_id <= 0x7FF => {}
-        // Of the flags, candump shows this one only.
+        // Candump shows only this flag.
         8 if raw_id & ERROR_FLAG != 0 && raw_id <= ERROR_FLAG | 0x1FFF_FFFF => {}
         8 if raw_id <= 0x1FFF_FFFF => raw_id |= EXTENDED_FLAG,
         3 => return Err("identifier is beyond 7FF"),
@@ -149,16 +149,16 @@ fn parse_frame(text: &str) -> Result<CanFrame, &'static str> {
     CanFrame::from_raw(raw_id, length, bytes).ok_or("too long")
 }
 
-/// A number of digits only: no sign.
+/// Parses a number that consists of digits only, without a sign.
 fn hexadecimal(digits: &str) -> Option<u32> {
     let is_plain = digits.bytes().all(|digit| digit.is_ascii_hexdigit());
     is_plain.then(|| u32::from_str_radix(digits, 16).ok())?
 }
 
-/// Writes frames as `candump -L` does, to an output that has a buffer.
+/// Writes frames as `candump -L` does, to an output with a buffer.
 ///
 /// # Errors
-/// The file cannot be written.
+/// If the file cannot be written.
 pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
     frames
         .iter()
@@ -168,7 +168,7 @@ pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
 /// Reads a log of `candump -L`.
 ///
 /// # Errors
-/// The file cannot be read, or a line is no frame; the message has the line's number.
+/// If the file cannot be read, or a line is no frame; the message has the line's number.
 pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
     let mut frames = Vec::new();
     let mut line = String::new();
@@ -188,23 +188,23 @@ pub fn read_log(mut input: impl BufRead) -> io::Result<Vec<Stamped>> {
     Ok(frames)
 }
 
-/// What of a log is no frame.
+/// Parts of a log that are no frames.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Unread {
-    /// CAN FD frames, of which only the number is kept.
+    /// Number of CAN FD frames, which are not kept.
     pub fd_frames: u64,
-    /// Lines among the others that are no frames.
+    /// Lines between others that are no frames.
     pub strange: Vec<StrangeLine>,
-    /// Where and why the log breaks off, for people.
+    /// Place and reason of a break in the log, for the user.
     pub broken: Option<String>,
 }
 
-/// A line of a log that is no frame.
+/// Line of a log that is no frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StrangeLine {
     number: u64,
     reason: String,
-    /// When the frame before it was; none where there is no frame before.
+    /// Time of the frame before it; `None` if there is none.
     before: Option<Duration>,
 }
 
@@ -215,7 +215,7 @@ impl fmt::Display for StrangeLine {
 }
 
 impl Unread {
-    /// What of the log cannot be read between the first frame and `end`, for people.
+    /// Describes the unreadable lines between the first frame and `end`, for the user.
     #[must_use]
     pub fn strange_until(&self, end: Duration) -> Option<String> {
         let is_within = |line: &&StrangeLine| line.before.is_some_and(|before| before < end);
@@ -230,7 +230,7 @@ impl Unread {
         })
     }
 
-    /// What of the log cannot be read, for people.
+    /// Describes the unreadable parts of the log, for the user.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         let strange = self.strange_until(Duration::MAX);
@@ -239,11 +239,11 @@ impl Unread {
     }
 }
 
-/// Reads a log whose writer may have been killed: its end may be cut in the middle of a line. A last line without its
-/// end is not taken, since a shorter frame looks whole. Lines among the others that are no frames are passed over.
+/// Reads a log whose writer may have been killed, so that its end may be cut in the middle of a line. A last line without its end
+/// is not taken, since a shorter frame looks whole. Lines between others that are no frames are skipped.
 ///
 /// # Errors
-/// The file cannot be read, or is no log of `candump -L`: more than 1000 lines are no frames.
+/// If the file cannot be read, or is no log of `candump -L`: more than 1000 lines are no frames.
 pub fn read_cut_log(input: impl BufRead) -> io::Result<(Vec<Stamped>, Unread)> {
     let mut reader = LogReader::new(input);
     let mut frames = Vec::new();
@@ -253,23 +253,23 @@ pub fn read_cut_log(input: impl BufRead) -> io::Result<(Vec<Stamped>, Unread)> {
     Ok((frames, reader.finish()))
 }
 
-/// How the name of a compressed log ends.
+/// Extension of a compressed log's name.
 const COMPRESSED: &str = "zst";
 
-/// Whether a log of this name is compressed.
+/// Returns whether a log of this name is compressed.
 pub(crate) fn is_compressed(path: &Path) -> bool {
     path.extension().is_some_and(|end| end == COMPRESSED)
 }
 
-/// Opens a log file; its name says whether it is compressed.
+/// Opens a log file; its name decides whether it is compressed.
 ///
 /// # Errors
-/// The file cannot be opened.
+/// If the file cannot be opened.
 pub fn open(path: &Path) -> io::Result<Box<dyn BufRead>> {
     OpenLog::open(path)?.text()
 }
 
-/// A log that can be read again and again. It stays open, so that it is the same whatever takes its name meanwhile.
+/// Log for repeated reading. It stays open, so that it remains the same file if another takes its name meanwhile.
 #[derive(Clone, Debug)]
 pub(crate) struct OpenLog {
     file: Arc<File>,
@@ -285,12 +285,12 @@ impl OpenLog {
     }
 
     /// # Errors
-    /// The file cannot be opened.
+    /// If the file cannot be opened.
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         Ok(Self::new(scenario::open_file(path)?, is_compressed(path)))
     }
 
-    /// All its text from the first line on.
+    /// Returns its text from the first line on.
     fn text(&self) -> io::Result<Box<dyn BufRead>> {
         let bytes = self.file.metadata()?.len();
         let file = FromBegin {
@@ -304,16 +304,16 @@ impl OpenLog {
         })
     }
 
-    /// All its frames from the first one on.
+    /// Returns its frames from the first one on.
     ///
     /// # Errors
-    /// The system refuses the file.
+    /// If the system refuses the file.
     pub(crate) fn frames(&self) -> io::Result<LogFile> {
         Ok(LogFile(LogReader::new(self.text()?)))
     }
 }
 
-/// A file that others read, too, each from its begin.
+/// Shared file, which each reader reads from its start.
 struct FromBegin {
     file: Arc<File>,
     place: u64,
@@ -343,31 +343,31 @@ impl Seek for FromBegin {
 pub struct LogFile(LogReader<Box<dyn BufRead>>);
 
 impl LogFile {
-    /// The next frame; none at the end.
+    /// Returns the next frame; `None` at the end.
     ///
     /// # Errors
-    /// The file cannot be read, or is no log.
+    /// If the file cannot be read, or is no log.
     pub(crate) fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
         self.0.next_frame()
     }
 
-    /// What was no frame.
+    /// Returns the parts that were no frames.
     pub(crate) fn finish(self) -> Unread {
         self.0.finish()
     }
 }
 
-/// Reads a log frame by frame.
+/// Reader of a log, frame by frame.
 struct LogReader<R> {
     input: R,
     interface: Option<String>,
     line: Vec<u8>,
     number: u64,
     latest: Option<Duration>,
-    /// A frame that was read to learn whether the one above it is in order.
+    /// Frame that was read ahead to check the order of the one above it.
     ahead: Option<(u64, Stamped)>,
     unread: Unread,
-    /// Strange if a good line follows, else the log breaks off there.
+    /// Lines that are strange if a good line follows; otherwise the log breaks off there.
     open: Vec<StrangeLine>,
     open_bytes: usize,
     is_at_end: bool,
@@ -391,7 +391,8 @@ impl<R: BufRead> LogReader<R> {
 
     fn next_frame(&mut self) -> io::Result<Option<Stamped>> {
         while let Some((number, stamped)) = self.numbered_frame()? {
-            // After a silence the next frame goes on from there; after a damaged time stamp, from the frame above, or there is none.
+            // After a silence the next frame follows this one; after a damaged time stamp it follows the frame above, or is
+            // missing.
             if self.is_after_silence(&stamped) {
                 self.ahead = self.numbered_frame()?;
                 let is_late = |(_, below): (u64, Stamped)| below.time + STEP_MAX < stamped.time;
@@ -406,7 +407,7 @@ impl<R: BufRead> LogReader<R> {
         Ok(None)
     }
 
-    /// The next frame that is no earlier than the latest, and the number of its line.
+    /// Returns the next frame that is no earlier than the latest, with the number of its line.
     fn numbered_frame(&mut self) -> io::Result<Option<(u64, Stamped)>> {
         if let Some(ahead) = self.ahead.take() {
             return Ok(Some(ahead));
@@ -442,7 +443,7 @@ impl<R: BufRead> LogReader<R> {
         Ok(None)
     }
 
-    /// Whether a frame cannot be where it is: a part of the log stands there twice, or in the wrong place.
+    /// Returns whether a frame cannot be at its place: a part of the log is there twice, or in the wrong place.
     fn is_before_others(&self, stamped: &Stamped) -> bool {
         let is_before = |latest| stamped.time + STEP_MAX < latest;
         self.latest.is_some_and(is_before)
@@ -453,7 +454,7 @@ impl<R: BufRead> LogReader<R> {
         self.latest.is_none_or(is_after)
     }
 
-    /// Names a line whose frame is later than those below it.
+    /// Skips a line whose frame is later than the frames below it, and notes it as strange.
     fn pass_over_late(&mut self, number: u64) -> io::Result<()> {
         let strange = &mut self.unread.strange;
         let place = strange.partition_point(|line| line.number < number);
@@ -466,7 +467,7 @@ impl<R: BufRead> LogReader<R> {
         refuse_many(strange)
     }
 
-    /// Reads the next line; `false` at the end.
+    /// Reads the next line; returns `false` at the end.
     fn read_line(&mut self) -> io::Result<bool> {
         while !self.is_at_end {
             self.line.clear();
@@ -492,7 +493,7 @@ impl<R: BufRead> LogReader<R> {
         self.is_at_end |= self.open_bytes > UNREADABLE_BYTES_MAX;
     }
 
-    /// A blank line means nothing, but they may not go on for ever.
+    /// Skips a blank line. It means nothing, but there may not be too many.
     fn pass_over_blank(&mut self) {
         self.open_bytes += self.line.len();
         if self.open_bytes > UNREADABLE_BYTES_MAX {
@@ -508,7 +509,7 @@ impl<R: BufRead> LogReader<R> {
     }
 }
 
-/// A file with so many lines that are no frames is none of frames.
+/// Refuses a file with too many lines that are no frames.
 fn refuse_many(strange: &[StrangeLine]) -> io::Result<()> {
     match strange.first() {
         Some(first) if strange.len() > STRANGE_LINES_MAX => Err(invalid(format!(
@@ -518,14 +519,14 @@ fn refuse_many(strange: &[StrangeLine]) -> io::Result<()> {
     }
 }
 
-/// What a line holds.
+/// Content of a line.
 enum Content {
     Nothing,
     Frame(Stamped),
     FdFrame,
 }
 
-/// The content of a line. The first frame decides on the interface.
+/// Parses a line. The first frame decides on the interface.
 fn whole_line(line: &[u8], interface: &mut Option<String>) -> Result<Content, String> {
     let text = str::from_utf8(line).map_err(|_| "not text".to_owned())?;
     let is_ended = text.ends_with('\n');
@@ -641,7 +642,7 @@ mod tests {
         let zeros = [LOG.as_bytes(), &[0; 5000]].concat();
         let (frames, unread) = read_cut_log(&zeros[..]).unwrap();
         assert_eq!((frames.len(), unread.broken.is_some()), (2, true));
-        // What never ends is not read for ever.
+        // An endless file is not read for ever.
         let endless = io::Read::chain(LOG.as_bytes(), io::BufReader::new(io::repeat(0)));
         let (frames, unread) = read_cut_log(endless).unwrap();
         assert_eq!((frames.len(), unread.broken.is_some()), (2, true));
@@ -664,7 +665,7 @@ mod tests {
                 .starts_with("a line of the log is no frame, line 3: ")
         );
         assert_eq!(until(2), None);
-        // What stands before all frames took none from among them.
+        // Lines before all frames do not hide any of them.
         let (headed, unread) = read_cut_log(format!("# of Monday\n{LOG}").as_bytes()).unwrap();
         assert_eq!((headed.len(), unread.strange.len()), (2, 1));
         assert_eq!(unread.strange_until(Duration::MAX), None);
@@ -686,7 +687,7 @@ mod tests {
             first.to_string(),
             "line 301: it is earlier than the frames above"
         );
-        // A clock that is stepped back is none.
+        // A clock that is stepped back is no wrong order.
         let stepped: String = [0, 400, 0, 400, 800].map(line).concat();
         let (frames, unread) = read_cut_log(stepped.as_bytes()).unwrap();
         assert_eq!((frames.len(), unread.strange.len()), (5, 0));

@@ -1,4 +1,4 @@
-//! What fell silent: SYNC, the drive's position, heartbeats; by the recording alone.
+//! Losses: messages that stopped coming, namely SYNC, the drive's position and heartbeats, judged by the recording alone.
 
 use std::time::Duration;
 
@@ -12,43 +12,43 @@ use crate::identifiers::ByIdentifier;
 use crate::node_words::NodeWords;
 use crate::occurrences::Notes;
 
-/// Periods without a cyclic frame that count as a loss, as for the controller.
+/// Number of periods without a cyclic frame that count as a loss, as for the controller.
 pub(crate) const PERIODS_MAX: u32 = 20;
-/// Periods without a heartbeat that count as a loss; the nodes wait as long (0x1016).
+/// Number of periods without a heartbeat that count as a loss; the nodes wait as long (0x1016).
 const HEARTBEATS_MAX: u32 = 5;
 
-/// A time in which the heartbeat of a node did not come for longer than the others wait for it.
+/// Time in which the heartbeat of a node did not come for longer than the others wait for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LostHeartbeat {
     pub node: Part,
-    /// Scenario time at which the first that is missing was due.
+    /// Scenario time at which the first missing heartbeat was due.
     pub due_seconds: f64,
-    /// Scenario time at which the next came; infinite where none did.
+    /// Scenario time of the next heartbeat; infinite if none came.
     pub back_seconds: f64,
 }
 
-/// One message that must keep coming.
+/// Message that must keep coming.
 struct Watched {
-    /// For people.
+    /// Name for the user.
     what: String,
-    /// The node whose heartbeat it is, where the others stop without it.
+    /// Node of this heartbeat, if the others stop without it.
     heartbeat_of: Option<Part>,
-    /// It says how warm the plant is, and nothing happens without it.
+    /// Whether it carries the temperature of the plant; its loss has no consequence.
     is_temperature: bool,
     is_heartbeat: bool,
     period: Duration,
     limit: Duration,
-    /// In scenario time.
+    /// Scenario time of the last one.
     last: Option<Duration>,
 }
 
 impl Watched {
-    /// When the first frame that is missing since a time was due.
+    /// Returns the time at which the first missing frame after `last` was due.
     fn due(&self, last: Duration) -> Duration {
         last + self.period
     }
 
-    /// The heartbeat that is missing since the last one, until a scenario time.
+    /// Returns the heartbeat that was lost from the last one until a scenario time.
     fn lost(&self, back_seconds: f64) -> Option<LostHeartbeat> {
         let last = self.last?;
         Some(LostHeartbeat {
@@ -59,11 +59,11 @@ impl Watched {
     }
 }
 
-/// Watches from the start of the scenario to its end.
+/// Reader that watches for losses from the start of the scenario to its end.
 pub(crate) struct LossReader {
     watched: ByIdentifier<Watched>,
     end: Duration,
-    /// By scenario time.
+    /// Events with scenario times.
     events: Notes<Event>,
     heartbeats: Vec<LostHeartbeat>,
     temperature_silence: Option<(f64, f64)>,
@@ -126,12 +126,12 @@ impl LossReader {
         }
     }
 
-    /// The identifiers of the messages that are watched.
+    /// Returns the identifiers of the messages that are watched.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
         self.watched.raw_ids()
     }
 
-    /// Takes a frame of a message that is watched.
+    /// Takes a frame of a watched message.
     pub(crate) fn on_frame(&mut self, frame: &CanFrame, time: Duration) {
         if time > self.end {
             return;
@@ -164,7 +164,7 @@ impl LossReader {
         watched.last = Some(time);
     }
 
-    /// All losses, those that last among them; `latest` is the scenario time of the last frame of all before the end.
+    /// Takes all losses, with those that last; `latest` is the scenario time of the last frame before the end.
     pub(crate) fn take_all(&mut self, latest: Duration) -> Events {
         for watched in self.watched.values() {
             let Some(last) = watched.last else { continue };
@@ -184,12 +184,12 @@ impl LossReader {
         self.events.take_since(0.0)
     }
 
-    /// The first stretch of time in which no temperature was sent, after [`LossReader::take_all`].
+    /// Returns the first stretch of time in which no temperature was sent, after [`LossReader::take_all`].
     pub(crate) fn temperature_silence(&self) -> Option<(f64, f64)> {
         self.temperature_silence
     }
 
-    /// The heartbeats that did not come, after [`LossReader::take_all`].
+    /// Takes the heartbeats that did not come, after [`LossReader::take_all`].
     pub(crate) fn take_heartbeats(&mut self) -> Vec<LostHeartbeat> {
         std::mem::take(&mut self.heartbeats)
     }

@@ -1,4 +1,4 @@
-//! The words for the nodes whose frames are read: their names on the rig, and `the drive` for a node that is called `drive`.
+//! Descriptions of the nodes whose frames are read: their names on the rig, and `the drive` for a node that is called `drive`.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -7,13 +7,13 @@ use plan::{ControlLoop, Shared};
 use scenario::events::LoopWords;
 use scenario::node::LoopNodes;
 
-/// The names of the nodes on a bus, as one loop sees them.
+/// Names of the nodes on a bus, as one loop sees them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct NodeWords {
-    /// The loop among several.
+    /// Own loop, if there are several.
     own: Option<LoopWords>,
     nodes: LoopNodes,
-    /// All nodes of the run by node-ID.
+    /// Names of all nodes of the run by node-ID.
     by_id: BTreeMap<u8, String>,
 }
 
@@ -34,27 +34,27 @@ impl NodeWords {
         }
     }
 
-    /// The loop and its nodes among several.
+    /// Returns the own loop, if there are several.
     pub(crate) fn of_loop(&self) -> Option<&LoopWords> {
         self.own.as_ref()
     }
 
-    /// The controller, within a sentence.
+    /// Returns the name of the controller, within a sentence.
     pub(crate) fn controller(&self) -> Cow<'_, str> {
         self.nodes.controller.in_words()
     }
 
-    /// The own drive, within a sentence.
+    /// Returns the name of the own drive, within a sentence.
     pub(crate) fn drive(&self) -> Cow<'_, str> {
         self.nodes.drive.in_words()
     }
 
-    /// The name of a node.
+    /// Returns the name of a node.
     pub(crate) fn of_node(&self, id: u8) -> Option<&str> {
         self.by_id.get(&id).map(String::as_str)
     }
 
-    /// The names of all nodes, the own ones first.
+    /// Returns the names of all nodes, the own ones first.
     pub(crate) fn nodes(&self) -> impl Iterator<Item = &str> {
         let own = self.nodes.all().map(|node| node.name.as_str());
         let is_other = |name: &&str| self.nodes.all().all(|node| node.name != **name);
@@ -69,7 +69,7 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// Two loops with a drive each, as one of them sees the bus.
+    /// Returns the names for two loops with a drive each, as one of them sees the bus.
     pub(crate) fn of_two_loops(own: &str) -> NodeWords {
         let nodes = |drive: &str, id| LoopNodes {
             controller: Node::new("controller", 1, Part::Controller),

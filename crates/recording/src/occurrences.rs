@@ -1,5 +1,5 @@
-//! What happened at times. There may be as many as frames, but most are like others before, so of each only the time and the
-//! number of its kind are kept.
+//! Occurrences with their times. There may be as many as frames, but most are like earlier ones, so only the time and the number
+//! of its kind are kept for each.
 
 use std::collections::BTreeMap;
 use std::ops::Deref;
@@ -7,16 +7,16 @@ use std::ops::Deref;
 use bytemuck::{Pod, Zeroable};
 use platform::series::{Series, SeriesWriter};
 
-/// One of them.
+/// Row of an occurrence.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Row {
     time_seconds: f64,
-    /// Its place among the kinds.
+    /// Index of its kind.
     kind: u64,
 }
 
-/// Something that happened at a time.
+/// Occurrence at a time.
 #[derive(Debug)]
 pub struct Occurrence<'a, T> {
     /// Scenario time; negative before scenario time 0.
@@ -40,7 +40,7 @@ impl<T> Deref for Occurrence<'_, T> {
     }
 }
 
-/// All that happened, in the order of time.
+/// Occurrences in the order of time.
 #[derive(Clone, Debug)]
 pub struct Occurrences<T> {
     rows: Series<Row>,
@@ -67,7 +67,7 @@ impl<T> Occurrences<T> {
         self.len() == 0
     }
 
-    /// One after the other.
+    /// Iterates over the occurrences.
     pub fn iter(&self) -> impl Iterator<Item = Occurrence<'_, T>> + Clone {
         self.rows.iter().map(|row| self.occurrence(*row))
     }
@@ -91,7 +91,7 @@ impl<T> Occurrences<T> {
 }
 
 impl<T: Clone> Occurrences<T> {
-    /// Those at times that are wanted.
+    /// Returns the occurrences at times that `is_wanted` accepts.
     #[must_use]
     pub fn at_times(&self, is_wanted: impl Fn(f64) -> bool) -> Self {
         let rows = self.rows.iter().copied();
@@ -101,7 +101,7 @@ impl<T: Clone> Occurrences<T> {
         }
     }
 
-    /// Those of both; at the same time these come before the others.
+    /// Merges two sequences; at equal times those of `self` come first.
     #[must_use]
     pub fn merged(mut self, others: Self) -> Self {
         if others.is_empty() {
@@ -128,7 +128,7 @@ impl<T: Clone> Occurrences<T> {
     }
 }
 
-/// Notes what happens, in whatever order.
+/// Collector of occurrences in any order.
 #[derive(Debug)]
 pub(crate) struct Notes<T> {
     rows: SeriesWriter<Row>,
@@ -159,10 +159,10 @@ impl<T: Clone + Ord> Notes<T> {
         self.rows.push(Row { time_seconds, kind });
     }
 
-    /// What was noted since the last time, each so much earlier: times since `zero_seconds`.
+    /// Takes the occurrences since the last call, with times relative to `zero_seconds`.
     pub(crate) fn take_since(&mut self, zero_seconds: f64) -> Occurrences<T> {
         let mut rows: Series<Row> = self.rows.take(self.rows.len());
-        // Time seldom goes back.
+        // Time rarely goes back.
         if !std::mem::replace(&mut self.is_in_order, true) {
             let rows = rows.to_mut();
             rows.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
@@ -188,7 +188,7 @@ impl<T: Clone + Ord> FromIterator<(f64, T)> for Occurrences<T> {
     }
 }
 
-/// A number of a kind counts kinds that are in memory.
+/// Converts the number of a kind, which fits, since all kinds are in memory.
 fn place(kind: u64) -> usize {
     usize::try_from(kind).unwrap_or(usize::MAX)
 }
@@ -207,7 +207,7 @@ mod tests {
     }
 
     proptest! {
-        /// As a list of all of them, sorted by time.
+        /// The result is the same as a list of all of them, sorted by time.
         #[test]
         fn what_is_noted_stands_in_the_order_of_time(
             some in prop::collection::vec((0..20_u8, 0..4_u8), 0..30),

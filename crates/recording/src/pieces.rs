@@ -1,5 +1,5 @@
-//! The text of a compressed log, piece by piece. Each piece is first read to its checksum, so that nothing is taken of one that is
-//! damaged.
+//! Text of a compressed log, piece by piece. Each piece is first read to its checksum, so that no part of a damaged piece is
+//! taken.
 
 use std::io::{self, BufRead, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::mem;
@@ -8,18 +8,18 @@ use zstd::Decoder;
 
 use crate::work::Way;
 
-/// How every piece begins (RFC 8878, 3.1.1).
+/// First bytes of every piece (RFC 8878, 3.1.1).
 const MAGIC: [u8; 4] = 0xFD2F_B528_u32.to_le_bytes();
-/// So much of the file is in memory: a second of a bus that is full has half of it.
+/// Bytes of the file in memory: a second of a full bus has half of it.
 const BUFFER_BYTES: usize = 1 << 17;
-/// The text of a piece that is no longer is held: a second of a bus has some hundred kilobytes. What another tool compressed may be
-/// one piece of any length, which is read twice.
+/// Longest text of a piece that is held in memory: a second of a bus has some hundred kilobytes. The output of another compressor
+/// may be one piece of any length; such a piece is read twice.
 const HELD_BYTES_MAX: usize = 1 << 22;
 
-/// So much is searched for the next piece: what goes on for longer is no damaged log but something else.
+/// Number of bytes that are searched for the next piece; a damaged log has no longer gap.
 const SKIPPED_BYTES_MAX: u64 = 1 << 26;
 
-/// A part of a compressed log that is not as it was written. What follows it can be read.
+/// Damaged part of a compressed log. The parts after it can be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{bytes} bytes from byte {begin} on are damaged: {reason}")]
 pub(crate) struct Damaged {
@@ -29,31 +29,31 @@ pub(crate) struct Damaged {
 }
 
 impl Damaged {
-    /// The damage that an error of [`PieceReader`] is, if it is one.
+    /// Returns the damage behind an error of [`PieceReader`], if there is one.
     pub(crate) fn of(error: &io::Error) -> Option<&Self> {
         error.get_ref()?.downcast_ref()
     }
 }
 
-/// Reads the text; each damaged part is an error, after which the next piece comes.
+/// Reader of the text. It returns an error for each damaged part, and continues with the next piece.
 pub(crate) struct PieceReader<R> {
     state: State<R>,
-    /// The text of the latest piece, if it is held, and how much of it was taken.
+    /// Text of the latest piece, if it is held, with the position up to which it was taken.
     held: Cursor<Vec<u8>>,
     way: Way,
-    /// The place in the file that the way is gone to.
+    /// Place in the file up to which progress was reported.
     gone_to: u64,
 }
 
 enum State<R> {
     Between(BufReader<R>),
     Within(Decoder<'static, BufReader<R>>),
-    /// The system refused something.
+    /// State after a refusal of the system.
     Failed,
 }
 
 impl<R: Read + Seek> PieceReader<R> {
-    /// The pieces of a file of so many bytes.
+    /// Makes a reader of the pieces of a file of `bytes` bytes.
     pub(crate) fn new(input: R, bytes: u64) -> Self {
         Self {
             state: State::Between(BufReader::with_capacity(BUFFER_BYTES, input)),
@@ -63,14 +63,14 @@ impl<R: Read + Seek> PieceReader<R> {
         }
     }
 
-    /// The file is taken up to this place.
+    /// Reports progress up to this place in the file.
     fn go_to(&mut self, place: u64) {
         let bytes = place.saturating_sub(self.gone_to);
         self.way.go(usize::try_from(bytes).unwrap_or(usize::MAX));
         self.gone_to = place;
     }
 
-    /// Goes to the next piece that is whole; `false` at the end of the file.
+    /// Goes to the next whole piece; returns `false` at the end of the file.
     fn next_piece(&mut self, mut input: BufReader<R>) -> io::Result<bool> {
         let begin = input.stream_position()?;
         if input.fill_buf()?.is_empty() {
@@ -139,7 +139,7 @@ impl<R: Read + Seek> Read for PieceReader<R> {
     }
 }
 
-/// Reads a piece to its end, where its checksum is; whether all its text is held.
+/// Reads a piece to its end with its checksum; returns whether all its text is held.
 fn read_to_end(input: &mut impl BufRead, text: &mut Vec<u8>) -> io::Result<bool> {
     let mut piece = Decoder::with_buffer(input)?.single_frame();
     text.clear();
@@ -150,7 +150,7 @@ fn read_to_end(input: &mut impl BufRead, text: &mut Vec<u8>) -> io::Result<bool>
     Ok(io::copy(&mut piece, &mut io::sink())? == 0)
 }
 
-/// Goes to where a piece may begin, or to the end of the file if there is none nearby.
+/// Skips to the possible start of a piece, or to the end of the file if there is none nearby.
 fn skip_to_magic<R: Read + Seek>(input: &mut BufReader<R>) -> io::Result<()> {
     let mut latest = [0; MAGIC.len()];
     for byte in input.by_ref().take(SKIPPED_BYTES_MAX).bytes() {
@@ -176,7 +176,7 @@ mod tests {
         encoder.finish().unwrap()
     }
 
-    /// The text, and how many parts of it are damaged.
+    /// Returns the text, and the number of its damaged parts.
     fn read(bytes: &[u8]) -> (String, usize) {
         let mut pieces = PieceReader::new(Cursor::new(bytes), bytes.len() as u64);
         let (mut text, mut damaged) = (Vec::new(), 0);

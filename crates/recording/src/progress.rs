@@ -1,4 +1,4 @@
-//! How far a run is, for those who watch it.
+//! Progress of a run, for its observers.
 
 use std::time::Duration;
 
@@ -10,30 +10,30 @@ use scenario::reference::Trajectory;
 
 use crate::log::Stamped;
 
-/// The state of a run, as far as it is known.
+/// State of a run, as far as it is known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunProgress {
     /// Scenario time; zero before it begins.
     pub time: Duration,
-    /// Its loops in their order; none before it begins.
+    /// Its loops in their order; empty before it begins.
     pub loops: Vec<LoopProgress>,
-    /// By how much the latest SYNCs came behind their times at most.
+    /// Largest lateness of the latest SYNCs.
     pub lateness: Option<Duration>,
 }
 
-/// The state of a loop, as far as it is known.
+/// State of a loop, as far as it is known.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoopProgress {
-    /// Its name among several loops.
+    /// Name, if there are several loops.
     pub name: Option<String>,
-    /// The quantity that it controls.
+    /// Quantity that it controls.
     pub measurand: Measurand,
     pub position: Option<f64>,
-    /// Set-point minus position, where the loop has a set-point.
+    /// Set-point minus position, if the loop has a set-point.
     pub error: Option<f64>,
 }
 
-/// Reads the state of a run from its frames.
+/// Reader of the state of a run from its frames.
 #[derive(Debug)]
 pub struct ProgressReader {
     loops: Vec<LoopReader>,
@@ -78,7 +78,7 @@ impl LoopReader {
 
 impl ProgressReader {
     /// # Errors
-    /// The database lacks the position of a loop.
+    /// If the database lacks the position of a loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         Ok(Self {
             loops: (plan.loops.iter().map(LoopReader::new)).collect::<Result<_, _>>()?,
@@ -86,7 +86,7 @@ impl ProgressReader {
         })
     }
 
-    /// The state after these frames, the latest of the run; `None` before scenario time 0 or without frames.
+    /// Returns the state after these frames, the latest of the run; `None` before scenario time 0 or without frames.
     #[must_use]
     pub fn read(&self, frames: &[Stamped], clock: &ScenarioClock) -> Option<RunProgress> {
         let time = clock.scenario_time(frames.last()?.time)?;
@@ -103,7 +103,7 @@ impl ProgressReader {
         })
     }
 
-    /// By how much a SYNC came after the nearest whole cycle; zero when it came before.
+    /// Returns the lateness of a SYNC after the nearest whole cycle; zero if it came before.
     fn lateness(&self, time: Duration) -> Duration {
         let half = self.period / 2;
         let since = time.saturating_add(half).as_nanos() % self.period.as_nanos().max(1);

@@ -1,5 +1,5 @@
-//! The folder of one run, and how files come into it: whole or not at all. A folder may come from elsewhere, so nothing is read or
-//! written through a link that leads out of it; the links to FMUs, which the nodes follow, are the exception.
+//! Folder of one run. Files appear in it whole or not at all. A folder may be foreign, so no file is read or written through a
+//! link that leads out of it; the links to FMUs, which the nodes follow, are the exception.
 
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Write};
@@ -15,42 +15,42 @@ use scenario::{hexadecimal, require_file};
 
 pub use crate::write_error::WriteError;
 
-/// Runs of one scenario, seed and version that one folder may hold.
+/// Largest number of runs of one scenario, seed and version in one folder.
 const REPEATS_MAX: u32 = 100_000;
 
 /// Names of the files in a run folder.
 pub mod file {
-    /// The scenario as it was run.
+    /// Scenario as it was run.
     pub const SCENARIO: &str = "scenario.toml";
-    /// The frames, `candump -L`.
+    /// Frames, as `candump -L`.
     pub const BUS_LOG: &str = "bus.log";
-    /// The same of a long run, compressed: `zstd -d` reads it.
+    /// Frames of a long run, compressed: `zstd -d` reads it.
     pub const LONG_BUS_LOG: &str = "bus.log.zst";
-    /// One row a cycle.
+    /// Signals, one row a cycle.
     pub const SIGNALS: &str = "signals.csv";
-    /// The same of a long run, as Apache Parquet.
+    /// Signals of a long run, as Apache Parquet.
     pub const LONG_SIGNALS: &str = "signals.parquet";
-    /// The verdict.
+    /// Verdict.
     pub const VERDICT: &str = "verdict.json";
-    /// The verdict for CI systems.
+    /// Verdict for CI systems.
     pub const JUNIT: &str = "junit.xml";
-    /// The run on one page.
+    /// Report of the run on one page.
     pub const REPORT: &str = "report.html";
-    /// Where the machine was late; only of runs in real time.
+    /// Stalls of the machine; only of runs in real time.
     pub const STALLS: &str = "stalls.csv";
-    /// The frames that canrig's nodes sent; only of runs in real time.
+    /// Frames that canrig's nodes sent; only of runs in real time.
     pub const SENT: &str = "sent.csv";
-    /// What the frames mean, as a DBC.
+    /// Meaning of the frames, as a DBC.
     pub const FRAMES: &str = "frames.dbc";
-    /// The folder of the nodes' data sheets; only in runs on a rig that names its nodes.
+    /// Folder of the nodes' data sheets; only in runs on a rig that names its nodes.
     pub const SHEETS: &str = "eds";
-    /// The recording for the Rerun viewer.
+    /// Recording for the Rerun viewer.
     pub const RERUN: &str = "run.rrd";
-    /// When it was played, and with which values of the command line.
+    /// Time of the run, and values of the command line.
     pub const PLAYED: &str = "played.json";
-    /// The first file with rows of a sweep or of torture: a folder that has it is not that of a run.
+    /// First file with rows of a sweep or of torture: a folder that has it is not a run's.
     pub const ROWS: &str = "rows.jsonl";
-    /// The folder of the files of an engine that plays a sweep or torture.
+    /// Folder of the files of an engine that plays a sweep or torture.
     pub const ENGINE: &str = "engine";
 }
 
@@ -60,11 +60,10 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes the folder `<parent>/<name>-<hash>` with nothing in it. A second run gets
-    /// a numbered suffix; nothing is overwritten.
+    /// Makes the empty folder `<parent>/<name>-<hash>`. A second run gets a numbered suffix; no file is overwritten.
     ///
     /// # Errors
-    /// The folder cannot be made.
+    /// If the folder cannot be made.
     pub fn create(parent: &Path, name: &str, seed: u64, text: &str) -> Result<Self, WriteError> {
         fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
         let base = format!("{}-{}", slug(name), hash(seed, text));
@@ -72,28 +71,27 @@ impl RunFolder {
         Ok(Self { path })
     }
 
-    /// Where the folder `<parent>/<name>-<id>` is, or would be.
+    /// Returns the path of the folder `<parent>/<name>-<id>`, whether or not it exists.
     #[must_use]
     pub fn path_of(parent: &Path, name: &str, id: &str) -> PathBuf {
         parent.join(format!("{}-{id}", slug(name)))
     }
 
-    /// Makes or opens the folder `<parent>/<name>-<id>`: work that was broken off goes on where it was. Scenarios
-    /// differ by the id.
+    /// Makes or opens the folder `<parent>/<name>-<id>`, in which interrupted work is resumed. Scenarios differ by the id.
     ///
     /// # Errors
-    /// The folder cannot be made.
+    /// If the folder cannot be made.
     pub fn lasting(parent: &Path, name: &str, id: &str) -> Result<Self, WriteError> {
         let path = Self::path_of(parent, name, id);
         fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
         Ok(Self { path })
     }
 
-    /// As [`RunFolder::lasting`], with what `write` writes into it: it appears with all of that at once, also where others, on
-    /// other machines, make the same folder at the same time. Into one that is there, `write` writes what is missing.
+    /// As [`RunFolder::lasting`], with the files that `write` writes. The folder appears with all of them at once, even if other
+    /// machines make the same folder at the same time. Into an existing folder, `write` writes the missing files.
     ///
     /// # Errors
-    /// The folder cannot be made, or `write` failed.
+    /// If the folder cannot be made, or `write` failed.
     pub fn shared(
         parent: &Path,
         name: &str,
@@ -114,7 +112,7 @@ impl RunFolder {
             renamed.map_err(WriteError::at(&folder.path))
         });
         if written.is_err() {
-            // What is left of it does no harm.
+            // A remaining part does no harm.
             let _ = fs::remove_dir_all(partial.path());
         }
         if folder.path.is_dir() {
@@ -124,7 +122,7 @@ impl RunFolder {
         }
     }
 
-    /// The scenario's copy in the folder.
+    /// Returns the scenario's copy in the folder.
     #[must_use]
     pub fn scenario(&self) -> PathBuf {
         self.path.join(file::SCENARIO)
@@ -135,18 +133,18 @@ impl RunFolder {
         &self.path
     }
 
-    /// Writes one file as a whole: a reader sees the old one or the new one. A folder in its name is made.
+    /// Writes one file as a whole: a reader sees the old one or the new one. Makes a folder in its name.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// If the file cannot be written.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
         self.write_with(name, |output| output.write_all(bytes))
     }
 
-    /// As [`RunFolder::write`], where the file is not there with these very bytes.
+    /// As [`RunFolder::write`], unless the file exists with these very bytes.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// If the file cannot be written.
     pub fn ensure(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
         match own_file(&self.path, name).and_then(|path| is_file_of(&path, bytes)) {
             Ok(true) => Ok(()),
@@ -154,10 +152,10 @@ impl RunFolder {
         }
     }
 
-    /// As [`RunFolder::write`], for what is too long to be held in memory.
+    /// As [`RunFolder::write`], for content that is too long for memory.
     ///
     /// # Errors
-    /// The file cannot be written, or `write` failed.
+    /// If the file cannot be written, or `write` failed.
     pub fn write_with(
         &self,
         name: &str,
@@ -169,10 +167,10 @@ impl RunFolder {
         written.map_err(WriteError::at(&path))
     }
 
-    /// Makes a link to a file elsewhere. A folder in its name is made; what is there already stays.
+    /// Makes a link to a file elsewhere. Makes a folder in its name; an existing file stays.
     ///
     /// # Errors
-    /// The link cannot be made.
+    /// If the link cannot be made.
     pub fn link(&self, name: &Path, target: &Path) -> Result<(), WriteError> {
         let path = self.path.join(name);
         let made = self.make_parent(name);
@@ -192,10 +190,10 @@ impl RunFolder {
         fs::create_dir_all(self.path.join(below))
     }
 
-    /// Opens the log, which grows while the run goes on: `bus.log`, or that of a long run.
+    /// Opens the log, which grows during the run: `bus.log`, or the log of a long run.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// If the file cannot be written.
     pub fn bus_log(&self, is_long: bool) -> Result<BusLog, WriteError> {
         let name = if is_long {
             file::LONG_BUS_LOG
@@ -206,10 +204,10 @@ impl RunFolder {
     }
 }
 
-/// The place of a file in a folder that may come from elsewhere; whether it is there does not matter.
+/// Returns the path of a file in a folder that may be foreign. The file need not exist.
 ///
 /// # Errors
-/// It is a link that leads out of the folder, or lies behind one.
+/// If it is a link that leads out of the folder, or lies behind one.
 pub fn own_file(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
     let path = folder.join(name);
     let folder = if folder.as_os_str().is_empty() {
@@ -217,7 +215,7 @@ pub fn own_file(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
     } else {
         folder
     };
-    // A link that leads nowhere leads out of it, too.
+    // A dangling link leads out of it, too.
     let target = path.canonicalize().or_else(|_| path.read_link());
     match (target, folder.canonicalize()) {
         (Ok(target), Ok(folder)) if !target.starts_with(&folder) => {
@@ -229,21 +227,22 @@ pub fn own_file(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
     }
 }
 
-/// The name of the log in a run folder. A plain one beside that of a long run is what somebody decompressed, as far as it came.
+/// Returns the name of the log in a run folder. A plain log next to that of a long run is a decompressed copy, perhaps a partial
+/// one.
 #[must_use]
 pub fn log_in(folder: &Path) -> &'static str {
-    // What is there and leads nowhere is refused by whoever reads it.
+    // A dangling link counts, too: its reader refuses it.
     match folder.join(file::LONG_BUS_LOG).symlink_metadata() {
         Err(error) if error.kind() == io::ErrorKind::NotFound => file::BUS_LOG,
         _ => file::LONG_BUS_LOG,
     }
 }
 
-/// Writes what a user wants at a place: a file as [`write_whole`] does, where a link leads. What is there and is no file, such as
-/// a device or a pipe, cannot be replaced: it gets what is written.
+/// Writes a user's output file, as [`write_whole`] does, at the target of a link. A device or a pipe, which cannot be replaced,
+/// is written to.
 ///
 /// # Errors
-/// The file cannot be written, or `write` failed.
+/// If the file cannot be written, or `write` failed.
 pub fn write_output(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -260,7 +259,7 @@ pub fn write_output(
 /// Writes a file as a whole: it is on the disk when it gets its name. A link in its place is replaced, not followed.
 ///
 /// # Errors
-/// As [`replace`]; or the file cannot be written.
+/// As [`replace`], and if the file cannot be written.
 pub fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -272,12 +271,12 @@ pub fn write_whole(
     })
 }
 
-/// Puts a file in the place of another: `write` writes it under a name of its own, which it loses when all of it is there. It is empty,
-/// can be read, too, and is locked as long as it is open, where the file system has locks. A link in its place is replaced, not
-/// followed.
+/// Replaces a file: `write` writes the new one under another name, which changes when the file is complete. It gets an empty file
+/// that can be read, too, and that is locked as long as it is open, if the file system has locks. A link in its place is
+/// replaced, not followed.
 ///
 /// # Errors
-/// Something that is no file is in its place, or `write` failed.
+/// If there is something other than a file in its place, or `write` failed.
 pub fn replace<E: From<io::Error>>(
     path: &Path,
     write: impl FnOnce(File) -> Result<(), E>,
@@ -288,15 +287,15 @@ pub fn replace<E: From<io::Error>>(
     let begin = || partial_of(path);
     let ((file, partial), _unfinished) =
         Unfinished::begin(begin, |(_, partial)| partial.to_path_buf())?;
-    // Until it has its name, nobody else may write it.
+    // No other process may write it until it has its name.
     let _lock = file.try_clone()?;
     write(file)?;
-    // Until here its end, also by an error, removes it: on a full disk it holds the room that is missing.
+    // Until here its drop, also after an error, removes it: on a full disk it occupies the missing room.
     Ok(partial.persist(path).map_err(|error| error.error)?)
 }
 
-/// The file in which another begins: `NAME.partial`, also where a program that was killed left one. Whoever replaces the same file
-/// meanwhile writes another one, `NAME.<random>.partial`. So does who finds a link there, or what is no file.
+/// Returns the temporary file in which a file begins: `NAME.partial`, even if a killed program left one. A second writer of the
+/// same file meanwhile uses another one, `NAME.<random>.partial`. So does a writer that finds a link or another non-file there.
 fn partial_of(path: &Path) -> io::Result<(File, TempPath)> {
     let usual = path.with_added_extension("partial");
     if let Some(file) = locked(&usual) {
@@ -313,35 +312,35 @@ fn partial_of(path: &Path) -> io::Result<(File, TempPath)> {
     let partial = tempfile::Builder::new()
         .prefix(&prefix)
         .suffix(".partial")
-        // Whatever the user's own mask admits.
+        // Restricted by the user's own mask.
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(folder)?;
-    // Nobody else knows it, so only a file system without locks refuses.
+    // No other process knows it, so only a file system without locks refuses.
     let _ = partial.as_file().try_lock();
     Ok(partial.into_parts())
 }
 
-/// A file that this program has for itself; none where another one has it, or where there can be none.
+/// Returns a file that this program has locked; `None` if another one has it, or if there can be none.
 fn locked(path: &Path) -> Option<File> {
     let is_free = fs::symlink_metadata(path).map_or(true, |found| found.is_file());
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false);
     let file = is_free.then(|| options.open(path))?.ok()?;
     let file = file.try_lock().is_ok().then_some(file)?;
-    // Whoever had it before may have given it its name meanwhile.
+    // The previous holder may have renamed it meanwhile.
     has_name(&file, path).then_some(file)
 }
 
-/// Whether a file has these bytes.
+/// Returns whether a file has these bytes.
 fn is_file_of(path: &Path, bytes: &[u8]) -> io::Result<bool> {
     require_file(path)?;
     Ok(path.metadata()?.len() == bytes.len() as u64 && fs::read(path)? == bytes)
 }
 
-/// As [`write_whole`], for a file that is not there yet. A folder in its name is made.
+/// As [`write_whole`], for a file that does not exist yet. Makes a folder in its name.
 ///
 /// # Errors
-/// As [`write_whole`], or something of that name is there.
+/// As [`write_whole`], and if a file of that name exists.
 pub fn write_new(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -381,7 +380,7 @@ fn create_numbered(parent: &Path, base: &str) -> io::Result<PathBuf> {
     Err(io::Error::new(io::ErrorKind::AlreadyExists, full))
 }
 
-/// Lower-case letters, digits and single dashes: a name that every file system takes.
+/// Returns a name that every file system takes: lower-case letters, digits and single dashes.
 fn slug(name: &str) -> String {
     let mut slug = String::new();
     for character in name.chars().take(60) {
@@ -399,7 +398,7 @@ fn slug(name: &str) -> String {
     }
 }
 
-/// Eight digits that name scenario, seed and version.
+/// Returns eight digits that identify scenario, seed and version.
 fn hash(seed: u64, text: &str) -> String {
     let mut hasher = Sha256::new();
     hasher.update(env!("CARGO_PKG_VERSION"));
@@ -480,7 +479,7 @@ mod tests {
             RunFolder::shared(parent.path(), "run", "1", |folder| {
                 folder.write("table.csv", text.as_bytes())?;
                 assert_eq!(parent.path().join("run-1").exists(), text == "late");
-                // Meanwhile somebody else is faster.
+                // Meanwhile another process is faster.
                 if text == "slow" {
                     RunFolder::shared(parent.path(), "run", "1", |other| {
                         other.write("table.csv", b"fast")?;
@@ -520,7 +519,7 @@ mod tests {
             damage();
             make().unwrap();
             assert_eq!(fs::read(path(file::SCENARIO)).unwrap(), b"scenario");
-            // What is as it was is left alone.
+            // An unchanged file is left alone.
             assert_eq!(inode(), before);
         }
         assert_eq!(fs::read(rows).unwrap(), b"rows");
@@ -587,7 +586,7 @@ mod tests {
         assert_eq!(fs::read(theirs.join("file")).unwrap(), b"theirs");
         assert_eq!(fs::read_dir(&theirs).unwrap().count(), 2);
         assert_eq!(fs::read_dir(theirs.join("below")).unwrap().count(), 0);
-        // What has the wanted bytes elsewhere is copied.
+        // A link to a file with the wanted bytes is replaced by a copy.
         symlink(theirs.join("file"), place("copied")).unwrap();
         folder.ensure("copied", b"theirs").unwrap();
         assert!(!place("copied").is_symlink());

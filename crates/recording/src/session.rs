@@ -1,4 +1,4 @@
-//! The plan of a run in its run folder, so that the folder can be run and judged by itself: written, and read back.
+//! Plan of a run in its run folder, so that the folder can be run and judged by itself: writing, and reading back.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,19 +12,19 @@ use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
 use crate::run_folder::{RunFolder, WriteError, file, own_file};
 
-/// Writes what is played, and what its frames mean.
+/// Writes the files of the plan, and the meaning of its frames.
 ///
 /// # Errors
-/// A file cannot be written.
+/// If a file cannot be written.
 pub fn write_plan(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
     folder.write(file::FRAMES, plan.database().to_dbc().as_bytes())?;
     write_scenario(folder, plan)
 }
 
-/// Writes what is played, where it is not there already. The scenario comes last: a folder that has it has the others.
+/// Writes the missing files of the plan. The scenario comes last: a folder that has it has the others.
 ///
 /// # Errors
-/// A file cannot be written.
+/// If a file cannot be written.
 pub fn write_scenario(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
     link_files(folder, plan, "")?;
     files_of(plan).try_for_each(|(name, text)| folder.ensure(name, text.as_bytes()))
@@ -33,7 +33,7 @@ pub fn write_scenario(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError>
 /// Writes the EDS of each node of the rig.
 ///
 /// # Errors
-/// A file cannot be written.
+/// If a file cannot be written.
 pub fn write_sheets(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
     node_sheets(plan).into_iter().try_for_each(|sheet| {
         let name = format!("{}/{}", file::SHEETS, sheet.file_name());
@@ -41,36 +41,36 @@ pub fn write_sheets(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
     })
 }
 
-/// Writes the tables that the scenario names, for scenarios in a folder of the folder.
+/// Writes the tables that the scenario names, for scenarios in the subfolder `place`.
 ///
 /// # Errors
-/// A file cannot be written.
+/// If a file cannot be written.
 pub fn write_tables(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
     link_files(folder, plan, place)?;
     let mut tables = plan.shared.tables.iter();
     tables.try_for_each(|(name, text)| folder.write(&format!("{place}/{name}"), text.as_bytes()))
 }
 
-/// Programs of laws and FMUs are not copied: beside the hash of each, a link leads to where it is, so that the nodes find it.
+/// Links the programs of laws and FMUs, which are not copied: next to the hash of each, a link leads to it for the nodes.
 fn link_files(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteError> {
     let hashes = plan.shared.tables.keys();
     let mut files = hashes.filter_map(|name| name.strip_suffix(HASH_SUFFIX));
     files.try_for_each(|file| match plan.shared.beside.place(file).canonicalize() {
         Ok(target) => folder.link(&Path::new(place).join(file), &target),
-        // Who needs it will say so.
+        // A node that needs it reports that it is missing.
         Err(_) => Ok(()),
     })
 }
 
-/// The files that are played, by the names of their copies in a folder: those that the scenario names, its rig with the EDS of real
-/// drives among them, and the scenario.
+/// Returns the files of the plan, with the names of their copies in a folder: the files that the scenario names, with its rig and
+/// the EDS of real drives, and the scenario.
 pub fn files_of(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
     let tables = plan.shared.tables.iter();
     let tables = tables.map(|(name, text)| (name.as_str(), text.as_str()));
     tables.chain([(file::SCENARIO, plan.shared.text.as_str())])
 }
 
-/// The plan of a recording cannot be read back.
+/// Error: the plan of a recording cannot be read back.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     #[error(transparent)]
@@ -81,7 +81,7 @@ pub enum ReadError {
     Link { path: PathBuf, source: io::Error },
 }
 
-/// The place of a file of a recording, which is the folder's own.
+/// Returns the path of a file of a recording in its own folder.
 fn own(folder: &Path, name: &str) -> Result<PathBuf, ReadError> {
     own_file(folder, name).map_err(|source| ReadError::Link {
         path: folder.join(name),
@@ -89,7 +89,7 @@ fn own(folder: &Path, name: &str) -> Result<PathBuf, ReadError> {
     })
 }
 
-/// The `frames.dbc` of a recording cannot be used.
+/// Error: the `frames.dbc` of a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be used: {fault}", path.display())]
 pub struct FramesError {
@@ -107,12 +107,12 @@ enum FramesFault {
     TwoColumns(String),
 }
 
-/// Reads back the plan of a run, with its nodes of somebody else, if those are known. The folder's own `frames.dbc` says what the
-/// frames mean; then no plant and no law of this bench is asked for anything. Beside a log of another tool there is none: there it
+/// Reads back the plan of a run, with its external nodes, if those are known. The folder's own `frames.dbc` gives the frames
+/// their meaning; then no plant and no law of this bench is needed. With a log of another tool there is none: then the meaning
 /// follows from the scenario's rig and law, which must be in the catalogue.
 ///
 /// # Errors
-/// A file cannot be read or is not valid.
+/// If a file cannot be read or is not valid.
 pub fn read_plan(
     folder: &Path,
     external: Option<&[String]>,
@@ -139,10 +139,10 @@ pub fn read_plan(
     Ok(plan.recorded_external(external.unwrap_or_default()))
 }
 
-/// The plan of a recording in a folder with the limits of another scenario; none where that has other loops.
+/// Returns the plan of a recording in a folder with the limits of another scenario; `None` if that has other loops.
 ///
 /// # Errors
-/// A file cannot be read or is not valid.
+/// If a file cannot be read or is not valid.
 pub fn with_limits(
     plan: Plan,
     folder: &Path,
@@ -154,7 +154,7 @@ pub fn with_limits(
     Ok(plan.with_limits_of(&limits))
 }
 
-/// Reads a scenario about frames that mean what the database of a recording says, else what the catalogue says.
+/// Reads a scenario. Its frames have the meaning in the database of a recording, or otherwise that of the catalogue.
 fn load(
     scenario: &Path,
     frames: Option<&Arc<Database>>,
@@ -168,7 +168,7 @@ fn load(
     plan.map_err(|error| ReadError::Scenario(Box::new(error)))
 }
 
-/// What the frames of a recording mean, where its folder says so.
+/// Reads the meaning of the frames of a recording, if its folder has it.
 fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
     let path = folder.join(file::FRAMES);
     let read = || -> Result<Option<Database>, FramesFault> {
@@ -193,7 +193,7 @@ mod tests {
     use super::*;
     use scenario::Beside;
 
-    /// A folder that holds its scenario is taken for whole, so a sweep that was killed would go on without the table.
+    /// A folder with a scenario counts as complete, so a killed sweep would continue without the table.
     #[test]
     fn a_folder_without_the_files_of_its_scenario_has_no_scenario() {
         let place = tempfile::tempdir().unwrap();

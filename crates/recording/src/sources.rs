@@ -1,9 +1,9 @@
-//! Two sources of one frame: somebody sends what a node of canrig's sends too.
+//! Second sources of a frame: foreign senders of frames that a node of canrig sends too.
 //!
-//! On a bus all frames look alike, so the frames of an identifier are counted: each of canrig's nodes reports at its end how many it
-//! sent. Where one reports nothing, since it was killed or the recording is of somebody else, the count is held against the time: a
-//! sender that is late catches up, and never sends more than one frame in a period. A SYNC with a counter says by itself that it is
-//! not the next one.
+//! On a bus all frames look alike, so the frames of an identifier are counted: each of canrig's nodes reports at its end how many
+//! it sent. If a node does not report, since it was killed or the recording is foreign, the count is compared with the time: a
+//! sender that is late catches up, and never sends more than one frame in a period. A SYNC with a counter shows by itself that it
+//! is not the next one.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -29,24 +29,24 @@ const EMERGENCIES: u16 = 0x080;
 const HEARTBEATS: u16 = 0x700;
 const SDO_RESPONSES: u16 = 0x580;
 const SDO_REQUESTS: u16 = 0x600;
-/// The client's command that begins to write an object.
+/// Client's command that begins to write an object.
 const SDO_DOWNLOAD: u8 = 1;
 const SDO_ABORT: u8 = 0x80;
 const NMT_START: u8 = 1;
 const NMT_STOP: u8 = 2;
-/// So many times that a drive was stopped are kept.
+/// Largest number of stops of a drive that are kept.
 const STOPS_MAX: usize = 1000;
-/// So long after NMT Stop the run of whoever gave it is over.
+/// Time after NMT Stop at which the run of its sender is over.
 const STOP_TIME: Duration = Duration::from_secs(1);
-/// The place of an identifier that nobody watches.
+/// Place of an identifier that is not watched.
 const UNWATCHED: u8 = u8::MAX;
-/// Heartbeats of new states, besides the periodic ones.
+/// Number of heartbeats of new states, in addition to the periodic ones.
 const BOOTS_MAX: u64 = 10;
-/// In so many periods a clock gains less than one on another.
+/// Number of periods in which a clock gains less than one on another.
 const CLOCK_PERIODS: u64 = 100;
-/// So many frames more than periods are no second sender's.
+/// Largest surplus of frames over periods that proves no second sender.
 const SURPLUS_MIN: u64 = 2;
-/// Kinds of frames; that which answers each SYNC is the position.
+/// Kinds of frames; the one that answers each SYNC is the position.
 const POSITION: &str = "position";
 const COMMAND: &str = "command";
 const SYNC: &str = "sync";
@@ -54,7 +54,7 @@ const HEARTBEAT: &str = "heartbeat";
 const NMT: &str = "nmt";
 const SDO: &str = "sdo";
 
-/// The frames of an identifier that a node of canrig's sent.
+/// Frames of an identifier that a node of canrig's sent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SentFrames {
     pub node: String,
@@ -62,18 +62,18 @@ pub struct SentFrames {
     pub frames: u64,
 }
 
-/// The frames that canrig's nodes sent in a run; empty where none reports any.
+/// Frames that canrig's nodes sent in a run; empty if none reports any.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Sent(pub Vec<SentFrames>);
 
 impl Sent {
-    /// Those of an identifier; none where no node reports it.
+    /// Returns the number of frames of an identifier; `None` if no node reports it.
     fn of(&self, identifier: u16) -> Option<u64> {
         let reports = self.0.iter().filter(|sent| sent.identifier == identifier);
         reports.map(|sent| sent.frames).reduce(u64::saturating_add)
     }
 
-    /// The text of `sent.csv`.
+    /// Returns the text of `sent.csv`.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let row = |sent: &SentFrames| {
@@ -91,7 +91,7 @@ impl Sent {
     /// Reads `sent.csv` of a run folder; empty without the file.
     ///
     /// # Errors
-    /// The file cannot be read, or is not of that form.
+    /// If the file cannot be read, or is not of that form.
     pub fn read(folder: &Path) -> io::Result<Self> {
         match scenario::read_text(&own_file(folder, file::SENT)?, BYTES_MAX) {
             Ok(text) => of_csv(&text)
@@ -126,23 +126,23 @@ fn of_csv(text: &str) -> Result<Vec<SentFrames>, String> {
     lines.collect()
 }
 
-/// Frames that somebody else sent.
+/// Frames from a foreign sender.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SecondSource {
-    /// The identifier of the frames.
+    /// Identifier of the frames.
     pub identifier: u16,
-    /// For people.
+    /// Description for the user.
     pub what: String,
-    /// The kind of frame: `sync`, `position`, `command`, `heartbeat`, `emergency`, `nmt` or `sdo`.
+    /// Kind of frame: `sync`, `position`, `command`, `heartbeat`, `emergency`, `nmt` or `sdo`.
     pub duty: &'static str,
-    /// Scenario time at which the first came out of turn.
+    /// Scenario time of the first frame out of turn.
     pub first_seconds: f64,
     pub frames: u64,
-    /// They are known by their rate only.
+    /// Whether only their rate shows them.
     is_by_rate: bool,
 }
 
-/// `0x210 (commands to the drive), 20 frames that canrig's nodes did not send, from 1.234 s on`
+/// Writes a text such as `0x210 (commands to the drive), 20 frames that canrig's nodes did not send, from 1.234 s on`.
 impl fmt::Display for SecondSource {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
@@ -166,20 +166,20 @@ impl fmt::Display for SecondSource {
     }
 }
 
-/// The frames of the identifiers that canrig's nodes may send.
+/// Frames of the identifiers that canrig's nodes may send.
 #[derive(Clone, Debug, Default)]
 pub struct Sources {
-    /// By their identifiers.
+    /// Counted frames by identifier.
     watched: Vec<(u16, Watched)>,
-    /// Frames that no node of the run sends, whatever their number, with the time of the first.
+    /// Frames that no node of the run sends, in any number, with the time of the first.
     strange: BTreeMap<(&'static str, u16, String), (f64, u64)>,
-    /// Time ran backwards by more than a clock is ever stepped in a run: neither rates nor what follows from what is known then.
+    /// Whether time ran backwards by more than a clock is ever stepped in a run; then neither rates nor sequences prove anything.
     is_order_lost: bool,
-    /// A fault of a node changes how often its frames come.
+    /// Whether a fault of a node changes the rate of its frames.
     is_rate_changed: bool,
-    /// A fault of the scenario changes frames on the bus, doubles them or adds some: the contents say nothing of who sent them.
+    /// Whether a fault of the scenario changes, doubles or adds frames on the bus, so that contents do not identify a sender.
     is_bus_faulty: bool,
-    /// When an external controller stopped the drive.
+    /// Times at which an external controller stopped the drive.
     stops_seconds: Vec<f64>,
 }
 
@@ -187,20 +187,20 @@ pub struct Sources {
 struct Watched {
     what: &'static str,
     duty: &'static str,
-    /// The time between two of one sender.
+    /// Time between two frames of one sender.
     period: Option<Duration>,
     half_period: Option<Duration>,
-    /// It answers a SYNC: a position or a command.
+    /// Whether it answers a SYNC, as a position or a command.
     is_answer: bool,
-    /// A node of canrig's is the sender.
+    /// Whether a node of canrig is the sender.
     is_ours: bool,
-    /// The frame of the same node that it always sends.
+    /// Identifier of the frame that the same node always sends.
     reporter: Option<u16>,
     recorded: u64,
     latest: Option<Duration>,
-    /// In the scenario: the time of the first and the last, and how many there are.
+    /// Times of the first and the last frame in the scenario, and their number.
     in_scenario: Option<(Duration, Duration, u64)>,
-    /// Scenario time of the first that came in less than half of the period.
+    /// Scenario time of the first frame that came in less than half of the period.
     soon: Option<Duration>,
 }
 
@@ -245,13 +245,13 @@ impl Watched {
         }
     }
 
-    /// When the first came out of turn, or came at all.
+    /// Returns the time of the first frame out of turn, or of the first frame.
     fn first_seconds(&self) -> f64 {
         let first = self.in_scenario.map(|(first, ..)| first);
         self.soon.or(first).unwrap_or_default().as_secs_f64()
     }
 
-    /// Frames beyond one in each period, and beyond one for each SYNC, whoever sends it, where they answer it.
+    /// Returns the surplus of frames over one in each period, and over one for each SYNC from any sender if they answer it.
     fn too_many_by_rate(&self, syncs: u64, positions: u64) -> u64 {
         let (Some(period), Some((first, last, count))) = (self.period, self.in_scenario) else {
             return 0;
@@ -274,13 +274,13 @@ impl Watched {
 }
 
 impl Sources {
-    /// Scenario times at which an external controller stopped the drive by NMT.
+    /// Returns the scenario times at which an external controller stopped the drive by NMT.
     #[must_use]
     pub fn stops_seconds(&self) -> &[f64] {
         &self.stops_seconds
     }
 
-    /// The positions beyond one for each SYNC, if they are too many, and the time of the first.
+    /// Returns the number of positions beyond one for each SYNC, if they are too many, and the time of the first.
     #[must_use]
     pub fn positions_too_many(&self) -> Option<(u64, f64)> {
         let (_, position) = self.watched.iter().find(|(_, one)| one.duty == POSITION)?;
@@ -289,7 +289,7 @@ impl Sources {
         (frames > 0 && is_known).then(|| (frames, position.first_seconds()))
     }
 
-    /// How many frames of a kind the scenario has.
+    /// Returns the number of frames of a kind in the scenario.
     fn count_of(&self, duty: &str) -> u64 {
         let mut watched = self.watched.iter();
         let one = watched.find(|(_, one)| one.duty == duty);
@@ -297,7 +297,7 @@ impl Sources {
             .map_or(0, |(.., count)| count)
     }
 
-    /// What came of somebody else, the first of it first.
+    /// Returns the frames of foreign senders, the first ones first.
     #[must_use]
     pub fn found(&self, sent: &Sent) -> Vec<SecondSource> {
         if self.is_bus_faulty || self.is_order_lost {
@@ -306,7 +306,7 @@ impl Sources {
         let (syncs, positions) = (self.count_of(SYNC), self.count_of(POSITION));
         let counted = self.watched.iter().filter_map(|(identifier, watched)| {
             let frames_sent = sent.of(*identifier);
-            // A node that reports, and nothing of these, sent none of them.
+            // A node that reports, but not these frames, sent none of them.
             let none = watched.reporter.and_then(|id| sent.of(id)).map(|_| 0);
             let (frames, is_by_rate) = match frames_sent.or(none) {
                 _ if !watched.is_ours => return None,
@@ -355,34 +355,34 @@ impl Sources {
     }
 }
 
-/// Counts the frames of a run.
+/// Counter of the frames of a run.
 #[derive(Debug)]
 pub struct SourceReader {
-    /// The place of each identifier among those that are watched.
+    /// Place of each identifier among the watched ones.
     places: Box<[u8; STANDARD_IDS]>,
     sources: Sources,
     end: Duration,
     controller_heartbeat: u16,
     controller_emergency: u16,
-    /// The controller is canrig's.
+    /// Whether the controller is canrig's.
     is_ours: bool,
-    /// No drive is somebody else's, beside which the bench itself may stop the nodes.
+    /// Whether no drive is external; with an external drive the bench itself may stop the nodes.
     is_emulated: bool,
-    /// The node-ID of the drive.
+    /// Node-ID of the drive.
     drive: u16,
     /// Node-ID of the controller.
     controller: u8,
     sync: Option<SyncPayload>,
-    /// So often the scenario will still start the controller anew.
+    /// Number of times that the scenario will still restart the controller.
     boot_ups_left: usize,
     has_newcomer: bool,
     is_stop_scripted: bool,
-    /// When NMT Stop was given, and to whom, before the controller gave up.
+    /// Time and addressee of NMT Stop before the controller gave up.
     stop: Option<(Duration, u8)>,
     has_given_up: bool,
 }
 
-/// What a SYNC carries.
+/// Content of a SYNC.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct SyncPayload {
     length: usize,
@@ -390,7 +390,7 @@ struct SyncPayload {
 }
 
 impl SourceReader {
-    /// A reader that has seen nothing.
+    /// Makes a reader that has seen no frame.
     #[must_use]
     pub fn new(one: &ControlLoop) -> Self {
         let scenario = &one.trial;
@@ -428,7 +428,7 @@ impl SourceReader {
         }
     }
 
-    /// The identifiers of the frames that are read.
+    /// Returns the identifiers of the frames that are read.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
         let counted = self
             .sources
@@ -442,13 +442,13 @@ impl SourceReader {
         Vec::from_iter(all.map(u32::from)).into_iter()
     }
 
-    /// What was counted until now.
+    /// Returns the counts so far.
     #[must_use]
     pub fn sources(&self) -> &Sources {
         &self.sources
     }
 
-    /// Takes each frame with one of the identifiers, in order; its time on the recording's clock and in the scenario.
+    /// Takes each frame with one of the identifiers, in order, with its time on the recording's clock and in the scenario.
     #[inline]
     pub fn on_frame(&mut self, time: Duration, scenario_time: Option<Duration>, frame: &CanFrame) {
         let Some(identifier) = frame.standard_id() else {
@@ -457,13 +457,13 @@ impl SourceReader {
         let scenario_time = scenario_time.filter(|time| *time < self.end);
         let place = self.places[usize::from(identifier) % STANDARD_IDS];
         if let Some((_, watched)) = self.sources.watched.get_mut(usize::from(place)) {
-            // What was sent in the controller's name before it booted is the bench's.
+            // Frames in the controller's name before it booted are the bench's.
             let is_boot_up = identifier == self.controller_heartbeat && frame.data() == [0];
             if is_boot_up && scenario_time.is_none() {
                 watched.recorded = 0;
             }
             watched.on_frame(time, scenario_time);
-            // Most frames are answers to a SYNC, whose contents say nothing of their sender.
+            // Most frames are answers to a SYNC, whose contents do not identify their sender.
             if watched.is_answer {
                 return;
             }
@@ -473,7 +473,7 @@ impl SourceReader {
         }
     }
 
-    /// Takes a frame whose contents may say who sent it.
+    /// Takes a frame whose contents may identify its sender.
     fn on_contents(&mut self, now: Duration, identifier: u16, frame: &CanFrame) {
         match (identifier, frame.data()) {
             (SYNC_COB_ID, data) => self.on_sync(now, data),
@@ -498,12 +498,13 @@ impl SourceReader {
         }
     }
 
-    /// Time ran backwards.
+    /// Notes that time ran backwards.
     pub(crate) fn lose_order(&mut self) {
         self.sources.is_order_lost = true;
     }
 
-    /// The counter of a SYNC that is not the next one, or goes on from another: 1 begins anew, and one that is missing leaves a gap.
+    /// Checks that the counter of a SYNC is the next one. 1 begins anew, and a lost SYNC leaves a gap; a step back or another
+    /// length is strange.
     fn on_sync(&mut self, now: Duration, data: &[u8]) {
         let payload = SyncPayload {
             length: data.len(),
@@ -530,7 +531,8 @@ impl SourceReader {
         }
     }
 
-    /// Our controller starts and resets nodes when it or another comes up. With Stop it ends a run, as canrig does.
+    /// Takes an NMT command. Our controller starts and resets nodes when it or another comes up. It ends a run with Stop, as
+    /// canrig does.
     fn on_nmt(&mut self, now: Duration, specifier: u8, node: u8) {
         match specifier {
             NMT_STOP if self.is_stop_scripted => {}
@@ -557,7 +559,8 @@ impl SourceReader {
         );
     }
 
-    /// Our controller reports why it gives up, and then stops the drives: whom it finds stopped somebody else did.
+    /// Takes an emergency of the controller. It reports why it gives up before it stops the drives, so an earlier Stop was
+    /// foreign.
     fn on_emergency(&mut self) {
         self.has_given_up = true;
         if let Some((at, node)) = self
@@ -574,7 +577,7 @@ impl SourceReader {
         bases.iter().any(|base| identifier == base + self.drive)
     }
 
-    /// The run writes no object any more, unless a node comes up. To read one changes nothing.
+    /// Takes an SDO. The run writes no more objects, unless a node comes up; a read changes nothing.
     fn on_sdo(&mut self, now: Duration, identifier: u16, specifier: u8) {
         let is_request = identifier == SDO_REQUESTS + self.drive;
         let is_write = is_request && specifier >> 5 == SDO_DOWNLOAD;
@@ -609,7 +612,7 @@ impl SourceReader {
     }
 }
 
-/// The frames that controller and drive send, where they are canrig's.
+/// Returns the frames that controller and drive send, with whether those are canrig's.
 fn watched(
     one: &ControlLoop,
     cycle: Duration,
@@ -676,7 +679,7 @@ fn watched(
     of_controller.chain(of_drive).collect()
 }
 
-/// How often a scenario starts the controller anew.
+/// Returns how often a scenario restarts the controller.
 fn starts_anew(faults: &Faults) -> usize {
     let crashes = faults.of("crash");
     let starts = crashes.filter(|fault| fault.until_seconds.is_some());
@@ -684,7 +687,7 @@ fn starts_anew(faults: &Faults) -> usize {
     starts.filter(|fault| fault.is_at_controller()).count()
 }
 
-/// The identifier of the controller's frames of a service (CiA 301, 7.3.5).
+/// Returns the identifier of the controller's frames of a service (CiA 301, 7.3.5).
 fn of_controller(one: &ControlLoop, base: u16) -> u16 {
     base + u16::from(one.nodes.controller.id)
 }
@@ -706,7 +709,7 @@ mod tests {
 
     type Frames = Vec<(Duration, CanFrame)>;
 
-    /// One controller and one drive for 1500 cycles, with a counter in the SYNC, delayed as a machine may delay them.
+    /// Makes 1500 cycles of one controller and one drive, with a counter in the SYNC, and with delays as on a real machine.
     fn run(delay: impl Fn(u32) -> Duration) -> Frames {
         let mut frames = Vec::new();
         let mut latest = Duration::ZERO;
@@ -736,7 +739,7 @@ mod tests {
         reader.sources().clone()
     }
 
-    /// Each with its identifier, its time in milliseconds and its number.
+    /// Returns the found sources, each with its identifier, its time in milliseconds and its number.
     fn found_in(
         frames: Frames,
         faults: &str,
@@ -790,7 +793,7 @@ mod tests {
             _ => Duration::ZERO,
         };
         assert_eq!(found(run(busy)), []);
-        // A clock that is as late as it can be.
+        // A clock that is as late as possible.
         let latest = |cycle: u32| match cycle {
             1400.. => Duration::MAX - 2000 * PERIOD,
             _ => Duration::ZERO,
@@ -838,14 +841,14 @@ mod tests {
             (identifier.as_str(), frames.abs_diff(1500) < 3),
             ("0x210", true)
         );
-        // An external controller sends as often as it likes.
+        // An external controller may send at any rate.
         let external = ["controller"];
         assert_eq!(found_in(twice(), "", &external, &Sent::default()), []);
         let slow = "[[fault.node.slow_cycle]]\nnode = \"controller\"\nfrom_seconds = 0.0\ndelay_milliseconds = 5.0\n";
         assert_eq!(found_in(twice(), slow, &[], &Sent::default()), []);
     }
 
-    /// A clock that is 1 % fast, and no more.
+    /// A clock may be 1 % fast, but no more.
     #[test]
     fn a_clock_may_be_a_hundredth_fast() {
         let with = |surplus: u32| {
@@ -912,7 +915,7 @@ mod tests {
         };
         assert_eq!(with(vec![at(300, &[])]), [("0x080".to_owned(), 300, 1)]);
         assert_eq!(with(vec![at(300, &[7])]), [("0x080".to_owned(), 300, 1)]);
-        // It sends too fast, and counts on.
+        // It sends too fast, and continues its count.
         let fast = |(time, frame): (Duration, CanFrame)| (time / 2, frame);
         let fast = Vec::from_iter(on_time().into_iter().map(fast));
         assert_eq!(found_in(fast, "", &external, &Sent::default()), []);
@@ -930,10 +933,10 @@ mod tests {
         assert_eq!(with(971, 0x701, &[0], ""), named("0x701", 970));
         assert_eq!(with(971, 0x701, &[0], restart), []);
         assert_eq!(with(400, 0x000, &[0x81, 0x10], ""), named("0x000", 399));
-        // The run goes on for more than a second; one that ends within it canrig may have stopped.
+        // The run continues for more than a second; a Stop within its last second may be canrig's.
         assert_eq!(with(400, 0x000, &[2, 0x10], ""), named("0x000", 399));
         assert_eq!(with(700, 0x000, &[2, 0x10], ""), []);
-        // Who finds a drive stopped reports it.
+        // A controller that finds a drive stopped reports it.
         let stop = (700 * PERIOD, CanFrame::new(0x000, &[2, 0x10]));
         let emergency = (
             720 * PERIOD,

@@ -1,4 +1,4 @@
-//! Where the bench or the machine itself was late in a run in real time: the evidence by which a missed cycle is the bench's.
+//! Stalls of the bench or of the machine itself in a run in real time: the evidence that a missed cycle is the bench's.
 //! `stalls.csv` of the run folder holds it, so that a replay decides as the run did.
 
 use std::fmt;
@@ -13,16 +13,16 @@ const HEADER: &str = "from_seconds,until_seconds,who,what";
 /// Largest file that is read: a million rows.
 const BYTES_MAX: u64 = 64 << 20;
 
-/// Who was held up.
+/// Owner of a stalled thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Who {
-    /// Everybody: a thread that only sleeps woke up late.
+    /// The whole machine: a thread that only sleeps woke up late.
     Machine,
     /// The thread that carries the frames of an embedded bus.
     Bus,
     /// The controller's process that canrig started.
     Controller,
-    /// An emulator's process that canrig started, of whichever plant.
+    /// An emulator's process that canrig started, for any plant.
     PlantEmulator,
 }
 
@@ -34,7 +34,7 @@ impl Who {
         Self::PlantEmulator,
     ];
 
-    /// Its name in the file.
+    /// Returns its name in the file.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -46,12 +46,12 @@ impl Who {
     }
 }
 
-/// How it was held up.
+/// Kind of a stall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
-    /// Nothing ran.
+    /// No thread ran.
     StoodStill,
-    /// It was ready to run, and others ran.
+    /// It was ready to run while others ran.
     Waited,
     /// It slept before its deadline, and was woken after it.
     WokeLate,
@@ -60,7 +60,7 @@ pub enum What {
 impl What {
     const ALL: [Self; 3] = [Self::StoodStill, Self::Waited, Self::WokeLate];
 
-    /// The words in the file.
+    /// Returns its text in the file.
     fn words(self) -> &'static str {
         match self {
             Self::StoodStill => "stood still",
@@ -70,7 +70,7 @@ impl What {
     }
 }
 
-/// A stretch in which somebody was held up, on the clock of the recording.
+/// Host stall, on the clock of the recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall {
     pub from: Duration,
@@ -80,7 +80,7 @@ pub struct Stall {
 }
 
 impl Stall {
-    /// Cut to the microseconds of the file, so that a replay sees the same.
+    /// Makes a stall, with times cut to the microseconds of the file, so that a replay sees the same.
     #[must_use]
     pub fn new(from: Duration, until: Duration, who: Who, what: What) -> Self {
         let cut = |time: Duration| Duration::new(time.as_secs(), time.subsec_micros() * 1000);
@@ -92,14 +92,14 @@ impl Stall {
         }
     }
 
-    /// For how long.
+    /// Returns the length of the stall.
     #[must_use]
     pub fn length(&self) -> Duration {
         self.until.saturating_sub(self.from)
     }
 }
 
-/// `the machine stood still for 45.0 ms`
+/// Writes a text such as `the machine stood still for 45.0 ms`.
 impl fmt::Display for Stall {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (who, what) = (self.who.name(), self.what.words());
@@ -112,7 +112,7 @@ impl fmt::Display for Stall {
     }
 }
 
-/// The text of `stalls.csv`.
+/// Returns the text of `stalls.csv`.
 #[must_use]
 pub fn to_csv(stalls: &[Stall]) -> String {
     let row = |stall: &Stall| {
@@ -128,11 +128,10 @@ pub fn to_csv(stalls: &[Stall]) -> String {
     format!("{HEADER}\n{rows}")
 }
 
-/// Reads `stalls.csv` of a run folder. Without the file nobody was held up: in virtual time, or in a recording of somebody
-/// else's.
+/// Reads `stalls.csv` of a run folder. Without the file there were no stalls, as in virtual time or in a foreign recording.
 ///
 /// # Errors
-/// The file cannot be read, or is not of that form.
+/// If the file cannot be read, or is not of that form.
 pub fn read_stalls(folder: &Path) -> io::Result<Vec<Stall>> {
     match scenario::read_text(&own_file(folder, file::STALLS)?, BYTES_MAX) {
         Ok(text) => {

@@ -1,4 +1,4 @@
-//! The samples of the signals that a scenario's checks name.
+//! Samples of the signals that a scenario's checks name.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,41 +8,42 @@ use dbc::{Database, SignalHandle};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};
 
-/// So many times without a cyclic message are a silence, as in `losses`.
+/// Number of periods without a cyclic message that count as a silence, as in `losses`.
 const PERIODS_MAX: u32 = 20;
 
-/// One value that was on the bus.
+/// Value of a signal on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct SignalSample {
-    /// Scenario time: of its cycle for messages that follow SYNC, else of the frame.
+    /// Scenario time of its cycle for messages that follow SYNC, otherwise of the frame.
     pub time_seconds: f64,
     pub value: f64,
 }
 
-/// One signal from scenario time 0 to the scenario's end.
+/// Signal from scenario time 0 to the scenario's end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignalTrace {
     /// `message.signal`.
     pub path: String,
-    /// The unit in the DBC; empty for numbers without one.
+    /// Unit in the DBC; empty for numbers without one.
     pub unit: String,
     /// Longest time between two samples of a message that is sent cyclically.
     pub silence_seconds_max: Option<f64>,
-    /// The samples in the order of time, at most one at a time.
+    /// Samples in the order of time, at most one at each time.
     pub samples: Series<SignalSample>,
 }
 
 struct Collected {
     handle: SignalHandle,
     follows_sync: bool,
-    /// What is known of it before its samples.
+    /// Trace without its samples.
     trace: SignalTrace,
     samples: SeriesWriter<SignalSample>,
 }
 
 impl Collected {
-    /// The latest sample of a cycle counts, as in `signals.csv`; a clock that went back leaves no order behind.
+    /// Appends a sample. The latest sample of a cycle counts, as in `signals.csv`, so later ones are removed after a clock went
+    /// back.
     fn push(&mut self, sample: SignalSample) {
         let is_over = |last: &SignalSample| last.time_seconds >= sample.time_seconds;
         while self.samples.last().is_some_and(is_over) {
@@ -52,14 +53,14 @@ impl Collected {
     }
 }
 
-/// Collects the samples of signals from the frames.
+/// Reader of the samples of signals from the frames.
 pub(crate) struct TraceReader {
     collected: Vec<Collected>,
     end: Duration,
 }
 
 impl TraceReader {
-    /// Reads all signals that the scenario names; names that stand for no signal are left to the judge.
+    /// Makes a reader of all signals that the scenario names. The judge reports names without a signal.
     pub(crate) fn new(one: &ControlLoop) -> Self {
         let scenario = &one.trial;
         let period = scenario.run.bus.sync_period();
@@ -78,7 +79,7 @@ impl TraceReader {
         }
     }
 
-    /// The identifiers of the messages that are read.
+    /// Returns the identifiers of the messages that are read.
     pub(crate) fn raw_ids(&self) -> impl Iterator<Item = u32> {
         let collected = self.collected.iter();
         collected.map(|collected| collected.handle.raw_id())
@@ -111,7 +112,7 @@ impl TraceReader {
         }
     }
 
-    /// The traces, each given once.
+    /// Takes the traces, each once.
     pub(crate) fn take_all(&mut self) -> Vec<SignalTrace> {
         let traces = self.collected.drain(..);
         let trace = |collected: Collected| SignalTrace {
@@ -122,7 +123,7 @@ impl TraceReader {
     }
 }
 
-/// Longest time between two messages of a kind; without a cycle time of their own they follow the SYNC.
+/// Returns the longest time between two messages of a kind; without a cycle time of their own they follow the SYNC.
 #[must_use]
 pub fn silence_seconds_max(message: &str, sync_period: Duration, database: &Database) -> f64 {
     let cycle_time = cycle_time(message, database).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What the emulated plant reported of itself, in scenario time.
+//! Reports of the emulated plant on itself, in scenario time.
 
 use std::time::Duration;
 
@@ -8,11 +8,11 @@ use platform::series::{Series, SeriesWriter};
 
 use crate::log::Stamped;
 
-/// One message of the emulated plant.
+/// Report of the emulated plant in one message.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct PlantTruth {
-    /// When it was so, in scenario time; negative before its beginning.
+    /// Scenario time of the values; negative before the scenario.
     pub time_seconds: f64,
     /// Current through the wire.
     pub current_amperes: f64,
@@ -20,7 +20,7 @@ pub struct PlantTruth {
     pub peak_temperature_celsius: f64,
 }
 
-/// Collects the messages. The plant's clock is not the recording's: their difference is the smallest between a stamp and the
+/// Reader of the messages. The plant's clock is not the recording's: their difference is the smallest one between a stamp and the
 /// plant's own time in the message, since a full bus only makes messages late.
 pub(crate) struct TruthReader {
     /// `None` for an external drive, which sends none.
@@ -57,7 +57,7 @@ impl TruthReader {
         })
     }
 
-    /// The identifier of the messages.
+    /// Returns the identifier of the messages.
     pub(crate) fn raw_id(&self) -> Option<u32> {
         self.signals.as_ref().map(|signals| signals.time.raw_id())
     }
@@ -80,7 +80,7 @@ impl TruthReader {
         });
     }
 
-    /// The messages in scenario time.
+    /// Takes the messages, in scenario time.
     pub(crate) fn take_all(&mut self, zero: Option<Duration>) -> Series<PlantTruth> {
         let zero_seconds = zero.unwrap_or_default().as_secs_f64();
         let messages = std::mem::take(&mut self.messages).finish();

@@ -1,12 +1,12 @@
-//! What was on the bus and is not among the frames of its recording.
+//! Traffic of the bus that is not among the frames of its recording.
 
-/// What the frames of a recording do not show of the bus.
+/// Traffic of the bus that the frames of a recording do not show.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Unrecorded {
-    /// Frames that the recorder lost.
+    /// Number of frames that the recorder lost.
     pub frames_lost: u64,
-    /// CAN FD frames, which are counted only.
+    /// Number of CAN FD frames, which are only counted.
     pub fd_frames: u64,
-    /// Lines of the log that are no frames, for people; none where all that is judged could be read.
+    /// Lines of the log that are no frames, for the user; `None` if everything that is judged could be read.
     pub strange_lines: Option<String>,
 }

@@ -1,22 +1,21 @@
-//! How far work on long recordings is, for those who wait for it: how often the process went through one, from its first frame or
-//! cycle to its last.
+//! Progress of work on long recordings: how often the process has gone through one, from its first frame or cycle to its last.
 
 use std::io::{self, Read};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Parts of one way through a recording.
+/// Number of parts of one pass through a recording.
 pub const PARTS: u64 = 1_000_000;
 
-/// Parts that are done.
+/// Number of parts that are done.
 static DONE: AtomicU64 = AtomicU64::new(0);
 
-/// The parts that the process has done so far, of all recordings together.
+/// Returns the number of parts that the process has done so far, for all recordings together.
 #[must_use]
 pub fn parts_done() -> u64 {
     DONE.load(Ordering::Relaxed)
 }
 
-/// One way through a recording.
+/// One pass through a recording.
 #[derive(Debug)]
 pub struct Way {
     length: u64,
@@ -25,7 +24,7 @@ pub struct Way {
 }
 
 impl Way {
-    /// A way of so many steps, none of which is done.
+    /// Makes a pass of `length` steps, none of which is done.
     #[must_use]
     pub fn new(length: u64) -> Self {
         Self {
@@ -35,7 +34,7 @@ impl Way {
         }
     }
 
-    /// So many steps more are done.
+    /// Adds steps that are done.
     pub fn go(&mut self, steps: usize) {
         self.gone += u64::try_from(steps).unwrap_or(0);
         let parts =
@@ -46,7 +45,7 @@ impl Way {
     }
 }
 
-/// A file on which the way is measured by its bytes.
+/// File whose bytes measure a pass.
 #[derive(Debug)]
 pub(crate) struct Measured<R> {
     input: R,
@@ -74,7 +73,7 @@ impl<R: Read> Read for Measured<R> {
 mod tests {
     use super::*;
 
-    /// Other tests go ways too, so the least is known only.
+    /// Other tests make passes too, so only the least is known.
     #[test]
     fn a_way_is_done_once_however_it_is_gone() {
         let before = parts_done();

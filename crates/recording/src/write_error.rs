@@ -1,9 +1,9 @@
-//! A file of a run that cannot be written.
+//! Error of a file of a run that cannot be written.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A file of a run cannot be written.
+/// Error: a file of a run cannot be written.
 #[derive(Debug, thiserror::Error)]
 #[error("{} cannot be written: {source}", path.display())]
 pub struct WriteError {
@@ -12,7 +12,7 @@ pub struct WriteError {
 }
 
 impl WriteError {
-    /// The error of a file, for `map_err`.
+    /// Returns a function for `map_err` that makes the error of a file.
     pub fn at(path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self { path, source }

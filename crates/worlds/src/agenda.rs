@@ -1,4 +1,4 @@
-//! Who has what to do when: the participants of lock-step with what waits for them, and the times of all side by side.
+//! Agenda of lock-step: the participants with their waiting frames, and the times of their next actions side by side.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -6,39 +6,39 @@ use std::time::Duration;
 use canopen::{CanFrame, Filter, FilterSet, Progress};
 use platform::lockstep::{Answer, Audience, Participant};
 
-/// A frame and the time from which it waits, or at which it arrived.
+/// Frame with the time from which it waits, or at which it arrived.
 pub(crate) type Timed = (Duration, CanFrame);
 
-/// A time in nanoseconds. The times of all participants are compared at every event, and one number is compared faster than the
-/// two of a `Duration`.
+/// Time in nanoseconds. The times of all participants are compared at every event, and one number is compared faster than the two
+/// of a `Duration`.
 pub(crate) type Nanos = u64;
 
-/// The time of what will not happen by itself.
+/// Time of an event that does not happen by itself.
 pub(crate) const NEVER: Nanos = Nanos::MAX;
 
-/// A time that is compared.
+/// Converts a time for comparison.
 pub(crate) fn nanos(time: Duration) -> Nanos {
     Nanos::try_from(time.as_nanos()).unwrap_or(NEVER)
 }
 
-/// A participant, with what waits for it and from it.
+/// Participant with its waiting frames.
 pub(crate) struct Slot<'a> {
     pub(crate) participant: &'a mut dyn Participant,
-    /// What it receives.
+    /// Frames that it receives.
     pub(crate) accepted: FilterSet,
-    /// What of that it takes in silence.
+    /// Received frames that it takes in silence.
     pub(crate) silent: FilterSet,
-    /// Whom its frames may make send.
+    /// Listeners that its frames may make send.
     pub(crate) audience: Audience,
-    /// What has arrived and was not given to it yet, oldest first.
+    /// Frames that have arrived and were not given to it yet, oldest first.
     pub(crate) inbox: Vec<Timed>,
-    /// The inbox holds a frame that it may answer.
+    /// Whether the inbox holds a frame that it may answer.
     pub(crate) has_answerable: bool,
-    /// What it has queued, oldest first: a frame takes part in the arbitration from its time on.
+    /// Frames that it has queued, oldest first: a frame takes part in the arbitration from its time on.
     pub(crate) outbox: VecDeque<Timed>,
-    /// An error passive station may not send before.
+    /// Time before which an error passive station may not send.
     pub(crate) suspended_until: Duration,
-    /// Its last answer.
+    /// Last answer of the participant.
     pub(crate) answer: Answer,
 }
 
@@ -61,14 +61,14 @@ impl<'a> Slot<'a> {
         }
     }
 
-    /// From when on its first waiting frame takes part in the arbitration; [`NEVER`] where none waits.
+    /// Returns the time from which its first waiting frame takes part in the arbitration; [`NEVER`] if none waits.
     pub(crate) fn sends_at(&self) -> Nanos {
         let first = self.outbox.front();
         first.map_or(NEVER, |(time, _)| nanos((*time).max(self.suspended_until)))
     }
 
-    /// The earliest time at which it may queue something that is not known yet; [`NEVER`] when it has stopped or when only
-    /// a frame can wake it.
+    /// Returns the earliest time at which it may queue a frame that is not known yet; [`NEVER`] if it has stopped or if only a
+    /// frame can wake it.
     pub(crate) fn may_queue_at(&self) -> Nanos {
         let queues_at = match self.answer.progress {
             Progress::Running if self.has_answerable => self.inbox.last().map(|(time, _)| *time),
@@ -78,7 +78,7 @@ impl<'a> Slot<'a> {
         queues_at.map_or(NEVER, nanos)
     }
 
-    /// Takes a frame from the bus that it accepts; true where it may answer.
+    /// Takes a frame from the bus that it accepts; returns whether it may answer.
     #[inline]
     pub(crate) fn receive(&mut self, time: Duration, frame: &CanFrame) -> bool {
         if self.answer.progress != Progress::Running {
@@ -91,11 +91,11 @@ impl<'a> Slot<'a> {
     }
 }
 
-/// When something is next to be done for each participant. All are compared at every event, so their times stand side by side.
+/// Times of the participants' next actions. All are compared at every event, so they are stored side by side.
 pub(crate) struct Agenda {
-    /// [`Slot::sends_at`] of each.
+    /// [`Slot::sends_at`] of each participant.
     pub(crate) sends_at: Vec<Nanos>,
-    /// [`Slot::may_queue_at`] of each.
+    /// [`Slot::may_queue_at`] of each participant.
     pub(crate) may_queue_at: Vec<Nanos>,
 }
 
@@ -107,38 +107,38 @@ impl Agenda {
         }
     }
 
-    /// Follows a change of what it depends on.
+    /// Updates the times of a participant after a change.
     #[inline]
     pub(crate) fn note(&mut self, index: usize, slot: &Slot<'_>) {
         self.sends_at[index] = slot.sends_at();
         self.may_queue_at[index] = slot.may_queue_at();
     }
 
-    /// When something is next to be done at all; `now` where that is not later.
+    /// Returns the time of the next action of any participant; `now` if that is not later.
     pub(crate) fn next(&self, now: Nanos) -> Nanos {
         first_of(self.sends_at.iter().chain(&self.may_queue_at), now)
     }
 
-    /// The first participant from this one on that may queue something by now.
+    /// Returns the first participant from this index on that may queue a frame by now.
     pub(crate) fn first_to_ask(&self, from: usize, now: Nanos) -> Option<usize> {
         let mut times = self.may_queue_at[from..].iter();
         Some(from + times.position(|time| *time <= now)?)
     }
 
-    /// When somebody else may queue something; `now` where that is not later.
+    /// Returns the time at which another participant may queue a frame; `now` if that is not later.
     pub(crate) fn others_may_queue_at(&self, index: usize, now: Nanos) -> Nanos {
         let (before, behind) = self.may_queue_at.split_at(index);
         first_of(before.iter().chain(&behind[1..]), now)
     }
 }
 
-/// The first of some times, or `now`: on a busy bus the search soon ends with that.
+/// Returns the first of some times, or `now`. On a busy bus the search soon ends with `now`.
 fn first_of<'a>(mut times: impl Iterator<Item = &'a Nanos>, now: Nanos) -> Nanos {
     let first = times.try_fold(NEVER, |first, time| (*time > now).then(|| first.min(*time)));
     first.unwrap_or(now)
 }
 
-/// What the others do with the frames of one participant. A frame is silent only if all who receive it take it in silence.
+/// Returns the audience of one participant. A frame is silent only if all who receive it take it in silence.
 pub(crate) fn audience(slots: &[Slot<'_>], index: usize) -> Audience {
     let others = || {
         let others = slots.iter().enumerate().filter(|(at, _)| *at != index);

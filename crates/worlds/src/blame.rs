@@ -1,5 +1,5 @@
-//! Whose doing it was that a run broke off: a node under test fails the run, the bench's own failures and those of the bus
-//! leave it undecided.
+//! Attribution of a run that broke off: a node under test fails the run, failures of the bench itself and of the bus leave it
+//! undecided.
 
 use std::ops::RangeInclusive;
 use std::time::Duration;
@@ -19,28 +19,27 @@ use crate::coordinator::CoordinatorError;
 use crate::error::{Doing, WorldError};
 use crate::names::emulator_name;
 
-/// A bus that was in such a state so shortly before the end is why a node gave up.
+/// Time before the end in which trouble of the bus explains why a node gave up.
 const BUS_TROUBLE: Duration = Duration::from_secs(1);
 const BUS_TROUBLES: [&str; 2] = ["bus-off", "error passive"];
-/// Periods without a position after which the drive counts as silent.
+/// Number of periods without a position after which the drive counts as silent.
 const SILENT_PERIODS: u32 = 5;
 
 const NMT_COB_ID: u16 = 0x000;
 const NMT_START: u8 = 1;
-/// NMT stop, which the bench gives at the end of a run.
+/// NMT stop, which the bench sends at the end of a run.
 const NMT_STOP: u8 = 2;
-/// The identifiers of all nodes' emergencies.
+/// Identifiers of all nodes' emergencies.
 const EMCYS: RangeInclusive<u16> = 0x081..=0x0FF;
 const EMCY: u16 = 0x080;
 const HEARTBEAT: u16 = 0x700;
-/// The causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no
-/// bring-up.
+/// Causes in the controller's EMCY that are the drive's: no position, not enabled, an emergency, not operational, no bring-up.
 const CAUSES_OF_DRIVE: [u8; 5] = [1, 5, 6, 7, 9];
 
-/// The end of a run that broke off with an error, if a node under test is why.
+/// Returns the end of a run that broke off with an error, if a node under test caused it.
 ///
 /// # Errors
-/// It was not; the error as it came.
+/// With the unchanged error if no node under test caused it.
 pub(crate) fn end_by_node(
     error: WorldError,
     plan: &Plan,
@@ -109,13 +108,13 @@ pub(crate) fn end_by_node(
     }
 }
 
-/// An error without the name with which it begins.
+/// Returns the text of an error without the name at its beginning.
 fn without(name: &str, error: &WorldError) -> String {
     let text = error.to_string();
     text.strip_prefix(name).unwrap_or(&text).trim().to_owned()
 }
 
-/// What the recording shows of the end.
+/// End of a run as the recording shows it.
 #[derive(Clone, Copy)]
 struct Seen<'a> {
     plan: &'a Plan,
@@ -124,7 +123,7 @@ struct Seen<'a> {
 }
 
 impl<'a> Seen<'a> {
-    /// The node that a participant plays: of a plant's emulator, the drive that moves it.
+    /// Returns the node that a participant plays: for a plant's emulator, the drive that moves it.
     fn node<'b>(&self, participant: &'b str) -> &'b str
     where
         'a: 'b,
@@ -135,7 +134,7 @@ impl<'a> Seen<'a> {
         plays.map_or(participant, |one| &one.nodes.drive.name)
     }
 
-    /// A participant in a message: of a plant's emulator, with the drive that it plays.
+    /// Returns the name of a participant for a message: for a plant's emulator, with the drive that it plays.
     fn words(&self, participant: &str) -> String {
         let drive = self.node(participant);
         if drive == participant {
@@ -145,13 +144,13 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// The loop of a drive.
+    /// Returns the loop of a drive.
     fn one(&self, drive: &str) -> Option<&'a ControlLoop> {
         let mut loops = self.plan.loops.iter();
         loops.find(|one| one.nodes.drive.name == drive)
     }
 
-    /// Scenario time, to the microsecond of the recording; none before the scenario began.
+    /// Returns scenario time, to the microsecond of the recording; `None` before the scenario began.
     fn seconds(&self, time: Duration) -> Option<f64> {
         let since = time.checked_sub(self.zero?)?;
         #[expect(clippy::cast_precision_loss, reason = "microseconds of one run")]
@@ -159,7 +158,7 @@ impl<'a> Seen<'a> {
         Some(micros / 1e6)
     }
 
-    /// Scenario time; since the first frame where the scenario never began.
+    /// Returns scenario time, or the time since the first frame if the scenario never began.
     fn stamp(&self, time: Duration) -> f64 {
         let begin = self.frames.first().map_or(time, |first| first.time);
         let since_begin = time.saturating_sub(begin).as_secs_f64();
@@ -170,7 +169,7 @@ impl<'a> Seen<'a> {
         self.frames.last().map(|last| last.time)
     }
 
-    /// ` at 3.012 s`
+    /// Returns a text such as ` at 3.012 s`.
     fn when(&self) -> String {
         self.when_at(self.end_of_recording())
     }
@@ -183,7 +182,7 @@ impl<'a> Seen<'a> {
         )
     }
 
-    /// The end of a run at the end of its recording.
+    /// Returns an end of the run at the end of its recording.
     fn end(&self, node: &str, since: Option<Duration>, what: String) -> EarlyEnd {
         EarlyEnd {
             by: EndedBy::Node,
@@ -208,7 +207,7 @@ impl<'a> Seen<'a> {
         self.last(position.raw_id()).map(|position| position.time)
     }
 
-    /// What was on the bus before a time.
+    /// Returns the view of the recording before a time.
     fn before(&self, time: Duration) -> Self {
         let is_before = |stamped: &Stamped| stamped.time < time;
         let count = self.frames.iter().take_while(|one| is_before(one)).count();
@@ -231,7 +230,7 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// Nobody led the drive to where current may flow.
+    /// Returns the end of a run in which no controller enabled the drive.
     fn never_began(&self, patience: Duration) -> EarlyEnd {
         let heartbeat = HEARTBEAT + self.controller_id();
         let is_of_controller = |stamped: &&Stamped| {
@@ -291,7 +290,7 @@ impl<'a> Seen<'a> {
         self.plan.controller().id.into()
     }
 
-    /// A node that gave up by itself; of a controller that gave a drive up, the drive.
+    /// Returns the end by a node that gave up by itself. If a controller gave a drive up, the end is the drive's.
     fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
         let given_up = self.drive_given_up();
         let given_up = given_up.filter(|_| name == self.plan.controller().name);
@@ -300,7 +299,7 @@ impl<'a> Seen<'a> {
             let node = self.node(name);
             return self.end(node, self.last_position(node), what);
         };
-        // A drive that was only late may have been heard again since.
+        // The drive may have been heard again since if it was only late.
         let position = self.before(given_up).last_position(drive);
         let when = self.when_at(Some(given_up));
         let patience = SILENT_PERIODS * self.plan.sync_period();
@@ -316,9 +315,9 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// Which drive the controller gave up and when, if its last error says that a drive was amiss: its heartbeat, or a cause of
-    /// the controller's own. What goes wrong in a bring-up some node reports at once; it is given up when the time for it is
-    /// over.
+    /// Returns the drive that the controller gave up, with the time, if its last error blames a drive: for its heartbeat, or for
+    /// a cause of the controller's own. An error in the bring-up is reported at once by some node, but the drive is given up only
+    /// when the time for the bring-up is over, so the time is that of the first error.
     fn drive_given_up(&self) -> Option<(&'a str, Duration)> {
         let emcy = EMCY + self.controller_id();
         let (given_up, emergency) = self
@@ -342,7 +341,7 @@ impl<'a> Seen<'a> {
         Some((drive.nodes.drive.name.as_str(), noticed?))
     }
 
-    /// The errors that nodes reported.
+    /// Returns the errors that nodes reported.
     fn errors(&self) -> impl DoubleEndedIterator<Item = (&Stamped, EmergencyMessage)> {
         self.frames.iter().filter_map(|stamped| {
             let id = stamped.frame.standard_id()?;

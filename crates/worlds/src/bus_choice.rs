@@ -1,4 +1,4 @@
-//! Which bus a run uses, and why.
+//! Choice of the bus of a run.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,14 +9,14 @@ use platform::probe;
 
 use crate::error::WorldError;
 
-/// Which bus.
+/// Bus that the user asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BusChoice {
-    /// The best that this machine permits.
+    /// The best bus that this machine permits.
     Auto,
-    /// A vcan in a namespace of the run's own.
+    /// A vcan in a namespace of the run.
     Private,
-    /// A socket in a folder of the user's own, served by canrig.
+    /// A socket in a folder of the user, served by canrig.
     Embedded,
     /// A CAN interface of the kernel.
     Interface(String),
@@ -41,12 +41,12 @@ impl FromStr for BusChoice {
     }
 }
 
-/// The bus of a run.
+/// Bus of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RunBus {
-    /// A socket in a folder of the user's own, served by canrig.
+    /// A socket in a folder of the user, served by canrig.
     Embedded {
-        /// Why this one.
+        /// Reason for this choice.
         why: &'static str,
     },
     /// A CAN interface of the kernel.
@@ -68,7 +68,7 @@ impl fmt::Display for RunBus {
 /// Decides on the bus.
 ///
 /// # Errors
-/// The bus that was asked for is not to be had.
+/// If the requested bus is not available.
 pub fn choose_bus(choice: &BusChoice, require_kernel: bool) -> Result<RunBus, WorldError> {
     if let BusChoice::Interface(name) = choice {
         // Opened once, so that a missing bus is reported before a run is made.

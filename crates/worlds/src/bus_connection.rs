@@ -1,4 +1,4 @@
-//! The bench's connection to the bus of a run in real time: the recorder, and a place for its own nodes.
+//! Connection of the bench to the bus of a run in real time: the recorder, and a place for its own nodes.
 
 use std::time::Duration;
 
@@ -16,10 +16,10 @@ use crate::names::BENCH;
 use recording::capture::{Capture, Watch};
 use recording::log::Stamped;
 
-/// How often the recorded frames are taken and written.
+/// Period at which the recorded frames are taken and written.
 pub(super) const COLLECT_PERIOD: Duration = Duration::from_millis(20);
 
-/// A stop signal for a thread of the bench.
+/// Makes a stop signal for a thread of the bench.
 pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
     StopSignal::manual().map_err(|source| WorldError::Spawn {
         name: BENCH.to_owned(),
@@ -27,7 +27,7 @@ pub(super) fn stop_signal() -> Result<(Stopper, StopSignal), WorldError> {
     })
 }
 
-/// The bus of a run and the recorder on it.
+/// Bus of a run with the recorder on it.
 pub struct BusConnection {
     address: BusAddress,
     recorder: Recorder,
@@ -39,7 +39,7 @@ impl BusConnection {
     /// Joins the bus, or makes it.
     ///
     /// # Errors
-    /// It is not to be had.
+    /// If the bus is not available.
     pub fn open(bus: &RunBus) -> Result<Self, WorldError> {
         match bus {
             RunBus::Embedded { .. } => {
@@ -72,13 +72,13 @@ impl BusConnection {
         }
     }
 
-    /// Where other programs find the bus.
+    /// Returns the address at which other programs find the bus.
     #[must_use]
     pub fn address(&self) -> &BusAddress {
         &self.address
     }
 
-    /// Joins the bus as a node of the bench's own.
+    /// Joins the bus as a node of the bench itself.
     pub(super) fn join(&mut self, filters: &[Filter]) -> Result<Box<dyn Bus>, BusError> {
         match &mut self.private {
             Some(private) => private.join(filters),
@@ -86,12 +86,12 @@ impl BusConnection {
         }
     }
 
-    /// A time of the system's monotonic clock on that of the recording.
+    /// Converts a time of the system's monotonic clock to the clock of the recording.
     pub(super) fn recorded_time(&self, time: Duration) -> Duration {
         self.recorder.wall_epoch() + self.recorder.from_monotonic(time)
     }
 
-    /// By how much the clock of the stamps was stepped; the hub's is monotonic.
+    /// Returns the step of the clock of the stamps; zero on an embedded bus, whose clock is monotonic.
     pub(super) fn wall_clock_step(&self) -> Duration {
         if self.hub.is_some() {
             Duration::ZERO
@@ -100,7 +100,7 @@ impl BusConnection {
         }
     }
 
-    /// Gives the capture the frames recorded since the last time; `true` when there were some.
+    /// Gives the capture the frames recorded since the last call; returns whether there were any.
     pub(crate) fn collect(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
         let epoch = self.recorder.wall_epoch();
         let mut has_frames = false;
@@ -112,7 +112,7 @@ impl BusConnection {
         Ok(has_frames)
     }
 
-    /// The same after all nodes have left, with their last words.
+    /// As [`Self::collect`], after all nodes have left, with their last frames.
     pub(crate) fn collect_rest(&mut self, capture: &mut Capture<'_>) -> Result<bool, WorldError> {
         if self.hub.is_some() {
             drop(self.join(&[])?);
@@ -120,12 +120,12 @@ impl BusConnection {
         self.collect(capture)
     }
 
-    /// Throws the frames away that were recorded since the last time.
+    /// Discards the frames that were recorded since the last call.
     pub fn discard(&mut self) {
         while self.recorder.next().is_some() {}
     }
 
-    /// Moves a node on the bus until it has done its work or the user stops it.
+    /// Runs a node on the bus until it has finished or the user stops it.
     pub(crate) fn run_node(
         &mut self,
         node: &mut (dyn Node + Send),
@@ -150,10 +150,10 @@ impl BusConnection {
         })
     }
 
-    /// Ends the bus and gives the capture the last frames, and how many others there were.
+    /// Ends the bus; gives the capture the last frames, and the number of frames that were not recorded.
     ///
     /// # Errors
-    /// The recording cannot be written.
+    /// If the recording cannot be written.
     pub fn close(mut self, capture: &mut Capture<'_>) -> Result<(), WorldError> {
         self.recorder.stop();
         self.hub = None;

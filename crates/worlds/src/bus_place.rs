@@ -1,7 +1,7 @@
-//! The bench's place on its bus, so that no other bench leads there too.
+//! Place of the bench on its bus, so that no other bench leads there at the same time.
 //!
 //! On one machine the interface is claimed. Benches of other machines hear the manager's heartbeat in their pre-flight: our
-//! controller sends it while it runs, the interview and a [`Vigil`] send it before and between.
+//! controller sends it while it runs; before and between, the interview and a [`Vigil`] send it.
 
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -20,11 +20,11 @@ use crate::bus_connection::stop_signal;
 use crate::error::WorldError;
 use crate::names::BENCH;
 
-/// Often enough for whoever listens as long as our pre-flight, and for a drive that watches its manager for 100 ms.
+/// Period of the heartbeat, short enough for another bench's pre-flight, and for a drive that watches its manager for 100 ms.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(50);
 const HEARTBEAT_COB_ID: u16 = 0x700;
 
-/// An interface that no other bench of this machine uses meanwhile. What canrig makes for a run nobody else sees.
+/// Interface that no other bench of this machine uses meanwhile. Buses that canrig makes for a run need no claim.
 #[derive(Debug)]
 pub struct BusPlace {
     _claim: Option<Claim>,
@@ -34,7 +34,7 @@ impl BusPlace {
     /// Takes the place.
     ///
     /// # Errors
-    /// Another bench has it; the text names its process.
+    /// If another bench has it; the text names its process.
     pub fn take(bus: &RunBus) -> Result<Self, WorldError> {
         let claim = match bus {
             RunBus::Interface(name) => Some(Claim::on(name).map_err(refused)?),
@@ -51,7 +51,7 @@ fn refused(error: ClaimError) -> WorldError {
     }
 }
 
-/// The heartbeat of a manager that does not lead yet.
+/// Heartbeat of a manager that does not lead yet.
 #[derive(Debug)]
 pub(crate) struct ManagerHeartbeat {
     identifier: u16,
@@ -59,7 +59,7 @@ pub(crate) struct ManagerHeartbeat {
 }
 
 impl ManagerHeartbeat {
-    /// That of a manager with this node-ID.
+    /// Makes the heartbeat of a manager with this node-ID.
     pub(crate) fn of(manager: u8) -> Self {
         Self {
             identifier: HEARTBEAT_COB_ID + u16::from(manager),
@@ -67,12 +67,12 @@ impl ManagerHeartbeat {
         }
     }
 
-    /// From now on it is sent.
+    /// Starts the heartbeat, if it has not started.
     pub(crate) fn start(&mut self, now: Duration) {
         self.next.get_or_insert(now);
     }
 
-    /// The frame, when its time has come.
+    /// Returns the frame, once its time has come.
     pub(crate) fn due(&mut self, now: Duration) -> Option<CanFrame> {
         self.next.filter(|next| *next <= now)?;
         self.next = Some(now + HEARTBEAT_PERIOD);
@@ -85,7 +85,7 @@ impl ManagerHeartbeat {
     }
 }
 
-/// Sends the manager's heartbeat, and listens whether another manager is there.
+/// Node that sends the manager's heartbeat, and listens for another manager.
 #[derive(Debug)]
 struct Watchman {
     heartbeat: ManagerHeartbeat,
@@ -145,19 +145,19 @@ impl Node for Watchman {
     }
 }
 
-/// Keeps the place while no controller of ours runs. Only after an orderly stop: where a controller was lost, its silence is
-/// what takes the current away.
+/// Keeps the place while no controller of ours runs. Use it only after an orderly stop: if a controller was lost, the silence of
+/// its heartbeat makes the drive switch the current off.
 #[derive(Debug)]
 pub struct Vigil {
-    /// None on a private bus, where nobody else can be.
+    /// `None` on a private bus, which no other bench can join.
     kept: Option<(Stopper, JoinHandle<Result<RunReport, RunError>>)>,
 }
 
 impl Vigil {
-    /// Begins on a bus that is there, for a manager with this node-ID.
+    /// Begins on an existing bus, for a manager with this node-ID.
     ///
     /// # Errors
-    /// The bus cannot be joined.
+    /// If the bus cannot be joined.
     pub fn begin(address: &BusAddress, manager: u8) -> Result<Self, WorldError> {
         if let BusAddress::Private(_) = address {
             return Ok(Self { kept: None });
@@ -177,17 +177,17 @@ impl Vigil {
         })
     }
 
-    /// Whether it ended by itself; [`Vigil::end`] says why.
+    /// Returns whether it ended by itself; [`Vigil::end`] gives the reason.
     #[must_use]
     pub fn is_broken(&self) -> bool {
         let kept = self.kept.as_ref();
         kept.is_some_and(|(_, thread)| thread.is_finished())
     }
 
-    /// Ends it.
+    /// Ends the vigil.
     ///
     /// # Errors
-    /// Another manager was heard, or the bus failed.
+    /// If another manager was heard, or the bus failed.
     pub fn end(self) -> Result<(), WorldError> {
         let Some((stopper, thread)) = self.kept else {
             return Ok(());

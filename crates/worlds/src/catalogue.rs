@@ -1,4 +1,4 @@
-//! The plants and laws of this program: those that ship and those that a bench from outside registered.
+//! Plants and laws of this program: the shipped ones and those that an external bench registered.
 
 use std::sync::LazyLock;
 
@@ -12,7 +12,7 @@ use plan::catalogue::Catalogue;
 use crate::fmu_plant::{self, FmuPlant};
 use crate::law_worker;
 
-/// Every plant and every law that a scenario may choose. Plants and laws from outside are registered before it is first used.
+/// Returns every plant and every law that a scenario may choose. Custom plants and laws must be registered before the first call.
 #[must_use]
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
@@ -34,7 +34,7 @@ fn plant_objection(trial: &Trial) -> Option<Objection> {
     if let Some(fmu) = &trial.plant.fmu {
         return fmu_plant::objection(fmu);
     }
-    // What is wrong with its wiring is found at the rig.
+    // Errors in its wiring are reported at the rig.
     let Err(InvalidEmulator::Plant(invalid)) = plants::check(trial) else {
         return None;
     };

@@ -1,4 +1,4 @@
-//! A node in a process of its own: how it starts, how it is asked to stop, how its end is reported.
+//! Node in a process of its own: its start, the request to stop, and the report on its end.
 
 use std::fs::{self, File};
 use std::io;
@@ -21,27 +21,27 @@ use crate::programs::{ProgramOrder, StartedProgram};
 use plan::Plan;
 use recording::run_folder::RunFolder;
 
-/// Lines of a log that a message shows.
+/// Number of lines of a log in a message.
 const LOG_TAIL_LINES: usize = 12;
-/// Bytes at the end of a log that are searched for these lines.
+/// Number of bytes at the end of a log that are searched for these lines.
 const LOG_TAIL_BYTES: usize = 4096;
-/// Time between two looks at a program.
+/// Period at which a program is checked.
 const LOOK: Duration = Duration::from_millis(20);
-/// How long a process may take to its orderly end, in wall time.
+/// Longest wall time for the orderly end of a process.
 const END_PATIENCE: Duration = Duration::from_secs(3);
-/// Exit codes of a node's process that say whose doing its end is; any other is its own.
+/// Exit codes of a node's process that attribute its end; any other attributes it to the node.
 const NOT_SET_UP: i32 = 3;
 const BUS_FAILED: i32 = 4;
 const INTERNAL: i32 = 70;
 
-/// The process of a node: canrig's own, or a program.
+/// Process of a node: canrig's own, or a program.
 pub(super) enum NodeProcess {
     Own(OwnProcess),
     Program(ProgramProcess),
 }
 
 impl NodeProcess {
-    /// Starts this program again as the node `name`; `side_channel` is handed on.
+    /// Starts this program again as the node `name`; `side_channel` is passed on.
     pub(super) fn spawn(
         name: &str,
         plan: &Plan,
@@ -57,7 +57,7 @@ impl NodeProcess {
         ProgramProcess::start(order, bus).map(Self::Program)
     }
 
-    /// Another process in the place of one that a fault has killed.
+    /// Starts another process in place of one that a fault has killed.
     pub(super) fn again(
         &self,
         plan: &Plan,
@@ -70,7 +70,7 @@ impl NodeProcess {
         }
     }
 
-    /// Which node it is.
+    /// Returns the name of its node.
     pub(super) fn name(&self) -> &str {
         match self {
             Self::Own(own) => &own.name,
@@ -78,7 +78,7 @@ impl NodeProcess {
         }
     }
 
-    /// The number of its process, unless it has ended or is a program.
+    /// Returns the process number, unless the process has ended or is a program.
     pub(super) fn number(&self) -> Option<u32> {
         match self {
             Self::Own(own) => own.child.id(),
@@ -98,7 +98,7 @@ impl NodeProcess {
         }
     }
 
-    /// Stops the process where it is as a fault of the scenario, or lets it go on.
+    /// Suspends the process as a fault of the scenario, or resumes it.
     pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
         match self {
             Self::Own(own) => own.suspend(is_suspended),
@@ -109,8 +109,8 @@ impl NodeProcess {
         }
     }
 
-    /// Waits for the process to end before it was asked to; the error that says so. One that a fault killed has not ended
-    /// early.
+    /// Waits for the process to end before the request to stop; returns the error for it. A process that a fault killed has not
+    /// ended early.
     pub(super) async fn early_end(&mut self) -> WorldError {
         match self {
             Self::Own(own) => own.early_end().await,
@@ -118,7 +118,7 @@ impl NodeProcess {
         }
     }
 
-    /// Asks the node for its safe state and waits for its end; what a node of canrig's reports of itself, also where it ended badly.
+    /// Asks the node for its safe state and waits for its end; returns the report of a node of canrig, also after a bad end.
     pub(super) async fn stop(&mut self) -> (Option<String>, Result<(), WorldError>) {
         match self {
             Self::Own(own) => {
@@ -130,7 +130,7 @@ impl NodeProcess {
     }
 }
 
-/// The process of a program, in real time.
+/// Process of a program, in real time.
 pub(super) struct ProgramProcess {
     order: ProgramOrder,
     started: StartedProgram,
@@ -171,7 +171,7 @@ impl ProgramProcess {
         if self.is_killed_by_fault {
             return Ok(());
         }
-        // It may be suspended still.
+        // It may still be suspended.
         self.started.program.suspend(false);
         if let Some(end) = self.started.early_end(self.order.name()) {
             return Err(end);
@@ -185,22 +185,22 @@ impl ProgramProcess {
     }
 }
 
-/// A process of canrig's own.
+/// Process of canrig's own.
 pub(super) struct OwnProcess {
     name: String,
     child: Child,
-    /// The node stops when this pipe ends, so it stops too when this process is killed.
+    /// Pipe whose end stops the node, so that the node stops too when this process is killed.
     lifeline: Option<ChildStdin>,
     log: PathBuf,
-    /// How long its orderly end may take, in wall time.
+    /// Longest wall time for its orderly end.
     end_patience: Duration,
-    /// A fault of the scenario has killed it.
+    /// Whether a fault of the scenario has killed it.
     is_killed_by_fault: bool,
 }
 
 impl OwnProcess {
-    /// Starts this program again as the node `name`. Its standard error goes into a log in the run's folder; its
-    /// standard output is its report; `side_channel` is handed on.
+    /// Starts this program again as the node `name`. Its standard error goes to a log in the run's folder; its standard output is
+    /// its report; `side_channel` is passed on.
     fn spawn(
         name: &str,
         plan: &Plan,
@@ -264,7 +264,7 @@ impl OwnProcess {
         })
     }
 
-    /// Stops the process where it is as a fault of the scenario, or lets it go on.
+    /// Suspends the process as a fault of the scenario, or resumes it.
     fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
         if self.is_killed_by_fault {
             return Ok(());
@@ -276,8 +276,8 @@ impl OwnProcess {
         })
     }
 
-    /// Waits for the process to end before it was asked to; the error that says so. One that a fault killed has not ended
-    /// early.
+    /// Waits for the process to end before the request to stop; returns the error for it. A process that a fault killed has not
+    /// ended early.
     async fn early_end(&mut self) -> WorldError {
         if self.is_killed_by_fault {
             return std::future::pending().await;
@@ -291,7 +291,7 @@ impl OwnProcess {
         }
     }
 
-    /// Asks the node for its safe state and waits for its end; what the node reports of itself, also where it ended badly.
+    /// Asks the node for its safe state and waits for its end; returns the node's report, also after a bad end.
     async fn stop(&mut self) -> (String, Result<(), WorldError>) {
         if self.is_killed_by_fault {
             self.lifeline = None;
@@ -313,9 +313,9 @@ impl OwnProcess {
     /// Waits for its end.
     ///
     /// # Errors
-    /// It does not end in time, or ends badly.
+    /// If it does not end in time, or ends badly.
     async fn end(&mut self, when: &str) -> Result<(), WorldError> {
-        // It may be suspended still; one that has ended already is reported below.
+        // It may still be suspended; an ended process is reported below.
         let _ = self.suspend(false);
         match timeout(self.end_patience, self.child.wait()).await {
             Ok(Ok(status)) if status.success() => {
@@ -328,7 +328,7 @@ impl OwnProcess {
                 source,
             }),
             Err(_) => {
-                // Already late, so how the kill goes does not matter any more.
+                // Already late, so a failed kill does not matter any more.
                 let _ = self.child.kill().await;
                 Err(WorldError::NoStop {
                     name: self.name.clone(),
@@ -338,11 +338,11 @@ impl OwnProcess {
         }
     }
 
-    /// One line, so that it fits the pipe and the node never waited for its reader.
+    /// Returns the report. It is one line, so that it fits the pipe and the node never waits for its reader.
     async fn report(&mut self) -> String {
         let mut text = String::new();
         if let Some(mut output) = self.child.stdout.take() {
-            // Without a report the timing is not trusted; nothing else depends on it.
+            // Without a report the timing is not trusted; it has no other effect.
             let _ = output.read_to_string(&mut text).await;
         }
         text
@@ -374,7 +374,7 @@ impl OwnProcess {
         (!tail.is_empty()).then(|| indented(&tail.join("\n")))
     }
 
-    /// A node that had nothing to say leaves no file.
+    /// Removes the log of a node that wrote nothing.
     fn remove_empty_log(&self) {
         let is_empty = fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0);
         let removed = if is_empty {
@@ -382,12 +382,12 @@ impl OwnProcess {
         } else {
             Ok(())
         };
-        // An empty file more does no harm.
+        // A remaining empty file does no harm.
         let _: io::Result<()> = removed;
     }
 }
 
-/// Whose doing an end is, by the exit codes of `canrig node`.
+/// Attributes an end by the exit codes of `canrig node`.
 fn doing(status: ExitStatus) -> Doing {
     use std::os::unix::process::ExitStatusExt;
     match (status.code(), status.signal()) {

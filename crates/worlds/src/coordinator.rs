@@ -1,12 +1,12 @@
 //! Lock-step: moves all participants and the bus model through virtual time, one event at a time.
 //!
-//! A participant is asked as late and as far as possible, since each question to a process costs two crossings:
-//! - while a frame occupies the wire nobody is asked: what anybody queues meanwhile waits for its end;
-//! - a frame that its addressee takes in silence waits in the addressee's inbox until there is something else to ask;
-//! - a participant that nobody can reach before some time is let go on to that time, and ends early by itself when it
-//!   queues a frame that somebody may answer. What it queued for later waits in its outbox.
+//! A participant is asked as late and for as long a step as possible, since each question to a process costs two crossings:
+//! - while a frame occupies the wire no participant is asked: frames queued meanwhile wait for its end;
+//! - a frame that its addressee takes in silence waits in the addressee's inbox until there is another reason to ask;
+//! - a participant that no frame can reach before some time is advanced to that time at once. It ends early by itself when it
+//!   queues a frame that another participant may answer. Frames that it queued for later wait in its outbox.
 //!
-//! Why this changes nothing stands in docs/design/lock-step.md; a test compares it with asking at every event.
+//! The proof that this changes no result is in docs/design/lock-step.md; a test compares it with asking at every event.
 
 use std::time::Duration;
 
@@ -20,18 +20,18 @@ use crate::bus_model::faults::{BusFaults, is_truth};
 use crate::bus_model::{BusModel, SUSPEND_BITS};
 use crate::listeners::Listeners;
 
-/// Frames that one participant may have waiting; more means that the bus cannot carry what it sends.
+/// Largest number of waiting frames of one participant; more mean that the bus cannot carry its traffic.
 const QUEUE_LIMIT: usize = 10_000;
 
-/// How far a participant goes ahead at most, so that one that never sends does not run away.
+/// Longest look-ahead of a participant, so that one that never sends does not run away.
 const LOOK_AHEAD_MAX: Duration = Duration::from_millis(100);
 
-/// Where the winners of the arbitration go besides their addressees.
+/// Sink for the winners of the arbitration other than their addressees.
 pub(crate) trait Wire {
-    /// Takes a frame whose last bit passed at `time` and which took so many bits from the bus.
+    /// Takes a frame whose last bit passed at `time` and which occupied the bus for this many bits.
     ///
     /// # Errors
-    /// The wire cannot carry it.
+    /// If the wire cannot carry it.
     fn put(
         &mut self,
         time: Duration,
@@ -40,7 +40,7 @@ pub(crate) trait Wire {
     ) -> Result<(), CoordinatorError>;
 }
 
-/// Why virtual time cannot go on.
+/// Reason why virtual time cannot continue.
 #[derive(Debug, thiserror::Error)]
 pub enum CoordinatorError {
     /// A participant did not answer.
@@ -49,9 +49,9 @@ pub enum CoordinatorError {
     /// A participant gave up.
     #[error("{name} failed: {reason}")]
     Failed {
-        /// Which one.
+        /// Name of the participant.
         name: String,
-        /// Its own words.
+        /// Reason in its own words.
         reason: String,
     },
     /// A participant sends more than the bus carries.
@@ -59,31 +59,31 @@ pub enum CoordinatorError {
         "{name} has more than {QUEUE_LIMIT} frames waiting: the bus cannot carry what it sends"
     )]
     Overloaded {
-        /// Which one.
+        /// Name of the participant.
         name: String,
     },
     /// The real bus under the model failed.
     #[error("the bus does not carry the frame {frame}")]
     Wire {
-        /// Which frame.
+        /// Frame that was not carried.
         frame: CanFrame,
-        /// Why.
+        /// Error of the bus.
         source: platform::bus::BusError,
     },
 }
 
 struct InFlight {
     frame: CanFrame,
-    /// None for a foreign node.
+    /// Index of the sender; `None` for a foreign node.
     sender: Option<usize>,
     start: Duration,
     end: Duration,
     occupied_bits: u32,
-    /// An error ended it; its sender tries again.
+    /// Whether an error ended it, so that its sender tries again.
     is_disturbed: bool,
 }
 
-/// The participants, the bus between them and the time.
+/// Participants, the bus between them, and the time.
 pub(crate) struct Coordinator<'a> {
     slots: Vec<Slot<'a>>,
     agenda: Agenda,
@@ -92,12 +92,12 @@ pub(crate) struct Coordinator<'a> {
     faults: Option<BusFaults>,
     in_flight: Option<InFlight>,
     now: Duration,
-    /// Nobody goes ahead beyond this time, at which somebody may be asked to stop.
+    /// Time beyond which no participant goes ahead, since one may be asked to stop then.
     horizon: Duration,
 }
 
 impl<'a> Coordinator<'a> {
-    /// An idle bus at time 0 with these participants, who are named by their index afterwards and asked in this order.
+    /// Makes an idle bus at time 0 with these participants, which are named by their index afterwards and asked in this order.
     #[must_use]
     pub(crate) fn new(
         bitrate_kilobits_per_second: u32,
@@ -121,24 +121,24 @@ impl<'a> Coordinator<'a> {
         }
     }
 
-    /// Lets things go wrong with the bus; the faults name the participants by the same index.
+    /// Adds the faults of the bus, which name the participants by the same index.
     #[must_use]
     pub(crate) fn with_faults(mut self, faults: Option<BusFaults>) -> Self {
         self.faults = faults;
         self
     }
 
-    /// The virtual time.
+    /// Returns the virtual time.
     #[must_use]
     pub(crate) fn now(&self) -> Duration {
         self.now
     }
 
-    /// Goes to the next event, the end of a frame or the start of one, and returns its time, or `None` when nothing
-    /// will ever happen.
+    /// Goes to the next event, the end of a frame or the start of one, and returns its time; `None` if there will be no further
+    /// event.
     ///
     /// # Errors
-    /// A participant or the wire failed.
+    /// If a participant or the wire failed.
     pub(crate) fn step(
         &mut self,
         wire: &mut dyn Wire,
@@ -165,13 +165,13 @@ impl<'a> Coordinator<'a> {
         Ok(Some(self.now))
     }
 
-    /// Lets nobody go ahead beyond a time.
+    /// Sets the time beyond which no participant goes ahead.
     pub(crate) fn set_horizon(&mut self, horizon: Duration) {
         self.horizon = horizon;
     }
 
-    /// Goes on until nobody is ahead any more, so that a participant may be asked to stop now: what it then sends must not
-    /// reach others in their past.
+    /// Continues until no participant is ahead any more, so that one may be asked to stop now: its frames must not reach others
+    /// in their past.
     ///
     /// # Errors
     /// As [`Coordinator::step`].
@@ -186,9 +186,9 @@ impl<'a> Coordinator<'a> {
     /// Asks a participant for its safe state.
     ///
     /// # Errors
-    /// It failed or does not answer.
+    /// If it failed or does not answer.
     pub(crate) fn stop(&mut self, index: usize) -> Result<(), CoordinatorError> {
-        // One that has gone ahead cannot go back.
+        // A participant that has gone ahead cannot go back.
         let at = self.now.max(self.slots[index].answer.reached);
         self.advance(index, at, at)?;
         let slot = &mut self.slots[index];
@@ -196,7 +196,7 @@ impl<'a> Coordinator<'a> {
         self.accept_answer(index)
     }
 
-    /// Goes on without a participant that does not answer any more. Its last words still reach the bus.
+    /// Continues without a participant that does not answer any more. Frames that it has queued still reach the bus.
     pub(crate) fn leave_out(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         slot.answer.progress = Progress::Stopped;
@@ -204,7 +204,7 @@ impl<'a> Coordinator<'a> {
         self.agenda.note(index, slot);
     }
 
-    /// Puts a frame of nobody's on the bus as soon as that is free, when nobody is ahead.
+    /// Puts a frame without a sender on the bus as soon as it is free, when no participant is ahead.
     ///
     /// # Errors
     /// As [`Coordinator::step`].
@@ -221,7 +221,7 @@ impl<'a> Coordinator<'a> {
         Ok(())
     }
 
-    /// True when a participant has reached its safe state and all its frames have passed.
+    /// Returns whether a participant has reached its safe state and all its frames have passed.
     #[must_use]
     pub(crate) fn is_stopped(&self, index: usize) -> bool {
         let slot = &self.slots[index];
@@ -232,7 +232,7 @@ impl<'a> Coordinator<'a> {
         slot.answer.progress == Progress::Stopped && slot.outbox.is_empty() && !is_sending
     }
 
-    /// The lowest identifier among the first frames of all outboxes goes on the bus.
+    /// Puts the lowest identifier among the first frames of all outboxes on the bus.
     fn arbitrate(&mut self) {
         let now = nanos(self.now);
         let times = self.agenda.sends_at.iter().enumerate();
@@ -293,7 +293,7 @@ impl<'a> Coordinator<'a> {
         });
     }
 
-    /// The end of a transmission: the others receive the frame, or all count the error.
+    /// Ends a transmission: the others receive the frame, or all count the error.
     fn pass(&mut self, passed: &InFlight, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         let now = self.now;
         if !passed.is_disturbed {
@@ -322,7 +322,7 @@ impl<'a> Coordinator<'a> {
         self.count_errors(passed, wire)
     }
 
-    /// Moves the error counters and reports who has changed.
+    /// Updates the error counters and reports each changed state.
     fn count_errors(
         &mut self,
         passed: &InFlight,
@@ -363,7 +363,7 @@ impl<'a> Coordinator<'a> {
         Ok(())
     }
 
-    /// Lets stations come back from bus-off.
+    /// Returns stations from bus-off whose time has come.
     fn recover(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
         let (now, sequence) = (self.now, self.sequence());
         let Some(faults) = &mut self.faults else {
@@ -384,12 +384,12 @@ impl<'a> Coordinator<'a> {
         Ok(())
     }
 
-    /// How long the idle bus takes for what counts towards the end of bus-off.
+    /// Returns the duration of one sequence of recessive bits, which count towards the end of bus-off.
     fn sequence(&self) -> Duration {
         self.bus.bit_time(SEQUENCE_BITS)
     }
 
-    /// When a fault next does something by itself.
+    /// Returns the time at which a fault next acts by itself.
     fn next_fault(&self) -> Nanos {
         let Some(faults) = &self.faults else {
             return NEVER;
@@ -404,15 +404,15 @@ impl<'a> Coordinator<'a> {
         earliest(recoveries.chain([foreign])).map_or(NEVER, nanos)
     }
 
-    /// Gives a participant what has arrived for it and lets it go as far as nobody can reach it.
+    /// Gives a participant its arrived frames and advances it as far as no frame can reach it.
     fn ask(&mut self, index: usize) -> Result<(), CoordinatorError> {
         let until = self.unreachable_until(index);
         self.advance(index, self.now, until)
     }
 
-    /// The time before which no frame can arrive at a participant that is not an answer to its own. While the bus is
-    /// idle: when no frame waits that is for it or may be answered, whoever queues next does so at a known time, and
-    /// that frame arrives later.
+    /// Returns the time before which no frame can arrive at a participant, apart from answers to its own. The bus must be idle.
+    /// If no frame waits that is for it or may be answered, the participant that queues next does so at a known time, and that
+    /// frame arrives later.
     fn unreachable_until(&self, index: usize) -> Duration {
         let receiver = &self.slots[index];
         let now = nanos(self.now);

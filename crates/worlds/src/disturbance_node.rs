@@ -1,6 +1,6 @@
-//! The bench's own node on the bus: it commands the disturbance modules of all loops as the scenario says, and gives the orders
-//! that are faults. To a controller that does not know the scenario it tells the set-points. Beside a real drive it watches the
-//! limits of the rig.
+//! Node of the bench on the bus. It commands the disturbance modules of all loops by the scenario, and sends the orders that are
+//! faults. To a controller that does not know the scenario it sends the set-points. With a real drive it watches the limits of
+//! the rig.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -18,36 +18,36 @@ use crate::supervisor::Supervisor;
 use dbc::scenario_clock::{SYNC_COB_ID, ScenarioClock};
 use scenario::reference::Trajectory;
 
-/// Frames for which there is room from the beginning: what stops as many real drives as a rig may have.
+/// Reserved number of frames, enough to stop as many real drives as a rig may have.
 const FRAMES_AT_ONCE: usize = 64;
 
-/// Sends its frames at the scenario's times.
+/// Node that sends its frames at the scenario's times.
 pub struct DisturbanceProducer {
     clock: ScenarioClock,
-    /// What it will send, each with its scenario time in seconds.
+    /// Frames to send, each with its scenario time in seconds.
     frames: VecDeque<(f64, CanFrame)>,
-    /// What it sends now.
+    /// Frames to send now.
     due: VecDeque<CanFrame>,
     set_points: SetPoints,
     real_drives: Vec<RealDrive>,
-    /// The name of the drive that violated a limit first, and which limit.
+    /// Name of the drive that violated a limit first, and the limit.
     violation: Option<(String, String)>,
     is_stopped: bool,
 }
 
 impl DisturbanceProducer {
-    /// The bench's node on the bus of these loops, which has sent nothing. At the first violation of a limit of a real drive it stops
-    /// all real drives.
+    /// Makes the bench's node on the bus of these loops, before its first frame. At the first violation of a limit of a real
+    /// drive it stops all real drives.
     ///
     /// # Errors
-    /// The database lacks a signal.
+    /// If the database lacks a signal.
     ///
     /// # Panics
-    /// There is no loop.
+    /// If there is no loop.
     pub fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let mut frames = Vec::new();
         let loops = plan.loops.iter();
-        // On a bus without an io node its identifier may be somebody else's.
+        // On a bus without an io node its identifier may belong to another node.
         for (one, io) in loops.flat_map(|one| one.io_on_bus().map(move |io| (one, io))) {
             frames.extend(disturbances(plan, one, io)?);
         }
@@ -66,7 +66,7 @@ impl DisturbanceProducer {
         })
     }
 
-    /// The violation of a limit after which it stopped all real drives.
+    /// Returns the violation of a limit after which it stopped all real drives.
     pub(crate) fn violation(&self) -> Option<WorldError> {
         let (drive, violation) = self.violation.clone()?;
         Some(WorldError::Violation { drive, violation })
@@ -97,7 +97,7 @@ impl DisturbanceProducer {
     }
 }
 
-/// The set-points that the bench sends, each behind a SYNC for the next one: it acts with the SYNC.
+/// Set-points that the bench sends, each after a SYNC for the next one: it acts with the SYNC.
 struct SetPoints {
     period: Duration,
     every_cycles: u32,
@@ -123,7 +123,8 @@ impl SetPoints {
         })
     }
 
-    /// The frames behind a SYNC at this time of the scenario: with the values of the next SYNC, before its begin with those of time 0.
+    /// Returns the frames after a SYNC at this scenario time, with the values for the next SYNC; before the scenario, those of
+    /// time 0.
     fn behind_sync(&mut self, time: Option<Duration>) -> impl Iterator<Item = CanFrame> {
         let cycle = time.map(|time| time.div_duration_f64(self.period).round());
         let is_due = cycle.is_none_or(|cycle| cycle % f64::from(self.every_cycles) == 0.0);
@@ -160,12 +161,12 @@ impl SentSetPoint {
     }
 }
 
-/// A drive that is not the emulator.
+/// Drive that is not the emulator.
 struct RealDrive {
-    /// What messages call it.
+    /// Name for messages.
     name: String,
     node_id: Option<NodeId>,
-    /// Where a rig file says what its limits are.
+    /// Supervisor of its limits, if a rig file gives them.
     supervisor: Option<Supervisor>,
 }
 
@@ -181,7 +182,7 @@ impl RealDrive {
         }
     }
 
-    /// The frames that stop it.
+    /// Returns the frames that stop it.
     fn stop(&self) -> Vec<CanFrame> {
         match &self.supervisor {
             Some(supervisor) => supervisor.stop().into(),
@@ -190,7 +191,7 @@ impl RealDrive {
     }
 }
 
-/// NMT stops that are faults of the scenario, each with its scenario time.
+/// Returns the NMT stops that are faults of the scenario, each with its scenario time.
 fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
     let orders = faults.of("nmt_stop");
     orders.filter_map(|order| {
@@ -199,7 +200,7 @@ fn stop_orders(faults: &Faults) -> impl Iterator<Item = (f64, CanFrame)> {
     })
 }
 
-/// The RPDOs of an io node of a loop.
+/// Returns the RPDOs of an io node of a loop.
 fn disturbances(
     plan: &Plan,
     one: &ControlLoop,
@@ -248,7 +249,7 @@ fn disturbances(
 }
 
 impl Node for DisturbanceProducer {
-    /// A node with nothing to send need not know the time.
+    /// Leaves out the clock's frames for a node with nothing to send, which need not know the time.
     fn filters(&self) -> Vec<Filter> {
         let mut filters = Vec::new();
         for drive in &self.real_drives {
@@ -289,7 +290,7 @@ impl Node for DisturbanceProducer {
     fn on_stop(&mut self, _now: Duration) {
         self.is_stopped = true;
         self.frames.clear();
-        // Whoever controlled the drives, they are not left running.
+        // The drives are not left running, whether or not this node controlled them.
         self.stop_drives();
     }
 
@@ -323,7 +324,7 @@ mod tests {
 
     use super::*;
 
-    /// A real drive with this node-ID.
+    /// Returns the plan of a real drive with this node-ID.
     fn real(node_id: u8) -> Plan {
         let text = "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let rig = format!(

@@ -1,4 +1,4 @@
-//! Why a run failed.
+//! Errors of a run.
 
 use std::io;
 use std::time::Duration;
@@ -9,97 +9,97 @@ use recording::run_folder::WriteError;
 
 use crate::coordinator::CoordinatorError;
 
-/// How long the nodes may take until the scenario begins, on the run's clock.
+/// Longest time for the nodes until the scenario begins, on the run's clock.
 pub(crate) const START_PATIENCE: Duration = Duration::from_secs(15);
-/// How long a node may take to its safe state, on the run's clock.
+/// Longest time for a node to reach its safe state, on the run's clock.
 pub(crate) const STOP_PATIENCE: Duration = Duration::from_millis(500);
 
-/// Whose doing the end of a process was.
+/// Attribution of the end of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doing {
     /// The node could not be set up, so nothing began.
     NotSetUp,
     /// The node ended itself, with its reason.
     GaveUp,
-    /// The node's code broke: a panic, a violation of memory.
+    /// The node's code crashed: a panic, a violation of memory.
     Crashed,
-    /// Somebody killed the process, or the bus failed under it.
+    /// Another process killed it, or the bus failed under it.
     FromOutside,
 }
 
-/// Why a run failed.
+/// Reason why a run failed.
 #[derive(Debug, thiserror::Error)]
 pub enum WorldError {
-    /// Virtual time cannot go on.
+    /// Virtual time cannot continue.
     #[error(transparent)]
     Coordinator(#[from] CoordinatorError),
     /// The scenario did not begin.
     #[error("the scenario did not begin within {} s: the drive never reported Operation Enabled", patience.as_secs())]
     NoStart {
-        /// How long was waited.
+        /// Time that was waited.
         patience: Duration,
     },
-    /// A node has no safe state in time.
+    /// A node did not reach a safe state in time.
     #[error("the {name} did not reach its safe state within {} ms", patience.as_millis())]
     NoStop {
-        /// Which node.
+        /// Name of the node.
         name: String,
-        /// How long was waited.
+        /// Time that was waited.
         patience: Duration,
     },
     /// A node cannot be built from the scenario.
     #[error("the {name} cannot be set up: {reason}")]
     Node {
-        /// Which node.
+        /// Name of the node.
         name: String,
-        /// Why.
+        /// Reason.
         reason: String,
     },
-    /// The machine does not let a node be built now.
+    /// The machine cannot provide what a node needs now.
     #[error("the {name} cannot be set up: {what}: {source}")]
     NodeNow {
-        /// Which node.
+        /// Name of the node.
         name: String,
-        /// What the machine refuses.
+        /// Action that the machine refuses.
         what: String,
-        /// Why.
+        /// Error of the system.
         source: io::Error,
     },
     /// A process ended before its time, or badly.
     #[error("the {name} {how}{log}")]
     Process {
-        /// Which process.
+        /// Name of the process.
         name: String,
-        /// How it ended.
+        /// Description of its end.
         how: String,
-        /// The end of its log, ready to print.
+        /// End of its log, ready to print.
         log: String,
-        /// Whose doing that was.
+        /// Attribution of its end.
         doing: Doing,
     },
     /// A process could not be started.
     #[error("the {name} cannot be started: {source}")]
     Spawn {
-        /// Which process.
+        /// Name of the process.
         name: String,
-        /// Why.
+        /// Error of the system.
         source: io::Error,
     },
     /// The bus cannot be used.
     #[error(transparent)]
     Bus(#[from] platform::bus::BusError),
-    /// No kernel CAN where it is demanded.
+    /// Kernel CAN was required and is missing.
     #[error("--require-vcan: {0}")]
     NoKernelCan(String),
     /// A node was not heard for some time in the middle of a run.
     #[error("the {node} has been silent for {} s in the middle of the run", silence.as_secs_f64())]
     Silent {
-        /// Which node.
+        /// Name of the node.
         node: String,
-        /// For how long.
+        /// Length of the silence.
         silence: Duration,
     },
-    /// A node under test ended what is no run of its own, such as the pre-flight.
+    /// A node under test ended a session other than a run, such as the pre-flight.
     #[error("{0}")]
     ByNode(EarlyEnd),
     /// The private bus cannot be made.
@@ -114,23 +114,23 @@ pub enum WorldError {
     /// A limit of the rig was violated.
     #[error("canrig stopped the {drive}: {violation}")]
     Violation {
-        /// Of which drive.
+        /// Name of the drive.
         drive: String,
-        /// Which limit, and by what.
+        /// The limit, and the value that violated it.
         violation: String,
     },
-    /// Somebody else leads on this bus.
+    /// Another controller leads on this bus.
     #[error("a second master: {0}")]
     SecondMaster(String),
-    /// The bench cannot have the interface for itself.
+    /// The bench cannot claim the interface.
     #[error(transparent)]
     Claim(platform::claim::ClaimError),
-    /// A check before current may flow.
+    /// A check before current may flow failed.
     #[error("the pre-flight fails: {name}: {found}")]
     Preflight {
-        /// Which check.
+        /// Name of the check.
         name: &'static str,
-        /// What was found.
+        /// Finding of the check.
         found: String,
     },
     /// The DBC lacks a signal.
@@ -142,12 +142,12 @@ pub enum WorldError {
 }
 
 impl WorldError {
-    /// Whether a process was killed, or the bus failed under it.
+    /// Returns whether a process was killed, or the bus failed under it.
     pub(crate) fn is_from_outside(&self) -> bool {
         matches!(self, Self::Process { doing, .. } if *doing == Doing::FromOutside)
     }
 
-    /// Whether nothing began: a program or a plant cannot be started, or a check before the run failed.
+    /// Returns whether the run never began: a program or a plant cannot be started, or a check before the run failed.
     #[must_use]
     pub fn is_before_start(&self) -> bool {
         match self {

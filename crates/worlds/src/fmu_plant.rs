@@ -1,7 +1,7 @@
 //! Plants that are FMUs: `[plant.NAME.fmu]` of a rig file.
 //!
-//! Which ports one has follows from its description alone. Its code is loaded where it plays, in a worker process of its own
-//! ([`crate::fmu_worker`]), so that a crash, a hang or an exit costs that run.
+//! The ports of an FMU follow from its description alone. Its code is loaded only for a run, in a worker process of its own
+//! ([`crate::fmu_worker`]), so that a crash, a hang or an exit costs only that run.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -21,10 +21,10 @@ use scenario::port::{symbol_of, unit_in};
 
 use crate::fmu_worker;
 
-/// FMUs whose descriptions are kept.
+/// Number of FMUs whose descriptions are kept.
 const KEPT_MAX: usize = 16;
 
-/// How much longer than others the drives of these loops may take until they are there.
+/// Returns the additional time for the drives of these loops until they are there.
 pub(crate) fn more_patience(plan: &Plan) -> Duration {
     if plan.loops.iter().any(|one| one.trial.has_fmu()) {
         LOAD_PATIENCE
@@ -33,7 +33,7 @@ pub(crate) fn more_patience(plan: &Plan) -> Duration {
     }
 }
 
-/// What is wrong with the table of an FMU, or with the FMU.
+/// Returns the objection to the table of an FMU, or to the FMU.
 pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
     let Misfit { place, fault } = wiring_of(fmu).err()?;
     let name = Path::new(&fmu.file).file_name().unwrap_or(OsStr::new(""));
@@ -49,7 +49,7 @@ pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
     })
 }
 
-/// What the FMU may call itself in its messages.
+/// Returns the instance name that the FMU may use in its messages.
 fn instance(fmu: &Fmu) -> String {
     let name = Path::new(&fmu.file).file_stem().unwrap_or_default();
     name.to_string_lossy().into_owned()
@@ -59,7 +59,7 @@ fn invalid(error: impl ToString) -> InvalidPlant {
     InvalidPlant::Other(error.to_string())
 }
 
-/// The FMU of a table, and the ports that the table makes of its variables.
+/// Opens the FMU of a table; returns it with the ports that the table makes of its variables.
 fn wired(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> {
     let opened = Opened::find(Path::new(&fmu.file)).map_err(invalid)?;
     let wiring = wiring(fmu, &instance(fmu), opened.archive.description());
@@ -86,7 +86,7 @@ fn ports_of(wiring: &table::Wiring) -> Ports {
     }
 }
 
-/// With the unit that the FMU's conversion took it for, and what the FMU says that it is.
+/// Adds the unit from which the FMU's values are converted, and the FMU's description.
 fn described(port: Port, of: &table::Port) -> Port {
     let words = of.unit.map(|known| (known.words, known.symbol));
     let port = match words {
@@ -100,21 +100,21 @@ fn described(port: Port, of: &table::Port) -> Port {
     port.with_comment(&words)
 }
 
-/// A plant that an FMU in a worker process plays.
+/// Plant that an FMU in a worker process computes.
 #[derive(Debug)]
 pub(crate) struct FmuPlant {
     ports: Ports,
-    /// `None` once it has failed: its worker is gone.
+    /// `None` after a failure: its worker is gone.
     remote: Option<Remote>,
-    /// The files that the worker has open.
+    /// Files that the worker has open.
     _unpacked: Arc<Unpacked>,
-    /// In whole nanoseconds, as the drive counts it, so that no sum drifts.
+    /// Time in whole nanoseconds, as the drive counts it, so that no sum drifts.
     time: Duration,
     from_ports: Vec<Conversion>,
     to_ports: Vec<Conversion>,
     /// Inputs in the FMU's units.
     set: Vec<f64>,
-    /// Outputs in the FMU's units, and in those of the ports.
+    /// Outputs in the FMU's units, and in the units of the ports.
     raw: Vec<f64>,
     seen: Vec<f64>,
     failure: Option<String>,
@@ -207,7 +207,7 @@ impl Plant for FmuPlant {
 }
 
 impl Drop for FmuPlant {
-    /// Some FMUs write what they have to write at their end. What they say of it comes too late for anybody.
+    /// Ends the FMU in order, since some FMUs write their files at their end. An error then comes too late to report.
     fn drop(&mut self) {
         if let Some(remote) = self.remote.take() {
             let _ = remote.end();
@@ -215,20 +215,20 @@ impl Drop for FmuPlant {
     }
 }
 
-/// The files of an FMU.
+/// Unpacks the files of an FMU.
 ///
 /// # Errors
-/// It cannot be unpacked.
+/// If it cannot be unpacked.
 pub(crate) fn unpacked(file: &str) -> Result<Arc<Unpacked>, String> {
     let opened = Opened::find(Path::new(file));
     let unpacked = opened.and_then(|opened| opened.unpacked());
     unpacked.map_err(|error| error.to_string())
 }
 
-/// What a table makes of an FMU.
+/// Wires an FMU by its table.
 ///
 /// # Errors
-/// It cannot be read, does not run here, or does not fit the table.
+/// If it cannot be read, does not run here, or does not fit the table.
 pub(crate) fn wiring_of(fmu: &Fmu) -> Result<table::Wiring, Misfit> {
     let in_file = |fault| Misfit {
         place: "file".to_owned(),
@@ -240,13 +240,13 @@ pub(crate) fn wiring_of(fmu: &Fmu) -> Result<table::Wiring, Misfit> {
     wiring(fmu, &instance(fmu), archive.description())
 }
 
-/// An FMU whose description was read. The cases of a sweep share it, and, while one of them plays, its files.
+/// FMU whose description was read. The cases of a sweep share it, and its files while one of them runs.
 struct Opened {
     archive: Archive,
     unpacked: Mutex<Weak<Unpacked>>,
 }
 
-/// By what a file is taken for the same: its path, its length and when it was changed.
+/// Key that identifies an unchanged file: its path, its length and the time of its last change.
 #[derive(Clone, PartialEq)]
 struct Key(PathBuf, u64, Option<SystemTime>);
 
@@ -257,7 +257,7 @@ impl Opened {
         let length = metadata.as_ref().map_or(0, |metadata| metadata.len());
         let changed = metadata.and_then(|metadata| metadata.modified().ok());
         let key = Key(file.to_owned(), length, changed);
-        // What is half done there is still right.
+        // An interrupted change leaves the list valid.
         let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, opened)) = kept.iter().find(|(other, _)| *other == key) {
             return Ok(Arc::clone(opened));

@@ -7,28 +7,28 @@ use std::time::Duration;
 use fmu::worker::Channel;
 use platform::worker::{self, Worker};
 
-/// The hidden subcommand that serves.
+/// Hidden subcommand of a worker.
 pub const SUBCOMMAND: &str = "fmu-worker";
 
-/// The plant's end of the channel to a worker.
+/// Plant's end of the channel to a worker.
 struct ToWorker(Worker);
 
-/// The worker's end.
+/// Worker's end of the channel.
 struct ToPlant(worker::Channel);
 
 /// Starts a worker.
 ///
 /// # Errors
-/// The system refuses it.
+/// If the system refuses.
 pub fn start() -> io::Result<Box<dyn Channel>> {
     let worker = Worker::start(&[SUBCOMMAND])?;
     Ok(Box::new(ToWorker(worker)))
 }
 
-/// Loads one FMU and steps it, as who started this process says: what the hidden subcommand does.
+/// Runs the hidden subcommand: loads one FMU and steps it as the parent process asks.
 ///
 /// # Errors
-/// There is no channel of this number, or it failed.
+/// If there is no channel of this number, or it failed.
 pub fn serve(number: RawFd) -> io::Result<()> {
     fmu::worker::serve(&mut ToPlant(worker::Channel::inherited(number)?))
 }

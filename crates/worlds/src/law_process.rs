@@ -1,7 +1,7 @@
-//! Laws that a process plays: `[controller.program]`, and canrig's own worker for `[controller.library]` and `[controller.fmu]`.
+//! Laws in processes: `[controller.program]`, and canrig's own worker for `[controller.library]` and `[controller.fmu]`.
 //!
-//! The process has a port seat ([`platform::seat`]). In virtual time it is waited for; in real time an answer that does not come in
-//! time is late, and counted.
+//! The process has a port seat ([`platform::seat`]). Virtual time waits for its answers; in real time an answer that does not
+//! come in time is late, and counted.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,35 +27,35 @@ use serde_json::json;
 use crate::fmu_plant;
 use crate::law_worker;
 
-/// Cycles in a row without an answer in time after which a law is given up.
+/// Number of cycles in a row without a timely answer after which a law has failed.
 const LATE_IN_A_ROW_MAX: u32 = 20;
-/// Waits without an answer after which a process is dead in virtual time. Where the machine stands still, that is one wait.
+/// Number of waits without an answer after which a process is dead in virtual time. A standstill of the machine takes one wait.
 const WAITS_MAX: u32 = 100;
 const WAIT: Duration = Duration::from_millis(100);
-/// Time that a process which closed its channel has to end.
+/// Time for a process that closed its channel to end.
 pub(crate) const CLOSED_PATIENCE: Duration = Duration::from_secs(10);
-/// Said of a process that does not end then.
+/// Description of a process that does not end then.
 const CLOSED: &str = "closed its channel";
 
-/// Where the processes of laws run, and how time passes there.
+/// Environment of the processes of laws.
 #[derive(Clone, Debug)]
 pub struct LawPlace {
-    /// The controller that has them.
+    /// Name of their controller.
     pub controller: String,
     /// Their working directory: the folder of the scenario.
     pub folder: PathBuf,
-    /// The folder of what they print; it is not kept if `None`.
+    /// Folder of their output, which is not kept if `None`.
     pub logs: Option<PathBuf>,
-    /// Answers may be late.
+    /// Whether the run is in real time, so that answers may be late.
     pub is_real_time: bool,
-    /// The seed of the run.
+    /// Seed of the run.
     pub seed: u64,
-    /// Number of cycles without an answer in time.
+    /// Number of cycles without a timely answer.
     pub late: Arc<AtomicU64>,
 }
 
 impl LawPlace {
-    /// The place of a plan in virtual time.
+    /// Makes the place of a plan in virtual time.
     #[must_use]
     pub fn of(plan: &Plan) -> Self {
         Self {
@@ -68,10 +68,10 @@ impl LawPlace {
         }
     }
 
-    /// Starts the process of a law. What goes wrong with it is a failure of the law.
+    /// Starts the process of a law. Its later errors are failures of the law.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub(crate) fn start(&self, part: &process_law::Part) -> Result<Box<dyn Player>, String> {
         let mut unpacked = None;
         let command = match &part.plays {
@@ -126,7 +126,7 @@ impl LawPlace {
     }
 }
 
-/// The folder of a plan's scenario.
+/// Returns the folder of a plan's scenario.
 #[must_use]
 pub fn folder_of(plan: &Plan) -> PathBuf {
     let folder = plan.shared.beside.scenario().parent();
@@ -134,7 +134,7 @@ pub fn folder_of(plan: &Plan) -> PathBuf {
     folder.unwrap_or(Path::new(".")).to_owned()
 }
 
-/// How much longer than others a controller with these laws may take until it is there, and for its end.
+/// Returns the additional time for a controller with these laws until it is there, and for its end.
 pub(crate) fn more_patience(plan: &Plan) -> [Duration; 2] {
     let mut laws = plan.loops.iter().map(|one| &one.trial.controller);
     if laws.any(|law| law.process_law().is_some()) {
@@ -144,7 +144,7 @@ pub(crate) fn more_patience(plan: &Plan) -> [Duration; 2] {
     }
 }
 
-/// What is started for a plan, a line each.
+/// Returns the programs, libraries and FMUs that are started for a plan, one line each.
 #[must_use]
 pub fn started_by(plan: &Plan) -> Vec<String> {
     let programs = plan.programs().into_iter().map(|(node, program)| {
@@ -180,20 +180,20 @@ fn who(part: &process_law::Part) -> String {
     }
 }
 
-/// A law that a process plays.
+/// Law in a process.
 #[derive(Debug)]
 struct LawProcess {
     who: String,
-    /// Names of what it writes.
+    /// Names of its outputs.
     outputs: Vec<String>,
     program: Program,
-    /// The files of an FMU, which its process has open.
+    /// Files of an FMU, which its process has open.
     _unpacked: Option<Arc<Unpacked>>,
-    /// It closed its end of the channel.
+    /// Whether it closed its end of the channel.
     is_gone: bool,
     clock: Clock,
     is_real_time: bool,
-    /// By how much its clock is ahead of the node's time: the least that was seen, since the node's is never later than the present.
+    /// Smallest lead seen of its clock over the node's time, which is never later than the present.
     ahead: Duration,
     /// Number of the latest question, and of the latest one that was answered.
     asked: u32,
@@ -206,7 +206,7 @@ struct LawProcess {
 }
 
 impl LawProcess {
-    /// Waits for the process, and tells it its part.
+    /// Waits for the process, and sends it its part.
     fn meet(&mut self, part: &process_law::Part, seed: u64) -> Result<(), String> {
         let wrong = |error: std::io::Error| format!("cannot be reached: {error}");
         if !self.program.accept().map_err(wrong)? {
@@ -235,7 +235,7 @@ impl LawProcess {
         ready.map(drop).map_err(|text| format!("gave up: {text}"))
     }
 
-    /// A message before the first cycle.
+    /// Waits for the message before the first cycle.
     fn first_answer(&mut self) -> Result<&[u8], String> {
         let received = self.program.receive(&mut self.answer, START_PATIENCE);
         match received.map_err(|error| format!("cannot be reached: {error}"))? {
@@ -252,7 +252,7 @@ impl LawProcess {
         self.failure = Some(format!("{} {what}", self.who));
     }
 
-    /// Rest of a window.
+    /// Returns the rest of a window.
     fn left(&mut self, window: &Window) -> Duration {
         let own = self.clock.now();
         self.ahead = self.ahead.min(own.saturating_sub(window.now));
@@ -278,7 +278,7 @@ impl LawProcess {
         self.is_gone |= self.program.send(&self.message).is_err();
     }
 
-    /// Waits for the answer; false if there is none in time, or there will be none.
+    /// Waits for the answer; returns false if none comes in time, or none will come.
     fn wait(&mut self, window: &Window, writes: &mut [f64]) -> bool {
         let mut waits = 0;
         while !self.is_gone {
@@ -303,7 +303,7 @@ impl LawProcess {
                 Ok(Received::Closed) | Err(_) => self.is_gone = true,
             }
         }
-        // In real time it is seen in one of the next cycles how it ended.
+        // In real time one of the next cycles sees how it ended.
         let patience = if self.is_real_time {
             self.left(window)
         } else {
@@ -317,7 +317,7 @@ impl LawProcess {
         false
     }
 
-    /// Whether a message is the answer; `None` for that to an earlier question, which comes late.
+    /// Returns whether a message is a valid answer; `None` for a late answer to an earlier question.
     fn take(&mut self, length: usize, writes: &mut [f64]) -> Option<bool> {
         self.answered = self.answered.wrapping_add(1);
         let told = read_values(&self.answer[..length], self.answered, writes.len());
@@ -342,7 +342,7 @@ impl LawProcess {
     }
 }
 
-/// How it ended, and what it printed last.
+/// Describes the end of a process, with its last output.
 fn ended_words((how, output): &(String, String)) -> String {
     match output.as_str() {
         "" => how.clone(),
@@ -350,7 +350,7 @@ fn ended_words((how, output): &(String, String)) -> String {
     }
 }
 
-/// Lines as they stand below a message.
+/// Indents lines below a message.
 pub(crate) fn indented(output: &str) -> String {
     let lines = output.lines().map(|line| format!("    {line}"));
     Vec::from_iter(lines).join("\n")

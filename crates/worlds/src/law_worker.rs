@@ -1,4 +1,5 @@
-//! The process that alone loads the shared library or the FMU of a law: `canrig law-worker`, at the same seat as any program.
+//! Process that loads the shared library or the FMU of a law, away from all others: `canrig law-worker`, at a seat like any
+//! program.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -17,15 +18,15 @@ use toml::Value;
 
 use crate::fmu_plant::wiring_of;
 
-/// The hidden subcommand that serves.
+/// Hidden subcommand of a worker.
 const SUBCOMMAND: &str = "law-worker";
-/// This program, as a process knows itself.
+/// Path of this program, as a process knows itself.
 const MYSELF: &str = "/proc/self/exe";
 
-/// The command that loads a shared library, or an FMU whose files are in a folder. It runs elsewhere.
+/// Returns the command that loads a shared library, or an FMU whose files are in a folder. It runs in another folder.
 ///
 /// # Errors
-/// This process has no folder any more.
+/// If this process's folder does not exist any more.
 pub(crate) fn command(file: &str, folder: Option<&Path>) -> Result<Vec<String>, String> {
     let mut command = [MYSELF, SUBCOMMAND].map(str::to_owned).to_vec();
     for path in [Path::new(file)].into_iter().chain(folder) {
@@ -35,7 +36,7 @@ pub(crate) fn command(file: &str, folder: Option<&Path>) -> Result<Vec<String>, 
     Ok(command)
 }
 
-/// What is wrong with the FMU of a law, by what it says of itself.
+/// Returns the objection to the FMU of a law, by the FMU's description.
 pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
     let ports = [
         ("reads", &law.reads, true),
@@ -76,7 +77,7 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
     })
 }
 
-/// A place in the table that a plant would have, in that of the law.
+/// Converts a place in the table of a plant to the place in the table of the law.
 fn place_in_law(place: &str, law: &FmuLaw) -> String {
     if let Some(start) = place.strip_prefix("start.") {
         return format!("parameters.{start}");
@@ -96,7 +97,7 @@ fn place_in_law(place: &str, law: &FmuLaw) -> String {
     found.unwrap_or_else(|| "file".to_owned())
 }
 
-/// The table of a plant that is the same FMU with ports of these names.
+/// Returns the table of a plant that is the same FMU with ports of these names.
 fn table_of(
     file: &str,
     variables: BTreeMap<String, String>,
@@ -119,7 +120,7 @@ fn table_of(
     }
 }
 
-/// What WELCOME says.
+/// Content of WELCOME.
 #[derive(Deserialize)]
 struct Welcome {
     reads: Vec<String>,
@@ -132,11 +133,11 @@ struct Welcome {
     period_seconds: f64,
 }
 
-/// Takes the seat that the environment names, loads a law, and plays it until it is asked to stop. For a process of its own only: it
-/// runs a stranger's code.
+/// Takes the seat that the environment names, loads a law, and runs it until the request to stop. Call it only in a process of
+/// its own: it runs foreign code.
 ///
 /// # Errors
-/// There is no seat, or canrig speaks another protocol.
+/// If there is no seat, or canrig speaks another protocol.
 pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
     let mut seat = Seat::join("law-worker")?;
     let (welcome, seed) = seat.welcome()?;
@@ -149,7 +150,7 @@ pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
     seat.play(loaded, welcome.reads.len(), outputs)
 }
 
-/// A law that was loaded: time, period, what it reads, what it writes.
+/// Loaded law, a function of time, period, inputs and outputs.
 type Loaded = Box<dyn FnMut(f64, f64, &[f64], &mut [f64]) -> Result<(), String>>;
 
 fn of_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, String> {
@@ -177,8 +178,8 @@ fn of_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, Strin
     }))
 }
 
-/// An FMU takes what is read at the start of a period, steps to its end, and its outputs there are the commands of this cycle. A value
-/// that is missing stays what it was.
+/// Loads an FMU. It takes its inputs at the start of a period, steps to the end of the period, and its outputs there are the
+/// commands of this cycle. A missing input keeps its value.
 fn of_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, String> {
     let name = file.to_string_lossy();
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
@@ -207,7 +208,7 @@ fn of_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Strin
     }))
 }
 
-/// An FMU that is terminated at its end, as FMI wants it: some write their files then. What one says of it comes too late for anybody.
+/// FMU that is terminated on drop, as FMI demands: some write their files then. An error then comes too late to report.
 struct Terminated(Option<Instance>);
 
 impl Drop for Terminated {
@@ -218,7 +219,7 @@ impl Drop for Terminated {
     }
 }
 
-/// The places of ports by their names, with their conversions.
+/// Returns the indices of ports by their names, with their conversions.
 fn places<'a>(
     ports: &[table::Port],
     names: impl Iterator<Item = &'a String>,

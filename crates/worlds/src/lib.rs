@@ -1,13 +1,13 @@
-//! The worlds that a scenario is played in: one process, processes in virtual time, real time, real hardware. The nodes are
-//! the same in each; only what moves frames and time differs.
+//! Worlds in which a scenario is played: one process, processes in virtual time, real time, real hardware. The nodes are the same
+//! in each; only the code that moves frames and time differs.
 //!
-//! Comes in: a [`plan::Plan`], the bus to use, and a [`recording::capture::Capture`] that is given every frame. Goes
-//! out: a [`Played`], or a [`WorldError`] that says why there is none. [`lockstep`] moves the nodes through virtual time by
-//! the coordinator and its model of the bus; [`real_time`] starts the nodes as processes and listens; [`preflight`] checks a
-//! drive that is not the emulator before current may flow in it.
+//! Input: a [`plan::Plan`], the bus to use, and a [`recording::capture::Capture`] that is given every frame. Output: a
+//! [`Played`], or a [`WorldError`] with the reason why there is none. [`lockstep`] moves the nodes through virtual time by the
+//! coordinator and its model of the bus; [`real_time`] starts the nodes as processes and listens; [`preflight`] checks a drive
+//! that is not the emulator before current may flow in it.
 //!
-//! What it does not know: what is judged, what a run folder holds besides the recording, and who reads it. It prints nothing:
-//! what happens meanwhile is reported to the caller.
+//! It knows no verdict, no file of a run folder other than the recording, and no reader. It prints nothing: events during a run
+//! are reported to the caller.
 
 mod after_end;
 mod agenda;

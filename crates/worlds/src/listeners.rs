@@ -1,20 +1,20 @@
-//! Who accepts which frames, worked out once: with many participants most frames are for few of them.
+//! Listeners of each frame, computed once: with many participants most frames are for few of them.
 
 use canopen::{CanFrame, FilterSet};
 
-/// More participants than that have no place on one bus.
+/// Largest number of participants; more have no place on one bus.
 const PARTICIPANTS_MAX: usize = 64;
 
-/// What all participants accept, who are named by their index.
+/// Filters of all participants, which are named by their index.
 pub(crate) struct Listeners {
     accepted: Vec<FilterSet>,
-    /// By 11-bit identifier, a bit for each participant.
+    /// Set of participants by 11-bit identifier, with a bit for each.
     standard: Vec<u64>,
 }
 
 impl Listeners {
     /// # Panics
-    /// There are more than 64.
+    /// If there are more than 64.
     pub(crate) fn new(accepted: Vec<FilterSet>) -> Self {
         assert!(accepted.len() <= PARTICIPANTS_MAX, "too many participants");
         let of = |id| bits(&accepted, &CanFrame::new(id, &[]));
@@ -24,7 +24,7 @@ impl Listeners {
         }
     }
 
-    /// Those who accept a frame, in their order.
+    /// Returns the participants that accept a frame, in their order.
     pub(crate) fn of(&self, frame: &CanFrame) -> impl Iterator<Item = usize> + use<> {
         let mut left = match frame.standard_id() {
             Some(id) => self.standard[usize::from(id)],

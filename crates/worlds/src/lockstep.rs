@@ -25,28 +25,28 @@ use recording::capture::Capture;
 use recording::log::Stamped;
 use scenario::node::{Node, Part};
 
-/// Frames of one loop in one cycle, those included that come more seldom.
+/// Number of frames of one loop in one cycle, including less frequent ones.
 const FRAMES_PER_CYCLE: f64 = 5.0;
-/// Frames for which there is room from the beginning; a longer run gets more as it goes on.
+/// Largest number of frames for which room is reserved; a longer run gets more on the way.
 const FRAMES_EXPECTED_MAX: f64 = 1e6;
-/// Events between two looks at the clock.
+/// Number of events between two looks at the clock.
 const EVENTS_PER_LOOK: u64 = 32;
-/// Time of the machine between two looks at the disk and at the user's wish to stop: a plant may take long for each event.
+/// Wall time between two flushes and checks for the user's request to stop: a plant may take long for each event.
 const FLUSH_PERIOD: Duration = Duration::from_millis(20);
 
 const NO_START: WorldError = WorldError::NoStart {
     patience: START_PATIENCE,
 };
 
-/// One who takes part in a run.
+/// Participant of a run.
 pub struct Role<'a> {
-    /// Its CAN controller, which the faults of the bus name.
+    /// CAN controller of the participant, by which the faults of the bus name it.
     seat: Seat,
     participant: &'a mut dyn Participant,
 }
 
 impl<'a> Role<'a> {
-    /// The drives of a plant, with the plant that they move. They share a CAN controller, which is the first one's.
+    /// Makes the role of a plant with the drives that move it. They share the CAN controller of the first drive.
     pub fn plant(plan: &Plan, participant: &'a mut dyn Participant) -> Self {
         let name = participant.name();
         let of_plant = plan
@@ -60,7 +60,7 @@ impl<'a> Role<'a> {
         }
     }
 
-    /// A node that canrig does not play itself.
+    /// Makes the role of a node that canrig does not run itself.
     pub(crate) fn guest(node: &Node, participant: &'a mut dyn Participant) -> Self {
         let seat = match node.part {
             Part::Controller => Seat::Controller,
@@ -69,7 +69,7 @@ impl<'a> Role<'a> {
         Self { seat, participant }
     }
 
-    /// canrig's own node.
+    /// Makes the role of canrig's own node.
     pub fn bench(participant: &'a mut dyn Participant) -> Self {
         Self {
             seat: Seat::Bench,
@@ -77,7 +77,7 @@ impl<'a> Role<'a> {
         }
     }
 
-    /// The manager.
+    /// Makes the role of the manager.
     pub fn controller(participant: &'a mut dyn Participant) -> Self {
         Self {
             seat: Seat::Controller,
@@ -86,10 +86,10 @@ impl<'a> Role<'a> {
     }
 }
 
-/// Runs the scenario in this process, beside the programs that it needs.
+/// Runs the scenario in this process, with its external programs.
 ///
 /// # Errors
-/// The bench failed, or the recording cannot be written.
+/// If the bench failed, or the recording cannot be written.
 pub fn simulate(
     plan: &Plan,
     hosting: &Hosting<'_>,
@@ -137,7 +137,7 @@ fn play_here(
     or_violation(played, &bench)
 }
 
-/// The end of a run, or the violation of a limit for which the bench's own node gave up.
+/// Returns the end of a run, or the violation of a limit for which the bench's own node gave up.
 pub(crate) fn or_violation(
     played: Result<End, WorldError>,
     bench: &DisturbanceProducer,
@@ -150,7 +150,7 @@ pub(crate) fn or_violation(
     }
 }
 
-/// The participants in the order in which they are asked: drives, canrig's own node, the controller, each where it is.
+/// Returns the participants in the order in which they are asked: drives, canrig's own node, the controller.
 pub(crate) fn in_order<'a>(
     drives: impl Iterator<Item = Role<'a>>,
     guests: &'a mut [(Node, Seated<'_>)],
@@ -170,11 +170,11 @@ pub(crate) fn in_order<'a>(
     roles
 }
 
-/// Plays the loops with these participants, the manager last: it is the first to stop, since it takes the current away and
-/// stops the others while they still listen. With a `wire` the winner of each arbitration goes on it.
+/// Plays the loops with these participants. The last one is the manager. It is the first to stop, since it switches the current
+/// off and stops the others while they still listen. With a `wire` the winner of each arbitration is sent on it.
 ///
 /// # Errors
-/// A participant or the wire failed, or the recording cannot be written.
+/// If a participant or the wire failed, or the recording cannot be written.
 pub fn play(
     plan: &Plan,
     roles: Vec<Role<'_>>,
@@ -205,7 +205,7 @@ pub fn play(
         coordinator.leave_out(dead);
         left.remove(&dead);
         let manager = BTreeSet::from_iter(left.take(&(names.len() - 1)));
-        // Why the run ended is known, whatever comes now.
+        // The end of the run is known, whatever happens now.
         let _ = stop(&mut coordinator, &mut taps, &names, &manager, is_faulty);
         let _ = ask_drives(plan, &mut coordinator, &mut taps);
         let _ = stop(&mut coordinator, &mut taps, &names, &left, is_faulty);
@@ -216,7 +216,7 @@ pub fn play(
     Ok(end)
 }
 
-/// Whether a run ended since this participant is not there any more: its process has ended or hangs, or it gave up.
+/// Returns whether the loss of this participant ended the run: its process has ended or hangs, or it gave up.
 fn is_gone(name: &str, error: &WorldError) -> bool {
     match error {
         WorldError::Coordinator(
@@ -228,7 +228,7 @@ fn is_gone(name: &str, error: &WorldError) -> bool {
     }
 }
 
-/// Lets the drives that nobody leads any more live until their watches have passed, and asks them then whether they are off.
+/// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
 fn ask_drives(
     plan: &Plan,
     coordinator: &mut Coordinator<'_>,
@@ -269,7 +269,7 @@ fn stop(
         let give_up = coordinator.now() + STOP_PATIENCE;
         while !coordinator.is_stopped(index) {
             let is_late = coordinator.step(taps)?.is_none_or(|now| now > give_up);
-            // What a fault keeps from ending is left as it is.
+            // A participant that a fault keeps from ending is left as it is.
             if is_late && is_faulty {
                 break;
             }
@@ -313,7 +313,7 @@ fn run_until(
         match until {
             Some(until) if now >= until => break,
             Some(_) => {}
-            // A fault that keeps the scenario from beginning is seen to its end.
+            // A fault that keeps the scenario from beginning is played to its end.
             None if now > START_PATIENCE && is_faulty => break,
             None if now > START_PATIENCE => return Err(NO_START),
             None => {
@@ -327,7 +327,8 @@ fn run_until(
             continue;
         }
         flushed = clock.now();
-        // A compressed log takes a flush without frames for silence, and writes what it has: its bytes would depend on the machine.
+        // A compressed log takes a flush without frames for silence, and writes its buffer: its bytes would depend on the
+        // machine.
         if !taps.capture.since(&mut seen).is_empty() {
             taps.capture.flush()?;
         }
@@ -338,7 +339,7 @@ fn run_until(
     Ok(End::Completed)
 }
 
-/// Where the winners go: to the recording and, where there is one, on the real wire.
+/// Sinks for the winners: the recording and, if there is one, the real wire.
 struct Taps<'a, 'b, 'c> {
     capture: &'a mut Capture<'b>,
     wire: Option<&'c mut dyn Bus>,

@@ -1,4 +1,4 @@
-//! What the participants of a run are called, in messages and on the command line of their processes.
+//! Names of the participants of a run, in messages and on the command line of their processes.
 
 use plan::{ControlLoop, Plan};
 use scenario::node::Part;
@@ -6,13 +6,13 @@ use scenario::node::Part;
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
 pub(crate) const BENCH: &str = "bench";
 
-/// The names of the participants that emulate the plants whose drives are canrig's.
+/// Returns the names of the participants that emulate the plants whose drives are canrig's.
 pub(crate) fn own_emulators(plan: &Plan) -> Vec<&str> {
     let loops = plan.loops.iter();
     emulator_names(loops.filter(|one| one.is_ours(Part::Drive)))
 }
 
-/// The names of the participants that emulate the plants of these loops, each once.
+/// Returns the names of the participants that emulate the plants of these loops, each once.
 #[must_use]
 pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> Vec<&'a str> {
     let mut names = Vec::new();
@@ -24,7 +24,8 @@ pub fn emulator_names<'a>(loops: impl IntoIterator<Item = &'a ControlLoop>) -> V
     names
 }
 
-/// The name of the participant that emulates a loop's plant: that of the first plant that it emulates, where there are several loops.
+/// Returns the name of the participant that emulates a loop's plant. With several loops it is the name of the first plant that
+/// the participant emulates.
 #[must_use]
 pub fn emulator_name(one: &ControlLoop) -> &str {
     match one.loop_name() {

@@ -15,10 +15,10 @@ use crate::names::emulator_name;
 use plan::Plan;
 use plan::loaded_drive::LoadedDrive;
 
-/// The emulator of this name: plants with the drives of all loops that it emulates.
+/// Makes the emulator of this name: plants with the drives of all loops that it emulates.
 ///
 /// # Errors
-/// The plant cannot be emulated.
+/// If the plant cannot be emulated.
 pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldError> {
     let drives = plan.loops.iter().filter(|one| emulator_name(one) == name);
     let clock = plan.scenario_clock()?;
@@ -45,13 +45,13 @@ fn no_emulator(name: &str, error: InvalidEmulator) -> WorldError {
     }
 }
 
-/// The part of a plan that the controller may know of one loop, and its drive where that is a real one.
+/// Part of a plan that the controller may know of one loop, with its drive if that is a real one.
 pub struct LoopView {
     view: ControllerView,
     real_drive: Option<Arc<LoadedDrive>>,
 }
 
-/// The parts of a plan that the controller may know.
+/// Returns the parts of a plan that the controller may know.
 #[must_use]
 pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
     let views = plan.loops.iter().map(|one| LoopView {
@@ -61,10 +61,10 @@ pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
     views.collect()
 }
 
-/// The manager with the laws of these loops; processes of laws run in that place.
+/// Makes the manager with the laws of these loops; `laws` is the place of their processes.
 ///
 /// # Errors
-/// A controller cannot be set up.
+/// If a controller cannot be set up.
 pub fn controller_of(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNode, WorldError> {
     let loops = loops.iter().map(|LoopView { view, real_drive }| {
         let real = real_drive.as_deref();
@@ -76,11 +76,11 @@ pub fn controller_of(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNo
     })
 }
 
-/// The manager as it behaves in a run with faults, which it cannot see; `is_played_elsewhere` are those that happen
-/// to its process. `make` makes it, also after a crash.
+/// Makes the manager with its faults, which it cannot see. Faults that `is_played_elsewhere` accepts happen to its process
+/// instead. `make` makes the manager, also after a crash.
 ///
 /// # Errors
-/// It cannot be made.
+/// If it cannot be made.
 pub fn faulty_controller(
     make: impl Fn() -> Result<ControllerNode, WorldError> + Send + 'static,
     plan: &Plan,
@@ -92,7 +92,7 @@ pub fn faulty_controller(
     }
     let faults = controller_faults(plan);
     let renew = move |node: &mut ControllerNode| {
-        // It could be set up once, so it can again.
+        // The first call succeeded, so this one does.
         if let Ok(new) = make() {
             *node = new;
         }
@@ -102,7 +102,7 @@ pub fn faulty_controller(
     Ok(Box::new(faulty))
 }
 
-/// The faults of the controller.
+/// Returns the faults of the controller.
 pub(crate) fn controller_faults(plan: &Plan) -> FaultPlan {
     let faults = plan.shared.run.faults.at_controller();
     FaultPlan::new(&faults, plan.controller().id)

@@ -1,5 +1,5 @@
-//! The part of a plan that a program may know: its node, the bus, and of each loop the frames, the limits and the set-point. Nothing of
-//! the plant, of disturbances, faults and limits of the verdict.
+//! Part of a plan that a program may know: its node, the bus, and for each loop the frames, the limits and the set-point. It
+//! holds nothing of the plant, the disturbances, the faults and the limits of the verdict.
 
 use dbc::names;
 use dbc::{ByteOrder, Kind, Message, Signal, SignalHandle};
@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 
 /// Version of the file.
 const VERSION: u32 = 1;
-/// Rows of a set-point that is no straight line, at most; of a longer one they are further apart than a cycle.
+/// Largest number of rows of a set-point that is no straight line; the rows of a longer one are further apart than a cycle.
 const ROWS_MAX: f64 = 100_000.0;
 
-/// The part of a node.
+/// Returns the part of a node.
 pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
     let kind = match node.part {
         Part::Controller => "controller",
@@ -60,7 +60,7 @@ fn of_loop(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
     told
 }
 
-/// The frame of a signal.
+/// Returns the frame of a signal.
 fn frame(plan: &Plan, signal: Option<SignalHandle>) -> Value {
     let messages = plan.database().messages().iter();
     let id = signal.map(|signal| signal.raw_id());

@@ -1,9 +1,9 @@
-//! How a world ended that did not fail.
+//! Result of a run that did not fail.
 
 use recording::ending::EarlyEnd;
 use recording::latency::Host;
 
-/// How a run ended in which neither the bench nor the bus failed.
+/// End of a run in which neither the bench nor the bus failed.
 #[derive(Clone, Debug, PartialEq)]
 pub enum End {
     /// The scenario was played to its end.
@@ -14,16 +14,16 @@ pub enum End {
     ByNode(EarlyEnd),
 }
 
-/// What a world came to that did not fail.
+/// Result of a run that did not fail.
 pub struct Played {
-    /// Whether it came to the scenario's end.
+    /// End of the run.
     pub end: End,
-    /// What the host knows of the timing; none in virtual time.
+    /// Timing as the host knows it; `None` in virtual time.
     pub host: Option<Host>,
 }
 
 impl Played {
-    /// In virtual time there is no timing.
+    /// Makes the result of a run in virtual time, which has no timing.
     #[must_use]
     pub fn in_virtual_time(end: End) -> Self {
         Self { end, host: None }

@@ -1,4 +1,4 @@
-//! What happens to the processes of the controller and of programs in real time: a crash is a SIGKILL, a hang a SIGSTOP.
+//! Faults of processes in real time, the controller's and those of programs: a crash is a SIGKILL, a hang a SIGSTOP.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -9,12 +9,12 @@ use scenario::node::Part;
 
 use crate::programs::faults_at;
 
-/// What is done to a process to play a fault.
+/// Action on a process that plays a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ProcessAction {
     /// SIGKILL.
     Kill,
-    /// A new process in its place.
+    /// Start of a new process in its place.
     Start,
     /// SIGSTOP.
     Suspend,
@@ -22,7 +22,7 @@ pub(super) enum ProcessAction {
     Resume,
 }
 
-/// What a scenario's faults do to these processes, by the names of their nodes, in the order of scenario time.
+/// Actions of a scenario's faults on these processes, by the names of their nodes, in the order of scenario time.
 pub(super) struct ProcessFaults(VecDeque<(Duration, String, ProcessAction)>);
 
 impl ProcessFaults {
@@ -45,7 +45,7 @@ impl ProcessFaults {
         Self(actions.into())
     }
 
-    /// The next action and the node, once its time has come.
+    /// Returns the next action with its node, once its time has come.
     pub(super) fn due(&mut self, scenario_time: Duration) -> Option<(String, ProcessAction)> {
         let is_due = |action: &mut (Duration, String, ProcessAction)| action.0 <= scenario_time;
         let action = self.0.pop_front_if(is_due);

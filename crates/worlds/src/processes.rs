@@ -25,16 +25,16 @@ use plan::Plan;
 use recording::capture::Capture;
 use recording::run_folder::RunFolder;
 
-/// A process that was stopped.
+/// Process that was stopped.
 pub(super) struct Stopped {
     pub(super) name: String,
-    /// What a node of canrig's reports of itself.
+    /// Report of a node of canrig's on itself.
     pub(super) report: Option<String>,
-    /// Whether it ended well.
+    /// Error if it ended badly.
     pub(super) ended: Result<(), WorldError>,
 }
 
-/// The nodes that are processes of their own, the manager last; without those that are somebody else's.
+/// Nodes that are processes of their own, the manager last; without external nodes.
 pub(super) struct Processes {
     all: Vec<NodeProcess>,
     manager: String,
@@ -50,13 +50,13 @@ impl Processes {
         self.all.iter()
     }
 
-    /// The process of a node, unless the node is somebody else's.
+    /// Returns the process of a node, unless the node is external.
     pub(super) fn get_mut(&mut self, name: &str) -> Option<&mut NodeProcess> {
         let mut processes = self.all.iter_mut();
         processes.find(|process| process.name() == name)
     }
 
-    /// Waits until one of them ends before its time; the error that says so.
+    /// Waits until one of them ends before its time; returns the error for it.
     pub(super) async fn early_end(&mut self) -> WorldError {
         let mut ends: Vec<_> = self
             .all
@@ -112,7 +112,7 @@ impl Processes {
     }
 }
 
-/// The runtime in which processes are watched. It lives on the calling thread, whose end would end the processes.
+/// Makes the runtime in which processes are watched. It runs on the calling thread, whose end would end the processes.
 pub(super) fn runtime() -> Result<Runtime, WorldError> {
     let built = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -126,7 +126,7 @@ pub(super) fn runtime() -> Result<Runtime, WorldError> {
 /// Plays the loops in lock-step, with the controller and each plant as a process. On a CAN interface the frames cross it.
 ///
 /// # Errors
-/// A process or the bus failed, or the recording cannot be written.
+/// If a process or the bus failed, or the recording cannot be written.
 pub fn in_lockstep(
     plan: &Plan,
     folder: &RunFolder,
@@ -134,7 +134,7 @@ pub fn in_lockstep(
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<Played, WorldError> {
-    // Before any process is started: it inherits the processor.
+    // Before the start of any process, since it inherits the processor.
     let _here = OneProcessor::stay();
     let played = Guests::seat(plan, hosting).and_then(|mut guests| {
         let played = play(plan, folder, &mut guests, capture, bus);
@@ -151,7 +151,7 @@ fn play(
     capture: &mut Capture<'_>,
     bus: &RunBus,
 ) -> Result<End, WorldError> {
-    // The coordinator only sends; without filters nothing comes in.
+    // The coordinator only sends, so it needs no filters.
     let (mut wire, address, _private) = match bus {
         RunBus::Embedded { .. } => (None, None, None),
         RunBus::Interface(name) => {
@@ -204,7 +204,7 @@ fn play(
     runtime.block_on(with_end(played, &mut processes))
 }
 
-/// How a run ended whose processes are still to be stopped.
+/// Returns the end of a run whose processes are still to be stopped.
 async fn with_end(
     played: Result<End, WorldError>,
     processes: &mut Processes,
@@ -215,13 +215,13 @@ async fn with_end(
             let mut ended = stopped.into_iter().map(|stopped| stopped.ended);
             return ended.try_for_each(|ended| ended).map(|()| end);
         }
-        // How a process ended says more than that it does not answer.
+        // The end of a process says more than its missing answer.
         Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
             name,
         }))) if processes.get_mut(&name).is_some() => processes.early_end_of(&name).await,
         Err(error) => error,
     };
-    // Whoever is left has ended before the error is reported, which is the first one.
+    // The remaining processes end before the error is reported, which is the first one.
     let _ = processes.stop().await;
     Err(error)
 }

@@ -1,4 +1,4 @@
-//! Nodes that are programs, in virtual time: started by canrig, or expected by their names, each at a bus seat.
+//! Nodes that are programs, in virtual time: started by canrig, or awaited by their names, each at a bus seat.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
@@ -23,19 +23,19 @@ use crate::law_process::{CLOSED_PATIENCE, indented};
 use crate::part;
 use plan::Plan;
 
-/// Time in which a node that canrig does not start must come to its seat.
+/// Time for a node that canrig does not start to come to its seat.
 const EXPECTED_PATIENCE: Duration = Duration::from_secs(15);
-/// Time between two looks whether it has come.
+/// Period of the check whether it has come.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// How programs are hosted, and who hears of it.
+/// Settings for the hosting of programs.
 #[derive(Clone, Copy)]
 pub struct Hosting<'a> {
-    /// The folder of what they print; it is not kept if `None`.
+    /// Folder of their output, which is not kept if `None`.
     pub logs: Option<&'a Path>,
-    /// How long an answer may take; for ever if `None`.
+    /// Longest time for an answer; no limit if `None`.
     pub patience: Option<Duration>,
-    /// Reports where a node is expected.
+    /// Reports the seat at which a node is expected.
     pub announce: &'a dyn Fn(&str),
 }
 
@@ -49,11 +49,11 @@ impl Default for Hosting<'_> {
     }
 }
 
-/// How a program is started and spoken with.
+/// Instructions to start a program and to speak with it.
 #[derive(Clone, Debug)]
 pub(crate) struct ProgramOrder {
     node: Node,
-    /// Its command and its folder; it is expected if `None`.
+    /// Its command and its folder; `None` if canrig does not start it.
     command: Option<(Vec<String>, PathBuf)>,
     log: Option<PathBuf>,
     part: String,
@@ -63,7 +63,7 @@ pub(crate) struct ProgramOrder {
 }
 
 impl ProgramOrder {
-    /// Orders for all nodes that canrig does not play itself: drives, io nodes, the controller.
+    /// Makes the orders for all nodes that canrig does not run itself: drives, io nodes, the controller.
     pub(crate) fn all(plan: &Plan, logs: Option<&Path>, patience: Option<Duration>) -> Vec<Self> {
         let mut nodes: Vec<&Node> = Vec::new();
         for node in plan.nodes() {
@@ -88,12 +88,12 @@ impl ProgramOrder {
         nodes.into_iter().map(order).collect()
     }
 
-    /// Its name among the participants.
+    /// Returns its name among the participants.
     pub(crate) fn name(&self) -> &str {
         &self.node.name
     }
 
-    /// Whether canrig starts it.
+    /// Returns whether canrig starts it.
     pub(crate) fn is_started(&self) -> bool {
         self.command.is_some()
     }
@@ -101,7 +101,7 @@ impl ProgramOrder {
     /// Starts the program of the node, on a bus.
     ///
     /// # Errors
-    /// The system refuses it.
+    /// If the system refuses.
     pub(crate) fn start(
         &self,
         bus: String,
@@ -136,7 +136,7 @@ impl ProgramOrder {
     /// Brings the node to a seat of its own, at a time of the run.
     ///
     /// # Errors
-    /// It does not come, or speaks another protocol.
+    /// If it does not come, or speaks another protocol.
     fn seat(&self, now: Duration, announce: &dyn Fn(&str)) -> Result<ProgramNode, WorldError> {
         let name = self.name();
         let refused = |source| WorldError::Spawn {
@@ -193,16 +193,16 @@ impl ProgramOrder {
     }
 }
 
-/// A program that canrig started for a node.
+/// Program that canrig started for a node.
 #[derive(Debug)]
 pub(crate) struct StartedProgram {
     pub(crate) program: Program,
-    /// The file with its part.
+    /// File with its part of the plan.
     _part: NamedTempFile,
 }
 
 impl StartedProgram {
-    /// Its end before it was asked to, if it has ended.
+    /// Returns the error for its end before the request to stop, if it has ended.
     pub(crate) fn early_end(&mut self, name: &str) -> Option<WorldError> {
         let (how, output) = self.program.ended(Duration::ZERO)?;
         Some(WorldError::Process {
@@ -217,12 +217,12 @@ impl StartedProgram {
         })
     }
 
-    /// Whether it has ended.
+    /// Returns whether it has ended.
     pub(crate) fn has_ended(&mut self) -> bool {
         self.program.ended(Duration::ZERO).is_some()
     }
 
-    /// The end of a program that did not do its part, with the end of its output: how it ended by itself, else what was wrong.
+    /// Returns the error for a program that broke its part, with its last output: how it ended by itself, otherwise `what`.
     fn broken(mut self, name: &str, what: impl Fn() -> String, patience: Duration) -> WorldError {
         let ended = self.program.ended(patience);
         let is_by_itself = ended.is_some();
@@ -245,7 +245,7 @@ impl StartedProgram {
         }
     }
 
-    /// What an error of the protocol with this program comes from.
+    /// Explains an error of the protocol with this program by the program's end.
     fn explained(self, error: LockstepError) -> WorldError {
         match error {
             LockstepError::Ended { name } => {
@@ -270,18 +270,18 @@ impl StartedProgram {
     /// Waits for the end of a program that has nothing more to do.
     ///
     /// # Errors
-    /// It did not end by itself, or ended badly.
+    /// If it did not end by itself, or ended badly.
     fn end(mut self, name: &str) -> Result<(), WorldError> {
         self.program.dismiss();
-        // What it comes to is seen below.
+        // The result is checked below.
         let _ = self.program.ended(END_PATIENCE);
         self.ended_well(name)
     }
 
-    /// Whether a program that was dismissed has ended as it should.
+    /// Checks that a program that was dismissed has ended in order.
     ///
     /// # Errors
-    /// It has not.
+    /// If it has not.
     pub(crate) fn ended_well(&mut self, name: &str) -> Result<(), WorldError> {
         let (how, output) = match self.program.ended(Duration::ZERO) {
             Some((how, _)) if how == ORDERLY => return Ok(()),
@@ -304,19 +304,19 @@ fn end_of(output: &str) -> String {
     }
 }
 
-/// A node at its seat.
+/// Node at its seat.
 #[derive(Debug)]
 struct ProgramNode {
     order: ProgramOrder,
-    /// Before the program, which waits at its other end.
+    /// Dropped before the program, which waits at its other end.
     remote: Remote,
-    /// `None` of one that canrig did not start.
+    /// `None` if canrig did not start it.
     program: Option<StartedProgram>,
 }
 
 impl ProgramNode {
     /// # Errors
-    /// The program did not end as it should.
+    /// If the program did not end in order.
     fn end(self) -> Result<(), WorldError> {
         let Self {
             order,
@@ -328,7 +328,7 @@ impl ProgramNode {
     }
 }
 
-/// A node at its seat as one that is asked at each event, which faults need.
+/// Node at its seat that is asked at each event, as faults need.
 #[derive(Debug)]
 struct Asked {
     /// `None` once it is gone.
@@ -336,7 +336,7 @@ struct Asked {
     filters: Vec<Filter>,
     answer: Answer,
     queued: VecDeque<CanFrame>,
-    /// Why it is gone, where that was not its part to play.
+    /// Reason why it is gone, unless a fault ended it.
     failure: Option<WorldError>,
 }
 
@@ -373,7 +373,7 @@ impl Asked {
         }
     }
 
-    /// Whether it wanted to do something before, and a fault has halted it.
+    /// Returns whether a fault has halted it beyond its deadline.
     fn is_late(&self, now: Duration) -> bool {
         let wanted = self.answer.next_deadline;
         wanted.is_some_and(|wanted| wanted < now)
@@ -436,14 +436,14 @@ impl CanNode for Asked {
     }
 }
 
-/// A node that canrig does not play itself, as a participant.
+/// Participant that canrig does not run itself.
 pub(crate) enum Seated<'a> {
     Plain(&'a mut Remote),
     Asked(Local<'a>),
 }
 
 impl Seated<'_> {
-    /// The participant.
+    /// Returns the participant.
     pub(crate) fn participant(&mut self) -> &mut dyn Participant {
         match self {
             Self::Plain(remote) => *remote,
@@ -452,20 +452,20 @@ impl Seated<'_> {
     }
 }
 
-/// A node of a run that canrig does not play itself.
+/// Node of a run that canrig does not run itself.
 enum Guest {
     Plain(Box<ProgramNode>),
     Faulty(Box<Faulty<Asked>>, Node),
 }
 
-/// The nodes of a run that canrig does not play itself, at their seats.
+/// Nodes of a run that canrig does not run itself, at their seats.
 pub(crate) struct Guests(Vec<Guest>);
 
 impl Guests {
     /// Brings them to their seats.
     ///
     /// # Errors
-    /// One of them does not come, or speaks another protocol.
+    /// If one of them does not come, or speaks another protocol.
     pub(crate) fn seat(plan: &Plan, hosting: &Hosting<'_>) -> Result<Self, WorldError> {
         let mut guests = Vec::new();
         for order in ProgramOrder::all(plan, hosting.logs, hosting.patience) {
@@ -482,7 +482,7 @@ impl Guests {
         Ok(Self(guests))
     }
 
-    /// Them as participants, the controller last.
+    /// Returns them as participants, the controller last.
     pub(crate) fn participants(&mut self) -> Vec<(Node, Seated<'_>)> {
         fn participant(guest: &mut Guest) -> (Node, Seated<'_>) {
             match guest {
@@ -496,10 +496,10 @@ impl Guests {
         self.0.iter_mut().map(participant).collect()
     }
 
-    /// Ends them after a run, and says what it came to.
+    /// Ends them after a run; returns the result of the run.
     ///
     /// # Errors
-    /// Why the run broke off, or which of them did not end as it should.
+    /// With the reason why the run broke off, or with the first bad end of one of them.
     pub(crate) fn finish<T>(self, played: Result<T, WorldError>) -> Result<T, WorldError> {
         let mut played = played;
         for guest in self.0.into_iter().rev() {
@@ -519,7 +519,7 @@ impl Guest {
                     return Err(failure);
                 }
                 match asked.node.take() {
-                    // One that a fault ended, or that gave up, has nothing more to end well.
+                    // A node that a fault ended, or that gave up, has no orderly end to check.
                     Some(node) if asked.answer.progress == Progress::Stopped => node,
                     _ => return played,
                 }
@@ -535,7 +535,7 @@ impl Guest {
 }
 
 impl ProgramNode {
-    /// What an error of virtual time comes from, where this node is why.
+    /// Explains an error of virtual time by the end of this node, if the node caused it.
     fn explained(self, error: CoordinatorError, own: &str) -> WorldError {
         let Some(program) = self.program else {
             return error.into();
@@ -552,7 +552,7 @@ impl ProgramNode {
     }
 }
 
-/// What happens to a node, in a run with faults.
+/// Returns the faults of a node.
 pub(crate) fn faults_at(plan: &Plan, node: &Node) -> FaultPlan {
     FaultPlan::new(&plan.shared.run.faults.at_node(node.id), node.id)
 }

@@ -30,14 +30,14 @@ use recording::run_folder::RunFolder;
 use recording::sources::{Sent, SentFrames};
 use scenario::node::Part;
 
-/// What the controller needs beyond the bring-up until current flows, with some to spare.
+/// Time for the controller beyond the bring-up until current flows, with a reserve.
 const ENABLE_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Plays the loops in real time on a bus that is there, with controller and plants as processes unless they are external:
-/// to their end, until a node under test ends it, or until what was recorded is enough.
+/// Plays the loops in real time on an existing bus, with controller and plants as processes unless they are external: to their
+/// end, until a node under test ends them, or until the recording is sufficient.
 ///
 /// # Errors
-/// The bench or the bus failed, or the recording cannot be written.
+/// If the bench or the bus failed, or the recording cannot be written.
 pub fn play(
     plan: &Plan,
     folder: &RunFolder,
@@ -76,7 +76,7 @@ pub fn play(
                 stopper = None;
             }
             let is_broken_off = (bench.is_finished() || end.is_err()) && !is_second_master;
-            // However the run went, nothing may stay heated or running.
+            // After any end of the run nothing may stay heated or running.
             (end, run.stop(is_broken_off).await)
         });
         drop(stopper);
@@ -102,7 +102,7 @@ pub fn play(
     if let Some(controller) = reports.get_mut(controller)
         && plan.shared.run.faults.of("hang").next().is_some()
     {
-        // Suspended on purpose, a loop wakes up late.
+        // A loop that was suspended on purpose wakes up late.
         controller.late.clear();
     }
     let stalls = stalls.finish(connection, &mut reports);
@@ -121,8 +121,9 @@ pub fn play(
     })
 }
 
-/// The frames that canrig's nodes sent: those that report it. Of a controller that a fault kills, the report is that of the last process
-/// only, which says nothing. What the bench sends the controller sends too, so without its report that says nothing either.
+/// Returns the frames that canrig's nodes sent, as far as they report them. For a controller that a fault kills, the report is
+/// that of the last process only, which proves nothing. The bench sends frames that the controller sends too, so without the
+/// controller's report the bench's proves nothing either.
 fn sent(
     plan: &Plan,
     reports: &mut BTreeMap<String, NodeReport>,
@@ -173,7 +174,7 @@ fn start_nodes(
     Ok(Processes::new(processes, plan))
 }
 
-/// Waits until the bench's own node has ended: it has stopped the drive, or failed.
+/// Waits until the bench's own node has ended, after it stopped the drive, or by a failure.
 async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
     let mut ticks = tokio::time::interval(COLLECT_PERIOD);
     while !bench.is_finished() {
@@ -181,7 +182,7 @@ async fn ended<T>(bench: &ScopedJoinHandle<'_, T>) {
     }
 }
 
-/// How the run ended, and the reports of the nodes. The first error is why the others stopped.
+/// Returns the end of the run with the reports of the nodes. The first error is the reason why the others stopped.
 fn with_reports(
     mut end: Result<End, WorldError>,
     stopped: Vec<Stopped>,
@@ -201,7 +202,7 @@ fn with_reports(
         }
         match ended {
             Ok(()) => {}
-            // One that was killed takes the other with it, which may be noticed first.
+            // A node that was killed takes the other with it, whose end may be noticed first.
             Err(error) if end.is_ok() || error.is_from_outside() => end = Err(error),
             Err(_) => {}
         }
@@ -209,7 +210,7 @@ fn with_reports(
     (end, reports)
 }
 
-/// What a node reported of itself at its end.
+/// Reads the report of a node on itself at its end.
 fn read_report(name: &str, text: &str) -> NodeReport {
     serde_json::from_str(text).unwrap_or_else(|_| NodeReport {
         refused: vec![format!("{name} gave no report of its timing")],
@@ -217,7 +218,7 @@ fn read_report(name: &str, text: &str) -> NodeReport {
     })
 }
 
-/// A run while it goes on.
+/// Run in progress.
 struct Run<'a, 'b> {
     plan: &'a Plan,
     folder: &'a RunFolder,
@@ -229,7 +230,7 @@ struct Run<'a, 'b> {
 }
 
 impl Run<'_, '_> {
-    /// Collects frames until the scenario is over, the user stops it, or something fails.
+    /// Collects frames until the scenario is over, the user stops it, or an error occurs.
     async fn follow(&mut self) -> Result<End, WorldError> {
         let clock = Clock::start();
         let mut silence = SilenceWatch::new(self.plan)?;
@@ -258,21 +259,21 @@ impl Run<'_, '_> {
         }
     }
 
-    /// Stops all nodes, the manager first. Of a run that broke off it is recorded whether the drives are off by themselves.
+    /// Stops all nodes, the manager first. After a run that broke off it records whether the drives are off by themselves.
     async fn stop(&mut self, is_broken_off: bool) -> Vec<Stopped> {
         if is_broken_off && self.connection.collect(self.capture).is_ok() {
             self.capture.break_off();
         }
         let mut stopped = self.processes.stop_manager().await;
         if is_broken_off && self.capture.zero().is_some() {
-            // Why the run ended is known, whatever comes now.
+            // The end of the run is known, whatever happens now.
             let _ = self.ask_drives().await;
         }
         stopped.extend(self.processes.stop_others().await);
         stopped
     }
 
-    /// Lets the drives that nobody leads any more live until their watches have passed, and asks them then whether they are off.
+    /// Lets the drives without a controller run until their watches have run out, and asks them then whether they are off.
     async fn ask_drives(&mut self) -> Result<(), WorldError> {
         let mut bus = self.connection.join(&[])?;
         self.go_on(after_end::watch(self.plan)).await?;
@@ -295,8 +296,8 @@ impl Run<'_, '_> {
         Ok(())
     }
 
-    /// Does to the processes of nodes what the scenario's faults say by now. Faults of an external controller were refused
-    /// before the run.
+    /// Plays the scenario's faults that are due on the processes of nodes. Faults of an external controller were refused before
+    /// the run.
     async fn play_faults(&mut self, faults: &mut ProcessFaults) -> Result<(), WorldError> {
         let Some(time) = self.capture.scenario_time() else {
             return Ok(());
@@ -319,10 +320,10 @@ impl Run<'_, '_> {
     }
 }
 
-/// Whether the scenario has come to its end.
+/// Returns whether the scenario has reached its end.
 ///
 /// # Errors
-/// It never will, since it did not begin.
+/// If it never will, since it did not begin.
 fn is_over(
     plan: &Plan,
     scenario_time: Option<Duration>,
@@ -331,14 +332,14 @@ fn is_over(
     let patience = start_patience(plan);
     match scenario_time {
         Some(time) => Ok(time >= plan.duration()),
-        // A fault that keeps the scenario from beginning is seen to its end.
+        // A fault that keeps the scenario from beginning is played to its end.
         None if now > patience && plan.has_faults() => Ok(true),
         None if now > patience => Err(WorldError::NoStart { patience }),
         None => Ok(false),
     }
 }
 
-/// A real drive may take its time, as its controller knows.
+/// Returns the time until the scenario must begin. A real drive may take the time that its controller allows.
 fn start_patience(plan: &Plan) -> Duration {
     let drives = plan.loops.iter();
     let drives = drives.filter_map(|one| one.real_drive.as_ref());

@@ -1,4 +1,4 @@
-//! Whether anybody else leads beside a real drive, while a scenario is played in real time.
+//! Watch for a second master on the bus of a real drive, while a scenario is played in real time.
 
 use dbc::SignalMissing;
 use dbc::scenario_clock::ScenarioClock;
@@ -9,7 +9,7 @@ use scenario::node::Part;
 
 use crate::error::WorldError;
 
-/// Watches what is recorded, by its stamps: the bench itself may be late.
+/// Watch over the recorded frames, by their stamps: the bench itself may be late.
 pub(super) struct SecondMasterWatch {
     clock: ScenarioClock,
     drives: Vec<SourceReader>,
@@ -17,7 +17,7 @@ pub(super) struct SecondMasterWatch {
 }
 
 impl SecondMasterWatch {
-    /// A watch beside each real drive.
+    /// Makes a watch for each real drive.
     pub(super) fn new(plan: &Plan) -> Result<Self, SignalMissing> {
         let is_real = |one: &&ControlLoop| one.is_external(Part::Drive);
         Ok(Self {
@@ -29,10 +29,10 @@ impl SecondMasterWatch {
         })
     }
 
-    /// Takes what was recorded until now. No node has reported yet how much it sent.
+    /// Reads the new frames of the recording. No node has reported yet how much it sent.
     ///
     /// # Errors
-    /// Somebody else leads.
+    /// If another controller leads.
     pub(super) fn check(&mut self, capture: &Capture<'_>) -> Result<(), WorldError> {
         for stamped in capture.since(&mut self.taken) {
             self.clock.on_frame(stamped.time, &stamped.frame);

@@ -1,4 +1,4 @@
-//! Whether the nodes under test are still heard, while a scenario without faults is played in real time.
+//! Watch for silent nodes under test, while a scenario is played in real time.
 
 use std::time::Duration;
 
@@ -10,17 +10,17 @@ use recording::log::Stamped;
 
 use crate::error::WorldError;
 
-/// A node without a frame for so long is gone.
+/// Longest time without a frame of a node.
 const SILENCE_MAX: Duration = Duration::from_secs(2);
-/// The same where cycles are long.
+/// Longest time without a frame of a node in cycles, if these are long.
 const PERIODS_MAX: u32 = 20;
 
-/// When SYNC, the positions and any frame came last, on the bench's clock: the stamps of frames may be stepped.
+/// Times of the last SYNC, position and frame of any kind, on the bench's clock: the stamps of frames may be stepped.
 pub(super) struct SilenceWatch {
     controller: String,
     drives: Vec<Drive>,
     limit: Duration,
-    /// Without faults a node may not be silent; with them, somebody must be heard.
+    /// Whether the run has no faults, so that no node may be silent; with faults, some frame must come.
     is_sound: bool,
     taken: usize,
     sync: Duration,
@@ -30,7 +30,7 @@ pub(super) struct SilenceWatch {
 struct Drive {
     name: String,
     position_id: u32,
-    /// When its position came last.
+    /// Time of its last position.
     heard: Duration,
 }
 
@@ -55,10 +55,10 @@ impl SilenceWatch {
         })
     }
 
-    /// Takes what was recorded until now.
+    /// Reads the new frames of the recording.
     ///
     /// # Errors
-    /// A node has been silent for too long since the scenario began.
+    /// If a node has been silent for too long since the scenario began.
     pub(super) fn check(&mut self, now: Duration, capture: &Capture<'_>) -> Result<(), WorldError> {
         let mut taken = self.taken;
         self.hear(now, capture.since(&mut taken));

@@ -1,4 +1,4 @@
-//! Gathers where the machine held up what canrig started, while a run in real time goes on.
+//! Collection of host stalls of canrig's processes, during a run in real time.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,20 +14,20 @@ use crate::error::WorldError;
 use crate::names::BENCH;
 use crate::processes::Processes;
 
-/// The thread that carries the frames of an embedded bus.
+/// Name of the thread that carries the frames of an embedded bus.
 const HUB_THREAD: &str = "hub";
 
-/// The watch over the machine during one run.
+/// Watch over the machine during one run.
 pub(super) struct StallRecorder {
     watch: StallWatch<Who>,
     controller: String,
-    /// Half a SYNC period: what takes less makes no cycle miss.
+    /// Half a SYNC period: a shorter stall makes no cycle miss.
     longer_than: Duration,
 }
 
 impl StallRecorder {
     /// # Errors
-    /// No thread can be started.
+    /// If no thread can be started.
     pub(super) fn start(plan: &Plan, processes: &Processes) -> Result<Self, WorldError> {
         let longer_than = plan.sync_period() / 2;
         let watch = StallWatch::start(longer_than).map_err(|source| WorldError::Spawn {
@@ -46,7 +46,7 @@ impl StallRecorder {
         Ok(recorder)
     }
 
-    /// Watches a node's process, too.
+    /// Watches the process of a node, too.
     pub(super) fn watch(&self, process: &NodeProcess) {
         if let Some(number) = process.number() {
             self.watch
@@ -54,7 +54,7 @@ impl StallRecorder {
         }
     }
 
-    /// All that was seen, and what the nodes' own loops report, on the clock of the recording.
+    /// Returns all observed stalls, and the late wake-ups that the nodes' own loops report, on the clock of the recording.
     pub(super) fn finish(
         self,
         connection: &BusConnection,
@@ -92,7 +92,7 @@ impl StallRecorder {
     }
 }
 
-/// A process that canrig started, by its participant's name: all but the controller's emulate a plant.
+/// Returns the owner of a process that canrig started, by its participant's name: all but the controller's emulate a plant.
 fn who(name: &str, controller: &str) -> Who {
     if name == controller {
         Who::Controller

@@ -1,4 +1,5 @@
-//! Watches a real drive: whatever scenario, controller or plant do, no limit of the rig is violated for longer than a frame takes.
+//! Watch over a real drive: in spite of any scenario, controller or plant, no limit of the rig is violated for longer than a
+//! frame takes.
 
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;
 use scenario::rig::limits::{LimitWatch, Violation};
 
-/// Part of the bench's node that takes the current away from a drive.
+/// Part of the bench's node that switches the current of a drive off.
 #[derive(Debug)]
 pub(crate) struct Supervisor {
     drive: DriveLayout,
@@ -17,7 +18,7 @@ pub(crate) struct Supervisor {
 }
 
 impl Supervisor {
-    /// A supervisor that has seen nothing.
+    /// Makes a supervisor that has seen no frame.
     #[must_use]
     pub(crate) fn new(drive: &LoadedDrive, sync_period: Duration, unit: &Unit) -> Self {
         let watch = LimitWatch::new(&drive.real.limits, sync_period);
@@ -27,12 +28,12 @@ impl Supervisor {
         }
     }
 
-    /// The frames that it must receive.
+    /// Returns the filters for the frames that it must receive.
     pub(crate) fn filters(&self) -> [Filter; 2] {
         [self.drive.feedback_id(), self.drive.command_id()].map(Filter::exact)
     }
 
-    /// Takes a frame of the bus; the limit that it violates.
+    /// Checks a frame of the bus; returns the limit that it violates.
     pub(crate) fn check(&mut self, now: Duration, frame: &CanFrame) -> Option<Violation> {
         match (self.drive.decode(frame), self.drive.decode_target(frame)) {
             (Some(feedback), _) => self.watch.check(now, &feedback),
@@ -41,8 +42,8 @@ impl Supervisor {
         }
     }
 
-    /// The emergency step: command 0 with quick stop for a drive that takes it at once, and NMT stop, after which no drive may
-    /// follow PDOs.
+    /// Returns the emergency stop: command 0 with quick stop for a drive that takes it at once, and NMT stop, after which no
+    /// drive may follow PDOs.
     pub(crate) fn stop(&self) -> [CanFrame; 2] {
         let quick_stop = self.drive.encode(Command::QuickStop.controlword(), 0.0);
         let stop = NmtCommand::Stop.frame(Some(self.drive.node_id()));
@@ -74,7 +75,7 @@ mod tests {
         CanFrame::new(0x190, &data)
     }
 
-    /// What is reported after these frames, 10 ms apart.
+    /// Returns the report after these frames, 10 ms apart.
     fn after(frames: &[CanFrame]) -> Option<String> {
         let mut supervisor = supervisor();
         let times = (0..).map(|cycle| Duration::from_millis(10) * cycle);

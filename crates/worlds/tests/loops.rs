@@ -31,7 +31,7 @@ fn simulated(plan: &Plan) -> Frames {
     capture.finish().unwrap().0
 }
 
-/// The two axes with more in their scenario.
+/// Returns the plan of the two axes with more in their scenario.
 fn two_axes_with(added: &str) -> Plan {
     let folder = tempfile::tempdir().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
@@ -44,7 +44,7 @@ fn two_axes_with(added: &str) -> Plan {
     Plan::load(&folder.path().join("two_axes.toml"), catalogue()).unwrap()
 }
 
-/// The currents after a time.
+/// Returns the currents after a time.
 fn currents_after(timeline: &Timeline, seconds: f64) -> Vec<f64> {
     let samples = timeline.time_seconds.iter().zip(timeline.current());
     let after = samples.filter(|(time, current)| **time > seconds && !current.is_nan());
@@ -59,7 +59,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         let watch = Watch::default();
         let clock = plan.scenario_clock().unwrap();
         let mut capture = Capture::in_memory(clock, &watch);
-        // A fault of the scenario is seen to its end.
+        // A fault of the scenario is played to its end.
         let end = simulate(&plan, &Hosting::default(), &mut capture).unwrap();
         assert_eq!(end, End::Completed);
         let (frames, _) = capture.finish().unwrap();
@@ -77,7 +77,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
     }
 }
 
-/// The frames of an identifier from a scenario time on, each with that time.
+/// Returns the frames of an identifier from a scenario time on, each with its scenario time.
 fn frames_after(plan: &Plan, frames: &Frames, seconds: f64, id: u16) -> Vec<(f64, CanFrame)> {
     let zero = decode(frames, plan).unwrap()[0].zero_seconds.unwrap();
     let of_id = frames
@@ -101,7 +101,7 @@ fn a_fault_of_the_bus_hits_the_node_that_it_names_once() {
         frames
     };
     let syncs = between(0x080, 0.9, 1.1);
-    // How long after the SYNC before it the position comes.
+    // Delay of each position after the SYNC before it.
     let lateness = |id| {
         let positions = between(id, 1.0, 1.1).into_iter();
         let after_sync = positions.map(|(time, _)| {
@@ -118,7 +118,7 @@ fn a_fault_of_the_bus_hits_the_node_that_it_names_once() {
     );
     let count = |id| between(id, 1.2, 1.3).len();
     assert_eq!((count(0x210), count(0x212)), (50, 100));
-    // Without commands the second drive stands still where it was, and the controller takes the current from both.
+    // Without commands the second drive stands still, and the controller switches the current of both off.
     let emergencies = frames_after(&plan, &frames, 1.5, 0x081);
     let (_, first) = emergencies[0];
     assert_eq!(first.data()[3], 0x12, "{emergencies:?}");
@@ -126,7 +126,7 @@ fn a_fault_of_the_bus_hits_the_node_that_it_names_once() {
     assert!(is_first, "the first drive gets its commands");
 }
 
-/// Orders that are faults are given once, whoever gets them.
+/// An order that is a fault is sent once, to any node.
 #[test]
 fn the_bench_orders_the_node_that_the_rig_file_names() {
     for (node, number) in [("x", 0x10), ("y", 0x12), ("controller", 1)] {
@@ -161,7 +161,7 @@ fn the_controller_says_which_drive_it_gave_up() {
     }
 }
 
-/// Drives of one kind on one bus are not disturbed alike.
+/// Drives of one kind on one bus have different noise.
 #[test]
 fn each_drive_has_noise_of_its_own() {
     let noise = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.05\n";

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-/// Little-endian, without options.
+/// Header for little-endian values, without options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// One serialised message.
+/// Serialised message.
 pub(super) struct Cdr {
     bytes: Vec<u8>,
 }
@@ -17,7 +17,7 @@ impl Cdr {
         }
     }
 
-    /// Begins anew, in the same memory.
+    /// Begins a new message in the same memory.
     pub(super) fn clear(&mut self) {
         self.bytes.truncate(HEADER.len());
     }
@@ -42,7 +42,7 @@ impl Cdr {
         self.push(value.to_le_bytes());
     }
 
-    /// A `builtin_interfaces/Time`, which ends in 2038.
+    /// Appends a `builtin_interfaces/Time`, which ends in 2038.
     pub(super) fn push_time(&mut self, time: Duration) {
         let seconds = i32::try_from(time.as_secs()).unwrap_or(i32::MAX);
         self.push(seconds.to_le_bytes());
@@ -57,7 +57,7 @@ impl Cdr {
     }
 
     fn push<const N: usize>(&mut self, bytes: [u8; N]) {
-        // The header does not count.
+        // Alignment does not count the header.
         let end = (self.bytes.len() - HEADER.len()).next_multiple_of(N);
         self.bytes.resize(HEADER.len() + end, 0);
         self.bytes.extend_from_slice(&bytes);

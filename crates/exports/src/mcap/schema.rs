@@ -1,4 +1,4 @@
-//! What the fields of a message are, in the notation of ROS 2 (`.msg`).
+//! Fields of messages in the notation of ROS 2 (`.msg`).
 
 use std::fmt::Write;
 
@@ -9,7 +9,7 @@ pub(super) const INFO: u8 = 20;
 pub(super) const WARN: u8 = 30;
 pub(super) const ERROR: u8 = 40;
 
-/// A frame, as the driver of ROS 2 for SocketCAN publishes it.
+/// Frame as the driver of ROS 2 for SocketCAN publishes it.
 pub(super) const FRAME: &str = "\
 std_msgs/Header header
 uint32 id
@@ -28,7 +28,7 @@ int32 sec
 uint32 nanosec
 ";
 
-/// What a node reports.
+/// Log message of a node.
 pub(super) const LOG: &str = "\
 byte DEBUG=10
 byte INFO=20
@@ -48,7 +48,7 @@ int32 sec
 uint32 nanosec
 ";
 
-/// The name of a kind: `drive_tpdo1` is `canrig_msgs/msg/DriveTpdo1`.
+/// Returns the name of a kind: `drive_tpdo1` is `canrig_msgs/msg/DriveTpdo1`.
 pub(super) fn kind(message: &str) -> String {
     let words = message.split('_').map(|word| {
         let (first, rest) = word.split_at(word.len().min(1));
@@ -57,7 +57,7 @@ pub(super) fn kind(message: &str) -> String {
     format!("canrig_msgs/msg/{}", words.collect::<String>())
 }
 
-/// One field for each signal, with its unit in brackets, its meaning and the labels of its values as a comment.
+/// Returns one field for each signal, with its unit in brackets, its meaning and the labels of its values as a comment.
 pub(super) fn of_message(message: &Message) -> String {
     let mut text = String::new();
     if !message.comment.is_empty() {
@@ -98,7 +98,7 @@ fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// A name as ROS 2 has it: small letters, digits and single underscores, of which none is at an end.
+/// Returns a name that ROS 2 accepts: small letters, digits and single underscores, none of them at an end.
 fn field(name: &str) -> String {
     let name = name.to_ascii_lowercase();
     let words = name.split('_').filter(|word| !word.is_empty());

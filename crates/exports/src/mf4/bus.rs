@@ -1,4 +1,4 @@
-//! Frames as the standard's bus logging has them, from which other programs decode signals by `frames.dbc`.
+//! Frames in the standard's bus logging, from which other programs decode signals by `frames.dbc`.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -9,23 +9,23 @@ use recording::log::Stamped;
 
 use super::{BYTES, Channel, Data, Mf4File, Records, UNSIGNED_LITTLE_ENDIAN};
 
-/// Of a source: a bus, and which kind.
+/// Type of a source: a bus, and the kind of the bus.
 const BUS: u8 = 2;
 const CAN: u8 = 2;
-/// Of a channel group: events of a bus, each as it came.
+/// Flags of a channel group: raw events of a bus.
 const BUS_EVENTS: u16 = 0b110;
-/// Of a channel: an event of a bus.
+/// Flag of a channel: an event of a bus.
 const BUS_EVENT: u32 = 1 << 10;
 
 /// Number of the only bus.
 const BUS_CHANNEL: u8 = 1;
 const ID_BITS: u32 = 0x1FFF_FFFF;
 const EXTENDED_ID: u32 = 0x8000_0000;
-/// A record: the time, then the frame.
+/// Offset of the frame in a record, after the time.
 const FRAME_AT: u32 = 8;
 const RECORD_BYTES: u32 = 24;
 
-/// The parts of a frame: name, byte in the record, bit in that byte, length in bits.
+/// Parts of a frame: name, byte in the record, bit in that byte, length in bits.
 const PARTS: [(&str, u32, u32, u32); 6] = [
     ("ID", 8, 0, 29),
     ("IDE", 11, 7, 1),
@@ -62,7 +62,7 @@ impl Kind {
     }
 }
 
-/// One group for each kind of frame that there is; the address of the first.
+/// Appends one group for each present kind of frame; returns the address of the first.
 pub(super) fn groups(file: &mut Mf4File, frames: &Frames) -> u64 {
     let mut counts: BTreeMap<Kind, usize> = BTreeMap::new();
     for stamped in frames {
@@ -101,14 +101,14 @@ pub(super) fn write_records(
         let id = frame.raw_id() & ID_BITS | mark;
         output.write_all(&id.to_le_bytes())?;
         let length = u8::try_from(frame.data().len()).unwrap_or(8);
-        // Received, like all that the recorder sees.
+        // Direction: received, like all frames of the recorder.
         output.write_all(&[BUS_CHANNEL, length, length, 0])?;
         output.write_all(&frame.buffer())?;
     }
     Ok(())
 }
 
-/// The time, and a frame that is made of its parts.
+/// Appends the time, and a frame that is made of its parts.
 fn channels(file: &mut Mf4File, name: &str) -> u64 {
     let part = |data_type, byte, bit, bits| Channel {
         name: "",

@@ -1,4 +1,4 @@
-//! A faulty node, seen from the bus.
+//! Tests of a faulty node, seen from the bus.
 
 use canopen::CanFrame;
 use dbc::Database;
@@ -6,7 +6,7 @@ use dbc::Database;
 use super::*;
 use crate::plan::{Output, PlannedFault};
 
-/// Sends a heartbeat every 10 ms, and answers every frame 0x300 at once.
+/// Node that sends a heartbeat every 10 ms, and answers every frame 0x300 at once.
 #[derive(Debug, Default)]
 struct Ticker {
     next: Duration,
@@ -79,7 +79,7 @@ fn faulty(kind: FaultKind) -> Faulty<Ticker> {
     node
 }
 
-/// Runs the node by its deadlines with a frame 0x300 every 20 ms; what it sent, with times in milliseconds.
+/// Runs the node by its deadlines with a frame 0x300 every 20 ms; returns its frames, with times in milliseconds.
 fn run(node: &mut Faulty<Ticker>, until: u64) -> Vec<(u64, u16)> {
     let mut sent = Vec::new();
     let mut asked = milliseconds(15);

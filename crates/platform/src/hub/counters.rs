@@ -1,8 +1,8 @@
-//! What a hub counts.
+//! Counters of a hub.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What the switch counts while it runs.
+/// Counters of the switch while it runs.
 #[derive(Default)]
 pub(super) struct Counters {
     pub(super) frames: AtomicU64,
@@ -11,7 +11,7 @@ pub(super) struct Counters {
     pub(super) refused: AtomicU64,
 }
 
-/// Counts one.
+/// Adds one to a counter.
 pub(super) fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Ordering::Relaxed);
 }

@@ -1,9 +1,9 @@
-//! Why there is no hub.
+//! Error at the start of a hub.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Why there is no hub.
+/// Reason why there is no hub.
 #[derive(Debug, thiserror::Error)]
 pub enum HubError {
     /// The directory for the socket has too long a name.
@@ -18,7 +18,7 @@ pub enum HubError {
     /// No directory takes the socket.
     #[error("no directory for the bus's socket could be made in {tried}: {source}; set XDG_RUNTIME_DIR or TMPDIR to one that you may write to", tried = tried.display())]
     NoDirectory {
-        /// The last one tried.
+        /// Last directory that was tried.
         tried: PathBuf,
         /// The system's error.
         source: io::Error,

@@ -1,11 +1,11 @@
-//! What the hub says to a client besides frames.
+//! Messages of the hub to a client other than frames.
 
-/// A notice: how many frames were dropped for this client.
+/// Encodes a notice: the number of frames that were dropped for this client.
 pub(super) fn encode_notice(dropped: u64) -> [u8; 8] {
     dropped.to_ne_bytes()
 }
 
-/// The number in a notice; `None` when the packet is none.
+/// Returns the number in a notice; `None` if the packet is none.
 pub(crate) fn decode_notice(packet: &[u8]) -> Option<u64> {
     packet.try_into().ok().map(u64::from_ne_bytes)
 }

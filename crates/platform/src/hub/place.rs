@@ -1,4 +1,4 @@
-//! Where a hub's socket is in the file system: a private directory, made for the run and removed after it.
+//! Place of a hub's socket in the file system: a private directory, made for the run and removed after it.
 
 use std::fs::{self, DirBuilder, Permissions};
 use std::io;
@@ -17,27 +17,27 @@ use super::error::HubError;
 use super::switch::CLIENTS_MAX;
 use crate::clock::Clock;
 
-/// Directories are named `canrig-bus-<process>-<number>`.
+/// Prefix of a directory's name, `canrig-bus-<process>-<number>`.
 const PREFIX: &str = "canrig-bus-";
 const SOCKET: &str = "socket";
-/// Hubs of one process, at most.
+/// Largest number of hubs in one process.
 const HUBS_MAX: u32 = 1000;
 
-/// How long a listener may outlive its connections while its process ends.
+/// Longest time that a listener may outlive its connections while its process ends.
 const LISTENER_PATIENCE: Duration = Duration::from_secs(1);
-/// How often it is looked meanwhile.
+/// Period of the check meanwhile.
 const LISTENER_LOOK: Duration = Duration::from_millis(10);
 
-/// Place of the flags in `/proc/PID/stat` behind the process's name, and the flag of one that is ending (proc(5), `sched.h`).
+/// Index of the flags in `/proc/PID/stat` after the process's name, and the flag of an ending process (proc(5), `sched.h`).
 const FLAGS_FIELD: usize = 6;
 const PF_EXITING: u32 = 0x4;
 
-/// A directory with a hub's socket; both are removed on drop.
+/// Directory with a hub's socket; both are removed on drop.
 pub(super) struct Place {
     directory: PathBuf,
 }
 
-/// Where to try: the user's runtime directory, then the one for temporary files.
+/// Returns the directories to try: the user's runtime directory, then the one for temporary files.
 pub(super) fn candidates() -> Vec<PathBuf> {
     std::env::var_os("XDG_RUNTIME_DIR")
         .map(PathBuf::from)
@@ -67,7 +67,7 @@ impl Place {
             SocketAddrUnix::new(&path).map_err(|_| HubError::PathTooLong { path: path.clone() })?;
         let socket = seqpacket().map_err(io::Error::from)?;
         bind(&socket, &address).map_err(io::Error::from)?;
-        // Nobody else can pass the directory meanwhile.
+        // No other user can pass the directory meanwhile.
         fs::set_permissions(&path, Permissions::from_mode(0o600))?;
         let backlog = i32::try_from(CLIENTS_MAX).expect("a small constant");
         listen(&socket, backlog).map_err(io::Error::from)?;
@@ -98,7 +98,7 @@ fn make_directory_in(parent: &Path) -> io::Result<PathBuf> {
     let process = std::process::id();
     for number in 0..HUBS_MAX {
         let directory = parent.join(format!("{PREFIX}{process}-{number}"));
-        // Fails when the name is taken, so nobody can have put a directory of their own there.
+        // Fails if the name is taken, so the directory cannot be another user's.
         match DirBuilder::new().mode(0o700).create(&directory) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
             result => return result.map(|()| directory),
@@ -107,7 +107,7 @@ fn make_directory_in(parent: &Path) -> io::Result<PathBuf> {
     Err(io::Error::other("this process has too many buses"))
 }
 
-/// The sockets of this user's hubs that are running.
+/// Returns the sockets of this user's hubs that are running.
 pub(super) fn running() -> Vec<PathBuf> {
     running_in(&candidates())
 }
@@ -132,12 +132,12 @@ fn is_mine(directory: &Path) -> bool {
     owner.is_ok_and(|owner| owner == rustix::process::geteuid().as_raw())
 }
 
-/// Whether the process in the directory's name lives; connecting would disturb its hub.
+/// Returns whether the process in the directory's name lives; connecting would disturb its hub.
 fn is_served(socket: &Path) -> bool {
     owner(socket).is_some_and(|process| test_kill_process(process).is_ok()) && socket.exists()
 }
 
-/// Removes what killed hubs left in `parent`.
+/// Removes the sockets and directories of killed hubs from `parent`.
 fn remove_leftovers(parent: &Path) {
     let Ok(entries) = fs::read_dir(parent) else {
         return;
@@ -147,15 +147,15 @@ fn remove_leftovers(parent: &Path) {
     }
 }
 
-/// Removes a hub's socket and directory when its process is gone: a hub that is about to listen has one.
+/// Removes a hub's socket and directory if its process is gone. A hub that is about to listen has a process.
 fn remove_leftover(socket: &Path) {
     if owner(socket).is_some_and(|process| test_kill_process(process) == Err(Errno::SRCH)) {
         remove_silent(socket);
     }
 }
 
-/// For a node's process at its end: when the bench that started it was killed, its socket is removed. A node may reach
-/// its safe state before it notices that the bus has ended, and before a killed bench on a busy machine is gone.
+/// Removes the socket of a killed bench, at the end of a node's process that the bench started. A node may reach its safe state
+/// before it notices that the bus has ended, and before a killed bench on a busy machine is gone.
 pub fn remove_orphaned(socket: &Path) {
     let has_lost = |process| getppid() != Some(process) || is_ending(process);
     if owner(socket).is_some_and(has_lost) || nobody_listens(socket) {
@@ -163,26 +163,26 @@ pub fn remove_orphaned(socket: &Path) {
     }
 }
 
-/// Whether a process is on its way out: the kernel closes its files in any order, and gives its children away last.
+/// Returns whether a process is ending: the kernel closes its files in any order, and reassigns its children last.
 fn is_ending(process: Pid) -> bool {
     let path = format!("/proc/{}/stat", process.as_raw_nonzero());
     let stat = fs::read_to_string(path).unwrap_or_default();
-    // The name before may hold anything.
+    // The process's name before this may contain any character.
     let fields = stat.rsplit(") ").next().unwrap_or_default();
     let flags = fields.split(' ').nth(FLAGS_FIELD);
     let flags = flags.and_then(|flags| flags.parse::<u32>().ok());
     flags.is_some_and(|flags| flags & PF_EXITING != 0)
 }
 
-/// The process whose hub's socket this is, by the name of its directory.
+/// Returns the process in the name of the socket's directory.
 fn owner(socket: &Path) -> Option<Pid> {
     let directory = socket.parent()?.file_name()?.to_str()?;
     let (process, _) = directory.strip_prefix(PREFIX)?.split_once('-')?;
     Pid::from_raw(process.parse().ok()?)
 }
 
-/// Removes a hub's socket and directory when nobody listens there any more. For those who were its clients: a killed
-/// process may still be waiting to be collected by its parent, and its connections may end a moment before its listener.
+/// Removes a hub's socket and directory once its listener is gone. Called by its clients: a killed process may still be waiting
+/// to be collected by its parent, and its connections may end a moment before its listener.
 pub(crate) fn remove_silent(socket: &Path) {
     let clock = Clock::start();
     while clock.now() < LISTENER_PATIENCE {
@@ -213,7 +213,7 @@ fn nobody_listens(socket: &Path) -> bool {
     })
 }
 
-/// Removes a socket and its directory. It may be gone already, or not be ours: then nothing is to be done.
+/// Removes a socket and its directory. Errors do not matter: they may be gone already, or belong to another user.
 fn remove(socket: &Path) {
     fs::remove_file(socket).ok();
     if let Some(directory) = socket.parent() {
@@ -234,7 +234,7 @@ fn seqpacket() -> Result<OwnedFd, Errno> {
 mod tests {
     use super::*;
 
-    /// One that was killed and not collected is on its way out; this one is not.
+    /// A process that was killed and not collected is ending; this one is not.
     #[test]
     fn a_process_that_ends_is_known_before_it_is_gone() {
         let pid = |number: u32| Pid::from_raw(i32::try_from(number).unwrap()).unwrap();
@@ -261,7 +261,7 @@ mod tests {
         let parents = [parent.clone()];
         assert_eq!(running_in(&parents), Vec::<PathBuf>::new());
         let (place, _listener) = Place::make(&parents).unwrap();
-        // What a killed hub leaves: nobody has this number, which is beyond the kernel's limit.
+        // Leftovers of a killed hub: no process has this number, which is beyond the kernel's limit.
         let leftover = parent.join(format!("{PREFIX}{}-0", i32::MAX));
         fs::create_dir(&leftover).unwrap();
         fs::write(leftover.join(SOCKET), "").unwrap();

@@ -17,14 +17,14 @@ use super::notice::encode_notice;
 use crate::kernel_format::{FILTER_BYTES, FRAME_BYTES, decode_filters, decode_frame, encode_frame};
 use crate::recorder::Ring;
 
-/// Participants at once, at most.
+/// Largest number of participants at once.
 pub const CLIENTS_MAX: usize = 32;
 
-/// Filters of a client, at most (the kernel's `CAN_RAW_FILTER_MAX`).
+/// Largest number of filters of a client (the kernel's `CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;
 const PACKET_MAX: usize = FILTERS_MAX * FILTER_BYTES;
 
-/// Epoll's names for what is not a client.
+/// Epoll data of the descriptors that are not clients.
 const LISTENER: u64 = u64::MAX;
 const STOP: u64 = u64::MAX - 1;
 
@@ -47,7 +47,7 @@ pub(super) struct Switch {
     packet: Box<[u8; PACKET_MAX]>,
 }
 
-/// What came from a client.
+/// Result of receiving from a client.
 enum Packet {
     Nothing,
     End,
@@ -75,7 +75,7 @@ impl Switch {
         })
     }
 
-    /// Works until it is to stop. One packet per client and round: nobody starves the others.
+    /// Serves the clients until the stop event. One packet per client and round, so that no client starves the others.
     pub(super) fn run(mut self) {
         let mut events = [MaybeUninit::uninit(); CLIENTS_MAX + 2];
         loop {
@@ -92,7 +92,7 @@ impl Switch {
                     LISTENER => self.accept_client(),
                     index => {
                         let index = usize::try_from(index).unwrap_or(CLIENTS_MAX);
-                        // Of one who has left all is taken before anybody else joins.
+                        // All packets of a client that has left are taken before another one joins.
                         while self.serve(index) && flags.contains(EventFlags::HUP) {}
                     }
                 }
@@ -106,7 +106,7 @@ impl Switch {
             Ok(socket) => socket,
             Err(Errno::AGAIN | Errno::INTR | Errno::CONNABORTED) => return,
             Err(_) => {
-                // Out of descriptors: taking no more clients is better than spinning at real-time priority.
+                // Out of descriptors: refusing further clients is better than spinning at real-time priority.
                 count(&self.counters.refused);
                 epoll::delete(&self.epoll, &self.listener).ok();
                 return;
@@ -128,7 +128,7 @@ impl Switch {
         }
     }
 
-    /// Receives one packet from a client; false where there was none.
+    /// Receives one packet from a client; returns false if there was none.
     fn serve(&mut self, index: usize) -> bool {
         let Some(client) = self.clients.get_mut(index).and_then(Option::as_mut) else {
             return false;
@@ -155,7 +155,7 @@ impl Switch {
         true
     }
 
-    /// Records a frame and gives it to all others who want it.
+    /// Records a frame and sends it to all other clients that want it.
     fn pass_on(&mut self, sender: usize, frame: &CanFrame) {
         count(&self.counters.frames);
         self.ring.push_now(*frame);
@@ -177,7 +177,7 @@ impl Client {
             .is_some_and(|filters| filters.iter().any(|filter| filter.accepts(frame)))
     }
 
-    /// Gives the client a frame, and before it the news of lost ones; false when its socket is full or gone.
+    /// Sends the client a frame, after a notice of lost ones; returns false if its socket is full or gone.
     fn deliver(&mut self, bytes: &[u8; FRAME_BYTES]) -> bool {
         if self.dropped != self.dropped_reported {
             if !self.send(&encode_notice(self.dropped)) {
@@ -198,11 +198,11 @@ impl Client {
     }
 }
 
-/// Receives one packet; a longer one than fits shows by its length.
+/// Receives one packet; a longer one than fits is known by its length.
 fn receive(client: &Client, packet: &mut [u8]) -> Packet {
     let flags = RecvFlags::DONTWAIT | RecvFlags::TRUNC;
     let mut receive = || rustix::net::recv(&client.socket, &mut *packet, flags);
-    // Said once of a client that left with frames unread, before what it sent.
+    // Reported once for a client that left with frames unread, before the packets that it sent.
     let received = match receive() {
         Err(Errno::CONNRESET) => receive(),
         received => received,

@@ -26,12 +26,12 @@ fn frame(id: u16, byte: u8) -> CanFrame {
     CanFrame::new(id, &[byte])
 }
 
-/// A controller has lost a frame (`CAN_ERR_CRTL`).
+/// Returns the error message of a controller that has lost a frame (`CAN_ERR_CRTL`).
 fn error_message() -> CanFrame {
     CanFrame::from_raw(ERROR_FLAG | 4, 8, [0, 1, 0, 0, 0, 0, 0, 0]).unwrap()
 }
 
-/// A connection that says what it likes.
+/// Returns a connection that may send any packet.
 fn raw_client(hub: &Hub) -> OwnedFd {
     let socket = socket_with(
         AddressFamily::UNIX,
@@ -219,7 +219,7 @@ fn what_a_killed_hub_left_is_removed() {
     .unwrap();
     rustix::net::bind(&socket, &SocketAddrUnix::new(dead.join("socket")).unwrap()).unwrap();
     drop(socket);
-    // Not a hub's: another name, and a hub that lives.
+    // Not leftovers: another name, and a hub that lives.
     let foreign = parent.path.join("other-2147483647-0");
     fs::create_dir(&foreign).unwrap();
     let (alive, _recorder) = Hub::start_in(std::slice::from_ref(&parent.path)).unwrap();

@@ -1,4 +1,4 @@
-//! Who listens to a node, and whom it may make speak.
+//! Listeners of a node, and the frames that they may answer.
 
 use std::cmp::Reverse;
 
@@ -6,20 +6,20 @@ use canopen::{CanFrame, Filter, FilterSet};
 
 use super::protocol::FILTERS_MAX;
 
-/// Identifiers of 11 bits.
+/// Number of identifiers of 11 bits.
 const IDENTIFIERS: u16 = 0x800;
 
-/// What the other participants of a bus do with a node's frames.
+/// Reception of a node's frames by the other participants of a bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Audience {
-    /// What somebody listens to.
+    /// Frames that at least one participant listens to.
     pub accepted: FilterSet,
-    /// What all who listen to it take in silence ([`canopen::Node::silent_filters`]).
+    /// Frames that all their listeners take in silence ([`canopen::Node::silent_filters`]).
     pub silent: FilterSet,
 }
 
 impl Default for Audience {
-    /// Nothing is known of the others: any frame may be answered.
+    /// Assumes that any frame may be answered, since the others are unknown.
     fn default() -> Self {
         Self {
             accepted: vec![Filter::ALL, Filter::ERRORS].into(),
@@ -29,13 +29,13 @@ impl Default for Audience {
 }
 
 impl Audience {
-    /// True when somebody may queue a frame because of this one.
+    /// Returns whether a participant may queue a frame because of this one.
     #[must_use]
     pub fn may_answer(&self, frame: &CanFrame) -> bool {
         self.accepted.accepts(frame) && !self.silent.accepts(frame)
     }
 
-    /// What nobody answers, as blocks of identifiers: the largest ones, if there are too many.
+    /// Returns the frames that no participant answers, as blocks of identifiers: the largest ones, if there are too many.
     #[must_use]
     pub fn quiet(&self) -> Vec<Filter> {
         let is_quiet = |id: u16| !self.may_answer(&CanFrame::new(id, &[]));
@@ -54,7 +54,7 @@ impl Audience {
     }
 }
 
-/// Adds the blocks of identifiers for which all of this holds, each with its size, a power of two.
+/// Adds the largest blocks of identifiers that `holds` accepts as a whole, each with its size, a power of two.
 fn add_blocks(first: u16, size: u16, holds: &impl Fn(u16) -> bool, blocks: &mut Vec<(u16, u16)>) {
     if (first..first + size).all(holds) {
         blocks.push((first, size));

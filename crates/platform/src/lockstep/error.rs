@@ -1,4 +1,4 @@
-//! Why a coordinator cannot go on.
+//! Errors of a coordinator.
 
 use std::io;
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::step::StepError;
 use crate::seat::Misread;
 
-/// Why the coordinator got no answer.
+/// Reason why the coordinator got no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum LockstepError {
     /// The process did not answer in time.
@@ -14,7 +14,7 @@ pub enum LockstepError {
     NoAnswer {
         /// The participant.
         name: String,
-        /// How long was waited.
+        /// Time that it waited.
         patience: Duration,
     },
     /// The process closed its side channel.
@@ -23,12 +23,12 @@ pub enum LockstepError {
         /// The participant.
         name: String,
     },
-    /// The process sent something that is not the protocol.
+    /// The process sent a packet that breaks the protocol.
     #[error("{name} answered with what is no answer: {source}")]
     Protocol {
         /// The participant.
         name: String,
-        /// What was wrong.
+        /// Error in the packet.
         source: Misread,
     },
     /// The step was not possible.
@@ -36,7 +36,7 @@ pub enum LockstepError {
     Step {
         /// The participant.
         name: String,
-        /// What was wrong.
+        /// Error of the step.
         source: StepError,
     },
     /// The channel failed.
@@ -50,7 +50,7 @@ pub enum LockstepError {
 }
 
 impl LockstepError {
-    /// The participant.
+    /// Returns the participant's name.
     #[must_use]
     pub fn name(&self) -> &str {
         match self {

@@ -1,4 +1,4 @@
-//! The process's end of the side channel.
+//! Process's end of the side channel.
 
 use std::io;
 use std::os::fd::OwnedFd;
@@ -16,16 +16,16 @@ use crate::bus::{Bus, BusError};
 use crate::clock::Clock;
 use crate::seat::{MESSAGE_BYTES_MAX, Misread};
 
-/// How long an announced frame may take to arrive on the wire, in wall time.
+/// Longest wall time for an announced frame to arrive on the wire.
 pub const WIRE_PATIENCE: Duration = Duration::from_secs(10);
 
-/// Why a process stopped to follow its coordinator.
+/// Reason why a process stopped following its coordinator.
 #[derive(Debug, thiserror::Error)]
 pub enum FollowError {
     /// The coordinator closed the side channel before the node had stopped.
     #[error("the coordinator ended before the node had stopped")]
     CoordinatorGone,
-    /// The coordinator sent something that is not the protocol.
+    /// The coordinator sent a packet that breaks the protocol.
     #[error("the coordinator sent what is no message of lock-step: {0}")]
     Protocol(#[from] Misread),
     /// The step was not possible.
@@ -36,9 +36,9 @@ pub enum FollowError {
         "frame {announced} was announced but {arrived} arrived: is another program sending on this bus?"
     )]
     OtherFrame {
-        /// What the coordinator announced.
+        /// Frame that the coordinator announced.
         announced: CanFrame,
-        /// What the wire carried.
+        /// Frame that arrived on the wire.
         arrived: CanFrame,
     },
     /// The wire carried nothing.
@@ -47,7 +47,7 @@ pub enum FollowError {
         WIRE_PATIENCE.as_secs()
     )]
     NoFrame {
-        /// What the coordinator announced.
+        /// Frame that the coordinator announced.
         announced: CanFrame,
     },
     /// The wire failed.
@@ -61,14 +61,14 @@ pub enum FollowError {
     Channel(#[from] io::Error),
 }
 
-/// Steps `node` as the coordinator at the other end of `channel` says, until the node has stopped.
+/// Steps `node` as the coordinator at the other end of `channel` asks, until the node has stopped.
 ///
-/// With a `wire` every announced frame is received from it, and the wire's copy is what the node gets; the wire must be
-/// opened with the node's filters as it is configured, and without its own frames. The coordinator puts the frames on it.
+/// With a `wire`, every announced frame is received from it, and the node gets the wire's copy. The wire must be opened with the
+/// node's filters as it is configured, and without its own frames. The coordinator puts the frames on it.
 ///
 /// # Errors
-/// When the coordinator is gone or breaks the protocol, when the wire does not carry what was announced, when the node
-/// fails or cannot be stepped. The coordinator receives the last two; of the others it sees that the channel closes.
+/// If the coordinator is gone or breaks the protocol, if the wire does not carry the announced frames, or if the node fails or
+/// cannot be stepped. The coordinator receives the last two; for the others it sees the channel close.
 pub fn follow(
     node: &mut dyn Node,
     channel: OwnedFd,
@@ -115,7 +115,7 @@ impl Follower<'_> {
             let (number, request) = protocol::decode_request(&self.packet, &mut self.delivered)?;
             let impossible = match self.serve(node, &request) {
                 Ok(()) => None,
-                // What the node cannot do is its failure; what the wire does not carry is not.
+                // An impossible step is a failure of the node; a wrong frame on the wire is not.
                 Err(FollowError::Step(error)) => {
                     self.answer.frames.clear();
                     self.answer.progress = Progress::Failed(error.to_string());
@@ -136,7 +136,7 @@ impl Follower<'_> {
         }
     }
 
-    /// Does what was asked and writes the answer.
+    /// Carries out the request and writes the answer.
     fn serve(&mut self, node: &mut dyn Node, request: &Request) -> Result<(), FollowError> {
         match *request {
             Request::Grant { to, until } => {
@@ -172,12 +172,12 @@ impl Follower<'_> {
     }
 }
 
-/// The real bus that carries the announced frames.
+/// Real bus that carries the announced frames.
 struct Wire<'a> {
     bus: &'a mut dyn Bus,
     filters: Vec<canopen::Filter>,
-    /// Frames of this node that its own filters accept: the coordinator puts them on the wire, so they come back here,
-    /// but are not delivered. The oldest are forgotten, since a fault may keep a frame off the wire.
+    /// Frames of this node that its own filters accept. The coordinator puts them on the wire, so they come back here, but are
+    /// not delivered. The oldest are forgotten, since a fault may keep a frame off the wire.
     own: Vec<CanFrame>,
 }
 
@@ -190,7 +190,7 @@ impl<'a> Wire<'a> {
         }
     }
 
-    /// Receives each announced frame and puts the wire's copy in its place.
+    /// Receives each announced frame and replaces it with the wire's copy.
     fn replace_with_copies(
         &mut self,
         announced: &mut [(Duration, CanFrame)],
@@ -201,7 +201,7 @@ impl<'a> Wire<'a> {
     }
 
     fn receive(&mut self, announced: CanFrame) -> Result<CanFrame, FollowError> {
-        // Mostly the first frame is the right one, so no clock is needed.
+        // Usually the first frame is the right one, so no clock is needed.
         let mut clock: Option<Clock> = None;
         loop {
             let waited = clock.map_or(Duration::ZERO, |clock| clock.now());
@@ -223,7 +223,7 @@ impl<'a> Wire<'a> {
         }
     }
 
-    /// Remembers what will come back.
+    /// Remembers the frames that will come back.
     fn expect_own(&mut self, queued: &[(Duration, CanFrame)]) {
         for (_, frame) in queued {
             if self.filters.iter().any(|filter| filter.accepts(frame)) {

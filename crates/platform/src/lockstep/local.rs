@@ -1,4 +1,4 @@
-//! A participant in this process.
+//! Participant in this process.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use super::error::LockstepError;
 use super::participant::Participant;
 use super::step::{StepError, Stepper};
 
-/// A node in this process.
+/// Node in this process.
 pub struct Local<'a> {
     name: String,
     filters: Vec<Filter>,

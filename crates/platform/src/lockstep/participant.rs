@@ -1,4 +1,4 @@
-//! The seam between the coordinator and a node, wherever the node is.
+//! Interface between the coordinator and a node in any process.
 
 use std::time::Duration;
 
@@ -8,32 +8,31 @@ use super::answer::Answer;
 use super::audience::Audience;
 use super::error::LockstepError;
 
-/// A node as the coordinator sees it.
+/// Node as the coordinator sees it.
 ///
-/// Answers are written over the one before, whose memory they use: a participant is asked thousands of times a second.
+/// Each answer overwrites the one before and reuses its memory: a participant is asked thousands of times a second.
 pub trait Participant {
-    /// The name for messages, such as "controller".
+    /// Returns the name for messages, such as "controller".
     fn name(&self) -> &str;
 
-    /// The identifiers that the node listens to.
+    /// Returns the identifiers that the node listens to.
     fn filters(&self) -> &[Filter];
 
-    /// The frames that the node takes without saying anything, see [`canopen::Node::silent_filters`].
+    /// Returns the frames that the node takes in silence, see [`canopen::Node::silent_filters`].
     fn silent_filters(&self) -> &[Filter];
 
-    /// Informs the participant who listens to it; before the first step. Until then it takes every frame for answered.
+    /// Informs the participant of its listeners, before the first step. Until then it assumes that every frame is answered.
     fn meet(&mut self, audience: &Audience);
 
-    /// When the node wants its next tick, as of the last answer; a new node wants one at once.
+    /// Returns the time of the node's next tick, as of the last answer; a new node wants one at once.
     fn next_deadline(&self) -> Option<Duration>;
 
-    /// Steps up to and including `to` with the frames delivered on the way, in order of time, each not later than `to`;
-    /// then on to `until`, as long as no frame is queued that somebody may answer. No frame may be delivered later that is
-    /// not after `until`, unless it answers one of the node's own.
+    /// Steps up to and including `to` with the frames delivered on the way, in order of time, none later than `to`. Then steps on
+    /// to `until`, as long as the node queues no frame that another participant may answer. All frames delivered later must be
+    /// after `until`, unless they answer one of the node's own.
     ///
     /// # Errors
-    /// When the node's process is gone, silent for 10 s of wall time, or breaks the protocol; when the step itself was
-    /// impossible.
+    /// If the node's process is gone, silent for 10 s of wall time, or breaks the protocol, or if the step itself was impossible.
     fn advance(
         &mut self,
         to: Duration,

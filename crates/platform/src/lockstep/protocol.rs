@@ -1,5 +1,5 @@
-//! What canrig and a node say to each other at a *bus seat*, byte by byte, as `docs/reference/seats.md` has it. The frame of a message
-//! is [`crate::seat`]'s.
+//! Protocol between canrig and a node at a *bus seat*, byte by byte; see `docs/reference/seats.md`. The module [`crate::seat`]
+//! defines the frame of a message.
 
 use std::time::Duration;
 
@@ -11,19 +11,19 @@ use crate::seat::{
     write_name,
 };
 
-/// Frames in one message, at most.
+/// Largest number of frames in one message.
 pub const FRAMES_MAX: usize = 1024;
 
-/// The seat of a node, in HELLO.
+/// Seat of a node, in HELLO.
 const BUS_SEAT: u8 = 0;
-/// In the flags of HELLO: the node gets error frames.
+/// Flag in HELLO: the node gets error frames.
 const ERRORS_TOO: u8 = 2;
-/// Filters of a node, at most (the kernel's `CAN_RAW_FILTER_MAX`).
+/// Largest number of filters of a node (the kernel's `CAN_RAW_FILTER_MAX`).
 pub(super) const FILTERS_MAX: usize = 512;
 const FILTER_BYTES: usize = 8;
-/// A frame of up to 8 bytes.
+/// Bytes of a record: a frame of up to 8 bytes with its time.
 const RECORD_BYTES: usize = 24;
-/// Where the parts of a message begin.
+/// Offsets of the parts of a message.
 const FLAGS_AT: usize = 17;
 const COUNT_AT: usize = 2;
 const FILTERS_AT: usize = 56;
@@ -39,20 +39,20 @@ pub(super) struct Hello {
     pub(super) next_deadline: Option<Duration>,
 }
 
-/// What a node is told of its run, in WELCOME.
+/// Description of a run for a node, in WELCOME.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Setting {
-    /// The time of the run, later than 0 for a node that begins anew.
+    /// Time of the run, later than 0 for a node that restarts.
     pub now: Duration,
-    /// The rate of the bus.
+    /// Bit rate of the bus.
     pub bits_per_second: u32,
-    /// The seed of the run.
+    /// Seed of the run.
     pub seed: u64,
     /// The node-ID.
     pub node_id: u8,
 }
 
-/// A question of canrig. Its frames are left in the caller's buffer.
+/// Question of canrig. Its frames are in the caller's buffer.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Request {
     Grant { to: Duration, until: Duration },
@@ -66,7 +66,7 @@ pub(super) struct Asked {
     pub(super) from: Duration,
     pub(super) to: Duration,
     pub(super) until: Duration,
-    /// A fault has halted the node: what it wanted to do before `to` is late.
+    /// Whether a fault has halted the node, so that its actions before `to` are late.
     pub(super) was_halted: bool,
 }
 
@@ -131,7 +131,7 @@ pub(super) fn encode_welcome(
     };
     header.begin(packet);
     packet.extend_from_slice(&setting.bits_per_second.to_le_bytes());
-    // Frames of a higher rate of data are not spoken yet.
+    // The protocol has no frames with a faster data phase yet.
     packet.extend_from_slice(&setting.bits_per_second.to_le_bytes());
     packet.extend_from_slice(&setting.seed.to_le_bytes());
     packet.extend_from_slice(&[setting.node_id, 0, 0, 0, 0, 0, 0, 0]);
@@ -175,7 +175,7 @@ pub(super) fn encode_stop(packet: &mut Vec<u8>, asked: &Asked) {
     header.begin(packet);
 }
 
-/// Reads GRANT or STOP with its number; `frames` is overwritten with the frames delivered.
+/// Reads GRANT or STOP with its number; `frames` is overwritten with the delivered frames.
 pub(super) fn decode_request(
     packet: &[u8],
     frames: &mut Vec<(Duration, CanFrame)>,
@@ -219,7 +219,7 @@ pub(super) fn encode_done(
     Ok(())
 }
 
-/// Reads DONE over the answer before. Behind an own frame that is not quiet the node has not gone on.
+/// Reads DONE into the answer. After an own frame that is not quiet the node must not have continued.
 pub(super) fn decode_done(
     packet: &[u8],
     asked: &Asked,
@@ -247,7 +247,7 @@ pub(super) fn decode_done(
     is_possible(asked, quiet, answer)
 }
 
-/// Whether an answer keeps to the time that was granted.
+/// Checks that an answer keeps to the granted time.
 fn is_possible(asked: &Asked, quiet: &FilterSet, answer: &Answer) -> Result<(), Misread> {
     let earliest = match answer.progress {
         Progress::Running => asked.to,
@@ -311,7 +311,7 @@ fn write_records(packet: &mut Vec<u8>, frames: &[(Duration, CanFrame)]) {
     }
 }
 
-/// Reads the records of a message; the rest behind them.
+/// Reads the records of a message; returns the bytes after them.
 fn read_records<'a>(
     packet: &'a [u8],
     count: usize,
@@ -357,7 +357,7 @@ fn read_records<'a>(
     Ok(rest)
 }
 
-/// The time behind a header.
+/// Returns the time after a header.
 fn time_in(packet: &[u8], body: &[u8]) -> Result<Duration, Misread> {
     let time = body.first_chunk();
     let time = time.ok_or_else(|| short(packet, RECORDS_AT))?;
@@ -396,7 +396,7 @@ fn counted(count: usize, limit: usize, what: &str, byte: usize) -> Result<u16, M
     Ok(count as u16)
 }
 
-/// Times of virtual time fit: 64 bits are 584 years.
+/// Converts a virtual time, which fits: 64 bits are 584 years.
 fn nanoseconds(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(NEVER)
 }

@@ -1,4 +1,4 @@
-//! The coordinator's end of the channel to a node in another process.
+//! Coordinator's end of the channel to a node in another process.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -17,16 +17,16 @@ use super::protocol::{self, Asked, FRAMES_MAX, Setting};
 use super::step::{StepError, TICKS_PER_INSTANT_MAX};
 use crate::seat::{MESSAGE_BYTES_MAX, Misread};
 
-/// How long a process may take to answer, in wall time.
+/// Longest wall time for a process to answer.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(10);
-/// A wait for an answer. Where the machine stands still, that is one wait of the patience.
+/// Length of one wait for an answer. A standstill of the machine takes one such wait of the patience.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// A side channel: the coordinator's end and the process's end. Both close on `exec`; `process::child` hands the second
-/// one on. Drop the process's end once it is handed on, or its death goes unnoticed.
+/// Makes a side channel: the coordinator's end and the process's end. Both close on `exec`; `process::inherit` passes the second
+/// one on. Drop the process's end once it is passed on, or its death goes unnoticed.
 ///
 /// # Errors
-/// When the system refuses the socket pair.
+/// If the system refuses the socket pair.
 pub fn channel() -> io::Result<(OwnedFd, OwnedFd)> {
     Ok(rustix::net::socketpair(
         AddressFamily::UNIX,
@@ -36,20 +36,20 @@ pub fn channel() -> io::Result<(OwnedFd, OwnedFd)> {
     )?)
 }
 
-/// A node in another process, at a bus seat.
+/// Node in another process, at a bus seat.
 #[derive(Debug)]
 pub struct Remote {
     name: String,
     channel: OwnedFd,
-    /// For ever if `None`.
+    /// Longest wall time for an answer; no limit if `None`.
     patience: Option<Duration>,
     setting: Setting,
     filters: Vec<Filter>,
     silent_filters: Vec<Filter>,
-    /// What of its own nobody answers.
+    /// Frames of the node that no participant answers.
     quiet: FilterSet,
     next_deadline: Option<Duration>,
-    /// The time that it has reached, and how often it was asked there in a row.
+    /// Time that it has reached, and how often in a row it was asked there.
     reached: (Duration, u32),
     number: u32,
     is_welcome: bool,
@@ -57,7 +57,7 @@ pub struct Remote {
     packet: Vec<u8>,
 }
 
-/// What went wrong on the channel, not yet with the participant's name.
+/// Error on the channel, without the participant's name.
 enum Failure {
     Protocol(Misread),
     Channel(Errno),
@@ -70,11 +70,11 @@ impl From<Misread> for Failure {
 }
 
 impl Remote {
-    /// Waits for the process at the other end to introduce itself; `name` is for messages. Each answer may take as long as the
-    /// `patience`, for ever if that is `None`.
+    /// Waits for the process at the other end to introduce itself; `name` is for messages. Each answer may take as long as
+    /// `patience`, without limit if it is `None`.
     ///
     /// # Errors
-    /// When it does not, is gone, or speaks another protocol.
+    /// If it does not, is gone, or speaks another protocol.
     pub fn accept(
         name: impl Into<String>,
         channel: OwnedFd,
@@ -102,7 +102,7 @@ impl Remote {
         Ok(remote)
     }
 
-    /// Tells the process with the next question that it was halted until then.
+    /// Tells the process, with the next question, that it was halted until then.
     pub fn was_halted(&mut self) {
         self.was_halted = true;
     }
@@ -123,7 +123,7 @@ impl Remote {
         self.send()
     }
 
-    /// Asks for an answer to GRANT; to STOP where no frames are given.
+    /// Asks for an answer to GRANT, or to STOP if `frames` is `None`.
     fn ask(
         &mut self,
         (to, until): (Duration, Duration),
@@ -159,7 +159,7 @@ impl Remote {
         Ok(())
     }
 
-    /// Sends the packet. One at a time is under way and it is smaller than the socket's buffer, so this never waits.
+    /// Sends the packet. Only one at a time is under way and it is smaller than the socket's buffer, so this never waits.
     fn send(&self) -> Result<(), Failure> {
         let flags = SendFlags::NOSIGNAL | SendFlags::DONTWAIT;
         let sent = rustix::net::send(&self.channel, &self.packet, flags);
@@ -226,7 +226,7 @@ impl Participant for Remote {
         &self.silent_filters
     }
 
-    /// Nothing is answered to it; a channel that fails now fails at the first step too.
+    /// Ignores an error: WELCOME has no answer, and a channel that fails now fails at the first step too.
     fn meet(&mut self, audience: &Audience) {
         let quiet = audience.quiet();
         let _ = self.welcome(&quiet);
@@ -268,7 +268,7 @@ impl Participant for Remote {
     }
 }
 
-/// Receives one packet over `packet`; empty when the other end is closed.
+/// Receives one packet into `packet`; empty if the other end is closed.
 pub(super) fn receive_packet(channel: impl AsFd, packet: &mut Vec<u8>) -> Result<(), Errno> {
     packet.clear();
     loop {

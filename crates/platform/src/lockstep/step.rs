@@ -7,10 +7,10 @@ use canopen::{CanFrame, FilterSet, Node, Progress};
 use super::answer::Answer;
 use super::protocol::FRAMES_MAX;
 
-/// Ticks that a node may want at one instant before it counts as stuck.
+/// Largest number of ticks at one instant before a node counts as stuck.
 pub(super) const TICKS_PER_INSTANT_MAX: u32 = 1000;
 
-/// Why a step was not possible.
+/// Reason why a step was not possible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StepError {
     /// The coordinator asked for a time before the node's own.
@@ -50,18 +50,18 @@ pub enum StepError {
 #[derive(Debug)]
 pub(super) struct Stepper {
     now: Duration,
-    /// The node's own, as of the latest event; it is asked for after each one only.
+    /// Deadline of the node as of the latest event; the node is asked for it after each event only.
     next_deadline: Option<Duration>,
-    /// How far the node is, as of the latest event.
+    /// Progress of the node as of the latest event.
     progress: Progress,
-    /// What the node takes without saying anything.
+    /// Frames that the node takes in silence.
     silent: FilterSet,
-    /// What of its own nobody answers.
+    /// Frames of the node that no participant answers.
     quiet: FilterSet,
 }
 
 impl Stepper {
-    /// A new node at time zero.
+    /// Makes the stepper of a new node, at time zero.
     pub(super) fn new(node: &dyn Node) -> Self {
         Self {
             now: Duration::ZERO,
@@ -72,12 +72,12 @@ impl Stepper {
         }
     }
 
-    /// When the node wants its next tick.
+    /// Returns the time of the node's next tick.
     pub(super) fn next_deadline(&self) -> Option<Duration> {
         self.next_deadline
     }
 
-    /// Remembers what nobody answers.
+    /// Remembers the frames that no participant answers.
     pub(super) fn meet(&mut self, quiet: FilterSet) {
         self.quiet = quiet;
     }
@@ -133,21 +133,21 @@ impl Stepper {
         self.look_ahead(node, until, queued)
     }
 
-    /// How far the node has come, beside the frames that it has queued.
+    /// Completes an answer, except for its frames.
     fn fill(&self, answer: &mut Answer) {
         answer.next_deadline = self.next_deadline;
         answer.reached = self.now;
         answer.progress.clone_from(&self.progress);
     }
 
-    /// True when the node need not be asked after this frame: it took it in silence, and its next tick, which may only have
-    /// moved away, was not due before `next` anyway.
+    /// Returns whether the node need not be asked after this frame: it took the frame in silence, and its next tick, which may
+    /// only have moved away, was not due before `next` anyway.
     fn needs_nothing_until(&self, next: Duration, frame: &CanFrame) -> bool {
         let is_due_before = |deadline| deadline < next;
         self.silent.accepts(frame) && !self.next_deadline.is_some_and(is_due_before)
     }
 
-    /// Goes on by the node's own deadlines, one instant after the other.
+    /// Continues by the node's own deadlines, one instant after the other.
     fn look_ahead(
         &mut self,
         node: &mut dyn Node,
@@ -223,7 +223,7 @@ impl Stepper {
         Ok(())
     }
 
-    /// Ends an event: takes all that the node wants to send, and asks for its deadline and how far it is.
+    /// Ends an event: takes all frames that the node wants to send, and asks for its deadline and its progress.
     fn end_event(
         &mut self,
         node: &mut dyn Node,

@@ -28,7 +28,7 @@ fn accept(name: &str, channel: OwnedFd) -> Result<Remote, LockstepError> {
     Remote::accept(name, channel, Some(ANSWER_PATIENCE), Setting::default())
 }
 
-/// An echo in a thread and the coordinator's view of it.
+/// Starts an echo in a thread; returns the coordinator's view of it.
 fn remote_echo() -> (Remote, JoinHandle<Result<(), FollowError>>) {
     let (ours, theirs) = channel().unwrap();
     let echo = std::thread::spawn(move || follow(&mut Echo::new(MS), theirs, None::<&mut dyn Bus>));
@@ -51,7 +51,7 @@ fn stop(participant: &mut dyn Participant, at: Duration) -> Answer {
     answer
 }
 
-/// Steps a participant through a fixed story.
+/// Steps a participant through a fixed sequence of frames.
 fn story(participant: &mut dyn Participant) -> Vec<Answer> {
     let delivered = [(MS / 2, ping(1)), (MS, ping(2)), (MS, ping(3))];
     vec![
@@ -232,7 +232,7 @@ fn a_coordinator_that_dies_ends_the_process() {
     ));
 }
 
-/// What is wrong with an answer to 0 to 2 ms that may go on to 4 ms, where 0x100 is quiet.
+/// Returns the error in an answer to 0 to 2 ms that may continue to 4 ms, where 0x100 is quiet.
 fn wrong(packet: &[u8]) -> Option<String> {
     let asked = Asked {
         number: 7,
@@ -310,7 +310,7 @@ fn an_answer_keeps_to_the_time_that_was_granted() {
             ms(5),
             Some("byte 16: it reached 5ms, which lies outside 2ms to 4ms"),
         ),
-        // It went on behind a frame that may be answered.
+        // It continued after a frame that may be answered.
         (
             &[(MS, other)],
             ms(3),
@@ -335,7 +335,7 @@ fn an_answer_keeps_to_the_time_that_was_granted() {
         let packet = done(&answer_of(frames, reached));
         assert_eq!(wrong(&packet).as_deref(), said);
     }
-    // One that stops need not go on.
+    // A node that stops need not continue.
     let stopped = Answer {
         progress: Progress::Stopped,
         ..answer_of(&[], MS)
@@ -590,7 +590,7 @@ fn own_frames_that_come_back_are_not_delivered() {
     assert_eq!(talker.join().unwrap().unwrap(), [ping(9)]);
 }
 
-/// The echo sends 0x200 each millisecond; somebody may answer that or not.
+/// Steps an echo that sends 0x200 each millisecond, which the audience may answer or not.
 fn ahead(audience: Option<&Audience>, participant: &mut dyn Participant) -> Answer {
     if let Some(audience) = audience {
         participant.meet(audience);
@@ -613,7 +613,7 @@ fn a_node_goes_ahead_until_it_says_what_may_be_answered() {
         ..answered.clone()
     };
     let cases = [
-        // It speaks at 0 already, before the look-ahead begins.
+        // It sends at 0 already, before the look-ahead begins.
         (None, 1, MS / 2),
         (Some(answered), 1, MS / 2),
         (Some(silent), 4, ms(3)),

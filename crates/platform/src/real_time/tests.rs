@@ -12,7 +12,7 @@ use crate::test_nodes::Echo;
 const MS: Duration = Duration::from_millis(1);
 const SOON: Duration = Duration::from_secs(5);
 
-/// An echo that runs in a thread on a bus, and a second participant who hears everything.
+/// Echo that runs in a thread on a bus, and a second participant that hears everything.
 struct Bench {
     hub: Hub,
     recorder: Recorder,
@@ -39,7 +39,7 @@ fn bench(mut echo: Echo) -> Bench {
 }
 
 impl Bench {
-    /// The data of the next frame with this identifier.
+    /// Returns the data of the next frame with this identifier.
     fn next(&mut self, id: u16) -> Vec<u8> {
         loop {
             let frame = self.other.receive(SOON).unwrap().unwrap();
@@ -74,7 +74,7 @@ fn a_node_ticks_answers_and_stops() {
     assert_eq!(report.frames_received, 50);
     assert_eq!(report.frames_sent, report.ticks + 50 + 1);
     assert_eq!(report.frames_dropped, 0);
-    // All that was sent was recorded, with the pings.
+    // All sent frames were recorded, with the pings.
     drop(bench.hub);
     let mut recorded = 0;
     while bench.recorder.next().is_some() {
@@ -140,7 +140,7 @@ fn overruns_are_counted() {
 
 #[test]
 fn the_loop_allocates_nothing_after_its_start() {
-    /// Notes the thread's allocations at its first and its latest tick.
+    /// Node that notes the thread's allocations at its first and its latest tick.
     struct Witness(Echo, Option<u64>, u64);
     impl Node for Witness {
         fn filters(&self) -> Vec<Filter> {
@@ -188,7 +188,7 @@ fn the_loop_allocates_nothing_after_its_start() {
     drop(stopper);
     let node = node.join().unwrap();
     assert_eq!(node.0.received, pings);
-    // How many there are is the machine's business.
+    // Their number depends on the machine.
     assert!(node.0.ticks > 10, "{} ticks", node.0.ticks);
     assert_eq!(node.1, Some(node.2));
 }

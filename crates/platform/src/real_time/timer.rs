@@ -1,4 +1,4 @@
-//! A timer for absolute deadlines.
+//! Timer for absolute deadlines.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::time::Duration;
@@ -11,8 +11,8 @@ use rustix::time::{
 
 use crate::clock::Clock;
 
-/// Becomes readable at a deadline on `CLOCK_MONOTONIC`. Unlike a wait with a time-out it does not lose the time between
-/// reading the clock and waiting, and the kernel adds no slack to it.
+/// Timer that becomes readable at a deadline on `CLOCK_MONOTONIC`. Unlike a wait with a time-out it does not lose the time
+/// between reading the clock and waiting, and the kernel adds no slack to it.
 pub(super) struct Timer {
     clock: Clock,
     timer: OwnedFd,
@@ -29,8 +29,8 @@ impl Timer {
         })
     }
 
-    /// Sets the deadline; it is readable at once when the deadline has passed, never when there is none. Setting another
-    /// deadline also clears the readiness of the last one.
+    /// Sets the deadline. The timer is readable at once if the deadline has passed, and never if there is none. Another deadline
+    /// also clears the readiness of the last one.
     pub(super) fn set(&mut self, deadline: Option<Duration>) -> Result<(), Errno> {
         if self.set_to == deadline {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Files that are read like memory, and how what was read of them goes back to the system.
+//! Files that are read like memory, and the release of their pages after reading.
 
 use std::fmt;
 use std::fs::File;
@@ -15,23 +15,23 @@ use crate::clock::sleep;
 
 /// Bytes of a file that an iterator has in memory.
 pub(super) const READ_BYTES: usize = 1 << 16;
-/// Who reads a byte of a file gets this much of it, from a multiple of this on (Linux, `fault_around_bytes`).
+/// Bytes that the kernel maps around each byte that is read, aligned to a multiple of this size (Linux, `fault_around_bytes`).
 const WINDOW_BYTES: usize = 1 << 16;
-/// Bytes of a file that are read ahead of who goes through it.
+/// Bytes of a file that are read ahead of a sequential reader.
 const AHEAD_BYTES: usize = 1 << 18;
-/// How often it is looked how much of all files is in memory, since slices are read without an iterator.
+/// Period of the check how much of all files is in memory, since slices are read without an iterator.
 const LOOK_PERIOD: Duration = Duration::from_millis(1);
-/// With so many bytes more of files in memory, those of all series go back to the system.
+/// Growth of the resident bytes of files after which the pages of all series are released.
 const RESIDENT_BYTES_MAX: usize = 8 << 20;
 
-/// A file that is read like memory. Its pages count as the process's own memory from when they are read, so they are given
-/// back again and again; the file has them still.
+/// File that is read like memory. Its pages count as the process's own memory once they are read, so they are released again and
+/// again; the file still holds them.
 pub(super) struct Mapping {
     pub(super) begin: NonNull<u8>,
     bytes: usize,
 }
 
-// SAFETY: what is mapped is only read.
+// SAFETY: the mapping is only read.
 unsafe impl Send for Mapping {}
 // SAFETY: as above.
 unsafe impl Sync for Mapping {}
@@ -43,9 +43,9 @@ static MAPPINGS: Mutex<Mappings> = Mutex::new(Mappings {
 });
 
 struct Mappings {
-    /// Where each begins, and its bytes.
+    /// Address and length in bytes of each mapping.
     places: Vec<(usize, usize)>,
-    /// Whether a thread gives their pages back.
+    /// Whether a thread releases their pages.
     is_watched: bool,
 }
 
@@ -64,8 +64,9 @@ impl Mapping {
         }?;
         let begin =
             NonNull::new(begin.cast::<u8>()).ok_or_else(|| io::Error::other("mapped nowhere"))?;
-        // Else the system reads ahead by itself, into pages of up to 2 MB, of which each is there as a whole with its first byte.
-        // SAFETY: nobody else has the mapping.
+        // Otherwise the system reads ahead by itself, into pages of up to 2 MB, each of which is loaded whole with its first
+        // byte.
+        // SAFETY: no other code has the mapping.
         let _ = unsafe { madvise(begin.as_ptr().cast(), bytes, Advice::Random) };
         let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
         mappings
@@ -79,7 +80,7 @@ impl Mapping {
         Ok(mapping)
     }
 
-    /// Gives the pages of some of its values back.
+    /// Releases the pages of some of its values.
     pub(super) fn give_back<T>(&self, values: &[T]) {
         advise(self.place(), values, Advice::LinuxDontNeed);
     }
@@ -108,14 +109,14 @@ impl Drop for Mapping {
         let mut mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
         let begins = self.begin.addr().get();
         mappings.places.retain(|(begin, _)| *begin != begins);
-        // SAFETY: it was mapped so, and nobody has a slice of it any more. The list does not name it any more either.
+        // SAFETY: it was mapped with this length, and no slice of it is left. The list does not name it any more either.
         let unmapped = unsafe { munmap(self.begin.as_ptr().cast(), self.bytes) };
         debug_assert!(unmapped.is_ok());
     }
 }
 
-/// Says of the pages that come when some values of a mapping are read, and of no others, what becomes of them: the longer a
-/// mapping, the longer it takes to look through all of it.
+/// Gives the system advice on exactly the pages that are loaded when some values of a mapping are read: a call for a whole
+/// mapping takes longer, the longer the mapping is.
 fn advise<T>((begin, bytes): (usize, usize), values: &[T], advice: Advice) {
     if values.is_empty() {
         return;
@@ -128,18 +129,18 @@ fn advise<T>((begin, bytes): (usize, usize), values: &[T], advice: Advice) {
     );
     if first < end {
         let first = ptr::with_exposed_provenance_mut(first);
-        // SAFETY: the values are borrowed, so the mapping is there. A page that was given back is read from the file again.
+        // SAFETY: the values are borrowed, so the mapping exists. A page that was released is read from the file again.
         let _ = unsafe { madvise(first, end - first.addr(), advice) };
     }
 }
 
 fn page_size() -> usize {
-    // SAFETY: it only answers.
+    // SAFETY: the call only returns a number.
     let bytes = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
     usize::try_from(bytes).unwrap_or(1 << 16)
 }
 
-/// Gives the pages back that were read as slices, as long as there are mappings.
+/// Releases the pages that were read as slices, as long as there are mappings.
 fn watch_pages() {
     let resident = ResidentFiles::open();
     let mut kept = resident.bytes();
@@ -157,16 +158,16 @@ fn watch_pages() {
         }
         for (begin, bytes) in &mappings.places {
             let begin = ptr::with_exposed_provenance_mut(*begin);
-            // SAFETY: the list is locked, so it is mapped. A page that was given back is read from the file again.
+            // SAFETY: the list is locked, so the range is mapped. A page that was released is read from the file again.
             let _ = unsafe { madvise(begin, *bytes, Advice::LinuxDontNeed) };
         }
         kept = resident.bytes();
     }
 }
 
-/// How much of all files is in the process's memory; the program itself is among them.
+/// Meter of the file pages in the process's memory, those of the program itself included.
 struct ResidentFiles {
-    /// None where the system does not say.
+    /// `None` if the system does not tell.
     statm: Option<File>,
 }
 
@@ -185,18 +186,18 @@ impl ResidentFiles {
         let mut text = [0; 128];
         let length = self.statm.as_ref()?.read_at(&mut text, 0).ok()?;
         let text = str::from_utf8(&text[..length]).ok()?;
-        // All pages, those in memory, and of these the ones of files.
+        // All pages, resident pages, and resident pages of files.
         text.split(' ').nth(2)?.parse().ok()
     }
 }
 
-/// Says that values were read which are not needed soon: if they are of a file, they go back to the system. For who goes through
-/// the slice of a long series.
+/// Declares values that were read as not needed soon: if they are in a file, their pages are released. For readers of the slice
+/// of a long series.
 pub fn give_back<T>(values: &[T]) {
     advise_any(values, Advice::LinuxDontNeed);
 }
 
-/// Says that values are needed soon, one after the other: if they are of a file, the first of them are read ahead.
+/// Declares values as needed soon, in order: if they are in a file, the first of them are read ahead.
 pub(super) fn expect<T>(values: &[T]) {
     advise_any(ahead(values), Advice::WillNeed);
 }
@@ -206,7 +207,7 @@ fn ahead<T>(values: &[T]) -> &[T] {
     values.get(..count).unwrap_or(values)
 }
 
-/// As [`advise`], of the values of any mapping, or of none.
+/// As [`advise`], for the mapping that holds the values, if there is one.
 fn advise_any<T>(values: &[T], advice: Advice) {
     let mappings = MAPPINGS.lock().unwrap_or_else(PoisonError::into_inner);
     let begin = values.as_ptr().addr();

@@ -1,5 +1,5 @@
-//! Fills the columns of a timeline, one value for each cycle. Most signals keep a value for long, so rows are filled many
-//! at a time, and only the signals whose bits changed are decoded.
+//! Columns of a timeline, with one value for each cycle. Most signals keep a value for long, so many rows are filled at a time,
+//! and only the signals whose bits changed are decoded.
 
 use canopen::CanFrame;
 use dbc::{Signal, SignalHandle};
@@ -9,7 +9,7 @@ use platform::series::SeriesWriter;
 
 use super::decoded::Column;
 
-/// The columns of all messages, in their order.
+/// Columns of all messages, in their order.
 pub(super) struct Columns(Vec<MessageColumns>);
 
 impl Columns {
@@ -17,7 +17,7 @@ impl Columns {
         Self(one.columns().map(MessageColumns::new).collect())
     }
 
-    /// The identifiers of the messages.
+    /// Returns the identifiers of the messages.
     pub(super) fn raw_ids(&self) -> impl Iterator<Item = u32> {
         self.0.iter().map(|message| message.raw_id)
     }
@@ -30,14 +30,14 @@ impl Columns {
         }
     }
 
-    /// Keeps so many rows of each signal in memory at most.
+    /// Keeps at most `rows` rows of each signal in memory.
     pub(super) fn keep(&mut self, rows: usize) {
         let messages = self.0.iter_mut();
         let signals = messages.flat_map(|message| &mut message.signals);
         signals.for_each(|signal| signal.rows.keep(rows));
     }
 
-    /// Takes a frame of the latest of so many cycles. What is measured when that cycle is over belongs to no cycle.
+    /// Takes a frame of the latest of `rows` cycles. A value that is measured after the end of that cycle belongs to no cycle.
     pub(super) fn on_frame(&mut self, frame: &CanFrame, rows: usize, is_late: bool) {
         let mut messages = self.0.iter_mut();
         let message = messages.find(|message| message.raw_id == frame.raw_id());
@@ -55,14 +55,14 @@ impl Columns {
     }
 }
 
-/// A signal that becomes a column.
+/// Signal that becomes a column.
 struct SignalColumn {
     handle: SignalHandle,
     name: String,
     unit: String,
-    /// The value from the first row on that is not there yet.
+    /// Value from the first missing row on.
     latest: f64,
-    /// The rows up to the last change.
+    /// Rows up to the last change.
     rows: SeriesWriter<f64>,
 }
 
@@ -77,17 +77,17 @@ impl SignalColumn {
         }
     }
 
-    /// Has another value from a row on.
+    /// Sets another value from a row on.
     fn change(&mut self, row: usize, value: f64) {
         self.fill(row);
         self.latest = value;
     }
 
-    /// Has all rows before this one.
+    /// Fills all rows before this one.
     fn fill(&mut self, row: usize) {
         match row.saturating_sub(self.rows.len()) {
             0 => {}
-            // That of a signal which changes in each cycle.
+            // A signal that changes in each cycle.
             1 => self.rows.push(self.latest),
             _ => self.rows.fill(row, self.latest),
         }
@@ -103,15 +103,15 @@ impl SignalColumn {
     }
 }
 
-/// A message whose signals become columns.
+/// Message whose signals become columns.
 struct MessageColumns {
     raw_id: u32,
     signals: Vec<SignalColumn>,
-    /// Measured values belong to their cycle; everything else holds until it changes.
+    /// Whether its values are measured and belong to their cycle; other values hold until they change.
     is_measured: bool,
-    /// The latest frame; none where it was too short for a signal, or its values do not hold any more.
+    /// Latest frame; `None` if it was too short for a signal, or if its values do not hold any more.
     latest: Option<CanFrame>,
-    /// How many rows there were when it came.
+    /// Number of rows when it came.
     rows: usize,
 }
 
@@ -153,7 +153,7 @@ impl MessageColumns {
         self.rows = rows;
     }
 
-    /// The bits by which the frame differs from the latest; all where they cannot be compared.
+    /// Returns the bits by which the frame differs from the latest; all if they cannot be compared.
     fn changed_bits(&self, frame: &CanFrame) -> u64 {
         let bits = |frame: &CanFrame| u64::from_le_bytes(frame.buffer());
         match &self.latest {
@@ -162,7 +162,7 @@ impl MessageColumns {
         }
     }
 
-    /// Measured values that were not sent again have none from the cycle behind theirs to this row.
+    /// Ends measured values that were not sent again, from the cycle after theirs to this row.
     fn end_before(&mut self, row: usize) {
         if self.is_measured && self.rows < row {
             for signal in &mut self.signals {

@@ -1,4 +1,4 @@
-//! Which cycles with a position lack the command that follows from it.
+//! Cycles with a position but without the command that follows from it.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::events::{Event, Events, Level};
 use crate::losses::PERIODS_MAX;
 use crate::node_words::NodeWords;
 
-/// Cycles in a row that lack their command.
+/// Cycles in a row without their command.
 #[derive(Clone, Copy)]
 struct Silence {
     /// Scenario time of the first position that waited for one.
@@ -19,25 +19,26 @@ struct Silence {
     cycles: u32,
 }
 
-/// A command that comes with the next SYNC is late from so long after its position on: adapters on USB carry frames in bundles.
+/// Smallest delay after its position from which a command that comes with the next SYNC is late: adapters on USB carry frames in
+/// bundles.
 const LATE_MIN: Duration = Duration::from_millis(2);
 
-/// Follows positions and commands. Each command is that of one cycle: of the one whose position waits for it or, where none waits, of
-/// the latest one before its position. A cycle lacks its command where none came before the drive's next position.
+/// Reader of positions and commands. Each command belongs to one cycle: to the one whose position waits for it or, if none waits,
+/// to the latest one before its position. A cycle lacks its command if none came before the drive's next position.
 pub(super) struct CommandReader {
     position_id: u32,
     command: SignalHandle,
     period: Duration,
-    /// For people.
+    /// Name of the command for the user.
     what: String,
-    /// The latest cycle, and whether its position has come.
+    /// Latest cycle, and whether its position has come.
     cycle: Option<(u64, bool)>,
-    /// A command came in it before its position.
+    /// Whether a command came in it before its position.
     is_early: bool,
-    /// The cycle whose position waits for a command, with the position's scenario time.
+    /// Cycle whose position waits for a command, with the position's scenario time.
     waiting: Option<(u64, Duration)>,
     lacking: SeriesWriter<u64>,
-    /// The cycles whose command acts a cycle later than it should: it came after the next SYNC.
+    /// Cycles whose command acts a cycle too late: it came after the next SYNC.
     late: SeriesWriter<u64>,
     silence: Option<Silence>,
 }
@@ -67,23 +68,24 @@ impl CommandReader {
         })
     }
 
-    /// Keeps so many cycles in memory at most.
+    /// Keeps at most `cycles` cycles in memory.
     pub(super) fn keep(&mut self, cycles: usize) {
         self.lacking.keep(cycles);
         self.late.keep(cycles);
     }
 
-    /// A cycle begins.
+    /// Begins a cycle.
     pub(super) fn begin_cycle(&mut self, number: u64) {
         (self.cycle, self.is_early) = (Some((number, false)), false);
     }
 
-    /// Takes a frame with this identifier before the scenario's end. A position that comes when its cycle is over belongs to none.
+    /// Takes a frame with this identifier before the scenario's end. A position that comes after the end of its cycle belongs to
+    /// none.
     #[inline]
     pub(super) fn on_frame(&mut self, frame: &CanFrame, time: Duration, is_late: bool) {
         let id = frame.raw_id();
         if id == self.command.raw_id() {
-            // One that is too short commands nothing.
+            // A command that is too short has no effect.
             if self.command.is_in(frame) {
                 self.on_command(time);
             }
@@ -108,7 +110,7 @@ impl CommandReader {
         self.silence = None;
     }
 
-    /// The position of the cycle, unless it has one already.
+    /// Takes the position of the cycle, unless it has one already.
     fn on_position(&mut self, time: Duration) {
         let Some((number, has_position @ false)) = &mut self.cycle else {
             return;
@@ -126,13 +128,14 @@ impl CommandReader {
         silence.cycles = silence.cycles.saturating_add(1);
     }
 
-    /// All cycles that lack their command, and the loss that lasts; `latest` is the scenario time of the last frame before the end.
+    /// Takes all cycles without their command, and a lasting loss; `latest` is the scenario time of the last frame before the
+    /// end.
     pub(super) fn take_all(&mut self, latest: Duration) -> (Series<u64>, Events) {
         let is_due = |(_, since): &(u64, Duration)| latest.saturating_sub(*since) >= self.period;
         if let Some((cycle, since)) = self.waiting.take().filter(is_due) {
             self.on_lacking(cycle, since);
         }
-        // As many cycles as of any cyclic frame are a loss.
+        // A loss takes as many cycles as for any cyclic frame.
         let is_loss = |silence: &Silence| silence.cycles > PERIODS_MAX;
         let loss = self.silence.take().filter(is_loss).map(|silence| {
             let text = format!("loss: no {} from here on", self.what);
@@ -142,7 +145,7 @@ impl CommandReader {
         (lacking, loss.into_iter().collect())
     }
 
-    /// All cycles whose command came a whole cycle late.
+    /// Takes all cycles whose command came a whole cycle late.
     pub(super) fn take_late(&mut self) -> Series<u64> {
         self.late.take(self.late.len())
     }
@@ -164,7 +167,8 @@ mod tests {
         Plan::new(scenario, &Catalogue::shipped())
     }
 
-    /// What is found of so many cycles: in each the frames of a text at even distances, `s` a SYNC, `p` a position, `c` a command.
+    /// Returns the findings in these cycles. Each is a text of frames at even distances: `s` a SYNC, `p` a position, `c` a
+    /// command.
     fn found(cycles: &[&str]) -> (Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
         let plan = plan();
@@ -196,9 +200,9 @@ mod tests {
     fn a_cycle_lacks_its_command_where_none_came_before_the_next_position() {
         assert_eq!(lacking(&["spc", "spc", "sp", "spc", "spc"]), [2]);
         assert_eq!(lacking(&["spc", "sp", "sp", "spc"]), [1, 2]);
-        // A second position in a cycle is none of its own.
+        // A second position in a cycle does not count.
         assert_eq!(lacking(&["sppc", "spcp", "spc"]), [0; 0]);
-        // A command that comes with the next SYNC is in time, and is that of one cycle only.
+        // A command that comes with the next SYNC is in time, and belongs to one cycle only.
         assert_eq!(lacking(&["sp", "scp", "scp", "scp"]), [0; 0]);
         assert_eq!(lacking(&["sp", "scp", "sp", "scp", "sp", "scp"]), [1, 3]);
         // A law that reads another drive's position may command before this drive's came.
@@ -213,10 +217,10 @@ mod tests {
             [1],
             "one too many is none in advance"
         );
-        // Without a position none is due.
+        // Without a position no command is due.
         assert_eq!(lacking(&["spc", "s", "sc", "s", "spc"]), [0; 0]);
         assert_eq!(lacking(&["s", "s"]), [0; 0]);
-        // That of the last cycle is due when a period has passed since its position.
+        // The command of the last cycle is due when a period has passed since its position.
         assert_eq!(lacking(&["spc", "sp"]), [0; 0], "0.9 ms after it");
         assert_eq!(lacking(&["spc", "sp", "s"]), [1]);
     }
@@ -227,7 +231,7 @@ mod tests {
             let all = [vec!["spc"; 3], vec!["sp"; silent], vec!["spc"; after]];
             found(&all.concat()).1
         };
-        // The last position waits still.
+        // The last position is still waiting.
         assert_eq!(cycles(21, 0), []);
         let loss = "loss: no command from the controller from here on";
         assert_eq!(cycles(22, 0), [(0.0031, loss.to_owned())]);

@@ -1,4 +1,4 @@
-//! The decoded recording: one row for each cycle.
+//! Decoded recording: one row for each cycle.
 
 use std::ops::Range;
 use std::time::Duration;
@@ -19,19 +19,19 @@ use crate::truth::PlantTruth;
 /// Sample times are multiples of the period; this absorbs their rounding.
 pub const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
 
-/// One signal over all cycles.
+/// Signal over all cycles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// The signal's name in the DBC; the unit is its end.
+    /// Name of the signal in the DBC, with the unit at its end.
     pub name: String,
-    /// The unit in the DBC; empty for numbers without one.
+    /// Unit in the DBC; empty for numbers without one.
     pub unit: String,
-    /// Physical value per cycle; NaN where the signal was not on the bus yet, or, for the drive's measured values, in
-    /// a cycle in which the drive was silent.
+    /// Physical value per cycle; NaN if the signal was not on the bus yet, or, for the drive's measured values, in a cycle in
+    /// which the drive was silent.
     pub values: Series<f64>,
 }
 
-/// The beginnings of the names of what not every law computes: the controller sends 0 for what its law does not have.
+/// Prefixes of signals that only some laws compute: the controller sends 0 for a signal that its law does not have.
 const OF_SOME_LAWS: [&str; 5] = [
     "reference_position_",
     "estimated_",
@@ -41,7 +41,7 @@ const OF_SOME_LAWS: [&str; 5] = [
 ];
 
 impl Column {
-    /// Whether a node computes it.
+    /// Returns whether a node computes it.
     #[must_use]
     pub fn is_used(&self) -> bool {
         let is_of_some_laws = OF_SOME_LAWS
@@ -52,97 +52,97 @@ impl Column {
     }
 }
 
-/// A recording, decoded.
+/// Decoded recording.
 #[derive(Clone, Debug)]
 pub struct Timeline {
-    /// The name of its loop; empty for the only one.
+    /// Name of its loop; empty for the only one.
     pub loop_name: String,
-    /// The SYNC period.
+    /// SYNC period.
     pub period_seconds: f64,
     /// Number of the cycle since scenario time 0, per row. Rows of cycles that never began are absent.
     pub cycle: Series<u64>,
     /// Scenario time per row: the cycle's number times the period.
     pub time_seconds: Series<f64>,
-    /// The cycles that should have begun by the latest SYNC, up to the scenario's end.
+    /// Number of cycles that should have begun by the latest SYNC, up to the scenario's end.
     pub cycles_due: u64,
-    /// The numbers of the cycles with a position for which no command came; none in a piece.
+    /// Numbers of the cycles with a position for which no command came; empty in a piece.
     pub uncommanded: Series<u64>,
-    /// The numbers of the cycles whose command came a whole cycle late; none in a piece.
+    /// Numbers of the cycles whose command came a whole cycle late; empty in a piece.
     pub late_commands: Series<u64>,
-    /// The scenario time of each SYNC from scenario time 0 on; none in a piece.
+    /// Scenario time of each SYNC from scenario time 0 on; empty in a piece.
     pub syncs_seconds: Series<f64>,
-    /// The heartbeats of controller and drive that did not come; none in a piece.
+    /// Heartbeats of controller and drive that did not come; empty in a piece.
     pub lost_heartbeats: Vec<LostHeartbeat>,
-    /// The first stretch of scenario time in which the drive sent no temperature although it did before or later.
+    /// First stretch of scenario time in which the drive sent no temperature although it did before or later.
     pub temperature_silence: Option<(f64, f64)>,
-    /// The raw set-point of the scenario per row; NaN where the scenario has none.
+    /// Raw set-point of the scenario per row; NaN if the scenario has none.
     pub set_point_millimetres: Series<f64>,
-    /// What the loop measures; `position_millimetres` in this code stands for it.
+    /// Quantity that the loop measures; `position_millimetres` is its name in this code.
     pub measurand: Measurand,
     pub columns: Vec<Column>,
-    /// The frames that canrig's nodes may send, counted.
+    /// Counts of the frames that canrig's nodes may send.
     pub sources: Sources,
-    /// Time in which frames occupied the bus by all time, from the first SYNC on; NaN without two SYNCs.
+    /// Percentage of the time for which frames occupied the bus, from the first SYNC on; NaN without two SYNCs.
     pub bus_load_percent: f64,
-    /// The longest time between two SYNCs; NaN without two SYNCs.
+    /// Longest time between two SYNCs; NaN without two SYNCs.
     pub sync_interval_milliseconds_max: f64,
-    /// What happened, in the order of time.
+    /// Events in the order of time.
     pub events: Events,
-    /// The emergencies that nodes sent.
+    /// Emergencies that nodes sent.
     pub emergencies: Occurrences<Emergency>,
-    /// What the emulated plant reported of itself; empty without faults.
+    /// Reports of the emulated plant on itself; empty without faults.
     pub truth: Series<PlantTruth>,
-    /// Whether the fan and load module was there and got its commands.
+    /// Whether the fan and load module was present and got its commands.
     pub has_fan: bool,
-    /// The drive's answers to the bench; none in a piece.
+    /// Answers of the drive to the bench; empty in a piece.
     pub drive_reports: DriveReports,
-    /// The signals that the scenario's checks name.
+    /// Signals that the scenario's checks name.
     pub traces: Vec<SignalTrace>,
-    /// When the scenario began, on the recording's clock; none if it never did.
+    /// Start of the scenario on the recording's clock; `None` if it never began.
     pub zero_seconds: Option<f64>,
-    /// Time 0 of all other times, on the recording's clock: the begin of the scenario, or of a recording in which it never began.
+    /// Time 0 of all other times, on the recording's clock: the start of the scenario, or of a recording in which it never began.
     pub origin_seconds: f64,
     /// Scenario time of the last frame.
     pub last_frame_seconds: f64,
-    /// Places of columns that every recording has.
+    /// Indices of columns that every recording has.
     pub(super) position: usize,
     pub(super) own_position: usize,
     pub(super) current: usize,
 }
 
 impl Timeline {
-    /// The beginning of the names of its signals: empty where it is the only loop.
+    /// Returns the prefix of the names of its signals; empty if it is the only loop.
     #[must_use]
     pub fn prefix(&self) -> String {
         prefix_of(&self.loop_name)
     }
 
-    /// A column by its signal's name; that of a position may be its name in millimetres too.
+    /// Returns a column by its signal's name; a position may also be asked for by its name in millimetres.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<&Column> {
         let by = |name: &str| self.columns.iter().find(|column| column.name == name);
         by(name).or_else(|| by(&self.measurand.rename(name)))
     }
 
-    /// The measured position that the loop follows, in its unit.
+    /// Returns the measured position that the loop follows, in its unit.
     #[must_use]
     pub fn position(&self) -> &Series<f64> {
         &self.columns[self.position].values
     }
 
-    /// What the drive of the loop measures itself; the same where the loop follows that.
+    /// Returns the quantity that the drive of the loop measures itself; the same as [`Self::position`] if the loop follows it.
     #[must_use]
     pub fn own_position(&self) -> &Series<f64> {
         &self.columns[self.own_position].values
     }
 
-    /// The measured current in amperes.
+    /// Returns the measured current in amperes.
     #[must_use]
     pub fn current(&self) -> &Series<f64> {
         &self.columns[self.current].values
     }
 
-    /// Scenario time at the end of the last cycle.
+    /// Returns scenario time at the end of the last cycle.
     #[must_use]
     pub fn end_seconds(&self) -> f64 {
         self.time_seconds
@@ -150,21 +150,21 @@ impl Timeline {
             .map_or(0.0, |time| time + self.period_seconds)
     }
 
-    /// A time on the recording's clock.
+    /// Converts a time to the recording's clock.
     #[must_use]
     pub fn recorded_time(&self, seconds: f64) -> Duration {
         let since = Duration::try_from_secs_f64(self.origin_seconds + seconds);
         since.unwrap_or_default()
     }
 
-    /// Scenario time at the end of the last cycle that was due.
+    /// Returns scenario time at the end of the last cycle that was due.
     #[must_use]
     pub fn due_seconds(&self) -> f64 {
         cycle_start_seconds(self.cycles_due, self.period_seconds)
     }
 
-    /// Some of the rows with what happened in their time, as a timeline of its own: the first and the last have what was before
-    /// and after all rows. How busy the bus was is that of the whole recording.
+    /// Returns some of the rows with the events of their time, as a timeline of its own. The first and the last piece also have
+    /// the events before and after all rows. The bus load is that of the whole recording.
     #[must_use]
     pub fn piece(&self, rows: Range<usize>) -> Self {
         let part = |values: &Series<f64>| values.part(rows.clone());
@@ -200,7 +200,7 @@ impl Timeline {
         }
     }
 
-    /// Cycles in so much time, at least one.
+    /// Returns the number of cycles in a time, at least one.
     #[must_use]
     pub fn cycles_in(&self, seconds: f64) -> u64 {
         let cycles = (seconds / self.period_seconds).round().clamp(1.0, 1e6);
@@ -213,7 +213,7 @@ impl Timeline {
         cycles
     }
 
-    /// Cycles that never began or in which the drive was silent, by all that were due.
+    /// Returns the percentage of due cycles that never began or in which the drive was silent.
     #[must_use]
     pub fn missed_cycles_percent(&self) -> f64 {
         if self.cycles_due == 0 {
@@ -230,18 +230,18 @@ impl Timeline {
     }
 }
 
-/// A signal over all cycles, by the name that it has among those of all loops.
+/// Signal over all cycles, with its unique name among all loops.
 #[derive(Clone, Debug)]
 pub struct SignalRows<'a> {
-    /// Its name.
+    /// Name of the signal.
     pub name: String,
-    /// Its unit; empty for a number without one.
+    /// Unit of the signal; empty for a number without one.
     pub unit: &'a str,
-    /// Its value per cycle.
+    /// Value per cycle.
     pub values: &'a Series<f64>,
 }
 
-/// The signals of loops that were played at once: of each its set-point, then what was on the bus.
+/// Returns the signals of loops that were played at once: for each loop its set-point, then the signals on the bus.
 #[must_use]
 pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
     let mut all = Vec::new();
@@ -265,7 +265,7 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
     all
 }
 
-/// The events of loops that were played at once, in the order of time; what several of them saw stands once.
+/// Returns the events of loops that were played at once, in the order of time; events that several of them saw appear once.
 #[must_use]
 pub fn events_of(timelines: &[Timeline]) -> Events {
     let of_each = timelines.iter().map(|timeline| timeline.events.clone());
@@ -288,7 +288,7 @@ pub fn events_of(timelines: &[Timeline]) -> Events {
         .collect()
 }
 
-/// Scenario time at which a cycle begins.
+/// Returns scenario time at which a cycle begins.
 #[expect(
     clippy::cast_precision_loss,
     reason = "cycle numbers stay far below 2^52"

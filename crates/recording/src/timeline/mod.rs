@@ -1,4 +1,4 @@
-//! A recording, decoded: one row for each cycle, and the events between them.
+//! Decoded recording: one row for each cycle, and the events between them.
 
 mod columns;
 mod commands;

@@ -1,4 +1,4 @@
-//! What is read from all frames, whatever they are: time, order, and how busy the bus was.
+//! Properties of all frames: time, order, and bus load.
 
 use std::time::Duration;
 
@@ -10,32 +10,32 @@ use super::traffic::Traffic;
 use crate::log::STEP_MAX;
 use crate::log::Stamped;
 
-/// Looks at every frame once, also where several loops read them.
+/// Reader that looks at every frame once, even if several loops read them.
 #[derive(Clone)]
 pub(super) struct Passing {
     pub(super) clock: ScenarioClock,
-    /// Time ran backwards by more than a clock is ever stepped in a run.
+    /// Whether time ran backwards by more than a clock is ever stepped in a run.
     pub(super) is_order_lost: bool,
     pub(super) traffic: Traffic,
-    /// When the first frame came, on the recording's clock.
+    /// Time of the first frame, on the recording's clock.
     pub(super) first_frame: Option<Duration>,
-    /// When the last frame came, on the recording's clock.
+    /// Time of the last frame, on the recording's clock.
     pub(super) last_frame: Duration,
-    /// The latest time of any frame, on the recording's clock.
+    /// Latest time of any frame, on the recording's clock.
     highest: Duration,
-    /// Scenario time of the last one before the scenario's end.
+    /// Scenario time of the last frame before the scenario's end.
     pub(super) latest: Duration,
     end: Duration,
-    /// What the traffic is judged on ends here.
+    /// End of the time for which the traffic is judged.
     judged_end: Duration,
 }
 
-/// A frame's place in scenario time.
+/// Place of a frame in scenario time.
 #[derive(Clone, Copy)]
 pub(super) struct Passed {
-    /// None before the scenario began.
+    /// `None` before the scenario began.
     pub(super) time: Option<Duration>,
-    /// It is a SYNC of the scenario.
+    /// Whether it is a SYNC of the scenario.
     pub(super) is_sync: bool,
 }
 
@@ -55,7 +55,7 @@ impl Passing {
         })
     }
 
-    /// Whether another loop's sees the same. On one bus only what is judged may end at other times.
+    /// Returns whether another loop's reader sees the same. On one bus only the ends of the judged time may differ.
     pub(super) fn is_like(&self, other: &Self) -> bool {
         self.judged_end == other.judged_end
     }

@@ -29,7 +29,7 @@ use crate::truth::TruthReader;
 /// Decodes frames until the scenario's end: a timeline for each loop of the plan. Most frames are of one loop only.
 ///
 /// # Errors
-/// The database lacks a signal that the bench needs.
+/// If the database lacks a signal that the bench needs.
 pub fn decode(
     frames: impl IntoIterator<Item = impl Borrow<Stamped>>,
     plan: &Plan,
@@ -37,7 +37,7 @@ pub fn decode(
     let loops = plan.loops.iter();
     let readers = loops.map(|one| TimelineReader::new(&plan.shared, one));
     let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
-    // Together they have as much in memory as one.
+    // All of them together have as much in memory as one.
     let kept_max = KEPT_MAX / plan.loops.len();
     readers.iter_mut().for_each(|reader| reader.keep(kept_max));
     let frames = frames.into_iter();
@@ -55,7 +55,7 @@ pub fn decode(
         .collect()
 }
 
-/// Gives each frame to those who read something of it. What all see alike is looked at once.
+/// Gives each frame to its readers. The common properties of all frames are read once.
 fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
     let eventful = Readers::new(readers.iter().map(|reader| &reader.eventful));
     let own = Readers::new(readers.iter().map(|reader| &reader.own));
@@ -90,12 +90,12 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
     }
 }
 
-/// Decodes the frames of a run as they come.
+/// Decoder of the frames of a run as they come.
 pub struct TimelineReader {
     loop_name: String,
     passing: Passing,
     period: Duration,
-    /// A frame that comes so much later than a SYNC is none of its cycle.
+    /// Time after a SYNC from which a frame does not belong to its cycle.
     late_after: Duration,
     end: Duration,
     /// Scenario time of the latest SYNC.
@@ -106,11 +106,11 @@ pub struct TimelineReader {
     truth: TruthReader,
     fan: FanReader,
     drive_reports: DriveReportReader,
-    /// The messages that make events. Those of other loops are among them, but of most frames only a state is looked at.
+    /// Messages that make events. They include those of other loops, but of most frames only a state is read.
     eventful: Identifiers,
-    /// The messages that losses, the truth, the fan and the drive's reports are read from.
+    /// Messages from which losses, the truth, the fan and the drive's reports are read.
     rare: Identifiers,
-    /// The messages that all but events is read from. Where a rig has several loops, most frames are those of others.
+    /// Messages from which everything but events is read. On a rig with several loops, most frames are those of others.
     own: Identifiers,
     traces: TraceReader,
     sources: SourceReader,
@@ -119,13 +119,13 @@ pub struct TimelineReader {
     cycle: SeriesWriter<u64>,
     syncs_seconds: SeriesWriter<f64>,
     cycles_due: u64,
-    /// A cycle has begun behind the last one of the scenario.
+    /// Whether a cycle has begun after the last one of the scenario.
     is_over: bool,
 }
 
 impl TimelineReader {
     /// # Errors
-    /// The database lacks a signal that the bench needs.
+    /// If the database lacks a signal that the bench needs.
     pub fn new(shared: &Shared, one: &ControlLoop) -> Result<Self, SignalMissing> {
         let trial = &one.trial;
         let period = Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3);
@@ -177,7 +177,7 @@ impl TimelineReader {
         })
     }
 
-    /// Keeps so many rows in memory at most.
+    /// Keeps at most `rows` rows in memory.
     fn keep(&mut self, rows: usize) {
         self.cycle.keep(rows);
         self.syncs_seconds.keep(rows);
@@ -185,7 +185,7 @@ impl TimelineReader {
         self.commands.keep(rows);
     }
 
-    /// Makes room for the rows of so many frames.
+    /// Reserves room for the rows of this many frames.
     fn reserve(&mut self, frames: usize) {
         let cycles = usize::try_from(self.end_cycle).unwrap_or(usize::MAX);
         let rows = cycles.min(frames);
@@ -214,7 +214,7 @@ impl TimelineReader {
             self.on_rare_frame(stamped, time);
         }
         let is_late = time.is_some_and(|time| self.is_late(time));
-        // What comes behind the last cycle, and how the nodes stop, is no part of it.
+        // Frames after the last cycle, with which the nodes stop, are no part of it.
         if time.is_none_or(|time| time < self.end) && !self.is_over {
             self.columns.on_frame(frame, self.cycle.len(), is_late);
             if let Some(time) = time {
@@ -234,14 +234,14 @@ impl TimelineReader {
         }
     }
 
-    /// Whether a frame comes when the latest cycle is over and no SYNC has begun another.
+    /// Returns whether a frame comes after the end of the latest cycle and before the SYNC of another.
     fn is_late(&self, time: Duration) -> bool {
         time.saturating_sub(self.latest_sync) > self.late_after
     }
 
-    /// Takes a frame for those that read few: most frames are cyclic and none of theirs.
+    /// Takes a frame for the readers that read few frames: most frames are cyclic and not for them.
     fn on_rare_frame(&mut self, stamped: &Stamped, time: Option<Duration>) {
-        // Who was heard before the scenario began is missed from its begin on.
+        // A node that was heard before the scenario is missed from its start on.
         self.losses
             .on_frame(&stamped.frame, time.unwrap_or_default());
         if Some(stamped.frame.raw_id()) == self.truth.raw_id() {
@@ -255,7 +255,7 @@ impl TimelineReader {
         self.fan.on_frame(&stamped.frame);
     }
 
-    /// When the latest cycle began.
+    /// Returns the start of the latest cycle.
     fn cycle_seconds(&self) -> Option<f64> {
         let latest = self.cycle.last()?;
         Some(cycle_start_seconds(*latest, self.period.as_secs_f64()))
@@ -265,7 +265,7 @@ impl TimelineReader {
         let due = number.saturating_add(1).min(self.end_cycle);
         self.cycles_due = self.cycles_due.max(due);
         let is_new = self.cycle.last().is_none_or(|last| number > *last);
-        // Where the duration is no multiple of the period, a cycle may begin that is none of the scenario's.
+        // If the duration is no multiple of the period, a cycle may begin that is not the scenario's.
         self.is_over |= number >= self.end_cycle && begin_of(number, self.period) < self.end;
         if is_new && number < self.end_cycle {
             self.cycle.push(number);
@@ -273,10 +273,10 @@ impl TimelineReader {
         }
     }
 
-    /// The cycles that no later frame can change, and what happened until now; each is given once.
+    /// Takes the cycles that no later frame can change, and the events so far, each once.
     ///
     /// # Errors
-    /// The database lacks a signal that the bench needs.
+    /// If the database lacks a signal that the bench needs.
     pub fn take_piece(&mut self, trial: &Trial) -> Result<Timeline, SignalMissing> {
         let closed = self.cycle.len().saturating_sub(1);
         let mut piece = self.take_rows(closed, trial)?;
@@ -286,10 +286,10 @@ impl TimelineReader {
         Ok(piece)
     }
 
-    /// Everything that was not given yet.
+    /// Takes everything that was not taken yet.
     ///
     /// # Errors
-    /// The database lacks a signal that the bench needs.
+    /// If the database lacks a signal that the bench needs.
     pub fn take_rest(&mut self, trial: &Trial) -> Result<Timeline, SignalMissing> {
         let mut rest = self.take_rows(self.cycle.len(), trial)?;
         let zero = self.passing.clock.zero();
@@ -309,7 +309,7 @@ impl TimelineReader {
         Ok(rest)
     }
 
-    /// The first rows as a timeline of their own, without what happened besides.
+    /// Takes the first rows as a timeline of their own, without events.
     fn take_rows(&mut self, rows: usize, trial: &Trial) -> Result<Timeline, SignalMissing> {
         let period_seconds = self.period.as_secs_f64();
         let cycle = self.cycle.take(rows);
@@ -368,19 +368,19 @@ impl TimelineReader {
     }
 }
 
-/// Where the column of a signal stands.
+/// Returns the index of the column of a signal.
 fn place(columns: &[Column], name: &str) -> Result<usize, SignalMissing> {
     let place = columns.iter().position(|column| column.name == name);
     place.ok_or_else(|| SignalMissing::new(name))
 }
 
-/// When a cycle begins.
+/// Returns the start of a cycle.
 fn begin_of(cycle: u64, period: Duration) -> Duration {
     let cycle = u32::try_from(cycle).unwrap_or(u32::MAX);
     period.saturating_mul(cycle)
 }
 
-/// The nearest whole number of periods.
+/// Returns the nearest whole number of periods.
 fn cycles(time: Duration, period: Duration) -> u64 {
     let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
     let period = nanos(period).max(1);
@@ -408,7 +408,7 @@ mod tests {
     const POSITION: &str = "drive_tpdo1.position_millimetres";
     const STATUSWORD: &str = "drive_tpdo1.statusword_state";
 
-    /// A signal that is read cycle by cycle.
+    /// Signal that is read cycle by cycle.
     struct Simple {
         handle: SignalHandle,
         is_measured: bool,
@@ -435,7 +435,7 @@ mod tests {
         }
     }
 
-    /// Two cycles, after which the drive goes on sending.
+    /// Returns two cycles, after which the drive continues to send.
     fn two_cycles() -> (Plan, Vec<Stamped>) {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 10.0\n[controller.open_loop]\n\
                     [[expect.signal]]\nname = \"position_millimetres\"\nreaches = { min = 9.0 }\n";
@@ -494,7 +494,7 @@ mod tests {
         assert_eq!(texts(&[&timeline.piece(0..2)]), texts(&[&timeline]));
     }
 
-    /// The whole recording has it once, whatever its pieces are.
+    /// Only the whole recording has the silence, none of its pieces.
     #[test]
     fn no_piece_has_the_silence_of_the_whole() {
         let (plan, frames) = two_cycles();
@@ -521,7 +521,7 @@ mod tests {
         assert_eq!(**values, [0.0, 0.0, 0.0, 1.0, 0.0]);
     }
 
-    /// Two are served, two never begin, and the last has no position.
+    /// Two cycles are served, two never begin, and the last has no position.
     #[test]
     fn three_cycles_of_five_are_missed() {
         let (plan, mut frames) = two_cycles();

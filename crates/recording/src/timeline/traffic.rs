@@ -1,4 +1,4 @@
-//! How busy the bus is, from the first SYNC to the end of what is judged.
+//! Bus load from the first SYNC to the end of the judged time.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use canopen::CanFrame;
 use dbc::scenario_clock::SYNC_COB_ID;
 use scenario::Trial;
 
-/// Counts the bits of all frames and measures the time between SYNCs.
+/// Counter of the bits of all frames and of the time between SYNCs.
 #[derive(Clone)]
 pub(super) struct Traffic {
     bitrate_kilobits_per_second: f64,
@@ -43,7 +43,7 @@ impl Traffic {
         }
     }
 
-    /// NaN before there are two frames from the first SYNC on.
+    /// Returns NaN before there are two frames from the first SYNC on.
     pub(super) fn load_percent(&self) -> f64 {
         let Some(first) = self.first_sync else {
             return f64::NAN;
@@ -58,7 +58,7 @@ impl Traffic {
         }
     }
 
-    /// NaN before there are two SYNCs.
+    /// Returns NaN before there are two SYNCs.
     pub(super) fn sync_interval_milliseconds_max(&self) -> f64 {
         self.sync_interval_max
             .map_or(f64::NAN, |interval| 1e3 * interval.as_secs_f64())

@@ -9,21 +9,21 @@ use plan::error_frames::{
     BACK_TO_ACTIVE, BUS_OFF, CONTROLLER, RECEIVE_PASSIVE, RESTARTED, TRANSMIT_PASSIVE,
 };
 
-/// What a transmitter's error adds to its counter, and a receiver's to its.
+/// Increase of a counter by an error, for a transmitter and for a receiver.
 const TRANSMIT_ERROR: u16 = 8;
 const RECEIVE_ERROR: u16 = 1;
-/// Above this a station is error passive.
+/// Largest counter of an error active station; above it the station is error passive.
 const ACTIVE_MAX: u16 = 127;
-/// Above this a transmitter is bus-off.
+/// Largest counter of an error passive transmitter; above it the station is bus-off.
 const PASSIVE_MAX: u16 = 255;
-/// What a good reception makes of a receive counter above [`ACTIVE_MAX`]; the standard admits 119 to 127.
+/// Receive counter after a good reception, if it was above [`ACTIVE_MAX`]; the standard permits 119 to 127.
 const RECOVERED_RECEIVE_COUNT: u16 = 119;
-/// Bus-off ends after so many sequences of recessive bits.
+/// Number of sequences of recessive bits after which bus-off ends.
 const RECOVERY_SEQUENCES: u32 = 128;
-/// Their length.
+/// Length of such a sequence.
 pub(crate) const SEQUENCE_BITS: u32 = 11;
 
-/// How far a station takes part in the bus.
+/// Activity of a station on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Activity {
     /// It answers an error with an active error flag.
@@ -34,17 +34,17 @@ pub(crate) enum Activity {
     Off,
 }
 
-/// A station's counters.
+/// Error counters of a station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ErrorState {
     transmit: u16,
     receive: u16,
-    /// Recessive sequences seen since bus-off, and up to when they are counted.
+    /// Recessive sequences seen since bus-off, and the time up to which they are counted.
     recovery: Option<(u32, Duration)>,
 }
 
 impl ErrorState {
-    /// How far the station takes part.
+    /// Returns the station's activity.
     #[must_use]
     pub(crate) fn activity(&self) -> Activity {
         if self.recovery.is_some() {
@@ -56,7 +56,7 @@ impl ErrorState {
         }
     }
 
-    /// Its own frame was disturbed; the bus is free again at `free_at`.
+    /// Counts an error in the station's own frame; the bus is free again at `free_at`.
     pub(crate) fn on_transmit_error(&mut self, free_at: Duration) {
         self.transmit += TRANSMIT_ERROR;
         if self.transmit > PASSIVE_MAX {
@@ -64,17 +64,17 @@ impl ErrorState {
         }
     }
 
-    /// A frame of another was disturbed.
+    /// Counts an error in another station's frame.
     pub(crate) fn on_receive_error(&mut self) {
         self.receive = (self.receive + RECEIVE_ERROR).min(PASSIVE_MAX);
     }
 
-    /// Its own frame has passed.
+    /// Counts a frame of its own that has passed.
     pub(crate) fn on_transmitted(&mut self) {
         self.transmit = self.transmit.saturating_sub(1);
     }
 
-    /// A frame of another has passed.
+    /// Counts a frame of another station that has passed.
     pub(crate) fn on_received(&mut self) {
         self.receive = match self.receive {
             0 => 0,
@@ -83,7 +83,7 @@ impl ErrorState {
         };
     }
 
-    /// Something occupied the bus: the idle time before it counts, and its own recessive end as one sequence.
+    /// Counts a use of the bus: the idle time before it, and its own recessive end as one sequence.
     pub(crate) fn on_bus_used(&mut self, start: Duration, free_at: Duration, sequence: Duration) {
         if let Some((sequences, counted_to)) = &mut self.recovery {
             *sequences += idle_sequences(*counted_to, start, sequence) + 1;
@@ -91,20 +91,20 @@ impl ErrorState {
         }
     }
 
-    /// When bus-off ends if the bus stays idle.
+    /// Returns the time at which bus-off ends if the bus stays idle.
     #[must_use]
     pub(crate) fn recovers_at(&self, sequence: Duration) -> Option<Duration> {
         let (sequences, counted_to) = self.recovery?;
         Some(counted_to + sequence * RECOVERY_SEQUENCES.saturating_sub(sequences))
     }
 
-    /// Back from bus-off, with counters at 0.
+    /// Returns from bus-off, with counters at 0.
     pub(crate) fn recover(&mut self) {
         *self = Self::default();
     }
 
-    /// What the station's CAN driver reports of its state, as `linux/can/error.h` has it: the class, the controller's state, in
-    /// data[5] the node's number, the counters in data[6] and data[7].
+    /// Returns the message of the station's CAN driver on its state, as in `linux/can/error.h`: the class, the controller's
+    /// state, in data[5] the node's number, the counters in data[6] and data[7].
     #[must_use]
     pub(crate) fn message(&self, node: u8, has_recovered: bool) -> CanFrame {
         let (class, controller) = match self.activity() {

@@ -1,4 +1,4 @@
-//! Faults of the bus: what happens to frames at their sender's gateway, on the wire and at a receiver, and foreign nodes.
+//! Faults of the bus: of frames at their sender's gateway, on the wire and at a receiver, and foreign nodes.
 
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
@@ -16,21 +16,21 @@ use scenario::node::{Node, Part};
 use super::error_state::{Activity, ErrorState};
 use crate::names::emulator_name;
 
-/// Frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
+/// Largest number of frames that a driver keeps for a CAN controller which cannot send (assumed); it refuses more.
 const SEND_FRAMES_MAX: usize = 32;
 
 /// COB-IDs of the truth of all emulated drives.
 const TRUTH_COB_IDS: RangeInclusive<u16> = 0x6A1..=0x6BF;
 
-/// The node-ID in a COB-ID (CiA 301, 7.3.5).
+/// Bits of the node-ID in a COB-ID (CiA 301, 7.3.5).
 const NODE_ID_BITS: u16 = 0x7F;
-/// The fault of a receiver; all others are of senders.
+/// Name of the receiver's fault; all other faults are of senders.
 const LOSE: &str = "lose";
 
-/// A frame and the time from which it waits.
+/// Frame with the time from which it waits.
 type Timed = (Duration, CanFrame);
 
-/// Who has a CAN controller of its own on a bus of several loops.
+/// CAN controller on a bus of several loops, named by its owner.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(crate) enum Seat {
     /// The manager.
@@ -42,7 +42,7 @@ pub(crate) enum Seat {
 }
 
 impl Seat {
-    /// That of a node. The drives of a plant share a CAN controller, which is the first one's.
+    /// Returns the CAN controller of a node. The drives of a plant share the first drive's.
     fn new(node: &Node, plan: &Plan) -> Self {
         match node.part {
             Part::Controller => Self::Controller,
@@ -55,7 +55,7 @@ impl Seat {
     }
 }
 
-/// The node-IDs of the drives that move the plant of a drive, its own too.
+/// Returns the node-IDs of the drives that move the plant of a drive, with its own.
 fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
     let own = plan
         .loops
@@ -68,23 +68,23 @@ fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
     beside.map(|one| one.place.drive_node_id).collect()
 }
 
-/// A fault that hits frames, with its random numbers.
+/// Fault that hits frames, with its random numbers.
 #[derive(Debug)]
 struct Hitting {
     fault: Fault,
-    /// Only frames with this identifier.
+    /// Identifier of the frames to hit; all frames if `None`.
     identifier: Option<u16>,
-    /// Whom; everybody without.
+    /// CAN controller to hit; all if `None`.
     seat: Option<Seat>,
-    /// Of a drive that shares a CAN controller with others: its node-ID, by which its own frames are known.
+    /// Node-ID of a drive that shares a CAN controller with others, by which its own frames are known.
     sender: Option<u8>,
     stream: Stream,
-    /// How many more of the present burst.
+    /// Number of frames left in the present burst.
     burst_left: u32,
 }
 
 impl Hitting {
-    /// The faults of a kind.
+    /// Returns the faults of a kind.
     fn all(plan: &Plan, kind: &str) -> Vec<Self> {
         let faults = plan.shared.run.faults.of(kind).cloned();
         let hitting = faults.map(|fault| {
@@ -109,7 +109,7 @@ impl Hitting {
         hitting.collect()
     }
 
-    /// Whether this frame is hit; each matching frame is asked about once.
+    /// Returns whether this frame is hit. Call it once for each matching frame.
     fn hits(&mut self, time_seconds: f64, frame: &CanFrame) -> bool {
         let is_meant = |id| frame.standard_id() == Some(id);
         let is_its = |node_id| {
@@ -140,7 +140,7 @@ fn identifier(fault: &Fault) -> Option<u16> {
     u16::try_from(fault.whole("identifier")?).ok()
 }
 
-/// A foreign node; all times are scenario times.
+/// Foreign node; all times are scenario times.
 #[derive(Debug)]
 struct Foreign {
     identifier: u16,
@@ -164,7 +164,7 @@ impl Foreign {
         }
     }
 
-    /// When its next frame is due, if the bus is free from a time on.
+    /// Returns when its next frame is due, if the bus is free from `free_at` on.
     fn next(&self, free_at: Duration) -> Option<Duration> {
         let periods = self.period.as_nanos() * u128::from(self.sent);
         let due = self.from + Duration::from_nanos_u128(periods);
@@ -177,7 +177,7 @@ impl Foreign {
     }
 }
 
-/// All that goes wrong with the bus.
+/// All faults of the bus.
 #[derive(Debug)]
 pub(crate) struct BusFaults {
     seats: Vec<Seat>,
@@ -188,18 +188,18 @@ pub(crate) struct BusFaults {
     corrupt: Vec<Hitting>,
     bit_error: Vec<Hitting>,
     foreign: Vec<Foreign>,
-    /// Frames that each station's gateway keeps until the next one has overtaken them.
+    /// Frames that each station's gateway holds until the next one has overtaken them.
     held: Vec<Vec<CanFrame>>,
-    /// The error counters of each station.
+    /// Error counters of each station.
     pub(crate) states: Vec<ErrorState>,
     clock: ScenarioClock,
 }
 
 impl BusFaults {
-    /// The faults of the loops for these participants; none where nothing goes wrong.
+    /// Makes the faults of the loops for these participants; `None` if there are none.
     ///
     /// # Errors
-    /// The database has no statusword, from which scenario time follows.
+    /// If the database has no statusword, from which scenario time follows.
     pub(crate) fn new(plan: &Plan, seats: Vec<Seat>) -> Result<Option<Self>, SignalMissing> {
         let faults = &plan.shared.run.faults;
         if faults.in_group(Group::Bus).next().is_none() {
@@ -221,7 +221,7 @@ impl BusFaults {
         }))
     }
 
-    /// Sees each frame that has passed.
+    /// Observes each frame that has passed.
     pub(crate) fn observe(&mut self, time: Duration, frame: &CanFrame) {
         self.clock.on_frame(time, frame);
     }
@@ -230,8 +230,8 @@ impl BusFaults {
         Some(time.checked_sub(self.clock.zero()?)?.as_secs_f64())
     }
 
-    /// Takes frames from a participant through its gateway into its outbox, which stays in the order of time. What a
-    /// station sends while it is off the bus is lost.
+    /// Takes frames from a participant through its gateway into its outbox, which stays in the order of time. Frames that a
+    /// station sends while it is off the bus are lost.
     pub(crate) fn queue(&mut self, index: usize, frames: &[Timed], outbox: &mut VecDeque<Timed>) {
         for (time, frame) in frames {
             if is_truth(frame) {
@@ -246,7 +246,7 @@ impl BusFaults {
         }
     }
 
-    /// What becomes of one frame at its sender.
+    /// Applies the sender's faults to one frame.
     fn gateway(&mut self, index: usize, time: Duration, mut frame: CanFrame) -> Vec<Timed> {
         let Some(seconds) = self.seconds(time) else {
             return vec![(time, frame)];
@@ -282,21 +282,21 @@ impl BusFaults {
         frames.map(|frame| (leaves, frame)).collect()
     }
 
-    /// Whether a receiver overruns on this frame.
+    /// Returns whether a receiver overruns on this frame.
     pub(crate) fn misses(&mut self, index: usize, time: Duration, frame: &CanFrame) -> bool {
         let Some(seconds) = self.seconds(time) else {
             return false;
         };
         let seat = self.seats[index];
         let mut is_missed = false;
-        // Each is asked, so that none depends on another.
+        // Every fault is asked, so that none depends on another.
         for lose in of_seat(&mut self.lose, seat) {
             is_missed |= lose.hits(seconds, frame);
         }
         is_missed
     }
 
-    /// Whether this transmission is disturbed, and after how many of the frame's bits.
+    /// Returns after how many of the frame's bits this transmission is disturbed; `None` if it is not.
     pub(crate) fn disturbs(
         &mut self,
         index: usize,
@@ -316,7 +316,7 @@ impl BusFaults {
         disturbed
     }
 
-    /// When a foreign node next wants to send, if the bus is free from `free_at` on.
+    /// Returns the time at which a foreign node next wants to send, if the bus is free from `free_at` on.
     #[must_use]
     pub(crate) fn next_foreign(&self, free_at: Duration) -> Option<Duration> {
         let zero = self.clock.zero()?;
@@ -325,13 +325,13 @@ impl BusFaults {
         next.min().map(|next| zero + next)
     }
 
-    /// The frame with which the foreign nodes take part in the arbitration at `now`: that with the lowest identifier.
+    /// Returns the frame of the foreign nodes in the arbitration at `now`, the one with the lowest identifier.
     #[must_use]
     pub(crate) fn foreign(&self, now: Duration) -> Option<CanFrame> {
         self.due(now).map(|place| self.foreign[place].frame())
     }
 
-    /// The foreign frame has won.
+    /// Notes that the foreign frame has won.
     pub(crate) fn take_foreign(&mut self, now: Duration) {
         if let Some(place) = self.due(now) {
             self.foreign[place].sent += 1;
@@ -347,13 +347,13 @@ impl BusFaults {
             .map(|(place, _)| place)
     }
 
-    /// Errors on the wire may reach a participant at the end of anybody's frame, so nobody may go ahead.
+    /// Returns whether no participant may go ahead: errors on the wire may reach it at the end of any frame.
     #[must_use]
     pub(crate) fn forbids_look_ahead(&self) -> bool {
         !self.bit_error.is_empty()
     }
 
-    /// The number of a participant's node, for its error messages.
+    /// Returns the number of a participant's node, for its error messages.
     #[must_use]
     pub(crate) fn node_number(&self, index: usize) -> u8 {
         match self.seats[index] {
@@ -364,8 +364,8 @@ impl BusFaults {
     }
 }
 
-/// The emulated plant has a CAN controller of its own, with which nothing is ever wrong: it must report what became of the
-/// wire.
+/// Returns whether a frame is a report of the emulated plant. Its CAN controller has no faults, since the report must tell the
+/// true effect of faults on the wire.
 #[must_use]
 pub(crate) fn is_truth(frame: &CanFrame) -> bool {
     let id = frame.standard_id();
@@ -377,13 +377,13 @@ fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
     outbox.insert(place, (time, frame));
 }
 
-/// The faults that hit a participant.
+/// Returns the faults that hit a participant.
 fn of_seat(faults: &mut [Hitting], seat: Seat) -> impl Iterator<Item = &mut Hitting> {
     let is_meant = move |one: &&mut Hitting| one.seat.is_none_or(|own| own == seat);
     faults.iter_mut().filter(is_meant)
 }
 
-/// The frame with some bits of its payload inverted.
+/// Returns the frame with some bits of its payload inverted.
 fn inverted(frame: &CanFrame, bits: u32, stream: &mut Stream) -> CanFrame {
     let (mut data, length) = (frame.buffer(), frame.data().len());
     for _ in 0..bits {

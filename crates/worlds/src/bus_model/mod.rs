@@ -1,4 +1,4 @@
-//! A CAN bus in virtual time: when a frame has passed and when the next may start (ISO 11898-1, 10.4 to 10.8).
+//! Model of a CAN bus in virtual time: the end of each frame and the earliest start of the next (ISO 11898-1, 10.4 to 10.8).
 
 pub(crate) mod error_state;
 pub(crate) mod faults;
@@ -8,29 +8,29 @@ use std::time::Duration;
 use canopen::CanFrame;
 use canopen::frame_bits::{INTERFRAME_BITS, occupied_bits};
 
-/// An active error flag and those of the others, which it makes see an error six bits later.
+/// Bits of an active error flag and of the other stations' flags, which see an error six bits later because of it.
 const ACTIVE_FLAGS_BITS: u32 = 6 + 6;
-/// A transmitter's passive error flag, which nobody else sees.
+/// Bits of a transmitter's passive error flag, which no other station sees.
 const PASSIVE_FLAG_BITS: u32 = 6;
 /// Recessive bits after error flags.
 const ERROR_DELIMITER_BITS: u32 = 8;
-/// An error passive station waits so long after its own frame.
+/// Bits for which an error passive station waits after its own frame.
 pub(crate) const SUSPEND_BITS: u32 = 8;
 
-/// More bits than a frame takes, disturbed or not.
+/// Upper bound of the bits of a frame, disturbed or not.
 const FRAME_BITS_END: usize = 256;
 
-/// The wire: at most one frame at a time.
+/// Wire, with at most one frame at a time.
 #[derive(Debug)]
 pub(crate) struct BusModel {
     nanoseconds_per_bit: f64,
-    /// How long as many bits as frames have take, since each frame asks twice.
+    /// Durations by number of bits, for the lengths of frames, since each frame asks twice.
     frame_times: [Duration; FRAME_BITS_END],
     free_at: Duration,
 }
 
 impl BusModel {
-    /// An idle bus.
+    /// Makes an idle bus.
     #[must_use]
     pub(crate) fn new(bitrate_kilobits_per_second: u32) -> Self {
         let nanoseconds_per_bit = 1e6 / f64::from(bitrate_kilobits_per_second);
@@ -45,13 +45,13 @@ impl BusModel {
         }
     }
 
-    /// When the next frame may start.
+    /// Returns the time at which the next frame may start.
     #[must_use]
     pub(crate) fn free_at(&self) -> Duration {
         self.free_at
     }
 
-    /// Puts a frame on the idle bus. Returns when its last bit has passed, and how many bits it takes, as
+    /// Puts a frame on the idle bus. Returns the time of its last bit, and the number of bits that it takes, as
     /// [`occupied_bits`].
     pub(crate) fn transmit(&mut self, start: Duration, frame: &CanFrame) -> (Duration, u32) {
         let occupied = occupied_bits(frame);
@@ -60,7 +60,7 @@ impl BusModel {
         (end, occupied)
     }
 
-    /// A transmission that is disturbed after some bits: error flags and delimiter follow. Returns when they have passed.
+    /// Disturbs a transmission after some bits: error flags and delimiter follow. Returns the time at which they have passed.
     pub(crate) fn disturb(&mut self, start: Duration, bits: u32, is_passive: bool) -> Duration {
         let flags = if is_passive {
             PASSIVE_FLAG_BITS
@@ -72,7 +72,7 @@ impl BusModel {
         start + self.bit_time(occupied)
     }
 
-    /// How long a number of bits takes.
+    /// Returns the duration of a number of bits.
     #[must_use]
     pub(crate) fn bit_time(&self, bits: u32) -> Duration {
         let known = self.frame_times.get(bits as usize);

@@ -1,26 +1,26 @@
-//! What was checked, and what came of it.
+//! Checks with their outcomes.
 
 use std::fmt;
 
-/// What came of a check.
+/// Outcome of a check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CheckOutcome {
-    /// All is well.
+    /// The check passed.
     Passed,
-    /// It is not.
+    /// The check failed.
     Failed,
-    /// Nobody reports it, or it was not asked for.
+    /// No value is reported, or the check was not asked for.
     Open,
 }
 
-/// One line of the checklist.
+/// Line of the checklist.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// What was checked.
+    /// Name of the check.
     pub name: &'static str,
-    /// What came of it.
+    /// Outcome of the check.
     pub outcome: CheckOutcome,
-    /// What was found and, where it is wrong, what to do.
+    /// Finding and, after a failure, a remedy.
     pub found: String,
 }
 
@@ -46,7 +46,7 @@ impl Check {
     }
 }
 
-/// `✓ bit rate       1000 kbit/s`
+/// Writes a line such as `✓ bit rate       1000 kbit/s`.
 impl fmt::Display for Check {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mark = match self.outcome {

@@ -1,5 +1,5 @@
-//! The drive under a slow heating ramp, as the bus shows it: where the load rests, which way it moves, and whether the
-//! current goes when it is commanded to.
+//! Drive under a slow heating ramp, as the bus shows it: the rest position of the load, the direction of its motion, and the end
+//! of the current on command.
 
 use std::time::Duration;
 
@@ -18,20 +18,20 @@ use plan::loaded_drive::LoadedDrive;
 use recording::capture::Capture;
 use recording::log::Stamped;
 
-/// How long the load is watched at rest before the current rises.
+/// Time for which the load is watched at rest before the current rises.
 pub(super) const REST: Duration = Duration::from_secs(1);
-/// Motion is a displacement of so many steps of the sensor.
+/// Smallest displacement that counts as motion, in steps of the sensor.
 const MOTION_STEPS: f64 = 5.0;
-/// No current is less than this part of the limit: what a drive's measurement may be off.
+/// Fraction of the limit below which a current counts as none: the possible offset of a drive's measurement.
 const NO_CURRENT: f64 = 0.05;
 
-/// What the bus has shown so far.
+/// State of a heating session, as the bus has shown it so far.
 pub(super) struct Heating<'a> {
     drive: &'a LoadedDrive,
-    /// The unit of the drive's positions.
+    /// Unit of the drive's positions.
     unit: &'a Unit,
     clock: ScenarioClock,
-    /// How many frames of the recording have been read.
+    /// Number of frames of the recording that were read.
     frames_read: usize,
     commanded_amperes: f64,
     phase: Phase,
@@ -40,7 +40,7 @@ pub(super) struct Heating<'a> {
 }
 
 impl<'a> Heating<'a> {
-    /// A session that has shown nothing yet, of a drive whose positions are in this unit.
+    /// Makes the session of a drive whose positions are in this unit, before its first frame.
     pub(super) fn new(drive: &'a LoadedDrive, clock: ScenarioClock, unit: &'a Unit) -> Self {
         Self {
             drive,
@@ -54,7 +54,7 @@ impl<'a> Heating<'a> {
         }
     }
 
-    /// Reads what is new in a recording.
+    /// Reads the new frames of a recording.
     pub(super) fn follow(&mut self, capture: &Capture<'_>) {
         let mut seen = self.frames_read;
         self.read(capture.since(&mut seen));
@@ -67,12 +67,12 @@ impl<'a> Heating<'a> {
         }
     }
 
-    /// How long a heartbeat of the drive may be awaited.
+    /// Returns the longest time to await a heartbeat of the drive.
     pub(super) fn patience(&self) -> Duration {
         Duration::from_millis(self.drive.real.timeouts.drive_lost_milliseconds.into())
     }
 
-    /// Whether the ramp has shown what it can.
+    /// Returns whether the ramp has shown all that it can.
     pub(super) fn is_over(&self) -> bool {
         self.phase.motion().is_some_and(|motion| {
             let is_warm = motion.has_moved() || !self.drive.real.preflight.heating;
@@ -80,7 +80,7 @@ impl<'a> Heating<'a> {
         })
     }
 
-    /// Whether a heartbeat has shown that the drive obeyed NMT stop.
+    /// Returns whether a heartbeat has shown that the drive obeyed NMT stop.
     pub(super) fn is_stopped(&self) -> bool {
         matches!(self.nmt_stop, NmtStop::Obeyed { .. })
     }
@@ -128,7 +128,7 @@ impl<'a> Heating<'a> {
         frame.standard_id() == Some(id) && frame.data().first() == Some(&NmtState::Stopped.number())
     }
 
-    /// What is motion, in the drive's unit.
+    /// Returns the smallest displacement that is motion, in the drive's unit.
     fn motion(&self) -> f64 {
         MOTION_STEPS * self.drive.real.drive.position.resolution
     }
@@ -137,7 +137,7 @@ impl<'a> Heating<'a> {
         NO_CURRENT * self.drive.real.limits.current_amperes
     }
 
-    /// The checks up to the first that failed, when the session has ended like this.
+    /// Returns the checks up to the first failure, after a session that ended like this.
     pub(super) fn checks(&self, ended: Result<(), &WorldError>) -> Vec<Check> {
         let found = [
             ("configuration", self.configuration()),
@@ -201,7 +201,7 @@ impl<'a> Heating<'a> {
         }
     }
 
-    /// Whether the position without current can be true.
+    /// Checks that the position without current is plausible.
     fn position(&self) -> Result<(), String> {
         let Some(rest) = self.phase.rest() else {
             return Ok(());
@@ -242,7 +242,7 @@ impl<'a> Heating<'a> {
         if !preflight.heating {
             Found::Open("not heated, as you wished".to_owned())
         } else if displacement <= -threshold {
-            // Beyond a limit of the rig it may be before it is motion.
+            // A motion may reach a limit of the rig before it counts as motion.
             Found::Failed(format!(
                 "falls by {:.2} {symbol} at {amperes:.2} A: a positive current raises the position; turn the sign of increments_per_unit",
                 -displacement
@@ -295,10 +295,10 @@ impl<'a> Heating<'a> {
     }
 }
 
-/// A drive that never showed that it is switched off.
+/// Returns the finding for a drive that never showed that it is switched off.
 fn disobeyed(quick_stop: &QuickStop, no_current_amperes: f64) -> Found {
     match quick_stop.last.map(|sample| sample.current_amperes) {
-        // As when a limit was violated: NMT stop came at once.
+        // As after a violation of a limit: NMT stop came at once.
         None => Found::Missing("no sample came after it".to_owned()),
         Some(Some(amperes)) if amperes.abs() > no_current_amperes => Found::Failed(format!(
             "the drive does not obey: {amperes:.2} A flow on; switch it off by hand"
@@ -313,7 +313,7 @@ enum Found {
     Passed(String),
     Failed(String),
     Open(String),
-    /// It was not seen; how the session ended says why, else this text.
+    /// It was not seen. The end of the session gives the reason, or otherwise this text.
     Missing(String),
 }
 
@@ -328,7 +328,7 @@ impl Found {
     }
 }
 
-/// Why the session failed; of a controller that gave up, what it said last.
+/// Returns the reason why the session failed; for a controller that gave up, its last line.
 fn reason(error: &WorldError) -> String {
     match error {
         WorldError::Process { log, .. } => log.lines().last().map(|line| line.trim().to_owned()),
@@ -339,14 +339,14 @@ fn reason(error: &WorldError) -> String {
     .unwrap_or_else(|| error.to_string())
 }
 
-/// The extreme value that the object has at a position, as a sensor's that is not connected.
+/// Returns the extreme value of the object at a position, as of an unconnected sensor.
 fn extreme(position: &Scaled, at: f64) -> Option<f64> {
     let bits = 8 * i32::try_from(position.field.length_bytes).unwrap_or(4);
     let raw = (at * position.units + position.offset).round();
     let extremes = if position.field.is_signed {
         [-(2_f64.powi(bits - 1)), 2_f64.powi(bits - 1) - 1.0]
     } else {
-        // 0 is where many a sensor's load rests.
+        // 0 is the rest position of many sensors.
         [2_f64.powi(bits) - 1.0; 2]
     };
     extremes
@@ -354,7 +354,7 @@ fn extreme(position: &Scaled, at: f64) -> Option<f64> {
         .find(|extreme| raw.to_bits() == extreme.to_bits())
 }
 
-/// Where the load rests, to the hundredth of its unit; a zero has no sign.
+/// Describes the rest position of the load, to the hundredth of its unit; a zero has no sign.
 fn at_rest(rest: Span, unit: &Unit) -> String {
     let [low, high] = [rest.low, rest.high].map(|at| (100.0 * at).round() / 100.0 + 0.0);
     format!("{low:.2} to {high:.2} {} without current", unit.symbol())
@@ -368,7 +368,7 @@ mod tests {
 
     use super::*;
 
-    /// The emulated drive, as a real one.
+    /// Returns the emulated drive, as a real one.
     fn drive() -> LoadedDrive {
         let limits = Limits {
             current_amperes: 0.9,
@@ -382,14 +382,14 @@ mod tests {
 
     const PERIOD: Duration = Duration::from_millis(10);
 
-    /// A session on the emulated drive, whose frames may be left out or made otherwise.
+    /// Session on the emulated drive, whose frames may be left out or changed.
     struct SessionFrames {
         frames: Vec<Stamped>,
         now: Duration,
     }
 
     impl SessionFrames {
-        /// Rest, a ramp with motion, quick stop and NMT stop, as they should be.
+        /// Makes a good session: rest, a ramp with motion, quick stop and NMT stop.
         fn good() -> Self {
             let mut session = Self::heated(0.5);
             session.stop(&[(0x0250, 0), (0x0250, 0)]);
@@ -398,7 +398,7 @@ mod tests {
             session
         }
 
-        /// Until the load has moved.
+        /// Makes a session up to the motion of the load.
         fn heated(millimetres: f64) -> Self {
             let mut session = Self {
                 frames: Vec::new(),
@@ -412,7 +412,7 @@ mod tests {
             session
         }
 
-        /// The samples after a quick stop.
+        /// Adds the samples after a quick stop.
         fn stop(&mut self, samples: &[(u16, i16)]) {
             self.push(CanFrame::new(0x210, &[2, 0, 0, 0]));
             for (statusword, milliamperes) in samples {
@@ -436,7 +436,7 @@ mod tests {
             self.frames.push(Stamped::new(self.now, frame));
         }
 
-        /// The checklist, and whether the bench would have ended the ramp.
+        /// Returns the checklist, and whether the bench would have ended the ramp.
         fn judged(&self) -> (String, bool) {
             self.judged_in(&Unit::Millimetres)
         }

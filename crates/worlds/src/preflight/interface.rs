@@ -1,4 +1,4 @@
-//! The interface to the bus: is it up, at the right bit rate, and without errors?
+//! Checks of the interface to the bus: its state, its bit rate, and its errors.
 
 use std::io;
 
@@ -12,7 +12,7 @@ const BIT_RATE: &str = "bit rate";
 const BUS_ERRORS: &str = "bus errors";
 const BITS_PER_KILOBIT: u32 = 1000;
 
-/// What the kernel reports of the interface, held against the bit rate that the rig file or the scenario has.
+/// Checks the kernel's report on the interface against the bit rate of the rig file or the scenario.
 pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
     match bus {
         RunBus::Interface(name) => checks_of(name, platform::link::link(name), kilobits_per_second),

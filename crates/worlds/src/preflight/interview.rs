@@ -1,7 +1,7 @@
-//! The drive and what else is expected on the bus: are they there, who are they, and do they have the objects?
+//! Checks of the drive and the other expected nodes on the bus: their presence, their identity, and their objects.
 //!
-//! A node without node-ID. It listens whether somebody else leads, sends the manager's heartbeat from then on, resets the
-//! drive's communication, and asks by SDO, one object after the other. No current can flow: a drive that was reset is not
+//! The interview is a node without node-ID. It listens for another manager, sends the manager's heartbeat from then on, resets
+//! the drive's communication, and asks by SDO, one object after the other. No current can flow: a drive that was reset is not
 //! enabled.
 
 use std::collections::VecDeque;
@@ -20,11 +20,11 @@ use plan::data_sheet::{DataSheet, data_sheets_led_by};
 use plan::loaded_drive::LoadedDrive;
 use plan::presence::Presence;
 
-/// How long is listened for another manager: longer than its SYNCs are apart.
+/// Time to listen for another manager, longer than the period of its SYNC.
 const LISTEN_TIME: Duration = Duration::from_millis(300);
-/// Between two calls to a node that has not answered.
+/// Time between two calls to a node that has not answered.
 const CALL_PERIOD: Duration = Duration::from_millis(100);
-/// Standard objects that a controller uses, where the drive has them.
+/// Standard objects that a controller uses, if the drive has them.
 const USED: [(u16, u8); 4] = [
     (cia402::CONTROLWORD, 0),
     (cia402::STATUSWORD, 0),
@@ -35,11 +35,11 @@ const HEARTBEAT_TIME: (u16, u8) = (0x1017, 0);
 const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
 const IDENTITY: [(u16, u8); 3] = [DEVICE_TYPE, (0x1018, 1), (0x1018, 2)];
 
-/// One SDO transfer.
+/// SDO transfer.
 #[derive(Clone, Debug)]
 struct Question {
     entry: Entry,
-    /// What is written; read without.
+    /// Bytes to write; a read if `None`.
     written: Option<Vec<u8>>,
 }
 
@@ -66,13 +66,13 @@ enum Phase {
     Done,
 }
 
-/// The questions to the nodes of a rig, and their answers.
+/// Questions to the nodes of a rig, with their answers.
 #[derive(Debug)]
 pub(super) struct Interview {
     dictionary: ObjectDictionary,
     patience: Duration,
     phase: Phase,
-    /// The drive first, then other nodes that are only called.
+    /// Nodes to call, the drive first.
     to_call: VecDeque<(NodeId, &'static str)>,
     present: Vec<(NodeId, &'static str)>,
     client: SdoClient,
@@ -88,7 +88,7 @@ pub(super) struct Interview {
 }
 
 impl Interview {
-    /// The interview of a drive, and a call to `others`, by a manager with this node-ID.
+    /// Makes the interview of a drive, with a call to `others`, by a manager with this node-ID.
     pub(super) fn new(
         drive: &LoadedDrive,
         dictionary: ObjectDictionary,
@@ -133,12 +133,12 @@ impl Interview {
         }
     }
 
-    /// How another manager showed, if one did.
+    /// Returns the evidence of another manager, if one was heard.
     pub(super) fn manager(&self) -> Option<&str> {
         self.manager.as_deref()
     }
 
-    /// What came of it.
+    /// Returns the results of the interview.
     pub(super) fn checks(&self) -> Vec<Check> {
         let mut checks = vec![self.no_other_manager()];
         if self.manager.is_some() {
@@ -288,7 +288,7 @@ impl Interview {
     }
 }
 
-/// Every object of the drive that a run uses.
+/// Returns every object of the drive that a run uses.
 fn objects_of(drive: &LoadedDrive) -> Vec<(u16, u8)> {
     let drive = &drive.real.drive;
     let named = [
@@ -303,7 +303,7 @@ fn objects_of(drive: &LoadedDrive) -> Vec<(u16, u8)> {
     addresses.chain(USED).chain([HEARTBEAT_TIME]).collect()
 }
 
-/// Read what the EDS calls readable, and write 0 to what it calls writable: that takes a command or a watch away.
+/// Reads objects that are readable by the EDS, and writes 0 to writable ones: that removes a command or switches a watch off.
 fn questions(entry: Entry) -> Vec<Question> {
     let mut questions = Vec::new();
     if entry.access.is_readable() {
@@ -312,7 +312,7 @@ fn questions(entry: Entry) -> Vec<Question> {
             written: None,
         });
     }
-    // 0 is no mode of some drives; it is written with its right value later.
+    // 0 is no mode of some drives; the object is written with its right value later.
     let may_be_zero = entry.index != cia402::MODES_OF_OPERATION;
     if let Some(bytes) = entry.data_type.size_bytes()
         && entry.access.is_writable()
@@ -359,7 +359,7 @@ fn check_objects(answers: &[&Answer]) -> Check {
     )
 }
 
-/// A drive may take its controlword in NMT state operational only: what it refuses before commands nothing.
+/// Returns whether the drive refused its controlword before NMT state operational, as some do; the object then commands nothing.
 fn waits_for_operational(question: &Question, error: &SdoError) -> bool {
     let states = [AbortCode::DEVICE_STATE, AbortCode::LOCAL_CONTROL];
     question.entry.index == cia402::CONTROLWORD
@@ -370,7 +370,7 @@ fn has_answered(result: &Result<Vec<u8>, SdoError>) -> bool {
     !matches!(result, Err(error) if matches!(error.failure, SdoFailure::TimedOut(_)))
 }
 
-/// A little-endian number of one to four bytes.
+/// Decodes a little-endian number of one to four bytes.
 fn unsigned(bytes: &[u8]) -> Option<u32> {
     let mut buffer = [0; 4];
     buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);
@@ -384,7 +384,7 @@ impl Node for Interview {
 
     fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         self.presence.on_frame(frame);
-        // Its own frames do not come back, so the heartbeat that it hears is somebody else's.
+        // Its own frames do not come back, so a heartbeat that it hears is another manager's.
         self.manager = self.presence.manager(&self.sheets);
         if self.manager.is_some() {
             self.phase = Phase::Done;

@@ -1,8 +1,8 @@
-//! Before the first scenario runs on a drive that is not the emulator: a checklist.
+//! Pre-flight: a checklist before the first scenario on a drive that is not the emulator.
 //!
-//! First what can be asked without any current: the interface (`interface`), then the nodes and their objects (`interview`).
-//! Then our controller leads the drive as it will later, under the same limits and the same supervisor, but with a slow
-//! heating ramp, and what the bus shows is judged (`heating`). The first check that fails ends it.
+//! The first checks need no current: the interface (`interface`), then the nodes and their objects (`interview`). Then our
+//! controller leads the drive as it will later, under the same limits and the same supervisor, but with a slow heating ramp, and
+//! the frames on the bus are judged (`heating`). The first check that fails ends it.
 
 mod checklist;
 mod heating;
@@ -40,41 +40,41 @@ use recording::progress::ProgressReader;
 use recording::run_folder::RunFolder;
 use recording::session::write_plan;
 
-/// Name of the session under which the drive is heated, and of its folder.
+/// Name of the session in which the drive is heated, and of its folder.
 const NAME: &str = "pre-flight";
-/// The file of its rig.
+/// File of its rig.
 const RIG: &str = "rig.toml";
-/// An emulated drive's sensor is taken to resolve its travel by 10 bits, as that of the shipped rig does.
+/// Steps of an emulated drive's sensor over its travel: assumed to be 10 bits, as in the shipped rig.
 const STEPS_OF_TRAVEL: f64 = 1024.0;
-/// Nothing takes less than this through its travel, where its node does not say how fast it is. Assumed: the paper's wire needs 0.2 s.
+/// Shortest time for the whole travel, if the node does not state its rate. Assumed: the paper's wire needs 0.2 s.
 const TRAVEL_SECONDS: f64 = 0.12;
-/// How often is looked whether the user stops the pre-flight.
+/// Period of the check whether the user stops the pre-flight.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
-/// Heartbeats of a drive that was stopped are awaited for so long beyond their time-out.
+/// Time beyond the time-out for which a stopped drive's heartbeats are awaited.
 const HEARTBEAT_PATIENCE: Duration = Duration::from_millis(50);
 
-/// What happens during a pre-flight.
+/// Event during a pre-flight.
 pub enum PreflightEvent {
-    /// It begins.
+    /// The pre-flight begins.
     Begun,
     /// The checks of one of several drives begin.
     Drive(String),
-    /// Something was checked.
+    /// A check was made.
     Checked(Check),
     /// The wire cools before the scenario.
     Cooling(Duration),
 }
 
-/// The pre-flight of one command: made once for each drive, before its first scenario.
+/// Pre-flight of one command, made once for each drive, before its first scenario.
 pub struct Preflight {
     may_heat: bool,
-    /// Which drives passed it.
+    /// Drives that have passed it.
     passed: RefCell<BTreeSet<String>>,
     has_failed: Cell<bool>,
 }
 
 impl Preflight {
-    /// A pre-flight that may heat the wire, or may not.
+    /// Makes a pre-flight that may or may not heat the wire.
     #[must_use]
     pub fn new(may_heat: bool) -> Self {
         Self {
@@ -84,17 +84,17 @@ impl Preflight {
         }
     }
 
-    /// Whether a check failed, or could not be made: then nothing more may be played.
+    /// Returns whether a check failed, or could not be made; then no further scenario may be played.
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.has_failed.get()
     }
 
-    /// Makes the checks of each drive that is not the emulator, unless it has passed them; a folder in `parent` keeps what was
-    /// on the bus while a drive was led.
+    /// Makes the checks of each drive that is not the emulator, unless it has passed them. A folder in `parent` keeps the frames
+    /// while a drive was led.
     ///
     /// # Errors
-    /// The check that failed, or why it could not be made.
+    /// With the failed check, or the reason why it could not be made.
     pub fn make(
         &self,
         plan: &Plan,
@@ -159,7 +159,7 @@ impl Preflight {
         Ok(End::Completed)
     }
 
-    /// The checks of one drive.
+    /// Makes the checks of one drive.
     fn check_drive(
         &self,
         plan: &Plan,
@@ -204,7 +204,7 @@ impl Preflight {
         cool(cooling, one.nodes.controller.id, connection, watch)
     }
 
-    /// The drive, or one like the emulated drive where the rig says nothing of it, with the user's wish.
+    /// Returns the drive, or one like the emulated drive if the rig does not describe it, with the user's choice on heating.
     fn drive(&self, one: &ControlLoop) -> Result<LoadedDrive, WorldError> {
         let mut drive = match &one.real_drive {
             Some(drive) => LoadedDrive::clone(drive),
@@ -218,7 +218,7 @@ impl Preflight {
     }
 }
 
-/// Which drive it is: scenarios of one command may name several rigs.
+/// Identifies a drive: scenarios of one command may name several rigs.
 fn who(one: &ControlLoop) -> String {
     let real = one.real_drive.as_deref().map(|drive| &drive.real);
     format!("{} {real:?}", one.place.drive_node_id)
@@ -239,14 +239,14 @@ fn pass(checks: Vec<Check>, report: &dyn Fn(&PreflightEvent)) -> Result<(), Worl
     Ok(())
 }
 
-/// Where the drive is led: with the folder of the recording in `parent`.
+/// Place in which the drive is led; the folder of the recording is in `parent`.
 struct Session<'a> {
     parent: &'a Path,
     connection: &'a mut BusConnection,
     watch: &'a Watch,
 }
 
-/// Leads the drive through the ramp and judges what was on the bus.
+/// Leads the drive through the ramp and judges the frames on the bus.
 fn heat(
     drive: LoadedDrive,
     (plan, one): (&Plan, &ControlLoop),
@@ -299,7 +299,7 @@ fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldE
     ))
 }
 
-/// What is known of a drive like the emulated one: its limits are what its positions can be.
+/// Returns the description of a drive like the emulated one: its limits are those of its positions.
 fn emulated(one: &ControlLoop) -> RealDrive {
     let wiring = &one.trial.wiring;
     let currents = wiring.current();
@@ -332,7 +332,7 @@ fn emulated(one: &ControlLoop) -> RealDrive {
     RealDrive::new(drive, limits)
 }
 
-/// The session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
+/// Returns the plan of the session in which the drive is led: at rest, then under a ramp from 0 A to its limit.
 fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, WorldError> {
     let preflight = &drive.real.preflight;
     let rest = heating::REST.as_secs_f64();
@@ -370,7 +370,7 @@ fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {
     }
 }
 
-/// Records on until a heartbeat of the drive says that it was stopped.
+/// Continues the recording until a heartbeat of the drive shows that it was stopped.
 fn await_stopped(
     connection: &mut BusConnection,
     capture: &mut Capture<'_>,
@@ -388,7 +388,7 @@ fn await_stopped(
     }
 }
 
-/// Waits, unless the user does not want to, and keeps the bench's place on the bus meanwhile.
+/// Waits, unless the user stops the pre-flight, and keeps the bench's place on the bus meanwhile.
 fn cool(
     time: Duration,
     manager: u8,

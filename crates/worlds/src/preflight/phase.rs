@@ -1,19 +1,19 @@
-//! What the bus shows of a heating session, phase by phase: the load rests, the current rises, the quick stop takes it away.
+//! Phases of a heating session on the bus: the load rests, the current rises, the quick stop switches it off.
 
 use std::time::Duration;
 
 use canopen::cia402::State;
 use scenario::rig::drive::Feedback;
 
-/// Motion is a displacement beyond the threshold in so many samples in a row, so that a spike is none.
+/// Number of samples in a row beyond the threshold that make a motion, so that a spike makes none.
 const MOTION_SAMPLES: u32 = 3;
 
-/// Where a session is, with what that phase has shown, and what is left of the phases before it.
+/// Phase of a session, with its observations and the remaining ones of the phases before.
 #[derive(Debug)]
 pub(super) enum Phase {
     /// The load rests without current.
     Rest {
-        /// None before the first sample.
+        /// `None` before the first sample.
         rest: Option<Span>,
     },
     /// The current rises.
@@ -21,14 +21,14 @@ pub(super) enum Phase {
     /// The quick stop was sent.
     Stop {
         rest: Option<Span>,
-        /// None if the stop came before the ramp.
+        /// `None` if the stop came before the ramp.
         motion: Option<Motion>,
         quick_stop: QuickStop,
     },
 }
 
 impl Phase {
-    /// A session without a sample.
+    /// Makes a session without a sample.
     pub(super) fn new() -> Self {
         Self::Rest { rest: None }
     }
@@ -55,7 +55,7 @@ impl Phase {
         }
     }
 
-    /// The quick stop was sent; only the first counts.
+    /// Notes a quick stop; only the first counts.
     pub(super) fn on_quick_stop(&mut self, now: Duration) {
         let motion = match self {
             Self::Rest { .. } => None,
@@ -69,20 +69,20 @@ impl Phase {
         };
     }
 
-    /// Whether any sample has come.
+    /// Returns whether any sample has come.
     pub(super) fn has_feedback(&self) -> bool {
         let is_stop_seen = self.quick_stop().is_some_and(|stop| stop.last.is_some());
         self.rest().is_some() || self.motion().is_some() || is_stop_seen
     }
 
-    /// Where the load rested; none without a sample.
+    /// Returns the rest position of the load; `None` without a sample.
     pub(super) fn rest(&self) -> Option<Span> {
         match self {
             Self::Rest { rest } | Self::Ramp { rest, .. } | Self::Stop { rest, .. } => *rest,
         }
     }
 
-    /// What the ramp has done to the load; none until the rest is over.
+    /// Returns the effect of the ramp on the load; `None` before the ramp.
     pub(super) fn motion(&self) -> Option<Motion> {
         match self {
             Self::Rest { .. } => None,
@@ -91,7 +91,7 @@ impl Phase {
         }
     }
 
-    /// What followed the quick stop; none until it was sent.
+    /// Returns the observations after the quick stop; `None` before it.
     pub(super) fn quick_stop(&self) -> Option<&QuickStop> {
         match self {
             Self::Stop { quick_stop, .. } => Some(quick_stop),
@@ -121,11 +121,11 @@ impl Span {
     }
 }
 
-/// How far the load is from where it rested, in the drive's unit, until it has moved.
+/// Displacement of the load from its rest position, in the drive's unit, until it has moved.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Motion {
     pub(super) displacement: f64,
-    /// The command under which the displacement came about.
+    /// Command that caused the displacement.
     pub(super) amperes: f64,
     samples_beyond: u32,
 }
@@ -152,13 +152,13 @@ impl Motion {
     }
 }
 
-/// What followed the quick stop.
+/// Observations after the quick stop.
 #[derive(Debug)]
 pub(super) struct QuickStop {
     sent_at: Duration,
-    /// How long after it the drive first showed that no current flows, and that it has left Operation enabled.
+    /// Delay until the drive first showed that no current flows, and that it has left Operation enabled.
     pub(super) without_current_after: Option<Duration>,
-    /// The last sample after it.
+    /// Last sample after it.
     pub(super) last: Option<Feedback>,
 }
 
@@ -171,7 +171,7 @@ impl QuickStop {
         }
     }
 
-    /// Takes a sample; a current of at most `no_current_amperes` is none.
+    /// Takes a sample; a current of at most `no_current_amperes` counts as none.
     pub(super) fn on_sample(
         &mut self,
         now: Duration,
@@ -190,7 +190,7 @@ impl QuickStop {
     }
 }
 
-/// Whether the drive obeys NMT stop, in whatever phase it was sent.
+/// Reaction of the drive to NMT stop, independent of the phase in which it was sent.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum NmtStop {
     NotSent,
@@ -204,14 +204,14 @@ pub(super) enum NmtStop {
 }
 
 impl NmtStop {
-    /// It was sent; only the first counts.
+    /// Notes NMT stop; only the first counts.
     pub(super) fn on_command(&mut self, now: Duration) {
         if let Self::NotSent = self {
             *self = Self::Sent { at: now };
         }
     }
 
-    /// A heartbeat of the drive has the state Stopped.
+    /// Notes a heartbeat of the drive with the state Stopped.
     pub(super) fn on_stopped_heartbeat(&mut self, now: Duration) {
         if let Self::Sent { at } = *self {
             let after = now.saturating_sub(at);

@@ -1,11 +1,11 @@
-//! The gateway and the receiver, without a bus.
+//! Tests of the gateway and the receiver, without a bus.
 
 use plan::catalogue::Catalogue;
 use scenario::Trial;
 
 use super::*;
 
-/// The faults of these tables for one drive, with scenario time begun at 0.
+/// Returns the faults of these tables for one drive; scenario time begins at 0.
 fn faults(tables: &str) -> BusFaults {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"
@@ -27,7 +27,7 @@ fn milliseconds(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
 }
 
-/// What leaves the gateway when 0x190 and 0x290 are sent at 1, 2, 3 … ms: times in milliseconds and identifiers.
+/// Returns the frames that leave the gateway if 0x190 and 0x290 are sent at 1, 2, 3 … ms: times in milliseconds and identifiers.
 fn sent(faults: &mut BusFaults, cycles: u64) -> Vec<(u128, u16)> {
     let mut outbox = VecDeque::new();
     for cycle in 1..=cycles {
