@@ -1,4 +1,4 @@
-//! Lists the scenarios and rig files that ship, for `shipped`: each by the place that it has where it is copied to.
+//! Lists the scenarios and rig files that ship, for `shipped`: each by its place below the folder to which it is copied.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -36,7 +36,7 @@ fn place(file: &Path, folder: &Path) -> PathBuf {
         .to_owned()
 }
 
-/// The files below a folder that somebody who tries canrig needs. The schemas are made by the program.
+/// Finds the files below a folder that a new user of canrig needs. The schemas are left out, since the program makes them.
 fn find(folder: &Path, files: &mut Vec<PathBuf>) {
     let entries = fs::read_dir(folder).expect("the folder is in the repository");
     for path in entries.map(|entry| entry.expect("readable").path()) {

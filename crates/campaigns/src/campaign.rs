@@ -1,4 +1,4 @@
-//! Many scenarios: each in virtual time within this process, several at a time, with nothing on the disk.
+//! Plays many scenarios: each in virtual time within this process, several at a time, without files.
 
 use std::any::Any;
 use std::error::Error;
@@ -21,7 +21,7 @@ use worlds::catalogue::catalogue;
 use worlds::programs::Hosting;
 use worlds::{Played, lockstep};
 
-/// Results that may wait for an earlier one to end, by thread: so much is held in memory, however many runs there are.
+/// Largest number of results per thread that wait for an earlier one. It bounds the memory, however many runs there are.
 const WAITING_MAX: usize = 32;
 
 /// How a campaign is played.
@@ -33,23 +33,23 @@ pub struct Campaign {
     pub is_shown: bool,
 }
 
-/// One run of a campaign, lent to the function that reduces it.
+/// Run of a campaign, lent to the function that reduces it.
 #[derive(Debug)]
 pub struct CampaignRun<'a> {
-    /// Its place in the campaign.
+    /// Place of the run in the campaign.
     pub index: usize,
-    /// What was played.
+    /// Plan that was played.
     pub plan: &'a Plan,
-    /// What was on the bus.
+    /// Frames of the run, as they were on the bus.
     pub frames: &'a Frames,
-    /// The same, decoded for each loop.
+    /// The same frames, decoded for each loop.
     pub timelines: &'a [Timeline],
-    /// What it came to; "incomplete" where the world broke off.
+    /// Verdict of the run; "incomplete" if the world broke off.
     pub verdict: &'a Verdict,
 }
 
 impl CampaignRun<'_> {
-    /// The signals of an only loop.
+    /// Returns the signals of the loop, if the plan has only one.
     #[must_use]
     pub fn only_timeline(&self) -> Option<&Timeline> {
         match self.timelines {
@@ -59,33 +59,33 @@ impl CampaignRun<'_> {
     }
 }
 
-/// A run that the program itself could not bring to a verdict.
+/// Run that the program itself could not bring to a verdict.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("run {index} ({name}, seed {seed}) failed: {reason}")]
 pub struct FailedRun {
-    /// Its place in the campaign.
+    /// Place of the run in the campaign.
     pub index: usize,
     /// The scenario's name.
     pub name: String,
     /// The scenario's seed.
     pub seed: u64,
-    /// What went wrong: the text of a panic or of an error.
+    /// Text of the panic or of the error.
     pub reason: String,
 }
 
-/// Why a run came to no result.
+/// Reason why a run has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoResult {
-    /// The program is at fault. It would be on any machine.
+    /// Fault of the program, which would occur on any machine.
     #[error("{0}")]
     Fault(String),
-    /// The machine is: a full disk, no memory, a file that cannot be read. Played again, the run may come to a result.
+    /// Fault of the machine: a full disk, no memory, a file that cannot be read. Played again, the run may have a result.
     #[error("{0}")]
     Machine(String),
 }
 
 impl NoResult {
-    /// Whose fault an error is: the machine's where the operating system refused something.
+    /// Attributes an error: to the machine if the operating system refused something, else to the program.
     fn of(error: &(dyn Error + 'static)) -> Self {
         let mut cause = Some(error);
         let mut is_machines = false;
@@ -101,22 +101,22 @@ impl NoResult {
     }
 }
 
-/// The user stopped the campaign.
+/// Error of a campaign that the user stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted by the user")]
 pub struct Interrupted;
 
-/// Why a campaign ended before its last run.
+/// Reason why a campaign ended before its last run.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Stopped<E> {
-    /// The user stopped it.
+    /// The user stopped the campaign.
     Interrupted,
-    /// A result was refused.
+    /// `on_result` refused a result.
     Refused(E),
 }
 
 impl Campaign {
-    /// As many runs at a time as there are cores.
+    /// Returns a campaign with as many runs at a time as there are cores.
     #[must_use]
     pub fn on_all_cores(is_shown: bool) -> Self {
         Self {
@@ -125,8 +125,8 @@ impl Campaign {
         }
     }
 
-    /// Plays the plans and keeps of each run what `reduce` returns; in their order, however many threads there are. Plans are made
-    /// when a thread is free. A run that panics has failed, and the others go on.
+    /// Plays the plans and returns the value of `reduce` for each run, in the order of the plans for any number of threads. Plans
+    /// are made when a thread is free. A run that panics has failed, and the others continue.
     ///
     /// # Errors
     /// The user stopped it.
@@ -155,9 +155,9 @@ impl Campaign {
         }
     }
 
-    /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs as soon as it
-    /// is their turn. What `work` panics with is its result. Holds as many results as some threads are ahead of the
-    /// slowest, within a bound, whatever the number of jobs.
+    /// Does `work` for each job, several at a time, and hands the results to `on_result` in the order of the jobs, each as soon
+    /// as its turn comes. A panic of `work` is its result. Holds at most the results by which some threads are ahead of the
+    /// slowest one, within a bound, for any number of jobs.
     ///
     /// # Errors
     /// The user stopped it, or `on_result` refused a result; it gets no later ones.
@@ -174,7 +174,7 @@ impl Campaign {
         let serve = |watch: &Watch| {
             while let Some((place, job)) = queue.next(watch) {
                 let done = caught(|| work(&job, watch));
-                // A run that was interrupted came to nothing.
+                // A run that was interrupted has no result.
                 if watch.is_interrupted() {
                     break;
                 }
@@ -200,16 +200,16 @@ impl Campaign {
     }
 }
 
-/// The plan of a scenario of one drive.
+/// Returns the plan of a scenario of one drive.
 #[must_use]
 pub fn of_one_loop(scenario: Trial) -> Plan {
     Plan::new(scenario, catalogue())
 }
 
-/// Plays a plan in virtual time and keeps of it what `reduce` returns.
+/// Plays a plan in virtual time and returns the value of `reduce` for the run.
 ///
 /// # Errors
-/// The rig's DBC lacks a signal, or the machine failed: then nothing is known of the run.
+/// The rig's DBC lacks a signal, or the machine failed: then the run has no result.
 pub fn play_one<T>(
     index: usize,
     plan: &Plan,
@@ -238,13 +238,13 @@ pub fn play_one<T>(
     }))
 }
 
-/// Does some work; a panic is a fault of the program.
+/// Does some work; returns a panic as a fault of the program.
 pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T, NoResult>) -> Result<T, NoResult> {
     catch_unwind(AssertUnwindSafe(work))
         .unwrap_or_else(|panic| Err(NoResult::Fault(message(panic.as_ref()))))
 }
 
-/// The text of a panic.
+/// Returns the text of a panic.
 fn message(panic: &(dyn Any + Send)) -> String {
     let text = panic
         .downcast_ref::<&str>()
@@ -259,7 +259,7 @@ mod tests {
 
     use super::*;
 
-    /// Seven short runs, the first ones the longest, so that they do not end in order.
+    /// Returns seven short runs, the longest first, so that they do not end in order.
     fn plans() -> impl Iterator<Item = Plan> {
         (0..7_u32).map(|number| {
             let (seconds, position) = (0.8 - 0.1 * f64::from(number), number + 1);
@@ -336,7 +336,7 @@ mod tests {
         let work = |job: &usize, _: &Watch| {
             let (is_done, changed) = &is_first_done;
             if *job == 0 {
-                // Until the others may not go on any more.
+                // The first run waits until the others may not continue.
                 let is_done = is_done.lock().unwrap();
                 drop(changed.wait_while(is_done, |is_done| !*is_done).unwrap());
             } else if ahead.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 2

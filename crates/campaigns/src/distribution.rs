@@ -1,13 +1,13 @@
-//! Distributions of what many runs came to, from their sorted values.
+//! Distributions of the values of many runs, from the sorted values.
 
-/// The least value that so many per cent of the sorted ones do not exceed; none of no values.
+/// Returns the least value that `percent` per cent of the sorted ones do not exceed; `None` if there are no values.
 #[must_use]
 pub fn quantile(sorted: &[f64], percent: usize) -> Option<f64> {
     let rank = (percent * sorted.len()).div_ceil(100).max(1);
     sorted.get(rank - 1).copied()
 }
 
-/// Per cent of the values up to each of them, as a staircase: up at each value.
+/// Returns the percentage of values up to each of them, as a staircase that rises at each value.
 #[must_use]
 pub fn staircase(sorted: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let count = sorted.len().max(1);

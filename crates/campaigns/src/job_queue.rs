@@ -1,4 +1,4 @@
-//! Jobs for several threads, whose results are handed on in the order of the jobs.
+//! Jobs for several threads, with results in the order of the jobs.
 
 use std::collections::BTreeMap;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -6,22 +6,22 @@ use std::time::Duration;
 
 use recording::capture::Watch;
 
-/// How soon a thread that waits for an earlier run sees that the user stopped it.
+/// Longest time until a thread that waits for an earlier run notices that the user stopped the campaign.
 const STOP_PERIOD: Duration = Duration::from_millis(100);
 
-/// Where threads get jobs and bring results.
+/// Queue from which threads take jobs, and to which they bring results.
 pub(crate) struct JobQueue<I, J, R, F, E> {
     state: Mutex<QueueState<I, J, R, F, E>>,
     has_room: Condvar,
     waiting_max: usize,
 }
 
-/// Jobs still to be done, and results whose turn has not come.
+/// Jobs still to be done, and results that wait for their turn.
 struct QueueState<I, J, R, F, E> {
     jobs: I,
-    /// Jobs that threads have got.
+    /// Number of jobs that threads have taken.
     given: usize,
-    /// Results that were handed on, in the order of their jobs.
+    /// Number of results that were handed on, in the order of their jobs.
     taken: usize,
     waiting: BTreeMap<usize, (J, R)>,
     on_result: F,
@@ -46,7 +46,8 @@ where
     I: Iterator<Item = J>,
     F: FnMut(J, R) -> Result<(), E>,
 {
-    /// A queue that hands results to `on_result` in the order of the jobs. At most `waiting_max` results wait for their turn.
+    /// Makes a queue that hands results to `on_result` in the order of the jobs. At most `waiting_max` results wait for their
+    /// turn.
     pub(crate) fn new(jobs: I, on_result: F, waiting_max: usize) -> Self {
         Self {
             state: Mutex::new(QueueState::new(jobs, on_result)),
@@ -55,12 +56,12 @@ where
         }
     }
 
-    /// How many results were handed on.
+    /// Returns the number of results that were handed on.
     pub(crate) fn taken(&self) -> usize {
         self.lock().taken
     }
 
-    /// Why a result was refused, if one was.
+    /// Returns the reason why a result was refused, if one was.
     pub(crate) fn refusal(&self) -> Option<E> {
         self.lock().refusal.take()
     }
@@ -69,7 +70,7 @@ where
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next job, once the results are not too far ahead of their turn.
+    /// Returns the next job, once the results are not too far ahead of their turn.
     pub(crate) fn next(&self, watch: &Watch) -> Option<(usize, J)> {
         let mut state = self.lock();
         while state.given >= state.taken + self.waiting_max
@@ -87,7 +88,7 @@ where
         Some((state.given - 1, job))
     }
 
-    /// Hands on a result when its turn comes, and those that waited for it.
+    /// Takes a result, and hands on all results whose turn has come.
     pub(crate) fn put(&self, place: usize, job: J, done: R) {
         let state = &mut *self.lock();
         state.waiting.insert(place, (job, done));

@@ -9,20 +9,20 @@ use crate::evidence::{Absence, Evidence, Measurement, MetricValue};
 use crate::harmonic::Harmonic;
 use crate::sine::phase_between;
 
-/// Most points of one chirp.
+/// Largest number of points of one chirp.
 const POINTS_MAX: f64 = 100.0;
-/// The gain at which the bandwidth ends: −3 dB.
+/// Gain at which the bandwidth ends: −3 dB.
 pub const CUT_OFF_GAIN: f64 = 0.708;
-/// The mean is that of the set-point within this part of the amplitude.
+/// Part of the amplitude within which the mean counts as that of the set-point.
 const OFFSET_OF_AMPLITUDE: f64 = 0.1;
 
-/// How the loop responds to one chirp, from the lowest frequency on.
+/// Response of the loop to one chirp, from the lowest frequency on.
 pub type FrequencyResponse = Vec<FrequencyPoint>;
 
-/// How the loop responds about one frequency.
+/// Response of the loop about one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrequencyPoint {
-    /// The frequency in the middle of the turns that count.
+    /// Frequency in the middle of the turns that count.
     pub hertz: f64,
     /// Amplitude of the position divided by that of the set-point.
     pub gain: f64,
@@ -32,7 +32,7 @@ pub struct FrequencyPoint {
     pub offset_millimetres: f64,
 }
 
-/// The response to each chirp of the scenario; where the drive was silent, points are missing.
+/// Returns the response to each chirp of the scenario. Points at which the drive was silent are missing.
 #[must_use]
 pub fn frequency_responses(timeline: &Timeline, own: &ControlLoop) -> Vec<FrequencyResponse> {
     let circumstances = Circumstances::default();
@@ -45,17 +45,17 @@ pub fn frequency_responses(timeline: &Timeline, own: &ControlLoop) -> Vec<Freque
         .collect()
 }
 
-/// The last frequency before the gain first falls below the cut-off; of several chirps the lowest.
+/// Returns the last frequency before the gain first falls below the cut-off; for several chirps the lowest.
 pub(crate) fn bandwidth(evidence: &Evidence<'_>) -> Measurement {
     lowest(evidence, f64::INFINITY)
 }
 
-/// The last frequency before the gain first falls below the cut-off, or the mean first leaves that of the set-point.
+/// Returns the last frequency before the gain first falls below the cut-off, or the mean first leaves that of the set-point.
 pub(crate) fn bandwidth_with_mean(evidence: &Evidence<'_>) -> Measurement {
     lowest(evidence, OFFSET_OF_AMPLITUDE)
 }
 
-/// The lowest bandwidth of all chirps, in which the mean stays within a part of the amplitude.
+/// Returns the lowest bandwidth of all chirps, in which the mean stays within a part of the amplitude.
 fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
     let chirps = evidence.trial.judged_chirps();
     let bandwidths = chirps.iter().map(|chirp| {
@@ -93,7 +93,7 @@ fn sorted(mut points: FrequencyResponse) -> FrequencyResponse {
     points
 }
 
-/// The points in the order of time: all whole turns but the first, in parts of equally many.
+/// Returns the points in the order of time: all whole turns except the first, in parts of equally many.
 fn response(
     evidence: &Evidence<'_>,
     chirp: &JudgedChirp,

@@ -1,4 +1,4 @@
-//! What is known of a run besides its frames.
+//! Facts about a run in addition to its frames.
 
 use recording::ending::EarlyEnd;
 use recording::latency::NodeReport;
@@ -7,23 +7,24 @@ use recording::stalls::Stall;
 use recording::unrecorded::Unrecorded;
 use scenario::node::Part;
 
-/// What is known of a run besides its frames; the default is that of virtual time, and of somebody else's recording.
+/// Facts about a run in addition to its frames. The default is that of virtual time, and of a foreign recording.
 #[derive(Clone, Debug, Default)]
 pub struct Circumstances {
-    /// What was on the bus and is not among the frames.
+    /// Traffic on the bus that is not among the frames.
     pub unrecorded: Unrecorded,
-    /// Who ended the run before its scenario's end; none if it was played to its end.
+    /// End of the run before its scenario's end; `None` if it was played to its end.
     pub ended_early: Option<EarlyEnd>,
-    /// Where the machine held up what canrig started; nothing in virtual time.
+    /// Stalls of the processes that canrig started; empty in virtual time.
     pub stalls: Vec<Stall>,
-    /// The frames that canrig's nodes sent in real time.
+    /// Frames that canrig's nodes sent in real time.
     pub sent: Sent,
-    /// The reports of canrig's nodes in real time: of the controller, and of the emulators together.
+    /// Reports of canrig's nodes in real time: of the controller, and of all emulators together.
     pub reports: [Option<NodeReport>; 2],
 }
 
 impl Circumstances {
-    /// Whether a node of canrig's was done with each of its cycles in real time before the next one, and no law kept it waiting.
+    /// Returns whether one of canrig's nodes completed each of its cycles in real time before the next one, without waiting for a
+    /// law.
     pub(crate) fn is_punctual(&self, node: Part) -> bool {
         let report = match node {
             Part::Controller => &self.reports[0],

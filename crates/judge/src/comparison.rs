@@ -1,7 +1,7 @@
 //! Two runs, compared signal by signal and metric by metric.
 //!
-//! A value differs by its distance from the range of the other run's values a little before and after. So a value that
-//! only comes a moment earlier or later does not differ.
+//! A value differs by its distance from the range of the other run's values a little before and after. A value that only comes a
+//! moment earlier or later does not differ.
 
 mod difference;
 mod shared;
@@ -19,13 +19,14 @@ use tolerance::SET_POINT;
 pub use difference::{Comparison, MetricDifference, SignalDifference};
 pub use tolerance::{GivenTolerance, Scale, Tolerances, UnknownName};
 
-/// What the controller publishes of itself comes with every tenth cycle only, so it may be that much later.
+/// Prefixes of the signals that the controller publishes of itself. They come with every tenth cycle only, and may be late by as
+/// much.
 const PUBLISHED_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
 const CONTROLLER_CYCLES: usize = 10;
-/// All signals take as long as so many ways through the frames.
+/// Time to compare all signals, in passes over the frames.
 pub const SIGNAL_WAYS: u64 = 4;
 
-/// Compares two runs, each with its loops. The names in the tolerances were checked before.
+/// Compares two runs, each with its loops. The names in the tolerances have been checked already.
 ///
 /// # Panics
 /// A run has no loop.
@@ -34,7 +35,7 @@ pub fn compare_runs(
     (a, a_verdict): (&[Timeline], &Verdict),
     (b, b_verdict): (&[Timeline], &Verdict),
 ) -> Comparison {
-    // Its loops share the cycles of a run.
+    // The loops of a run share its cycles.
     let (one, other) = (&a[0], &b[0]);
     let shared = Shared::of(one, other);
     let mut remarks = shared.remarks(one, other);
@@ -70,7 +71,7 @@ pub fn compare_runs(
     }
 }
 
-/// What is wrong if the runs have not the same loops.
+/// Returns a remark if the runs do not have the same loops.
 fn remark_on_loops(a: &[Timeline], b: &[Timeline]) -> Option<String> {
     let [a, b] = [a, b].map(|loops| {
         let names = loops.iter().map(|timeline| timeline.loop_name.as_str());
@@ -86,7 +87,7 @@ fn remark_on_loops(a: &[Timeline], b: &[Timeline]) -> Option<String> {
     })
 }
 
-/// The signals that both runs have of a loop.
+/// Compares the signals that both runs have of a loop.
 fn signals_of_loop(
     tolerances: &Tolerances<'_>,
     shared: &Shared,
@@ -114,7 +115,7 @@ fn signals_of_loop(
             let none;
             let other = match column.is_used() == other.is_used() {
                 true => &other.values,
-                // Zeros that stand for no value are not compared with values.
+                // Zeros without meaning are not compared with values.
                 false => {
                     none = iter::repeat_n(f64::NAN, other.values.len()).collect();
                     &none
@@ -222,7 +223,7 @@ mod tests {
         };
         let same = compared(whole, whole);
         assert_eq!((same.agrees, same.remarks.len()), (true, 0));
-        // One cycle more or less is no difference, half of the run is.
+        // One cycle more or less is no difference, but half of the run is.
         let (shorter, half) = (whole.piece(0..498), whole.piece(0..250));
         assert!(compared(whole, &shorter).agrees);
         for (a, b) in [(whole, &half), (&half, whole)] {

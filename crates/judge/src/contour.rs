@@ -1,4 +1,4 @@
-//! How near several loops together stay to the path of their set-points.
+//! The distance of several loops together from the path of their set-points.
 
 use recording::timeline::Timeline;
 use scenario::contour::Contour;
@@ -7,14 +7,14 @@ use scenario::events::Window;
 use crate::evidence::{Absence, Evidence, MetricValue, Observation, checked};
 use crate::metric::Metric;
 
-/// The nearest point of the path is looked for among the set-points of so much time before and after the sample.
+/// Time before and after a sample within which the nearest point of the path is searched for.
 const SEARCH_SECONDS: f64 = 0.5;
 
-/// The rows of the contours whose first axis is this loop, with which they are judged: longest distance from the path, and its
-/// RMS.
+/// Returns the rows of the contours whose first axis is this loop, with which they are judged: longest distance from the path,
+/// and RMS of the distance.
 ///
 /// The path is the line through the set-points of the cycles. The error of a sample is the distance of the measured point from
-/// the nearest point of the path: an axis that is late on a path makes none as long as it stays on it.
+/// the nearest point of the path: an axis that is late makes no error as long as it stays on the path.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let own = evidence.own.name();
     let is_first = |contour: &&Contour| matches!(&contour.loops[..], [first, ..] if first == own);
@@ -56,13 +56,13 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     rows.collect()
 }
 
-/// Why there are no values.
+/// Returns the reason why there are no values.
 fn none(absence: impl Into<Absence>) -> [MetricValue; 2] {
     let absence = absence.into();
     [Err(absence.clone()), Err(absence)]
 }
 
-/// Longest distance and its RMS.
+/// Returns the longest distance and the RMS of the distances.
 fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [MetricValue; 2] {
     let timelines = Vec::from_iter(axes.iter().map(|axis| axis.timeline));
     let mut errors = Errors::default();
@@ -77,7 +77,7 @@ fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Metric
     }
 }
 
-/// The window of a contour, as far as it is judged.
+/// Returns the window of a contour, as far as it is judged.
 fn window(contour: &Contour, end_seconds: f64) -> Window {
     let until_seconds = contour.until_seconds.unwrap_or(end_seconds);
     Window {
@@ -86,7 +86,7 @@ fn window(contour: &Contour, end_seconds: f64) -> Window {
     }
 }
 
-/// What distances from a path come to together.
+/// Summary of distances from a path.
 #[derive(Default)]
 struct Errors {
     longest: f64,
@@ -106,8 +106,8 @@ impl Errors {
     }
 }
 
-/// How far the samples of a contour's window are from the path, each with its time: seconds and millimetres. `axes` are the
-/// timelines of the contour's loops.
+/// Returns the distance of each sample in a contour's window from the path, with its time: seconds and millimetres. `axes` are
+/// the timelines of the contour's loops.
 pub fn contour_errors<'a>(
     contour: &Contour,
     axes: &'a [&'a Timeline],
@@ -134,13 +134,13 @@ pub fn contour_errors<'a>(
 }
 
 struct Path<'a> {
-    /// The set-points of each axis.
+    /// Set-points of each axis.
     axes: Vec<&'a [f64]>,
     times: &'a [f64],
 }
 
 impl Path<'_> {
-    /// The distance of a point from the path round a time.
+    /// Returns the distance of a point from the path about a time.
     fn distance(&self, point: &[f64], time: f64) -> f64 {
         let begin = self
             .times
@@ -153,7 +153,7 @@ impl Path<'_> {
         pieces.fold(f64::INFINITY, f64::min)
     }
 
-    /// The distance of a point from the straight line between the set-points of two rows.
+    /// Returns the distance of a point from the straight line between the set-points of two rows.
     fn distance_from_piece(&self, point: &[f64], from: usize, to: usize) -> f64 {
         let coordinates = || {
             self.axes.iter().zip(point).map(|(axis, measured)| {
@@ -179,7 +179,7 @@ impl Path<'_> {
 mod tests {
     use super::*;
 
-    /// The example of `docs/reference/metrics.md`.
+    /// Checks the example of `docs/reference/metrics.md`.
     #[test]
     fn an_axis_that_is_late_on_the_path_makes_no_error() {
         let path = Path {
@@ -203,7 +203,7 @@ mod tests {
             axes: vec![&[0.0, 10.0, 10.0, 0.0], &[0.0, 0.0, 10.0, 0.0]],
             times: &[0.0, 0.4, 0.8, 1.2],
         };
-        // It is near the last piece, which lies more than half a second ahead.
+        // The point is near the last piece, which lies more than half a second ahead.
         let distance = path.distance(&[4.0, 4.0], 0.2);
         assert!((distance - 4.0).abs() < 1e-9, "{distance}");
     }

@@ -1,4 +1,4 @@
-//! Decides the outcome of a run by its metrics, by whose doing its missed cycles were, and by who ended it.
+//! Decides the outcome of a run by its metrics, the attribution of its missed cycles, and the node that ended it.
 
 use plan::Plan;
 use recording::ending::{EarlyEnd, EndedBy};
@@ -27,21 +27,21 @@ use crate::off::{DRIVE_OFF, drive_off};
 use crate::quality::{cut_short, incomplete_recording, two_sources};
 use crate::verdict::{Outcome, Verdict};
 
-/// Losses that a verdict lists at most.
+/// Largest number of losses in a verdict.
 const LOSSES_MAX: usize = 20;
-/// From this load on, a cycle that carries more than the others does not end in its time.
+/// Bus load from which on a cycle with more frames than the others does not end in its time.
 const BUSY_BUS_PERCENT: f64 = 70.0;
 
-/// The metric that decides before all others: on an overloaded bus nothing else means anything.
+/// Name of the metric that decides before all others: on an overloaded bus nothing else means anything.
 const BUS_LOAD: &str = "bus_load_percent";
 
-/// More than any bus carries: 100 %, and some room for the stamps of short recordings.
+/// Largest load that a bus can carry: 100 %, and some room for the stamps of short recordings.
 const LOAD_PERCENT_MAX: f64 = 101.0;
 
-/// An outcome, with its reason where the metrics do not show it, and the cause where a duty was not done.
+/// Outcome, with its reason if the metrics do not show it, and the cause if a duty was not done.
 type Decision = (Outcome, Option<String>, Option<NamedCause>);
 
-/// Judges a run by the timelines of its loops. It takes as long as a way through the frames.
+/// Judges a run by the timelines of its loops. Takes as long as one pass over the frames.
 #[must_use]
 pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances) -> Verdict {
     let loops = Vec::from_iter(plan.loops.iter().zip(timelines));
@@ -78,7 +78,8 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
     whole(plan, verdicts.collect())
 }
 
-/// The verdict of a loop whose nodes are not why the run ended: what is missing for that is not judged.
+/// Returns the verdict of a loop whose nodes did not cause the end of the run: values that are missing because of it are not
+/// judged.
 fn ended_elsewhere(verdict: Verdict, node: &str, end: Option<&EarlyEnd>) -> Verdict {
     let is_unseen =
         |row: &Metric| row.value.is_none() && row.passed != Some(false) && row.name != DRIVE_OFF;
@@ -99,14 +100,14 @@ fn ended_elsewhere(verdict: Verdict, node: &str, end: Option<&EarlyEnd>) -> Verd
     }
 }
 
-/// The verdict of one loop. The contours are among the rows of their first loop.
+/// Returns the verdict of one loop. The contours are among the rows of their first loop.
 fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>) -> Verdict {
     let circumstances = evidence.circumstances;
     let mut metrics = metrics(evidence);
     let (outcome, reason, cause) = match &circumstances.ended_early {
         None => decide(evidence, &mut metrics),
         Some(end) => {
-            // What a node kept from being seen is missed; of what the bench broke off only the traffic says something.
+            // A value that a node kept from being seen is missed. If the bench broke off, only the traffic is meaningful.
             let is_kept = |metric: &Metric| {
                 broke_off.is_some() || is_of_traffic(&metric.name) && metric.value.is_some()
             };
@@ -136,17 +137,17 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
     }
 }
 
-/// The cause of a run that broke off.
+/// Cause of a run that broke off.
 struct BrokeOff {
     cause: NamedCause,
-    /// The host is why.
+    /// Whether the host is the cause.
     is_of_host: bool,
-    /// The end follows from it by the watch of another node.
+    /// Whether the end follows from the cause by the watch of another node.
     is_before_end: bool,
 }
 
 impl BrokeOff {
-    /// The node that ended the run, where it is none of a loop's.
+    /// Returns the node of the cause, if it is the drive of another loop.
     fn node_elsewhere(&self, evidence: &Evidence<'_>) -> Option<&str> {
         let LoopNodes {
             controller, drive, ..
@@ -160,7 +161,7 @@ impl BrokeOff {
     }
 }
 
-/// The earliest breach of all loops that lasts to the end which a node put to a run; else the end itself.
+/// Returns the earliest breach of all loops that lasts to an end caused by a node, or else the end itself.
 fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     let lasting = all.iter().filter_map(|evidence| {
         let lasting = Lasting::earliest(evidence, Some(end.at_seconds?))?;
@@ -183,7 +184,7 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
         let ended_by = end.node.as_ref();
         ended_by.is_some_and(|node| [&controller.name, &drive.name].contains(&node))
     };
-    // A stall that held up a node of no loop is felt in all of them.
+    // All loops feel a stall that held up a node outside the loops.
     let is_of_none = !all.iter().any(|evidence| is_of(&evidence));
     let mut concerned = all.iter().filter(|one| is_of_none || is_of(one));
     let stall = concerned.find_map(|evidence| {
@@ -205,8 +206,8 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
     })
 }
 
-/// A run that broke off: what its traffic shows is reported, and what went wrong until then. A node's end is a failure, unless
-/// the host is why; a bus that is loaded beyond its limit is a failed limit, with what came of it as the reason.
+/// Decides a run that broke off. Its traffic is reported, and so are its failures until then. An end by a node is a failure,
+/// unless the host is the cause. A bus that is loaded beyond its limit is a failed limit, with the consequence as the reason.
 fn decide_broken(
     end: &EarlyEnd,
     broke_off: Option<&BrokeOff>,
@@ -241,7 +242,7 @@ fn decide_broken(
     (Outcome::Fail, Some(reason), cause)
 }
 
-/// A run that broke off, after which its drive was not off, fails whatever else it was.
+/// Fails a run that broke off if its drive was not off afterwards, whatever the other decision.
 fn with_drive(evidence: &Evidence<'_>, off: Option<&Metric>, decision: Decision) -> Decision {
     let Some(on) = off.filter(|off| off.passed == Some(false)) else {
         return decision;
@@ -258,17 +259,17 @@ fn with_drive(evidence: &Evidence<'_>, off: Option<&Metric>, decision: Decision)
     (Outcome::Fail, Some(reason), Some(cause))
 }
 
-/// A run that was played to its end, or a recording that ends somewhere. Opens the limits that stalls explain.
+/// Decides a run that was played to its end, or a recording that ends somewhere. Opens the limits that stalls explain.
 fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
     if let Some(reason) = overload(metrics) {
         return (Outcome::Fail, Some(reason), None);
     }
-    // Of what somebody else led, nothing says anything of the nodes under test.
+    // A run with a foreign source of frames proves nothing of the nodes under test.
     if let Some((reason, cause)) = two_sources(evidence) {
         return (Outcome::Inconclusive, Some(reason), Some(cause));
     }
     let unrecorded = &evidence.circumstances.unrecorded;
-    // What is missing in the log was not missing on the bus.
+    // Frames that are missing in the log may have been on the bus.
     let is_log_whole = unrecorded.strange_lines.is_none();
     if let Some((reason, cause)) = breached(evidence).filter(|_| is_log_whole) {
         return (Outcome::Fail, Some(reason), Some(cause));
@@ -297,8 +298,8 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
     })
 }
 
-/// Why a run fails whose nodes did not do their duties: too often for the limit of the scenario or, where it has none, for what can be;
-/// or not any more from some time on to the end.
+/// Returns the reason why a run fails whose nodes broke their duties: too often for the limit of the scenario or the default, or
+/// from some time on to the end.
 fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let cycles = evidence.attribution().cycles();
     let silent = silent_at_end(evidence);
@@ -312,7 +313,7 @@ fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
         .or_else(|| of_commands(Commands::Late, LATE_COMMANDS))
         .or_else(|| too_many_positions(evidence))
         .or_else(|| off_period(evidence))?;
-    // What lasts to the end and began before explains it.
+    // A breach that lasts to the end and began before explains this one.
     let (reason, cause) = match silent {
         Some((_, lasting)) if lasting.at_seconds < cause.at_seconds => {
             (format!("{}; {reason}", lasting.words), lasting)
@@ -328,7 +329,7 @@ fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     Some((reason, cause))
 }
 
-/// The duties that were not done too often, and the first of them.
+/// Returns the duties that were broken too often, and the first of them.
 fn too_many(
     evidence: &Evidence<'_>,
     totals: &Totals,
@@ -351,7 +352,7 @@ fn too_many(
     Some((reason, NamedCause::of_node(evidence, duty, at, words)))
 }
 
-/// The external drive that sends more positions than there are SYNCs.
+/// Returns the external drive if it sends more positions than there are SYNCs.
 fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let is_external = Duty::Position.is_of_external(evidence.own);
     let (frames, at) = evidence
@@ -367,7 +368,7 @@ fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     ))
 }
 
-/// The controller whose SYNC has another period than it should.
+/// Returns the controller if its SYNC has a wrong period.
 fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let max = limited_max(evidence, SYNC_PERIOD_ERROR)?;
     let (percent, at) = largest_period_error(evidence, false)?;
@@ -380,7 +381,7 @@ fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     Some((reason, NamedCause::of_node(evidence, Duty::Sync, at, words)))
 }
 
-/// The node that was silent at the end of what is judged.
+/// Returns the node that was silent at the end of the judged time.
 fn silent_at_end(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let lasting = Lasting::earliest(evidence, None)?;
     if !matches!(lasting.cause, Cause::Node(_)) {
@@ -392,7 +393,7 @@ fn silent_at_end(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     Some((reason, cause))
 }
 
-/// The reason of a verdict on a bus that is loaded beyond its limit, or beyond what any bus carries.
+/// Returns the reason of a verdict on a bus that is loaded beyond its limit, or beyond what any bus carries.
 fn overload(metrics: &[Metric]) -> Option<String> {
     let load = metrics.iter().find(|metric| metric.name == BUS_LOAD)?;
     let percent = load.value?;
@@ -405,7 +406,7 @@ fn overload(metrics: &[Metric]) -> Option<String> {
         .then(|| format!("the bus is overloaded ({percent:.1} %), so frames come late"))
 }
 
-/// Why a limit on the bus load is not met for certain.
+/// Returns the reason why it is uncertain whether a limit on the bus load is met.
 fn unknown_load(metrics: &[Metric], unrecorded: &Unrecorded) -> Option<String> {
     let is_limited = |metric: &Metric| metric.name == BUS_LOAD && metric.limit.is_some();
     let fd_frames = fd_frames(unrecorded)?;
@@ -415,7 +416,7 @@ fn unknown_load(metrics: &[Metric], unrecorded: &Unrecorded) -> Option<String> {
         .then(|| format!("the bus load is not known: {fd_frames}"))
 }
 
-/// CAN FD frames that were on the bus, for people.
+/// Describes the CAN FD frames that were on the bus.
 fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
     let frames = unrecorded.fd_frames;
     (frames > 0).then(|| {
@@ -424,7 +425,7 @@ fn fd_frames(unrecorded: &Unrecorded) -> Option<String> {
     })
 }
 
-/// The errors among the events, with their times, for people.
+/// Returns descriptions of the errors among the events, with their times.
 fn losses(evidence: &Evidence<'_>) -> Vec<String> {
     let end_seconds = evidence.end_seconds();
     let is_error = |event: &Occurrence<'_, Event>| {

@@ -1,24 +1,24 @@
-//! How far a disturbance moves the position, and how long until it is back.
+//! Deviation of the position by a disturbance, and time to recover.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
 use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, largest};
 
-/// A disturbance is watched this long after its end at least, and then until something else moves the loop.
+/// Time for which a disturbance is watched at least after its end; it is watched further until something else moves the loop.
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
-/// The largest deviation during a disturbance.
+/// Returns the largest deviation during a disturbance.
 pub(crate) fn maximum_deviation(evidence: &Evidence<'_>) -> Measurement {
     worst_disturbance(evidence, false, deviation)
 }
 
-/// The longest recovery from a disturbance.
+/// Returns the longest recovery from a disturbance.
 pub(crate) fn recovery_time(evidence: &Evidence<'_>) -> Measurement {
     worst_disturbance(evidence, true, recovery)
 }
 
-/// The largest value over all disturbances. Without a fan and load module on the bus there was none.
+/// Returns the largest value over all disturbances. Without a fan and load module on the bus there were none.
 fn worst_disturbance(
     evidence: &Evidence<'_>,
     is_time: bool,
@@ -49,7 +49,7 @@ fn worst_disturbance(
     }
 }
 
-/// When, from a time on, the set-point first changes, or a disturbance or a fault first begins or ends.
+/// Returns the first time after another at which the set-point changes, or a disturbance or a fault begins or ends.
 fn calm_until(evidence: &Evidence<'_>, from_seconds: f64) -> f64 {
     let edges = evidence.trial.edges_seconds().into_iter();
     let edges = edges.chain(evidence.set_point_changes());
@@ -62,7 +62,7 @@ fn deviation(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     largest(samples.map(|sample| sample.deviation_millimetres()))
 }
 
-/// From the start of a window until the deviation stays small. Nobody knows how large it is in a silence.
+/// Returns the time from the start of a window until the deviation stays small. The deviation in a silence is unknown.
 pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     let period_seconds = evidence.timeline.period_seconds;
     let band = evidence.trial.recovery_band();

@@ -1,4 +1,4 @@
-//! The metrics of the duties: how many cycles and commands were missed or late, and how long the SYNC period was.
+//! The metrics of the duties: missed and late cycles and commands, and the SYNC period.
 
 use std::collections::VecDeque;
 
@@ -10,24 +10,24 @@ use crate::attribution::Commands;
 use crate::attribution::breaches::Duty;
 use crate::evidence::{Absence, Evidence, Measurement};
 
-/// The metrics of duties, as the table of metrics names them.
+/// Metrics of duties, by their names in the table of metrics.
 pub(crate) const MISSED_CYCLES: &str = "missed_cycles_percent";
 pub(crate) const MISSED_COMMANDS: &str = "missed_commands_percent";
 pub(crate) const LATE_COMMANDS: &str = "late_commands_percent";
 pub(crate) const SYNC_PERIOD_ERROR: &str = "sync_period_error_percent";
 
-/// The mean of so many SYNC periods is that of the clock which makes them.
+/// Number of SYNC periods whose mean shows the clock that makes them.
 const PERIODS: usize = 64;
-/// After more periods than this some are missing.
+/// Interval, in periods, beyond which SYNCs are missing.
 const GAP_PERIODS: f64 = 1.5;
 
-/// The largest value of a metric of the controller's duties: that of the scenario, or its own where the controller is under test and not
-/// canrig's.
+/// Returns the limit of a metric of the controller's duties: that of the scenario, or the default if the controller is under test
+/// and not canrig's; `None` if the metric is not watched.
 pub(crate) fn limited_max(evidence: &Evidence<'_>, metric: &str) -> Option<f64> {
     is_watched(evidence, metric).then(|| percent_max(evidence, metric))
 }
 
-/// The largest value of a metric of a duty: that of the scenario, or its own.
+/// Returns the limit of a metric of a duty: that of the scenario, or the default.
 pub(crate) fn percent_max(evidence: &Evidence<'_>, metric: &str) -> f64 {
     let limit = evidence.trial.expect.limit(metric);
     let default = || Metric::named(metric)?.default_max;
@@ -35,7 +35,7 @@ pub(crate) fn percent_max(evidence: &Evidence<'_>, metric: &str) -> f64 {
     max.or_else(default).unwrap_or(f64::INFINITY)
 }
 
-/// Cycles that never began or in which the drive was silent, by all that were due.
+/// Returns the percentage of due cycles that never began or in which the drive was silent.
 pub(crate) fn missed_cycles(evidence: &Evidence<'_>) -> Measurement {
     let attribution = evidence.attribution();
     if attribution.due == 0 {
@@ -45,17 +45,18 @@ pub(crate) fn missed_cycles(evidence: &Evidence<'_>) -> Measurement {
     Ok(attribution.cycles().percent(evidence.has_all())).into()
 }
 
-/// Share of the cycles in which a command was due and did not come.
+/// Returns the percentage of cycles in which a command was due and did not come.
 pub(crate) fn missed_commands(evidence: &Evidence<'_>) -> Measurement {
     of_commands(evidence, Commands::Missed, MISSED_COMMANDS)
 }
 
-/// Share of the cycles in which a command was due and came after the next SYNC.
+/// Returns the percentage of cycles in which a command was due and came after the next SYNC.
 pub(crate) fn late_commands(evidence: &Evidence<'_>) -> Measurement {
     of_commands(evidence, Commands::Late, LATE_COMMANDS)
 }
 
-/// Reported where it is limited, where the controller is under test, or where a controller left out too many and no fault may be why.
+/// Measures a share of commands. It is reported if it is limited, if the controller is under test, or if a controller left out
+/// too many and no fault may be the cause.
 fn of_commands(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Measurement {
     let is_watched = is_watched(evidence, metric);
     let is_sound = evidence.own.faults().next().is_none();
@@ -70,12 +71,12 @@ fn of_commands(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Mea
     seen.map(|_| totals.percent(evidence.has_all())).into()
 }
 
-/// Whether a metric of the controller's duties is reported.
+/// Returns whether a metric of the controller's duties is reported.
 fn is_watched(evidence: &Evidence<'_>, metric: &str) -> bool {
     Duty::Command.is_of_external(evidence.own) || evidence.trial.expect.of(metric).is_some()
 }
 
-/// The largest distance of the mean of 64 SYNC periods from the period, in percent of it.
+/// Returns the largest distance of the mean of 64 SYNC periods from the nominal period, in percent of it.
 pub(crate) fn sync_period_error(evidence: &Evidence<'_>) -> Measurement {
     if !is_watched(evidence, SYNC_PERIOD_ERROR) {
         return Measurement::NotAsked;
@@ -87,8 +88,8 @@ pub(crate) fn sync_period_error(evidence: &Evidence<'_>) -> Measurement {
     }
 }
 
-/// The same with the end of those periods, or without the periods that stalls explain. Where SYNCs are missing, and where those come that
-/// were held up, the count begins anew.
+/// Returns the largest such distance in percent, with the end of those periods. `with_host` includes periods that stalls explain.
+/// The count begins anew at missing SYNCs, and at late ones that follow in a burst.
 pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> Option<(f64, f64)> {
     let period = evidence.timeline.period_seconds;
     let mut largest: Option<(f64, f64)> = None;
@@ -124,7 +125,7 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
     largest
 }
 
-/// The longest time between two SYNCs that no stall explains.
+/// Returns the longest time between two SYNCs that no stall explains.
 pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
     let is_explained = |(from, until): &(f64, f64)| {
         let due = from + evidence.timeline.period_seconds;
@@ -135,7 +136,7 @@ pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
     longest.fold(0.0, f64::max)
 }
 
-/// The times between SYNCs as far as they are judged.
+/// Returns the times between SYNCs, as far as they are judged.
 fn sync_intervals<'a>(evidence: &Evidence<'a>) -> impl Iterator<Item = (f64, f64)> + use<'a> {
     let syncs = &evidence.timeline.syncs_seconds;
     let end = evidence.trial.judged_end_seconds() - TIME_TOLERANCE_SECONDS;
@@ -153,7 +154,7 @@ mod tests {
     use crate::Circumstances;
     use crate::tests::{frames, scenario};
 
-    /// The largest error of a controller that sends SYNCs so many milliseconds apart.
+    /// Returns the largest error of a controller with these intervals between its SYNCs, in milliseconds.
     fn error(intervals: &[f64]) -> f64 {
         let plan = Plan::new(scenario(""), &Catalogue::shipped());
         let mut timeline = decode(frames(4, |_| Some(10.0)), &plan).unwrap().remove(0);
@@ -174,7 +175,7 @@ mod tests {
         assert!((error(&[1.03; 100]) - 3.0).abs() < 1e-6);
         let late = [&regular[..], &[10.0], &[0.1; 10], &regular].concat();
         assert!(error(&late) < 1e-6, "{}", error(&late));
-        // Nobody held it up.
+        // No gap precedes this burst.
         let burst = [&regular[..], &[0.1; 10], &regular].concat();
         assert!(error(&burst) > 10.0, "{}", error(&burst));
     }

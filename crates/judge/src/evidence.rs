@@ -1,4 +1,4 @@
-//! What a verdict rests on: the decoded recording, windows of its samples, and the values that are made of them.
+//! The basis of a verdict: the decoded recording, windows of its samples, and the values that follow from them.
 
 use std::ops::Range;
 use std::rc::Rc;
@@ -21,45 +21,45 @@ use crate::circumstances::Circumstances;
 use crate::metric::Metric;
 use crate::quality::reaches;
 
-/// One of several loops.
+/// One of several loops, with its timeline.
 pub(crate) type RecordedLoop<'a> = (&'a ControlLoop, &'a Timeline);
 
-/// What is judged, and by what.
+/// Recording of a loop, and the criteria by which it is judged.
 pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
     pub(crate) own: &'a ControlLoop,
     pub(crate) trial: &'a Trial,
     pub(crate) circumstances: &'a Circumstances,
-    /// The contours of the run.
+    /// Contours of the run.
     pub(crate) contours: &'a [Contour],
-    /// All loops that were played at once, where they are judged together.
+    /// All loops that were played at once, if they are judged together.
     pub(crate) loops: &'a [RecordedLoop<'a>],
     attribution: Rc<Attribution<'a>>,
-    /// The times that are left out, to see what is without what stalls explain.
+    /// Times that are left out, to judge the rest without the pieces that stalls explain.
     left_out: Option<LeftOut>,
-    /// The position that is judged: the measured one, or the true one beside it.
+    /// Position that is judged: the measured one or the true one.
     position: &'a Series<f64>,
     /// Longest time between two samples of the position.
     pub(crate) silence_seconds_max: f64,
 }
 
-/// What stalls explain of a run.
+/// Pieces of a run that stalls explain.
 #[derive(Clone)]
 struct LeftOut {
     times: Rc<Spans>,
     only_long: bool,
 }
 
-/// A value, or why there is none.
+/// Value, or the reason why there is none.
 pub(crate) type MetricValue = Result<f64, Absence>;
 
-/// Why there is no value.
+/// Reason why there is no value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Absence {
     pub(crate) reason: String,
-    /// The stretch of time in which nothing came, where that is why.
+    /// Stretch of time in which nothing came, if that is the reason.
     silence: Option<Window>,
-    /// All that it would be made of is explained by stalls.
+    /// Whether stalls explain all samples that the value would need.
     is_left_out: bool,
 }
 
@@ -91,7 +91,7 @@ impl Absence {
         })
     }
 
-    /// The same, with the one of several that has no value.
+    /// Adds the name of the one of several that has no value.
     pub(crate) fn of(self, what: &str) -> Self {
         Self {
             reason: format!("{what}: {}", self.reason),
@@ -116,14 +116,14 @@ impl From<&str> for Absence {
     }
 }
 
-/// What the recording shows of a metric.
+/// Measurement of a metric in the recording.
 pub(crate) enum Measurement {
     Seen(Observation),
-    /// The scenario gives the metric no meaning, and this is why; that matters only where it has a limit.
+    /// The scenario gives the metric no meaning, for this reason; relevant only if it has a limit.
     Meaningless(String),
-    /// Nobody on this bus sends it, so a limit is neither met nor missed.
+    /// No node on this bus sends the value, so a limit is neither met nor missed.
     Unavailable(String),
-    /// Nothing is said of the metric.
+    /// The metric is not reported.
     NotAsked,
 }
 
@@ -134,12 +134,12 @@ impl From<MetricValue> for Measurement {
 }
 
 impl Measurement {
-    /// What only the emulated plant sends, where there is none.
+    /// Returns the measurement of a value that only the emulated plant sends, if there is none.
     pub(crate) fn only_emulated() -> Self {
         Self::Unavailable(only_emulated())
     }
 
-    /// The row of the verdict, if there is one.
+    /// Returns the row of the verdict, if there is one.
     pub(crate) fn metric(
         self,
         evidence: &Evidence<'_>,
@@ -155,11 +155,11 @@ impl Measurement {
     }
 }
 
-/// What the recording shows of a metric or a check: a value, and when it was so.
+/// Observation of a metric or a check in the recording: a value, and its time.
 pub(crate) struct Observation {
     pub(crate) value: MetricValue,
     pub(crate) at_seconds: Option<f64>,
-    /// Nobody on this bus sends it, so it is neither met nor missed.
+    /// Whether no node on this bus sends the value, so that it is neither met nor missed.
     is_unavailable: bool,
 }
 
@@ -185,7 +185,8 @@ impl Observation {
         Err(reason.into()).into()
     }
 
-    /// The row of the verdict. What a node kept from being seen is missed, what the bench did is not judged.
+    /// Returns the row of the verdict. A value that a node kept from being seen is missed; one that the bench kept from it is not
+    /// judged.
     pub(crate) fn metric(
         self,
         evidence: &Evidence<'_>,
@@ -211,13 +212,13 @@ impl Observation {
     }
 }
 
-/// A position that is within a band for less than this may be passing through.
+/// Least time within a band for a stay; a shorter one may be a passage.
 pub(crate) const STAY_SECONDS: f64 = 0.1;
 
-/// Set-points that differ by less are the same: they are computed in metres and from sines, and rounding parts two of them.
+/// Largest difference of equal set-points: they are computed in metres and from sines, and rounding separates two of them.
 pub(crate) const SAME_MILLIMETRES_MAX: f64 = 1e-6;
 
-/// Set-point and position of one cycle.
+/// Set-point and position in one cycle.
 #[derive(Clone, Copy)]
 pub(crate) struct CycleSample {
     pub(crate) time_seconds: f64,
@@ -259,7 +260,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// The same among all loops of the run.
+    /// Returns the same evidence among all loops of the run.
     pub(crate) fn among(self, contours: &'a [Contour], loops: &'a [RecordedLoop<'a>]) -> Self {
         Self {
             contours,
@@ -268,7 +269,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// That of one of the loops.
+    /// Returns the evidence of one of the loops.
     pub(crate) fn of_loop(&self, name: &str) -> Option<Self> {
         let mut loops = self.loops.iter();
         let (own, timeline) = loops.find(|(own, _)| own.name() == name)?;
@@ -280,12 +281,12 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// What explains the breaches of the loop.
+    /// Returns the attribution of the loop's breaches.
     pub(crate) fn attribution(&self) -> &Attribution<'a> {
         &self.attribution
     }
 
-    /// The stalls that explain breaches of the loop.
+    /// Returns the stalls that explain breaches of the loop.
     fn stalls(&self) -> Vec<Stretch> {
         let mut stalls = self.attribution.cycles().stalls().to_vec();
         for commands in [Commands::Missed, Commands::Late] {
@@ -294,13 +295,13 @@ impl<'a> Evidence<'a> {
         stalls
     }
 
-    /// The longest stall that explains a breach of the loop.
+    /// Returns the longest stall that explains a breach of the loop.
     pub(crate) fn longest_stall(&self) -> Option<Stretch> {
         let stalls = self.stalls().into_iter();
         stalls.max_by(|left, right| left.length().total_cmp(&right.length()))
     }
 
-    /// The same without what stalls explain, or only the long ones.
+    /// Returns the same evidence without the pieces that stalls explain, or only without those of the long ones.
     pub(crate) fn rest(&self, only_long: bool) -> Self {
         let times = shadows(&self.stalls(), self.timeline.period_seconds, only_long);
         Self {
@@ -313,7 +314,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// The same with what stalls explain.
+    /// Returns the same evidence including the pieces that stalls explain.
     fn all(&self) -> Self {
         Self {
             attribution: Rc::clone(&self.attribution),
@@ -322,8 +323,8 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// The worst value of some events, each in its window. Where some is left out, that of each until a stall touches it, from which on
-    /// it can only grow: a time that has not come by then is longer than that.
+    /// Returns the worst value of some events, each in its window. If a part of the window is left out, the value is that until a
+    /// stall touches the window. From there it can only grow: a time that has not ended by then is longer.
     pub(crate) fn worst_event<E>(
         &self,
         events: &[E],
@@ -353,7 +354,7 @@ impl<'a> Evidence<'a> {
         worst(events.iter().map(value))
     }
 
-    /// When some of a window begins to be left out.
+    /// Returns the time from which on a part of a window is left out.
     fn first_left_out(&self, window: Window) -> Option<f64> {
         let left_out = self.left_out.as_ref()?;
         let begin = left_out
@@ -362,8 +363,8 @@ impl<'a> Evidence<'a> {
         Some(begin.max(window.from_seconds))
     }
 
-    /// The stall that explains the end which a node put to the run: one that covers half of the time in which it was amiss, or that had
-    /// moved the loop.
+    /// Returns the stall that explains an end of the run by a node: one that covers half of the time in which the node was at
+    /// fault, or that had moved the loop.
     pub(crate) fn stall_of_end(&self, end: &EarlyEnd) -> Option<Stretch> {
         let until = end.at_seconds?;
         let drive = &self.own.nodes.drive.name;
@@ -376,7 +377,7 @@ impl<'a> Evidence<'a> {
         self.attribution.stall(node, from, until)
     }
 
-    /// When the set-point changes, in the order of time.
+    /// Returns the times at which the set-point changes, in order.
     pub(crate) fn set_point_changes(&self) -> impl Iterator<Item = f64> {
         let mut latest = None;
         self.samples(self.whole()).filter_map(move |sample| {
@@ -386,24 +387,24 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Whether stalls that a node feels cover half of a stretch of time.
+    /// Returns whether stalls that a node feels cover half of a stretch of time.
     pub(crate) fn is_in_stall(&self, node: Part, from_seconds: f64, until_seconds: f64) -> bool {
         let stall = self.attribution.stall(node, from_seconds, until_seconds);
         stall.is_some()
     }
 
-    /// Whether what stalls explain counts.
+    /// Returns whether the pieces that stalls explain count.
     pub(crate) fn has_all(&self) -> bool {
         self.left_out.is_none()
     }
 
-    /// Whether some of a stretch of time is left out.
+    /// Returns whether a part of a stretch of time is left out.
     pub(crate) fn leaves_out(&self, from_seconds: f64, until_seconds: f64) -> bool {
         let left_out = self.left_out.as_ref();
         left_out.is_some_and(|left_out| left_out.times.touch(from_seconds, until_seconds))
     }
 
-    /// The first stretch of a window without a sample that is longer than it may be, without what is left out.
+    /// Returns the first stretch of a window without a sample that is longer than allowed, and not left out.
     pub(crate) fn first_silence(
         &self,
         times_seconds: impl Iterator<Item = f64>,
@@ -425,7 +426,8 @@ impl<'a> Evidence<'a> {
         silences.next()
     }
 
-    /// As the plant itself was; none where it and the sensor that the loop follows are sound, or it reports nothing of itself.
+    /// Returns the evidence with the true position; `None` if the plant and the sensor that the loop follows have no faults, or
+    /// the plant does not report itself.
     pub(crate) fn of_the_truth(&self) -> Option<Self> {
         let mut groups = self.trial.faults_followed().map(|fault| fault.kind.group);
         if !groups.any(|group| [Group::Sensor, Group::Plant].contains(&group)) {
@@ -441,13 +443,13 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// The samples of a window, up to but without its end; cycles without a position are left out.
+    /// Returns the samples of a window without its end; cycles without a position are left out.
     pub(crate) fn samples(&self, window: Window) -> impl Iterator<Item = CycleSample> {
         let timeline = self.timeline;
         let rows = self.rows(window);
         let times = timeline.time_seconds.range(rows.clone());
         let set_points = timeline.set_point_millimetres.range(rows.clone());
-        // The true position holds until the drive sends another; where the drive is silent there is none.
+        // The true position holds until the drive sends another; while the drive is silent there is none.
         let measured = timeline.position().range(rows.clone());
         let positions = self.position.range(rows).zip(measured);
         let rows = times.zip(set_points).zip(positions);
@@ -462,7 +464,7 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// The rows of a window, up to but without its end.
+    /// Returns the rows of a window without its end.
     fn rows(&self, window: Window) -> Range<usize> {
         let times = &self.timeline.time_seconds;
         let before =
@@ -471,10 +473,10 @@ impl<'a> Evidence<'a> {
         from..until.max(from)
     }
 
-    /// The samples of a window in which the drive never was silent.
+    /// Returns the samples of a window in which the drive was never silent.
     ///
     /// # Errors
-    /// It was, or there is no sample.
+    /// The drive was silent, or there is no sample.
     pub(crate) fn seen(
         &self,
         window: Window,
@@ -490,7 +492,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Why a window is empty.
+    /// Returns the reason why a window is empty.
     pub(crate) fn no_position(&self, window: Window) -> Absence {
         let silences = [].into_iter();
         if !self.has_all()
@@ -509,12 +511,12 @@ impl<'a> Evidence<'a> {
         Absence::unseen(reason, window)
     }
 
-    /// Whether so long without a position is a silence.
+    /// Returns whether this time without a position is a silence.
     pub(crate) fn is_silence(&self, from_seconds: f64, until_seconds: f64) -> bool {
         until_seconds - from_seconds > self.silence_seconds_max + TIME_TOLERANCE_SECONDS
     }
 
-    /// Where the SYNC was silent up to the end of what is judged.
+    /// Returns the silence of the SYNC up to the end of the judged time.
     pub(crate) fn silence_of_sync(&self) -> Option<Window> {
         let silence = Window {
             from_seconds: self.timeline.due_seconds(),
@@ -524,13 +526,13 @@ impl<'a> Evidence<'a> {
             .then_some(silence)
     }
 
-    /// Whether a silence is the bench's doing, and not that of a node: the run broke off, its recording did, or every cycle in it
-    /// was missed for a stall.
+    /// Returns whether the bench caused a silence, and not a node: the run broke off, its recording did, or every cycle in the
+    /// silence was missed because of a stall.
     fn is_of_the_bench(&self, silence: Window) -> bool {
         self.is_cut_before(silence.until_seconds) || self.attribution.is_of_the_host(silence)
     }
 
-    /// Whether the bench or the user kept from being seen what came before a time.
+    /// Returns whether the bench or the user kept frames before a time from being seen.
     pub(crate) fn is_cut_before(&self, seconds: f64) -> bool {
         match &self.circumstances.ended_early {
             Some(end) => end.by != EndedBy::Node,
@@ -538,7 +540,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// The window of all that is judged of the loop.
+    /// Returns the window in which the loop is judged.
     pub(crate) fn whole(&self) -> Window {
         Window {
             from_seconds: 0.0,
@@ -546,7 +548,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// The window of the whole scenario.
+    /// Returns the window of the whole scenario.
     pub(crate) fn run(&self) -> Window {
         Window {
             from_seconds: 0.0,
@@ -554,7 +556,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// The end of the scenario; of the recording, if it never began.
+    /// Returns the end of the scenario, or of the recording if the scenario never began.
     pub(crate) fn end_seconds(&self) -> f64 {
         match self.timeline.zero_seconds {
             Some(_) => self.trial.run.duration_seconds,
@@ -562,7 +564,7 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// The trace of a signal that was on the bus.
+    /// Returns the trace of a signal that was on the bus.
     pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Observation> {
         let path = self.own.names().find(name).map_err(|error| Observation {
             // An external drive publishes no truth.
@@ -583,7 +585,7 @@ impl<'a> Evidence<'a> {
     }
 }
 
-/// The samples of a window, up to but without its end.
+/// Returns the samples of a window without its end.
 pub(crate) fn samples_in(samples: &[SignalSample], window: Window) -> &[SignalSample] {
     let before = |limit: f64| {
         samples.partition_point(|sample| sample.time_seconds < limit - TIME_TOLERANCE_SECONDS)
@@ -592,7 +594,7 @@ pub(crate) fn samples_in(samples: &[SignalSample], window: Window) -> &[SignalSa
     &samples[from..until.max(from)]
 }
 
-/// The first stretch of a window without a sample that is longer than it may be.
+/// Returns the first stretch of a window without a sample that is longer than allowed.
 pub(crate) fn first_silence(
     times_seconds: impl Iterator<Item = f64>,
     window: Window,
@@ -601,7 +603,7 @@ pub(crate) fn first_silence(
     silences(times_seconds, window, seconds_max).next()
 }
 
-/// The stretches of a window without a sample that are longer than they may be.
+/// Returns the stretches of a window without a sample that are longer than allowed.
 fn silences(
     times_seconds: impl Iterator<Item = f64>,
     window: Window,
@@ -620,7 +622,8 @@ fn silences(
     })
 }
 
-/// The largest value over all steps or disturbances; an error counts as worse than any value, but for what is left out.
+/// Returns the largest value over all steps or disturbances. An error counts as worse than any value, except for one that is left
+/// out.
 pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> Option<MetricValue> {
     values.reduce(|worst, value| match (worst, value) {
         (Ok(worst), Ok(value)) => Ok(f64::max(worst, value)),
@@ -629,26 +632,26 @@ pub(crate) fn worst(values: impl Iterator<Item = MetricValue>) -> Option<MetricV
     })
 }
 
-/// How far a value is within a limit; negative beyond it.
+/// Returns the distance of a value to a limit; negative beyond the limit.
 pub(crate) fn margin(value: f64, limit: Limit) -> f64 {
     let above_min = limit.min.map_or(f64::INFINITY, |min| value - min);
     let below_max = limit.max.map_or(f64::INFINITY, |max| max - value);
     above_min.min(below_max)
 }
 
-/// The largest of some values, of which there is one at least.
+/// Returns the largest of some values, of which there is at least one.
 pub(crate) fn largest(values: impl Iterator<Item = f64>) -> MetricValue {
     let largest = values.reduce(|largest, value| if value <= largest { largest } else { value });
     checked(largest.unwrap_or(f64::NAN))
 }
 
-/// The mean of some values, of which there is one at least.
+/// Returns the mean of some values, of which there is at least one.
 pub(crate) fn mean(values: impl Iterator<Item = f64>) -> MetricValue {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
     checked(sum / count)
 }
 
-/// A position is never NaN here, so NaN means that there is no set-point.
+/// Checks a value for NaN, which means that there is no set-point, since a position is never NaN here.
 pub(crate) fn checked(value: f64) -> MetricValue {
     if value.is_nan() {
         Err("no set-point".into())

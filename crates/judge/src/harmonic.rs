@@ -1,19 +1,19 @@
-//! The sine of known frequency that fits samples best.
+//! Sine of known frequency that fits samples best.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// `mean + sine · sin ωt + cosine · cos ωt`.
+/// Sine with an offset: `mean + sine · sin ωt + cosine · cos ωt`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Harmonic {
     pub(crate) mean: f64,
-    /// The part in phase with `sin ωt`.
+    /// Part in phase with `sin ωt`.
     pub(crate) sine: f64,
-    /// The part in phase with `cos ωt`.
+    /// Part in phase with `cos ωt`.
     pub(crate) cosine: f64,
 }
 
 impl Harmonic {
-    /// The least squares fit to samples `(time, value)`; `None` when they do not determine it.
+    /// Fits a sine by least squares to samples `(time, value)`; returns `None` if they do not determine it.
     pub(crate) fn fit(
         samples: impl Iterator<Item = (f64, f64)>,
         period_seconds: f64,
@@ -22,7 +22,7 @@ impl Harmonic {
         Self::fit_phases(samples.map(|(time, value)| (omega * time, value)))
     }
 
-    /// As [`Harmonic::fit`], to samples `(phase in radians, value)`.
+    /// Fits a sine as [`Harmonic::fit`] does, to samples `(phase in radians, value)`.
     pub(crate) fn fit_phases(samples: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let (mut normal, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0_u32);
         for (phase, value) in samples {
@@ -31,7 +31,7 @@ impl Harmonic {
             normal += row * row.transpose();
             right += row * value;
         }
-        // Two samples make it singular, which rounding may hide.
+        // Two samples make the matrix singular, which rounding may hide.
         if count < 3 {
             return None;
         }
@@ -39,12 +39,12 @@ impl Harmonic {
         Some(Self { mean, sine, cosine })
     }
 
-    /// Half the height.
+    /// Returns half the height.
     pub(crate) fn amplitude(&self) -> f64 {
         libm::hypot(self.sine, self.cosine)
     }
 
-    /// How far it is ahead of `sin ωt`, from −180 to 180.
+    /// Returns the lead over `sin ωt`, from −180 to 180.
     pub(crate) fn phase_degrees(&self) -> f64 {
         libm::atan2(self.cosine, self.sine).to_degrees()
     }

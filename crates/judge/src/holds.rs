@@ -1,4 +1,4 @@
-//! How quiet the loop is at the end, where the set-point stands: the ripple of its current, and hunting.
+//! Quietness of the loop at the end, with a constant set-point: the ripple of its current, and hunting.
 
 use dbc::names::TARGET_CURRENT;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
@@ -8,16 +8,16 @@ use crate::attribution::breaches::begin_of;
 use crate::disturbances::recovery;
 use crate::evidence::{Absence, CycleSample, Evidence, Measurement, MetricValue, largest, mean};
 
-/// The hold begins so long after the position has come to stay.
+/// Time from the position's arrival in its band to the begin of the hold.
 const AFTER_SETTLING_SECONDS: f64 = 1.0;
-/// A shorter hold has no ripple.
+/// Shortest hold that has a ripple.
 const HOLD_SECONDS_MIN: f64 = 2.0;
-/// Hunting is measured over this time before the end …
+/// Time before the end over which hunting is measured.
 const HUNTING_SECONDS: f64 = 1.0;
-/// … in means over parts of this length: a loop does not hunt because its sensor is noisy.
+/// Length of the parts whose means show hunting: a loop with a noisy sensor need not hunt.
 const MEAN_SECONDS: f64 = 0.01;
 
-/// Standard deviation of the commanded current in the last hold.
+/// Returns the standard deviation of the commanded current in the last hold.
 pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
     if evidence
         .trial
@@ -30,7 +30,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
     ripple(evidence).into()
 }
 
-/// How far apart the highest and the lowest short mean of the position are in the last second.
+/// Returns the distance between the highest and the lowest short mean of the position in the last second.
 pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
     if evidence.trial.expect.of("hunting_millimetres").is_none() {
         return Measurement::NotAsked;
@@ -90,8 +90,8 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
     Ok(highest - lowest)
 }
 
-/// The window at the end in which nothing is asked of the loop but to stand still: after the last change of the set-point, and
-/// after the last start or end of a disturbance or a fault.
+/// Returns the window at the end in which the loop only has to stand still: after the last change of the set-point, and after the
+/// last start or end of a disturbance or a fault.
 fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
     let scenario = evidence.trial;
     if scenario.reference.is_empty() {
@@ -108,7 +108,7 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
     })
 }
 
-/// The first cycles of a window in a row without a command that are too many.
+/// Returns the first cycles in a row without a command that are too many, in a window.
 fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window> {
     let period = evidence.timeline.period_seconds;
     let uncommanded = evidence.timeline.uncommanded.iter().copied();
@@ -129,7 +129,7 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
     silences.next()
 }
 
-/// What was commanded in the cycles of a window.
+/// Returns the commanded currents in the cycles of a window.
 fn currents_in(evidence: &Evidence<'_>, window: Window) -> impl Iterator<Item = f64> {
     let timeline = evidence.timeline;
     let name = Some(TARGET_CURRENT);

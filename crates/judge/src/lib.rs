@@ -1,15 +1,15 @@
-//! From a timeline to a verdict. Nothing but the recording counts.
+//! From a timeline to a verdict, by nothing but the recording.
 //!
-//! Comes in: a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Plan`](plan::Plan) with the
-//! scenario's `[expect]`, and the [`Circumstances`]: frames that the recorder lost, who ended the run, where the machine was
-//! late; of a run in real time, what its host counted. Goes out: a [`Verdict`](verdict::Verdict): each metric beside its limit
+//! The input is a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Plan`](plan::Plan) with the scenario's
+//! `[expect]`, and the [`Circumstances`]: frames that the recorder lost, the end of the run, the stalls of the machine, and for a
+//! run in real time the counts of its host. The output is a [`Verdict`](verdict::Verdict): each metric with its limit
 //! ([`metrics`]), the checks of signals and sequences, the losses, the [`Timing`](timing::Timing), and one
 //! [`Outcome`](verdict::Outcome). `verdict.json` holds it.
 //!
-//! Of two recordings with their verdicts, [`comparison`] says what differs by more than a tolerance.
+//! [`comparison`] compares two recordings with their verdicts, and reports the differences beyond a tolerance.
 //!
-//! It does not know: which world made the recording, where it is stored, how a verdict is shown. Names, units and limits of
-//! the metrics stand in [`scenario::metrics`].
+//! This crate does not know which world made the recording, where it is stored, or how a verdict is shown. Names, units and
+//! limits of the metrics are in [`scenario::metrics`].
 
 mod attribution;
 mod chirp;

@@ -10,8 +10,8 @@ use crate::metric::Metric;
 use crate::metrics;
 use crate::verdict::{Outcome, Verdict};
 
-/// The name in the whole verdict of a row of one loop: rows of several loops begin with the loop's name, what all loops share
-/// stands once.
+/// Returns the name that a row of one loop has in the whole verdict. Rows of several loops begin with the loop's name; rows that
+/// all loops share appear once.
 #[must_use]
 pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
     let is_timing = one.trial.expect.timing.rows().any(|name| name == row);
@@ -22,7 +22,7 @@ pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
     }
 }
 
-/// The rows of a verdict that have limits, in their order, as far as they do not hang on the timing.
+/// Returns the rows of a verdict that have limits, in their order, except for those on timing.
 #[must_use]
 pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
     let of_loops = plan.loops.iter().flat_map(|one| {
@@ -34,14 +34,14 @@ pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
     of_loops.chain(contours).collect()
 }
 
-/// What is expected of the timing, which all loops share.
+/// Returns the expectations on timing, which all loops share.
 #[must_use]
 pub fn expected_timing(plan: &Plan) -> Option<&Expect> {
     let mut expected = plan.loops.iter().map(|one| &one.trial.expect);
     expected.find(|expect| !expect.timing.is_empty())
 }
 
-/// The verdict of a plan, of those of its loops: that of the only one, or those of several joined.
+/// Returns the verdict of a plan: that of the only loop, or those of several joined.
 pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
     let names = Vec::from_iter(plan.loops.iter().map(|one| one.name().to_owned()));
     if names == [""] {
@@ -52,8 +52,8 @@ pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
     joined(names.into_iter().zip(verdicts).collect(), &contours)
 }
 
-/// Joins the verdicts of loops, each with the loop's name. Rows begin with the name of their loop; those of contours, whose names
-/// are these, have the names of theirs, and what all loops share stands once.
+/// Joins the verdicts of loops, each with the loop's name. Rows begin with the name of their loop, except for those of contours,
+/// which `contour_rows` names. Rows that all loops share appear once.
 ///
 /// # Panics
 /// There is no loop.
@@ -87,7 +87,7 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
                 shared.push(metric);
             }
         }
-        // They name their nodes; what several loops saw stands once.
+        // Losses name their nodes. A loss that several loops saw appears once.
         let fresh = verdict.losses.iter();
         let fresh = fresh.filter(|loss| !losses.contains(loss));
         losses.extend(Vec::from_iter(fresh.cloned()));
@@ -109,7 +109,7 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     }
 }
 
-/// The loop with the earliest cause among those that decide.
+/// Returns the loop with the earliest cause among those that decide.
 fn first_cause(loops: &[(String, Verdict)], outcome: Option<Outcome>) -> Option<usize> {
     let causes = loops
         .iter()
@@ -123,8 +123,8 @@ fn first_cause(loops: &[(String, Verdict)], outcome: Option<Outcome>) -> Option<
     first.map(|(place, _)| place)
 }
 
-/// Why the verdict is what it is, the reason of one loop first: what is said of all loops once, else with the names of those of which
-/// it is said.
+/// Joins the reasons of the verdicts, that of one loop first. A reason of all loops appears once; others appear with the names of
+/// their loops.
 fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
     let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
     let others = loops
@@ -152,13 +152,13 @@ fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
     (!told.is_empty()).then(|| told.join("; "))
 }
 
-/// The time with which a loss begins; what has none comes first.
+/// Returns the time with which a loss begins; a loss without a time comes first.
 fn seconds(loss: &str) -> f64 {
     let first = loss.split(' ').next().unwrap_or_default();
     first.parse().unwrap_or(f64::NEG_INFINITY)
 }
 
-/// A failure counts whatever else is open.
+/// Ranks an outcome; a failure counts more than an open result.
 fn gravity(outcome: &Outcome) -> u8 {
     match outcome {
         Outcome::Pass => 0,
@@ -168,7 +168,7 @@ fn gravity(outcome: &Outcome) -> u8 {
     }
 }
 
-/// The end that came first.
+/// Returns the end that came first.
 fn first_end(loops: &[(String, Verdict)]) -> Option<EarlyEnd> {
     let ends = loops
         .iter()

@@ -1,34 +1,34 @@
-//! A row of a verdict: a value beside its limit.
+//! A row of a verdict: a value and its limit.
 
 use scenario::expect::{Limit, Requirements};
 use serde::{Deserialize, Serialize};
 
-/// One row of a verdict: a metric, or a check of a signal or a sequence.
+/// Row of a verdict: a metric, or a check of a signal or a sequence.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Metric {
-    /// Its key in `[expect]`, or what a check demands; the unit is in the name.
+    /// Key in `[expect]`, or the demand of a check; the unit is in the name.
     pub name: String,
-    /// The measured value; none where the run does not have it (no step, never settled).
+    /// Measured value; `None` if the run does not have it (no step, never settled).
     pub value: Option<f64>,
-    /// When it was so, in scenario time; for checks of signals, and where one of several sines decides.
+    /// Time of the value, in scenario time; for checks of signals, and if one of several sines decides.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_seconds: Option<f64>,
-    /// Why there is no value.
+    /// Reason why there is no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub remark: Option<String>,
-    /// Its limit; none where it is only reported.
+    /// Limit; `None` if the metric is only reported.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub limit: Option<Limit>,
-    /// Whether the limit is met; none where there is no limit.
+    /// Whether the limit is met; `None` without a limit, and if the limit is not judged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub passed: Option<bool>,
-    /// The requirements that it tests.
+    /// Requirements that the metric tests.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Requirements,
 }
 
 impl Metric {
-    /// Holds a value against its limit. Without a value a limit is not met.
+    /// Checks a value against its limit. Without a value a limit is not met.
     #[must_use]
     pub fn new(name: impl Into<String>, value: Result<f64, String>, limit: Option<Limit>) -> Self {
         let passed = limit.map(|limit| value.as_ref().is_ok_and(|value| meets(*value, limit)));
@@ -47,7 +47,7 @@ impl Metric {
         }
     }
 
-    /// A metric of which nobody on this bus sends anything: its limit is neither met nor missed.
+    /// Returns a metric that no node on this bus sends: its limit is neither met nor missed.
     #[must_use]
     pub fn not_judged(name: impl Into<String>, reason: String, limit: Option<Limit>) -> Self {
         Self {
@@ -61,7 +61,7 @@ impl Metric {
         }
     }
 
-    /// With the time at which it was so.
+    /// Adds the time of the value.
     #[must_use]
     pub fn at(self, seconds: Option<f64>) -> Self {
         Self {
@@ -71,7 +71,7 @@ impl Metric {
     }
 }
 
-/// A limit that is neither met nor missed.
+/// Makes a limit neither met nor missed.
 pub(crate) fn leave_open(row: &mut Metric) {
     row.passed = None;
 }
@@ -81,12 +81,12 @@ pub(crate) fn meets(value: f64, limit: Limit) -> bool {
     limit.min.is_none_or(|min| value >= min) && limit.max.is_none_or(|max| value <= max)
 }
 
-/// Six decimals: more than any metric is known to, and the same text on every machine.
+/// Rounds to six decimals: more than any metric is known to, and the same text on every machine.
 pub(crate) fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }
 
-/// The reason of a run that cannot pass: limits on something that nobody on the bus sends.
+/// Returns the reason why a run cannot pass: limits on values that no node on the bus sends.
 pub(crate) fn not_judged(metrics: &[Metric]) -> Option<String> {
     let undecided = |metric: &&Metric| metric.limit.is_some() && metric.passed.is_none();
     let undecided = metrics.iter().filter(undecided);

@@ -1,4 +1,4 @@
-//! What a run came to, in numbers, each with its limit.
+//! The metrics of a run, each with its limit.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::Trial;
@@ -12,13 +12,13 @@ use crate::{
     chirp, contour, disturbances, duties, holds, reactions, sequences, signals, sine, steps,
 };
 
-/// The steady state is the mean over this time before the end.
+/// Time before the end over which the mean is the steady state.
 const STEADY_STATE_SECONDS: f64 = 0.5;
 
-/// Measures one metric.
+/// Function that measures one metric.
 type Measure = fn(&Evidence<'_>) -> Measurement;
 
-/// How each metric is measured, by the names of [`METRICS`] and in their order.
+/// Measurement of each metric, by the names of [`METRICS`] and in their order.
 static MEASURES: &[(&str, Measure)] = &[
     ("settling_time_seconds", steps::settling_time),
     ("overshoot_percent", steps::overshoot),
@@ -60,8 +60,8 @@ static MEASURES: &[(&str, Measure)] = &[
     ("emcy", reactions::missing_emergencies),
 ];
 
-/// All rows of the verdict: the metrics that the scenario gives a meaning to or a limit, then its checks, then the contours whose
-/// first axis this loop is.
+/// Returns all rows of the verdict: the metrics that have a meaning or a limit in the scenario, then its checks, then the
+/// contours whose first axis is this loop.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let expect = &evidence.trial.expect;
     let mut rows = rows_of_metrics(evidence);
@@ -78,7 +78,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     rows
 }
 
-/// The rows of a scenario's verdict that have a limit, in their order; those of `[expect.timing]` are not among them.
+/// Returns the rows of a scenario's verdict that have a limit, in their order, without those of `[expect.timing]`.
 #[must_use]
 pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
@@ -115,7 +115,7 @@ fn rows_of_metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     rows
 }
 
-/// A limit that was met until the bench ended the run may have been missed later.
+/// Opens a limit that was met until the bench ended the run, since it may have been missed later.
 fn without_pass(row: Metric) -> Metric {
     Metric {
         passed: row.passed.filter(|passed| !passed),
@@ -201,7 +201,7 @@ fn sync_interval(evidence: &Evidence<'_>) -> MetricValue {
 }
 
 /// # Errors
-/// The SYNC came to its end before what is judged did. What the bench ended still shows how it went until then.
+/// The SYNC ended before the judged time did. If the bench ended it, the recording still shows the run until then.
 fn until_the_end(evidence: &Evidence<'_>) -> Result<(), Absence> {
     match evidence.silence_of_sync() {
         Some(silence) if !evidence.is_cut_before(silence.until_seconds) => {
@@ -225,7 +225,7 @@ fn traffic(value: f64) -> MetricValue {
 mod tests {
     use super::*;
 
-    /// The same names in the same order.
+    /// The two tables have the same names in the same order.
     #[test]
     fn each_metric_of_a_scenario_is_measured() {
         let names = MEASURES.iter().map(|(name, _)| *name);

@@ -1,4 +1,4 @@
-//! Whether the drive of a loop is off after a run that broke off, by its own latest reports.
+//! Checks that the drive of a loop is off after a run that broke off, by its own latest reports.
 
 use canopen::cia402::State;
 use dbc::names::{self, CURRENT};
@@ -13,7 +13,7 @@ use crate::evidence::Evidence;
 use crate::metric::Metric;
 use crate::reactions::state;
 
-/// The row of the verdict: 1 where the drive is off.
+/// Row of the verdict: 1 if the drive is off.
 pub(crate) const DRIVE_OFF: &str = "drive_off";
 const OFF: Option<Limit> = Some(Limit {
     min: Some(1.0),
@@ -22,7 +22,7 @@ const OFF: Option<Limit> = Some(Limit {
 /// Largest current of a drive that is off, in steps of its object: 0x6078 has thousandths of the rated current.
 const CURRENT_STEPS_MAX: f64 = 20.0;
 
-/// The row of a run that broke off; none where no current could flow yet, and where the user ended it.
+/// Returns the row of a run that broke off; `None` if no current could flow yet, or the user ended the run.
 pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metric> {
     let timeline = evidence.timeline;
     if end.by == EndedBy::User || timeline.zero_seconds.is_none() {
@@ -76,7 +76,7 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     Some(Metric::not_judged(DRIVE_OFF, remark, OFF))
 }
 
-/// The latest value of the cycles, with its time.
+/// Returns the latest value of the cycles, with its time.
 fn latest(evidence: &Evidence<'_>, values: &Series<f64>) -> Option<(f64, f64)> {
     let times = &evidence.timeline.time_seconds;
     let mut rows = times.iter().zip(values);
@@ -105,8 +105,8 @@ mod tests {
     use crate::verdict::Outcome;
     use crate::{Circumstances, judge};
 
-    /// The end of a run in which the drive was on until the controller died at 0.2 s; then the drive's heartbeat until a time, and its
-    /// answers at 0.4 s.
+    /// Returns the end of a run in which the drive was on until the controller died at 0.2 s: the drive's heartbeat until a time,
+    /// and its answers at 0.4 s.
     fn frames(until_milliseconds: u64, answers: Option<(u16, i16)>) -> Vec<Stamped> {
         let database = Database::shipped();
         let mut on = database.builder("drive_tpdo1").unwrap();
@@ -132,7 +132,7 @@ mod tests {
         frames
     }
 
-    /// The row and the outcome of a run that this ended.
+    /// Returns the row and the outcome of a run that ended with these frames.
     fn judged(by: EndedBy, frames: &[Stamped]) -> (Option<bool>, String, Outcome, Option<String>) {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"off\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Trial::parse(text, "off.toml", |_| unreachable!("no table")).unwrap();

@@ -1,4 +1,4 @@
-//! Whether a recording is good enough to decide anything.
+//! Checks whether a recording is good enough to decide anything.
 
 use plan::ControlLoop;
 use recording::timeline::Timeline;
@@ -9,7 +9,7 @@ use crate::attribution::{FAULTY_END_SECONDS, is_recorded_to_its_end};
 use crate::evidence::Evidence;
 use crate::metric::rounded;
 
-/// Why a recording that ends before its scenario decides nothing.
+/// Returns the reason why a recording that ends before its scenario decides nothing.
 pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String> {
     let never_began = timeline.zero_seconds.is_none();
     let is_whole = is_recorded_to_its_end(timeline, one) || never_began && has_boot_fault(one);
@@ -24,25 +24,25 @@ pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String
     })
 }
 
-/// Whether the recording goes on until a scenario time: what is missing before it was not sent. Where the scenario never
-/// began, nothing but its nodes kept it from that.
+/// Returns whether the recording reaches a scenario time: frames that are missing before it were not sent. A scenario that never
+/// began was kept from it by nothing but its nodes.
 pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
     timeline.zero_seconds.is_none() || timeline.last_frame_seconds + FAULTY_END_SECONDS >= seconds
 }
 
-/// A fault with which the scenario need not begin.
+/// Returns whether there is a fault with which the scenario need not begin.
 fn has_boot_fault(one: &ControlLoop) -> bool {
     one.faults().any(|fault| fault.from_seconds.is_none())
 }
 
-/// Why nothing can be decided, when the recording is not all that was on the bus.
+/// Returns the reason why nothing can be decided if the recording lacks frames that were on the bus.
 pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
     let lost = unrecorded.frames_lost;
     let lost = (lost > 0).then(|| lost_frames(lost));
     lost.or_else(|| unrecorded.strange_lines.clone())
 }
 
-/// Why nothing can be decided, when somebody else sent what the nodes of the run send.
+/// Returns the reason why nothing can be decided if a foreign source sent frames of the run's nodes.
 pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let circumstances = evidence.circumstances;
     let found = evidence.timeline.sources.found(&circumstances.sent);

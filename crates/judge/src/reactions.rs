@@ -1,5 +1,5 @@
-//! What the run did about its faults, from the recording alone. Without faults the plant reports nothing of itself, so most
-//! of it has no value.
+//! The reactions of a run to its faults, from the recording alone. Without faults the plant does not report itself, so most
+//! metrics have no value.
 
 use canopen::cia402::State;
 use dbc::names;
@@ -13,18 +13,18 @@ use scenario::expect::Emergency;
 use crate::disturbances::recovery;
 use crate::evidence::{Absence, Evidence, Measurement, largest};
 
-/// Without current for so long counts as current 0: a law may command no current for some cycles.
+/// Time without current that counts as current 0: a law may command no current for some cycles.
 const WITHOUT_CURRENT_SECONDS: f64 = 0.1;
-/// The state at the end is that of this time before it.
+/// Time before the end that shows the state at the end.
 const END_SECONDS: f64 = 0.1;
 
-/// The report of an emulated plant, for people.
+/// Name of an emulated plant's report in messages.
 const TRUTH: &str = "truth of the plant";
-/// How the names of signals end that report how warm the current makes a plant.
+/// End of the names of signals with the temperature to which the current heats a plant.
 const TEMPERATURE: &str = "_temperature_celsius";
 const ESTIMATED: &str = "estimated_";
 
-/// The highest temperature: in a scenario with faults always, in others where it is limited.
+/// Measures the highest temperature: always in a scenario with faults, in others if it is limited.
 pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if trial.expect.of("temperature_celsius").is_none() && !trial.has_own_faults() {
@@ -48,7 +48,7 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     is_seen.and_then(|()| largest(temperatures)).into()
 }
 
-/// When the drive sent no temperature for too long, where the plant does not report it by itself.
+/// Returns the reason if the drive sent no temperature for too long, and the plant does not report it by itself.
 fn unseen_temperature(evidence: &Evidence<'_>) -> Option<String> {
     let timeline = evidence.timeline;
     let (from, until) = timeline
@@ -59,7 +59,7 @@ fn unseen_temperature(evidence: &Evidence<'_>) -> Option<String> {
     (!is_seen_otherwise).then(|| format!("no temperature from {from:.3} to {until:.3} s"))
 }
 
-/// The first stretch from the plant's first message to the end in which it was silent.
+/// Returns the first silence between the plant's first message and the end.
 fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
     let (timeline, truth) = (evidence.timeline, &evidence.timeline.truth);
     let first_seconds = truth.first()?.time_seconds;
@@ -95,7 +95,7 @@ fn silence_of(silence: Window) -> Absence {
     )
 }
 
-/// The plant's own peaks, and the drive's view of the truth where the plant is silent.
+/// Returns the plant's own peaks, and the drive's view of the truth while the plant is silent.
 fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
     let timeline = evidence.timeline;
     let counts = |time: &f64| !evidence.leaves_out(*time, *time);
@@ -117,7 +117,7 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
     temperatures.filter(|temperature| !temperature.is_nan())
 }
 
-/// 0 where no event has a text that none may have.
+/// Measures unwanted events: 0 if no event has a text that is ruled out.
 pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
     let unwanted = evidence.trial.expect.listed("no_event");
     if unwanted.is_empty() {
@@ -139,7 +139,7 @@ pub(crate) fn unwanted_events(evidence: &Evidence<'_>) -> Measurement {
     }
 }
 
-/// Milliseconds from the first fault to the start of the first stretch without current.
+/// Measures the time from the first fault to the start of the first stretch without current, in milliseconds.
 pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_own_faults() {
@@ -173,7 +173,8 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     zero.map(|seconds| 1e3 * seconds).into()
 }
 
-/// What the plant reports only where something can fail: a limit on it, put on a recording without faults, is not judged.
+/// Returns the measurement of a value that the plant reports only if something can fail. A limit on it is not judged for a
+/// recording without faults.
 fn without_faults(is_limited: bool) -> Measurement {
     if is_limited {
         Measurement::Unavailable(format!("not available: without faults there is no {TRUTH}"))
@@ -182,7 +183,7 @@ fn without_faults(is_limited: bool) -> Measurement {
     }
 }
 
-/// When the first fault begins; those of the boot do at the start of the recording.
+/// Returns the begin of the first fault; faults of the boot begin at the start of the recording.
 fn first_fault_seconds(trial: &Trial) -> f64 {
     let starts = trial.own_faults().map(|fault| fault.from_seconds);
     starts
@@ -190,7 +191,7 @@ fn first_fault_seconds(trial: &Trial) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// The start of the first stretch without current after a fault. What flows in a silence, nobody knows.
+/// Returns the start of the first stretch without current after a fault. The current during a silence is unknown.
 fn zero_since(truth: &[PlantTruth], fault_seconds: f64, silence_seconds_max: f64) -> Option<f64> {
     let mut zero_since = None;
     for pair in truth.windows(2) {
@@ -219,7 +220,7 @@ fn is_heated(truth: &PlantTruth) -> bool {
     truth.current_amperes != 0.0
 }
 
-/// From the end of the last fault until the deviation stays small.
+/// Measures the time from the end of the last fault until the deviation stays small.
 pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_own_faults() {
@@ -245,7 +246,7 @@ pub(crate) fn recovery_from_faults(evidence: &Evidence<'_>) -> Measurement {
     recovered.unwrap_or_else(|| Err(Absence::left_out())).into()
 }
 
-/// None where a fault lasts to the end.
+/// Returns the end of the last fault; `None` if a fault lasts to the end.
 fn last_fault_end_seconds(trial: &Trial) -> Option<f64> {
     let ends = trial
         .own_faults()
@@ -258,7 +259,7 @@ fn last_fault_end_seconds(trial: &Trial) -> Option<f64> {
     Some(ends.into_iter().fold(0.0, f64::max))
 }
 
-/// 1 where the bench is safe at the end, else 0.
+/// Measures safety: 1 if the bench is safe at the end, else 0.
 pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     let trial = evidence.trial;
     if !trial.has_own_faults() {
@@ -278,7 +279,7 @@ pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
     Ok(if is_safe { 1.0 } else { 0.0 }).into()
 }
 
-/// The silence of the plant in which the scenario ended.
+/// Returns the silence of the plant in which the scenario ended.
 fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
     evidence.timeline.zero_seconds?;
     let end_seconds = evidence.trial.run.duration_seconds;
@@ -298,7 +299,7 @@ fn silence_at_end(evidence: &Evidence<'_>) -> Option<Window> {
     evidence.first_silence([].into_iter(), window, seconds_max)
 }
 
-/// No current in the wire at the end, and a drive that is not enabled, or silent.
+/// Returns whether no current flows in the wire at the end, and the drive is not enabled, or silent.
 fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
     let (timeline, end) = (evidence.timeline, evidence.end_seconds());
     let before_end = timeline
@@ -315,7 +316,7 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
         && !io_node_drives_current(evidence)
 }
 
-/// Whether the last command to an io node lets a current flow.
+/// Returns whether the last command to an io node lets a current flow.
 fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     let one = evidence.own;
     let io = one.nodes.io.iter();
@@ -330,7 +331,7 @@ fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     })
 }
 
-/// Whether the drive reports Operation enabled in its last message after a time.
+/// Returns whether the drive reports Operation enabled in its last message after a time.
 fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
     let Some(column) = timeline.column(names::STATUSWORD) else {
         return false;
@@ -340,7 +341,7 @@ fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
     last.is_some_and(|(_, value)| state(*value) == Some(State::OperationEnabled))
 }
 
-/// The state that a statusword stands for.
+/// Returns the state of a statusword.
 pub(crate) fn state(statusword: f64) -> Option<State> {
     #[expect(
         clippy::cast_possible_truncation,
@@ -351,7 +352,7 @@ pub(crate) fn state(statusword: f64) -> Option<State> {
     State::from_statusword(statusword)
 }
 
-/// 0 where all emergencies that are demanded came.
+/// Measures missing emergencies: 0 if all demanded ones came.
 pub(crate) fn missing_emergencies(evidence: &Evidence<'_>) -> Measurement {
     let demanded = evidence.trial.expect.listed("emcy");
     if demanded.is_empty() {

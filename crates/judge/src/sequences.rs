@@ -1,4 +1,4 @@
-//! Events held against `[[expect.sequence]]`: each after the one before, soon enough.
+//! Checks of the events in `[[expect.sequence]]`: each after the one before, and soon enough.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
@@ -10,7 +10,7 @@ use crate::evidence::{Absence, Evidence, Observation, samples_in};
 use crate::metric::{Metric, rounded};
 use crate::signals::nearest;
 
-/// A row for each event of each sequence.
+/// Returns a row for each event of each sequence.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let sequences = evidence.trial.expect.sequence.iter();
     sequences
@@ -29,7 +29,7 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
                     from_seconds: *since,
                     ..window
                 };
-                // What came twice in one event's words must come twice on the bus.
+                // Two equal events in a row must come twice on the bus.
                 let again = place.checked_sub(1).map(|last| &sequence.event[last]) == Some(event);
                 next(evidence, event, rest, again)
             }
@@ -57,7 +57,7 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
     metrics
 }
 
-/// What the row of an event is held against.
+/// Returns the limit of an event's row.
 fn limit_of(event: &Expected, window: Window) -> Limit {
     let longest = event
         .within_milliseconds
@@ -68,7 +68,7 @@ fn limit_of(event: &Expected, window: Window) -> Limit {
     }
 }
 
-/// The rows of all events with their limits.
+/// Returns the rows of all events with their limits.
 pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
     trial.expect.sequence.iter().flat_map(|sequence| {
         let window = sequence.window(trial.run.duration_seconds);
@@ -77,7 +77,7 @@ pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
     })
 }
 
-/// The next coming of an event in a stretch of time, in milliseconds from its start.
+/// Returns the next occurrence of an event in a stretch of time, in milliseconds from its start.
 fn next(evidence: &Evidence<'_>, event: &Expected, rest: Window, again: bool) -> Observation {
     if evidence.timeline.zero_seconds.is_none() {
         return Observation::none("the scenario never began");
@@ -132,7 +132,7 @@ fn event_with(evidence: &Evidence<'_>, part: &str, is_next: impl Fn(f64) -> bool
     times.find(|time| is_next(*time))
 }
 
-/// When a signal gets within its limits for long enough; if it does not, how near it came.
+/// Returns the time at which a signal gets within its limits for long enough, or a text on how near it came.
 fn reached(
     trace: &SignalTrace,
     event: &Expected,
@@ -149,13 +149,13 @@ fn reached(
     }
 }
 
-/// A signal within its limits from one sample to another, without a silence.
+/// Stay of a signal within its limits from one sample to another, without a silence.
 struct Stay {
     begins_seconds: f64,
     lasts_seconds: f64,
 }
 
-/// All stays of a signal within the limits of an event, in order.
+/// Returns all stays of a signal within the limits of an event, in order.
 fn stays<'a>(
     samples: &'a [SignalSample],
     silence_seconds_max: Option<f64>,
@@ -178,7 +178,7 @@ fn stays<'a>(
         })
 }
 
-/// How near a signal came to its limits, and when; where it was within them, for how long.
+/// Describes how near a signal came to its limits, and when; if it was within them, for how long.
 fn nearest_words(
     samples: &[SignalSample],
     stays: impl Iterator<Item = Stay>,
@@ -187,7 +187,7 @@ fn nearest_words(
     let Some(wanted) = event.reaches else {
         return String::new();
     };
-    // Of stays that last equally long the first is named.
+    // The first of equally long stays is named.
     let longest = stays.reduce(|longest, stay| {
         if stay.lasts_seconds > longest.lasts_seconds {
             stay
@@ -222,7 +222,8 @@ mod tests {
 
     use super::*;
 
-    /// A run of 1 s from 0.1 s of the log on: cycles until the drive sends 0x8130 at 0.5 s, then current 0, but for one cycle.
+    /// Returns a run of 1 s that begins at 0.1 s of the log: cycles until the drive sends 0x8130 at 0.5 s, then current 0 except
+    /// in one cycle.
     fn frames() -> Vec<Stamped> {
         let database = Database::shipped();
         let feedback = |current: f64| {
@@ -252,7 +253,7 @@ mod tests {
         frames
     }
 
-    /// Each row as value or remark, then its result.
+    /// Checks each row, as value or remark and result.
     #[track_caller]
     fn check(sequence: &str, expected: &[(Result<f64, &str>, bool)]) {
         check_frames(&frames(), sequence, expected);
@@ -300,7 +301,7 @@ mod tests {
         );
     }
 
-    /// The current is 0 from 0.521 s on; from 0.6 to 0.8 s nothing is heard.
+    /// The current is 0 from 0.521 s on; from 0.6 to 0.8 s there are no frames.
     #[test]
     fn a_stay_does_not_last_through_a_silence() {
         let stay = "event = [{ signal = \"current_amperes\", reaches = { max = 0 }, for_milliseconds = 150 }]";
@@ -335,7 +336,7 @@ mod tests {
             &format!("event = [{EMCY}, {other}, {EMCY}]"),
             &[(Ok(500.05), true), (missing, false), (after, false)],
         );
-        // One emergency is not two.
+        // A single emergency does not count as two.
         check(
             &format!("event = [{EMCY}, {EMCY}]"),
             &[(Ok(500.05), true), (missing, false)],

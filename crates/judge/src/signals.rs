@@ -1,4 +1,4 @@
-//! What signals did, held against `[[expect.signal]]`. Where nothing was seen, nothing passes.
+//! Checks of signals in `[[expect.signal]]`. A window without samples never passes.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use recording::traces::{SignalSample, SignalTrace};
@@ -9,7 +9,7 @@ use scenario::expect::{Course, Demand, Limit, SignalCheck};
 use crate::evidence::{Absence, Evidence, Observation, first_silence, margin, samples_in};
 use crate::metric::{Metric, rounded};
 
-/// A row for each demand.
+/// Returns a row for each demand.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let checks = evidence.trial.expect.signal.iter();
     checks
@@ -32,7 +32,7 @@ fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> 
     observation.metric(evidence, check.row_name(demand), Some(limit))
 }
 
-/// What the row of a demand is held against.
+/// Returns the limit of a demand's row.
 fn limit_of(demand: &Demand<'_>, window: Window) -> Limit {
     match demand {
         Demand::Stays(limit) | Demand::RatePerSecond(limit) => *limit,
@@ -41,7 +41,7 @@ fn limit_of(demand: &Demand<'_>, window: Window) -> Limit {
     }
 }
 
-/// The rows of all demands with their limits.
+/// Returns the rows of all demands with their limits.
 pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
     trial.expect.signal.iter().flat_map(|check| {
         check.demands().map(|demand| {
@@ -58,7 +58,8 @@ fn at_most(max: f64) -> Limit {
     }
 }
 
-/// The same without what stalls explain: an arrival as a whole, of others each sample.
+/// Observes the signal without the pieces that stalls explain. An arrival counts as a whole; for other demands each sample
+/// counts.
 fn observe_rest(
     evidence: &Evidence<'_>,
     trace: &SignalTrace,
@@ -124,7 +125,7 @@ fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limi
     }
 }
 
-/// Why a window is empty.
+/// Returns the reason why a window is empty.
 fn absence(trace: &SignalTrace, window: Window) -> String {
     let is_before = |sample: &&SignalSample| sample.time_seconds < window.from_seconds;
     let last = trace.samples.iter().rev().find(is_before);
@@ -139,7 +140,7 @@ fn absence(trace: &SignalTrace, window: Window) -> String {
     }
 }
 
-/// From the start of the window to the first sample within the limit.
+/// Returns the time from the start of the window to the first sample within the limit.
 fn arrival(samples: &[SignalSample], window: Window, wanted: Limit) -> Observation {
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
         let since = first.time_seconds - window.from_seconds;
@@ -154,14 +155,14 @@ fn arrival(samples: &[SignalSample], window: Window, wanted: Limit) -> Observati
     }
 }
 
-/// The sample that comes nearest to what is wanted; the first of several.
+/// Returns the sample that is nearest to the wanted range; the first of several.
 pub(crate) fn nearest(samples: &[SignalSample], wanted: Limit) -> Option<&SignalSample> {
     let outside = |sample: &&SignalSample| -margin(sample.value, wanted);
     let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
     numbers.min_by(|left, right| outside(left).total_cmp(&outside(right)))
 }
 
-/// The value that is nearest to a limit or farthest beyond it; the first of several.
+/// Returns the value that is nearest to a limit or farthest beyond it; the first of several.
 fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observation {
     let worst = values.reduce(|worst, sample| {
         if margin(sample.value, limit) < margin(worst.value, limit) {
@@ -176,7 +177,7 @@ fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observatio
     }
 }
 
-/// The change per second up to each sample.
+/// Returns the change per second up to each sample.
 fn rates(samples: &[SignalSample]) -> impl Iterator<Item = SignalSample> {
     samples.windows(2).map(|pair| SignalSample {
         time_seconds: pair[1].time_seconds,
@@ -184,7 +185,7 @@ fn rates(samples: &[SignalSample]) -> impl Iterator<Item = SignalSample> {
     })
 }
 
-/// How far each sample is from the course.
+/// Returns the distance of each sample from the course.
 fn distances(samples: &[SignalSample], course: &Course) -> impl Iterator<Item = SignalSample> {
     samples.iter().map(|sample| SignalSample {
         value: (sample.value - course.at(sample.time_seconds)).abs(),
@@ -207,7 +208,7 @@ mod tests {
         }
     }
 
-    /// A sample each millisecond of the first second.
+    /// Returns a trace with a sample in each millisecond of the first second.
     fn every_millisecond(value: impl Fn(f64) -> f64) -> SignalTrace {
         let sample = |number| {
             let time_seconds = f64::from(number) * 1e-3;
@@ -269,7 +270,7 @@ mod tests {
         check_stays(&ramp, window(0.2, 0.4), Ok(0.2), Some(0.2));
         let peak = every_millisecond(|time| if (time - 0.5).abs() < 1e-6 { 7.0 } else { 0.5 });
         check_stays(&peak, window(0.0, 1.0), Ok(7.0), Some(0.5));
-        // The window ends before its last instant.
+        // The end of the window is not part of it.
         check_stays(&peak, window(0.0, 0.5), Ok(0.5), Some(0.0));
     }
 
@@ -349,7 +350,7 @@ mod tests {
     }
 
     proptest! {
-        /// The verdict is that of a reader who looks at each sample by itself, and the time is that of such a sample.
+        /// The verdict agrees with a check of each sample by itself, and its time is that of such a sample.
         #[test]
         fn a_band_is_kept_when_each_sample_keeps_it(
             values in prop::collection::vec(-2.0..2.0_f64, 1..60),
@@ -380,7 +381,7 @@ mod tests {
             prop_assert_eq!(wanted.admits(value), all);
             let judged = SignalSample { time_seconds: observation.at_seconds.unwrap(), value };
             prop_assert!(seen.contains(&judged));
-            // A wider band never turns a pass into a failure, and what keeps a band has reached it at once.
+            // A wider band never turns a pass into a failure, and a signal that keeps a band has reached it at once.
             let wider = limit(rounded(low) - 0.5, rounded(high) + 0.5);
             let again = observe(&trace, within, &Demand::Stays(wider), wider).value.unwrap();
             prop_assert!(!all || wider.admits(again));

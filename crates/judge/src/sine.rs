@@ -7,12 +7,12 @@ use crate::evidence::{
 };
 use crate::harmonic::Harmonic;
 
-/// What of a sine is measured.
+/// Property of a sine that is measured.
 struct OfSine {
     value: fn(&Harmonic, &Harmonic) -> f64,
-    /// What a position without error has.
+    /// Value of a position without error.
     ideal: f64,
-    /// The metric whose limit decides which of several is the worst.
+    /// Metric whose limit decides which of several sines is the worst.
     metric: &'static str,
 }
 
@@ -25,7 +25,7 @@ pub(crate) fn gain(evidence: &Evidence<'_>) -> Measurement {
     gain.worst(evidence)
 }
 
-/// From -270 to 90: a position that follows late has a negative phase.
+/// Measures the phase from −270 to 90 degrees; it is negative for a position that follows late.
 pub(crate) fn phase_degrees(evidence: &Evidence<'_>) -> Measurement {
     let phase = OfSine {
         value: |wanted, measured| phase_between(wanted.phase_degrees(), measured.phase_degrees()),
@@ -35,7 +35,7 @@ pub(crate) fn phase_degrees(evidence: &Evidence<'_>) -> Measurement {
     phase.worst(evidence)
 }
 
-/// From −270 to 90 degrees.
+/// Returns the difference of two phases, from −270 to 90 degrees.
 pub(crate) fn phase_between(wanted_degrees: f64, measured_degrees: f64) -> f64 {
     let phase = measured_degrees - wanted_degrees;
     let turns = libm::floor((phase + 270.0) / 360.0);
@@ -52,8 +52,8 @@ pub(crate) fn offset_millimetres(evidence: &Evidence<'_>) -> Measurement {
 }
 
 impl OfSine {
-    /// Of several sines the one that is nearest to the limit or farthest beyond it, or without a limit farthest from the
-    /// ideal; the first of several. Its time says which it is.
+    /// Returns the value of the sine that is nearest to the limit or farthest beyond it, or without a limit farthest from the
+    /// ideal; the first of several. The time of the value names the sine.
     fn worst(&self, evidence: &Evidence<'_>) -> Measurement {
         let sines = evidence.trial.judged_sines();
         let limit = evidence.trial.expect.limit(self.metric);

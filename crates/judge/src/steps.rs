@@ -1,4 +1,4 @@
-//! How the position follows the steps of the set-point.
+//! Response of the position to the steps of the set-point.
 
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::{JudgedStep, Window};
@@ -8,15 +8,15 @@ use crate::evidence::{
 };
 use crate::metric::rounded;
 
-/// Half the width of the settling band, by the height of the step (PAPER, "Definitions").
+/// Half the width of the settling band, relative to the height of the step (PAPER, "Definitions").
 pub const SETTLING_BAND: f64 = 0.05;
 
-/// The longest settling time.
+/// Measures the longest settling time.
 pub(crate) fn settling_time(evidence: &Evidence<'_>) -> Measurement {
     worst_step(evidence, true, settling_time_of)
 }
 
-/// The largest overshoot.
+/// Measures the largest overshoot.
 pub(crate) fn overshoot(evidence: &Evidence<'_>) -> Measurement {
     worst_step(evidence, false, overshoot_of)
 }
@@ -40,7 +40,7 @@ fn worst_step(
     }
 }
 
-/// First sample of the uninterrupted stay within the band, less the time of the step. A silence interrupts a stay.
+/// Returns the time from the step to the first sample of the uninterrupted stay within the band. A silence interrupts a stay.
 fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let band = SETTLING_BAND * (step.to_millimetres - step.from_millimetres).abs();
     let until_seconds = step.window.until_seconds;
@@ -72,7 +72,7 @@ fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     Ok(settled_at - step.window.from_seconds)
 }
 
-/// How far the position goes beyond the set-point in the direction of the step, by its height.
+/// Returns the distance of the position beyond the set-point in the direction of the step, relative to its height.
 fn overshoot_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let height = step.to_millimetres - step.from_millimetres;
     if height.abs() < SAME_MILLIMETRES_MAX {

@@ -17,7 +17,7 @@ use crate::{Circumstances, judge};
 
 const OPERATION_ENABLED: f64 = 39.0;
 
-/// A scenario of 4 s with a step from 10 mm to 35 mm at 1 s, and whatever is added.
+/// Returns a scenario of 4 s with a step from 10 mm to 35 mm at 1 s, and an addition.
 pub(crate) fn scenario(added: &str) -> Trial {
     Trial::parse(&scenario_text(added), "judged.toml", |_| {
         unreachable!("no table")
@@ -33,7 +33,7 @@ fn scenario_text(added: &str) -> String {
     )
 }
 
-/// What a drive with this position by cycle would leave; a cycle without a position has no TPDO1.
+/// Returns the frames of a drive with this position by cycle; a cycle without a position has no TPDO1.
 pub(crate) fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<Stamped> {
     let database = Database::shipped();
     let signal = |path| database.signal(path).unwrap();
@@ -94,7 +94,7 @@ fn check(added: &str, position: impl Fn(f64) -> f64, name: &str, expected: f64) 
     );
 }
 
-/// 10 mm before the step, 35 mm from `settled` on, and 34 mm (inside the band of 1.25 mm) or 30 mm for one sample.
+/// Returns a position of 10 mm before `settled`, and of 35 mm from then on.
 fn step_response(settled: f64) -> impl Fn(f64) -> f64 {
     move |time| if time < settled { 10.0 } else { 35.0 }
 }
@@ -127,13 +127,13 @@ fn hunting_is_how_far_the_mean_position_goes_in_the_last_second() {
     let swinging = |time: f64| match (time * 1e3).round() {
         1500.0..1600.0 => 40.0,
         3200.0..3210.0 => 35.3,
-        // In a mean of 10 ms this is 35.1 mm.
+        // The mean over 10 ms is 35.1 mm.
         3500.0 => 36.0,
         3900.0..3910.0 => 34.9,
         _ => 35.0,
     };
     check(HUNTING, swinging, "hunting_millimetres", 0.4);
-    // Nobody asked.
+    // Hunting is not limited, so it is not reported.
     let verdict = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
     assert!(
         verdict
@@ -156,7 +156,7 @@ fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
     );
 }
 
-/// A scenario of 4 s with a chirp of 10 mm from 2 to 8 Hz, and whatever is added.
+/// Returns a scenario of 4 s with a chirp of 10 mm from 2 to 8 Hz, and an addition.
 fn chirp(added: &str) -> Trial {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"judged\"\nduration_seconds = 4.0\n[controller.sliding_mode]\n{added}\n\
@@ -166,7 +166,7 @@ fn chirp(added: &str) -> Trial {
     Trial::parse(&text, "judged.toml", |_| unreachable!("no table")).unwrap()
 }
 
-/// A position that follows the chirp with this gain, 30° late and 1 mm high.
+/// Returns the frames of a position that follows the chirp with this gain, 30° late and 1 mm high.
 fn follows_the_chirp(gain: impl Fn(f64) -> f64) -> Vec<Stamped> {
     let sweep = chirp("").reference.chirp[0].sweep();
     frames(4000, |cycle| {
@@ -184,7 +184,7 @@ fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
     let [points] = &crate::frequency_responses(&timelines[0], plan.only_loop().unwrap())[..] else {
         panic!("one chirp")
     };
-    // 20 turns, of which the first is not judged.
+    // The first of the 20 turns is not judged.
     assert_eq!(points.len(), 19);
     // After n turns the frequency is √(2² + 2 · 1.5 n).
     assert!((points[0].hertz - 8.5_f64.sqrt()).abs() < 1e-9);
@@ -206,7 +206,7 @@ fn the_bandwidth_is_the_last_frequency_before_the_gain_falls() {
         let row = row(&verdict, "bandwidth_hertz");
         (row.value, row.passed, row.remark.clone())
     };
-    // It comes back above 7 Hz, which no longer counts.
+    // The gain recovers above 7 Hz, which no longer counts.
     let frames = follows_the_chirp(|hertz| {
         if (5.0..7.0).contains(&hertz) {
             0.6
@@ -215,7 +215,7 @@ fn the_bandwidth_is_the_last_frequency_before_the_gain_falls() {
         }
     });
     let (value, passed, _) = bandwidth(&frames);
-    // The turn from the sixth on ends at 5 Hz: the middle of that before is after 6.5 turns.
+    // The turn from the sixth on ends at 5 Hz: the middle of the one before is after 6.5 turns.
     assert_eq!(value, Some((23.5_f64.sqrt() * 1e6).round() / 1e6));
     assert_eq!(passed, Some(true));
     let (value, passed, remark) = bandwidth(&follows_the_chirp(|_| 0.6));
@@ -231,7 +231,7 @@ fn the_bandwidth_is_the_last_frequency_before_the_gain_falls() {
     assert!(remark.unwrap().contains("silent"));
 }
 
-/// As [`frames`], with a command in each cycle.
+/// Returns frames as [`frames`] does, with a command in each cycle.
 fn commanded(position: impl Fn(f64) -> f64, current: impl Fn(u32) -> f64) -> Vec<Stamped> {
     let database = Database::shipped();
     let target = database
@@ -284,7 +284,7 @@ fn a_disturbance_ends_the_hold_before_it() {
     assert_eq!(reason, Some("the hold lasts 1.000 s; 2 s are needed"));
 }
 
-/// Without a limit too, since a reader who misses a row takes its metric for met.
+/// The row exists without a limit, too, since a reader who misses a row takes its metric for met.
 #[test]
 fn a_step_that_never_settles_has_a_row() {
     let never = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
@@ -311,7 +311,7 @@ fn a_stay_lasts_for_a_tenth_of_a_second_at_least() {
     assert_eq!(value(&judged(3.9), "settling_time_seconds"), Some(2.9));
 }
 
-/// Frames of 4 s in which the controller dies; the plant reports of itself to the end.
+/// Returns frames of 4 s in which the controller dies; the plant reports itself to the end.
 fn dying_frames(cycles: u32) -> Vec<Stamped> {
     let position = step_response(1.1);
     let mut frames = frames(cycles, |cycle| Some(position(f64::from(cycle) / 1e3)));
@@ -331,7 +331,7 @@ const LIMITS: &str = "[expect]\nsettling_time_seconds = { max = 0.2 }\novershoot
     current_amperes_rms = { max = 1.0 }\nmissed_cycles_percent = { max = 1.0 }\n\
     sync_interval_milliseconds_max = { max = 2.0 }\n";
 
-/// The names of the rows with a limit, by what came of it.
+/// Returns the names of the rows with a limit and a certain result.
 fn names(verdict: &Verdict, passed: Option<bool>) -> Vec<&str> {
     let rows = verdict
         .metrics
@@ -358,21 +358,21 @@ fn what_a_silent_node_kept_from_being_seen_fails() {
     let silent = "silent from 0.989 to 4.000 s";
     assert_eq!(reason("tracking_error_millimetres_rms"), silent);
     let no_sync = "no SYNC from 0.990 to 4.000 s";
-    // Cycles 990 to 3999.
+    // Cycles 990 to 3999 are missed.
     assert_eq!(value(&dead, "missed_cycles_percent"), Some(75.25));
     assert_eq!(reason("sync_interval_milliseconds_max"), no_sync);
 }
 
 #[test]
 fn what_is_judged_may_end_before_the_scenario_does() {
-    // 21 missed cycles of 1500 are 1.4 %, which the limit on them admits.
+    // The limit admits 21 missed cycles of 1500, which are 1.4 %.
     let limits = LIMITS.replace("percent = { max = 1.0 }", "percent = { max = 2.0 }");
     let ends = format!("{CRASH}{limits}judged_until_seconds = 1.5\n");
     let dead = verdict_of(&scenario(&ends), &dying_frames(1500), 0);
     assert_eq!(dead.outcome, Outcome::Pass, "{:?}", dead.metrics);
     assert_eq!(value(&dead, "settling_time_seconds"), Some(0.1));
     assert_eq!(value(&dead, "missed_cycles_percent"), Some(0.0));
-    // 0.02 s without a position are no silence, 0.021 s are.
+    // A stretch of 0.02 s without a position is no silence, one of 0.021 s is.
     let passes = |cycles| verdict_of(&scenario(&ends), &dying_frames(cycles), 0).outcome;
     assert_eq!(passes(1481), Outcome::Pass);
     assert_eq!(passes(1479), Outcome::Fail);
@@ -565,7 +565,7 @@ fn what_nobody_sends_is_not_judged_and_does_not_pass() {
         "[expect]\nrecovery_time_seconds = { max = 1.0 }\ntemperature_celsius = { max = 90.0 }\n";
     let step = |time: f64| step_response(1.1)(time);
     let mut frames = frames(4000, |cycle| Some(step(f64::from(cycle) / 1e3)));
-    // Without the module's heartbeat its commands reach nobody.
+    // A module without a heartbeat is absent, so its commands have no effect.
     frames.retain(|stamped| stamped.frame.standard_id() != Some(0x711));
     let judged = |limits: &str| verdict_of(&scenario(&format!("{fan}{limits}")), &frames, 0);
     let verdict = judged(limits);
@@ -607,7 +607,7 @@ fn a_step_that_never_settles_misses_its_limit() {
 #[test]
 fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
     let mut frames = frames(4000, |_| Some(35.0));
-    // The scenario begins at 1 ms and ends at 4.001 s; then a drive that stops may send anything.
+    // The scenario begins at 1 ms and ends at 4.001 s. A drive that stops may send anything after that.
     let late = Duration::from_micros(4_001_200);
     frames.push(Stamped::new(late, frames[0].frame));
     let verdict = verdict_of(&scenario(""), &frames, 0);
@@ -641,7 +641,7 @@ fn a_bad_recording_decides_nothing() {
     assert_eq!(outcome(&[], 0), Outcome::Incomplete);
 }
 
-/// Every 50th cycle without a position, then every 50th without its SYNC: 2 % missed, more than 1 %.
+/// Every 50th cycle lacks its position, then its SYNC: 2 % are missed, more than 1 %.
 #[test]
 fn what_the_nodes_leave_out_fails_the_run_whoever_lost_frames() {
     let whole = frames(4000, |_| Some(35.0));
@@ -666,7 +666,7 @@ fn what_the_nodes_leave_out_fails_the_run_whoever_lost_frames() {
     assert_eq!(verdict_of(&permits, &skipped, 0).outcome, Outcome::Pass);
 }
 
-/// Adds a command behind each position.
+/// Adds a command after each position.
 fn answer_positions(frames: &mut Vec<Stamped>) {
     let is_position = |one: &&Stamped| one.frame.standard_id() == Some(0x190);
     let answers = frames.iter().filter(is_position).map(|position| {
@@ -677,7 +677,7 @@ fn answer_positions(frames: &mut Vec<Stamped>) {
     frames.sort_by_key(|stamped| stamped.time);
 }
 
-/// A step to 36 mm, 4 % too far, at 1.2 s, and cycles without a position in a stall of the machine.
+/// Judges a step to 36 mm, 4 % too far, at 1.2 s, with cycles without a position in a stall of the machine.
 fn beside_a_stall(
     added: &str,
     missed: std::ops::Range<u32>,
@@ -719,7 +719,7 @@ fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
     let reason = "not judged, since the machine stood still for 15.0 ms at 1.150 s: overshoot_percent; \
         run it again or use --clock lockstep";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
-    // What is met is met all the same.
+    // A limit that is met stays met.
     let met = beside_a_stall(STEP_LIMIT, 1150..1165, (1150, 1165), step_response(1.1));
     assert_eq!((met.outcome, met.reason), (Outcome::Pass, None));
     // A stall for which no cycle was missed explains nothing.
@@ -727,7 +727,7 @@ fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
     assert_eq!(verdict.outcome, Outcome::Fail);
 }
 
-/// All that the check would be held against was in the shadow of the stall.
+/// All samples of the check are in the shadow of the stall.
 #[test]
 fn a_check_of_what_a_stall_moved_is_open() {
     let check = "[[expect.signal]]\nname = \"position_millimetres\"\nfrom_seconds = 1.17\nuntil_seconds = 1.3\n\
@@ -749,7 +749,7 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
         let verdict = beside_a_stall(STEP_LIMIT, missed, stall, overshooting);
         assert_eq!(verdict.outcome, Outcome::Fail, "{:?}", verdict.reason);
     }
-    // More than 1 % in stalls, and nothing missed before: nothing is known.
+    // More than 1 % was missed in stalls, and nothing before them: the result is open.
     let verdict = beside_a_stall(STEP_LIMIT, 3000..3200, (3000, 3200), step_response(1.1));
     assert_eq!(verdict.outcome, Outcome::Inconclusive);
     let reason = verdict.reason.unwrap();
@@ -762,7 +762,7 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
     assert_eq!(row.unwrap().passed, None);
 }
 
-/// 5 % missed, half of them in a stall, against a limit of 3 %: without the stall it is met. Against 2 % it is not.
+/// The run misses 5 %, half of them in a stall. Without the stall it meets a limit of 3 %, and misses one of 2 %.
 #[test]
 fn missed_cycles_have_their_limit_without_those_of_the_bench() {
     let judged = |max: f64| {
@@ -784,7 +784,7 @@ fn missed_cycles_have_their_limit_without_those_of_the_bench() {
     assert_eq!(judged(3.0), Outcome::Inconclusive);
 }
 
-/// 5 % without a command, all of them in a stall or none.
+/// The run has 5 % of its cycles without a command, all of them in a stall or none.
 #[test]
 fn missed_commands_have_their_limit_without_those_of_the_bench() {
     let limit = "[expect]\nmissed_commands_percent = { max = 3.0 }\n";
@@ -865,7 +865,7 @@ fn a_node_that_ends_a_run_fails_it_and_the_bench_and_the_user_do_not() {
     }
 }
 
-/// The frames of a good run, and each SYNC a second time.
+/// Returns the frames of a good run, with each SYNC a second time.
 fn with_foreign_syncs() -> Vec<Stamped> {
     let frames = frames(4000, |_| Some(10.0));
     let is_sync = |stamped: &&Stamped| stamped.frame.standard_id() == Some(0x080);
@@ -954,11 +954,11 @@ fn a_stall_excuses_what_it_moved_and_nothing_later() {
         let stall = (1800, 1800 + u64::from(length));
         beside_a_stall(limit, 1800..1800 + length - 1, stall, course).outcome
     };
-    // A long one moves the loop until 0.5 s and 20 times its length after its end, however far.
+    // A long stall moves the loop until 0.5 s and 20 times its length after its end, however far.
     assert_eq!(judged(25, 2.8, 60.0), Outcome::Inconclusive);
     assert_eq!(judged(25, 2.9, 37.0), Outcome::Fail);
     assert_eq!(judged(25, 1.7, 37.0), Outcome::Fail);
-    // A short one moves it only while it lasts, and by a tenth of the limit.
+    // A short stall moves the loop only while it lasts, and by a tenth of the limit.
     assert_eq!(judged(4, 1.803, 39.0), Outcome::Inconclusive);
     assert_eq!(judged(4, 1.803, 40.0), Outcome::Fail);
     assert_eq!(judged(4, 1.9, 39.0), Outcome::Fail);
@@ -971,13 +971,13 @@ fn a_step_that_a_stall_interrupts_takes_that_long_at_least() {
         let late = |time: f64| if time < 2.5 { 10.0 } else { 35.0 };
         beside_a_stall(&limit, 2000..2030, (2000, 2030), late).outcome
     };
-    // It had not settled within 0.9 s, and so much is proven.
+    // The position had not settled within 0.9 s, which is proof enough.
     assert_eq!(judged(0.5), Outcome::Fail);
     assert_eq!(judged(1.2), Outcome::Inconclusive);
     assert_eq!(judged(1.6), Outcome::Pass);
 }
 
-/// The controller's heartbeat stops at 1 s, the drive goes silent for it, and the run ends.
+/// The controller's heartbeat stops at 1 s, the drive goes silent because of it, and the run ends.
 #[test]
 fn the_earliest_breach_is_the_cause() {
     let mut all = frames(1300, |cycle| (cycle < 1200).then_some(10.0));
@@ -1017,7 +1017,7 @@ fn the_earliest_breach_is_the_cause() {
     let expected = "controller: no heartbeat from 1.000 s on; drive: silent since 1.200 s";
     assert_eq!((outcome, reason.as_str()), (Outcome::Fail, expected));
     assert_eq!((node.as_str(), duty.as_str()), ("controller", "heartbeat"));
-    // With all heartbeats the drive is the first.
+    // With all heartbeats, the drive is the first.
     let beats = (50..66).map(|beat| Duration::from_micros(20_000 * beat + 500));
     all.extend(beats.map(|time| Stamped::new(time, CanFrame::new(0x701, &[5]))));
     all.sort_by_key(|stamped| stamped.time);
@@ -1025,7 +1025,7 @@ fn the_earliest_breach_is_the_cause() {
     let expected = "drive: silent since 1.200 s";
     assert_eq!((outcome, reason.as_str()), (Outcome::Fail, expected));
     assert_eq!((node.as_str(), duty.as_str()), ("drive", "position"));
-    // A stall explains it that covers half of the time, and no shorter one.
+    // A stall that covers half of the time explains it; a shorter one does not.
     for (milliseconds, expected) in [(60, Outcome::Inconclusive), (40, Outcome::Fail)] {
         let [from, until] = [1201, 1201 + milliseconds].map(Duration::from_millis);
         let stall = Stall::new(from, until, Who::Machine, What::StoodStill);
@@ -1048,7 +1048,7 @@ fn a_node_without_a_heartbeat_at_the_end_is_named() {
     assert_eq!(verdict.reason.as_deref(), Some(reason));
 }
 
-/// It passes, and says that this is worth nothing.
+/// The run passes, with a remark that this proves nothing.
 #[test]
 fn a_run_in_which_nothing_is_limited_judges_nothing() {
     let whole = frames(4000, |_| Some(10.0));
@@ -1083,7 +1083,7 @@ fn ripple_needs_commands() {
     );
 }
 
-/// 10 ms after the band is left for the first time, and 5 s after the disturbance.
+/// The position is outside the band from 4 to 5 s after the disturbance.
 #[test]
 fn a_slow_loop_is_watched_until_something_else_moves_it() {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"slow\"\nduration_seconds = 9.0\n[controller.sliding_mode]\n\

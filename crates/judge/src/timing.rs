@@ -1,4 +1,4 @@
-//! How well a run in real time kept its deadlines, and the limits on that.
+//! Deadlines that a run in real time kept, and the limits on them.
 
 use std::ops::Add;
 use std::time::Duration;
@@ -15,32 +15,33 @@ use serde::{Deserialize, Serialize};
 use crate::metric::Metric;
 
 const NO_LOOP: &str = "not available: all nodes are external";
-/// A wall clock that was stepped by more makes the stamps worthless.
+/// Largest step of the wall clock with which the stamps are still of use.
 const CLOCK_STEP_MAX: Duration = Duration::from_millis(1);
-/// In a run with more of its time in stalls, 99.9 % of the cycles do not say how the software is.
+/// Largest percentage of a run in stalls; beyond it, 99.9 % of the cycles no longer show the quality of the software.
 const STALLS_PERCENT_MAX: f64 = 0.1;
 
-/// Timing of a run, as `verdict.json` holds it. Not part of a verdict in virtual time.
+/// Timing of a run, as `verdict.json` holds it. A verdict in virtual time has none.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Timing {
-    /// What the controller's loop counted; none of one that is external.
+    /// Report of the controller's loop; `None` if the controller is external.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub controller: Option<NodeReport>,
-    /// What the emulator's loop counted, or those of several loops together; none beside an external drive.
+    /// Report of the emulator's loop, or of several loops together; `None` if the drive is external.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plant_emulator: Option<NodeReport>,
-    /// From the SYNC to the drive's position.
+    /// Time from the SYNC to the drive's position.
     pub sync_to_position_microseconds: Quantiles,
-    /// From the drive's position to the command that follows from it.
+    /// Time from the drive's position to the command that follows from it.
     pub position_to_command_microseconds: Quantiles,
-    /// From the SYNC to the command.
+    /// Time from the SYNC to the command.
     pub round_trip_microseconds: Quantiles,
-    /// Why these numbers say nothing about the software; empty when they do.
+    /// Reasons why these numbers say nothing about the software; empty if they do.
     pub distrust: Vec<String>,
 }
 
 impl Timing {
-    /// The timing of a run from its recording and from what the host knows. Of several loops each quantile is that of the worst.
+    /// Returns the timing of a run from its recording and the host's observations. For several loops each quantile is that of the
+    /// worst.
     ///
     /// # Errors
     /// The database lacks a signal.
@@ -69,7 +70,7 @@ impl Timing {
         })
     }
 
-    /// The timing of the same run, read from its recording again. What only the host knew is kept.
+    /// Returns the timing of the same run, read from its recording again. The host's observations are kept.
     ///
     /// # Errors
     /// The database lacks a signal.
@@ -83,7 +84,7 @@ impl Timing {
         })
     }
 
-    /// The loops that canrig ran, with their names.
+    /// Returns the reports of the loops that canrig ran, with their names.
     fn loops(&self) -> impl Iterator<Item = (&'static str, &NodeReport)> {
         let loops = [
             ("controller", &self.controller),
@@ -94,21 +95,21 @@ impl Timing {
             .filter_map(|(name, report)| Some((name, report.as_ref()?)))
     }
 
-    /// Frames of the loops that waited for room in a full queue; none where all nodes are external.
+    /// Returns the number of frames of the loops that waited for room in a full queue; `None` if all nodes are external.
     fn frames_delayed(&self) -> Option<u64> {
         self.loops()
             .map(|(_, report)| report.frames_delayed)
             .reduce(u64::add)
     }
 
-    /// The worse of the loops; none where all nodes are external.
+    /// Returns the worse lateness of the loops; `None` if all nodes are external.
     fn wake_up_lateness(&self) -> Option<Quantiles> {
         self.loops()
             .map(|(_, report)| report.wake_up_lateness_microseconds)
             .reduce(Quantiles::worst)
     }
 
-    /// The distributions with their names, for people.
+    /// Returns the distributions with their names.
     #[must_use]
     pub fn rows(&self) -> Vec<(String, Quantiles)> {
         let lateness = self.loops().map(|(name, report)| {
@@ -124,7 +125,7 @@ impl Timing {
         lateness.chain(latencies).collect()
     }
 
-    /// What each loop lost, for people.
+    /// Describes the losses of each loop.
     #[must_use]
     pub fn losses(&self) -> String {
         let losses = self.loops().map(|(name, report)| {
@@ -148,7 +149,7 @@ impl Timing {
         losses.collect::<Vec<_>>().join("; ")
     }
 
-    /// The limits that are given, held against their values.
+    /// Checks the values against the limits that are given.
     #[must_use]
     pub fn metrics(&self, limits: &TimingLimits) -> Vec<Metric> {
         let latencies = [
@@ -183,7 +184,7 @@ impl Timing {
     }
 }
 
-/// The limits of one latency that are given, held against its quantiles.
+/// Checks the quantiles of one latency against the limits that are given.
 fn quantile_metrics(
     latency: &'static str,
     values: Option<Quantiles>,
@@ -202,7 +203,7 @@ fn quantile_metrics(
         })
 }
 
-/// A value held against its limit, where one is given. External nodes report no value.
+/// Checks a value against its limit, if one is given. External nodes report no value.
 fn metric(name: String, value: Option<f64>, limit: Option<Limit>) -> Option<Metric> {
     limit?;
     Some(match value {
@@ -211,7 +212,7 @@ fn metric(name: String, value: Option<f64>, limit: Option<Limit>) -> Option<Metr
     })
 }
 
-/// Why the timing of a run of such a duration proves nothing.
+/// Returns the reasons why the timing of a run of this duration proves nothing.
 fn distrust(host: &Host, duration: Duration) -> Vec<String> {
     let mut reasons: Vec<String> = Vec::new();
     let reports = [&host.controller, &host.plant_emulator];
@@ -233,7 +234,7 @@ fn distrust(host: &Host, duration: Duration) -> Vec<String> {
     reasons
 }
 
-/// What to say of a run in which the nodes were held up for too long.
+/// Returns the reason to distrust a run in which the nodes were held up for too long.
 fn held_up(stalls: &[Stall], duration: Duration) -> Option<String> {
     let longest = stalls.iter().max_by_key(|stall| stall.length())?;
     let percent = 100.0 * covered(stalls).as_secs_f64() / duration.as_secs_f64();
@@ -244,7 +245,7 @@ fn held_up(stalls: &[Stall], duration: Duration) -> Option<String> {
     })
 }
 
-/// The time that the stalls, sorted by their beginnings, cover together.
+/// Returns the time that the stalls, sorted by their beginnings, cover together.
 fn covered(stalls: &[Stall]) -> Duration {
     let mut reached = Duration::ZERO;
     let lengths = stalls.iter().map(|stall| {
@@ -272,7 +273,7 @@ mod tests {
             Stall::new(from, until, Who::Machine, What::StoodStill)
         };
         let run = Duration::from_secs(10);
-        // Two that overlap cover 10 ms.
+        // Two stalls that overlap cover 10 ms.
         let mut host = Host {
             stalls: vec![stall(100, 108), stall(103, 110)],
             ..Host::default()
@@ -293,7 +294,7 @@ mod tests {
         assert_eq!(distrust(&host, run), expected);
     }
 
-    /// The limits of each key in the schema's `[expect.timing]` become metrics with the names that it has in `requirements`.
+    /// The limits of each key in the schema's `[expect.timing]` become metrics with the names of the key in `requirements`.
     #[test]
     fn each_key_of_the_schema_has_its_metric() {
         let schema: Value = serde_json::from_str(&scenario::schema::json_schema()).unwrap();
@@ -332,7 +333,7 @@ mod tests {
         assert!(limits.rows().eq(names), "in the same order");
     }
 
-    /// Each quantile is held against its own limit.
+    /// Each quantile has a limit of its own.
     #[test]
     fn a_metric_has_the_value_of_its_quantile() {
         let quantiles = Quantiles {

@@ -1,4 +1,4 @@
-//! Holds the timing of a run in real time against its limits, and decides the outcome again.
+//! Checks the timing of a run in real time against its limits, and decides the outcome again.
 
 use recording::stalls::Stall;
 use scenario::expect::Expect;
@@ -10,9 +10,9 @@ use crate::metric::{Metric, leave_open, not_judged};
 use crate::timing::Timing;
 use crate::verdict::{Outcome, Verdict};
 
-/// Adds the timing of a run in real time and judges its limits. Where the timing is not trusted they are neither met nor
-/// missed, and the run cannot pass; where the machine stood still at all, none is missed. A command that did not come is later
-/// than any limit.
+/// Adds the timing of a run in real time and judges its limits. If the timing is not trusted, they are neither met nor missed,
+/// and the run cannot pass. If the machine stood still at all, none is missed. A command that did not come is later than any
+/// limit.
 pub fn judge_timing(
     verdict: &mut Verdict,
     timing: Timing,
@@ -48,14 +48,14 @@ pub fn judge_timing(
     verdict.timing = Some(timing);
 }
 
-/// The largest share of cycles without a command, of several loops.
+/// Returns the largest share of cycles without a command over all loops.
 fn missed_commands_percent(verdict: &Verdict) -> f64 {
     let rows = verdict.metrics.iter();
     let rows = rows.filter(|row| row.name.ends_with(MISSED_COMMANDS));
     rows.filter_map(|row| row.value).fold(0.0, f64::max)
 }
 
-/// Why a limit on the time to the command is not met by the commands that came.
+/// Returns the reason why the commands that came do not meet a limit on the time to the command.
 fn why_not_met(metric: &Metric, missed_percent: f64) -> Option<String> {
     let limit = Row::named(MISSED_COMMANDS).and_then(|row| row.default_max)?;
     if missed_percent > limit {
@@ -67,7 +67,7 @@ fn why_not_met(metric: &Metric, missed_percent: f64) -> Option<String> {
     (!is_measured).then(|| "no cycle had its command before the next SYNC".to_owned())
 }
 
-/// Whether it is a time that ends with a command.
+/// Returns whether a metric is a time that ends with a command.
 fn is_to_command(metric: &Metric) -> bool {
     let latencies = ["position_to_command", "round_trip"];
     latencies
@@ -75,11 +75,11 @@ fn is_to_command(metric: &Metric) -> bool {
         .any(|latency| metric.name.starts_with(latency))
 }
 
-/// Whether the timing can change the outcome.
+/// Returns whether the timing can change the outcome.
 fn is_open(verdict: &Verdict, unavailable: Option<&String>) -> bool {
     match verdict.outcome {
         Outcome::Pass => true,
-        // Only for what nobody on the bus sends; what the timing adds may fail still.
+        // The outcome is open only because no node on the bus sends a value; a limit on timing may still fail.
         Outcome::Inconclusive => unavailable.is_some() && verdict.reason.as_ref() == unavailable,
         Outcome::Fail | Outcome::Incomplete => false,
     }
@@ -210,7 +210,7 @@ mod tests {
             assert_eq!(judged, Outcome::Inconclusive);
         }
         assert_eq!(outcome(0.5, timing(700.0, &[]), &limits), Outcome::Fail);
-        // What nobody sends does not pass, and does not hide what fails.
+        // A value that no node sends does not pass, and does not hide a failure.
         let unavailable = |p99| {
             let mut verdict = Verdict::incomplete("hold", 1, "");
             let name = "temperature_celsius";
@@ -229,9 +229,9 @@ mod tests {
         // Without limits on time the timing is only reported.
         let none = Expect::default();
         assert_eq!(outcome(0.0, timing(9e9, &refused), &none), Outcome::Pass);
-        // What the machine refuses excuses no cycle.
+        // A refusal by the machine excuses no cycle.
         assert_eq!(outcome(0.5, timing(9e9, &refused), &none), Outcome::Fail);
-        // A stall explains a late frame, and makes no punctual one late.
+        // A stall explains a late frame, but makes no punctual one late.
         let from = Duration::from_millis(1234);
         let until = from + Duration::from_millis(45);
         let stall = Stall::new(from, until, Who::Machine, What::StoodStill);

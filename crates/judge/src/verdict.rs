@@ -1,4 +1,4 @@
-//! What a run came to: metrics beside their limits, and the outcome. `verdict.json` holds it.
+//! Verdict of a run: metrics with their limits, and the outcome. `verdict.json` holds it.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ pub use crate::attribution::cause::NamedCause;
 pub use crate::metric::Metric;
 use crate::timing::Timing;
 
-/// How a run ended.
+/// Outcome of a run.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -21,12 +21,12 @@ pub enum Outcome {
     Fail,
     /// The recording is not good enough to decide.
     Inconclusive,
-    /// The run broke off; written before it starts and replaced when it has been judged.
+    /// The run broke off. This outcome is written before the run starts, and replaced when the run has been judged.
     Incomplete,
 }
 
 impl Outcome {
-    /// The word that people read.
+    /// Returns the word for the outcome in messages and reports.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -38,7 +38,7 @@ impl Outcome {
     }
 }
 
-/// What took part in a run. Who has the same has the same run; whatever of it changes is another run.
+/// Program, plant, law and files of a run. Two runs with equal identities are the same; any difference makes another run.
 #[derive(Clone, Debug, Deserialize, PartialEq, Eq, Serialize)]
 pub struct Identity {
     /// SHA-256 of the program's file.
@@ -49,52 +49,52 @@ pub struct Identity {
     pub files: BTreeMap<String, String>,
 }
 
-/// The verdict of one run, as `verdict.json` holds it, whichever version wrote it.
+/// Verdict of a run, as `verdict.json` holds it, from any version of the program.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Verdict {
     /// Version of this file's format.
     pub schema: u32,
     pub scenario: String,
-    /// The program's version.
+    /// Version of the program.
     pub version: String,
     pub seed: u64,
-    /// What took part; none of older runs, and none where the run lies nowhere.
+    /// Identity of the run; `None` for older runs, and for a run without a folder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identity: Option<Identity>,
-    /// The requirements that the scenario as a whole tests.
+    /// Requirements that the scenario as a whole tests.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub requirements: Requirements,
-    /// The nodes that were not canrig's, by their names.
+    /// Names of the external nodes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub external: Vec<String>,
     pub outcome: Outcome,
-    /// Why, where the metrics do not show it.
+    /// Reason for the outcome, if the metrics do not show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// What the run came to grief by; none of one that passed, and of one that missed a limit while every node did its duties.
+    /// Cause that kept the run from passing; `None` if it passed, or missed a limit while every node did its duties.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<NamedCause>,
-    /// Frames that the recorder lost, which the frames of a recording do not show.
+    /// Number of frames that the recorder lost, which the frames of a recording do not show.
     #[serde(default, skip_serializing_if = "is_none")]
     pub frames_lost: u64,
-    /// CAN FD frames that were on the bus, of which nothing else is recorded.
+    /// Number of CAN FD frames that were on the bus. Nothing else of them is recorded.
     #[serde(default, skip_serializing_if = "is_none")]
     pub fd_frames: u64,
-    /// Who ended the run before its scenario's end, and why; none if it was played to its end.
+    /// End of the run before its scenario's end, with the reason; `None` if the run was played to its end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_early: Option<EarlyEnd>,
     /// All metrics that the run has or the scenario limits.
     pub metrics: Vec<Metric>,
-    /// Losses and emergencies of the run, the first of them.
+    /// First losses and emergencies of the run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<String>,
-    /// How well the deadlines were kept; none in virtual time.
+    /// Timing of the run; `None` in virtual time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timing: Option<Timing>,
 }
 
 impl Verdict {
-    /// The verdict before a run: what a reader finds when the run breaks off.
+    /// Returns the verdict before a run, which a reader finds if the run breaks off.
     #[must_use]
     pub fn incomplete(scenario: &str, seed: u64, reason: &str) -> Self {
         Self {
@@ -117,7 +117,7 @@ impl Verdict {
         }
     }
 
-    /// As [`Verdict::incomplete`], of a plan with its requirements and the nodes that are somebody else's.
+    /// Returns the same as [`Verdict::incomplete`], for a plan with its requirements and external nodes.
     #[must_use]
     pub fn incomplete_of(plan: &Plan, reason: &str) -> Self {
         let shared = &plan.shared;
@@ -128,13 +128,13 @@ impl Verdict {
         }
     }
 
-    /// Whether it passed although nothing was limited.
+    /// Returns whether the run passed although nothing was limited.
     #[must_use]
     pub fn judged_nothing(&self) -> bool {
         self.outcome == Outcome::Pass && self.metrics.iter().all(|metric| metric.limit.is_none())
     }
 
-    /// The words that belong beside the outcome: its reason, or what a run that passed does not show.
+    /// Returns the text that belongs next to the outcome: its reason, or a warning on a run that passed.
     #[must_use]
     pub fn remark(&self) -> Option<String> {
         let nothing = "nothing was limited, so nothing was judged";
@@ -152,12 +152,12 @@ impl Verdict {
     /// Reads the text of `verdict.json`.
     ///
     /// # Errors
-    /// The text is no verdict.
+    /// The text is not a verdict.
     pub fn from_json(text: &str) -> serde_json::Result<Self> {
         serde_json::from_str(text)
     }
 
-    /// The text of `verdict.json`.
+    /// Returns the text of `verdict.json`.
     ///
     /// # Panics
     /// Never: the verdict has no map with keys other than strings.
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(Verdict::incomplete_of(&plan, "killed"), expected);
     }
 
-    /// What a version wrote before there were requirements, losses and external nodes.
+    /// A version wrote this before there were requirements, losses and external nodes.
     #[test]
     fn a_verdict_of_an_earlier_version_reads_back() {
         let text = r#"{ "schema": 1, "scenario": "step", "version": "0.0.1", "seed": 1, "outcome": "pass",

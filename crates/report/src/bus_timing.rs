@@ -1,4 +1,4 @@
-//! How the bus kept time, read from the stamps of the recording.
+//! Timing of the bus, from the stamps of the recording.
 
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
@@ -10,13 +10,13 @@ use plan::ControlLoop;
 use dbc::scenario_clock::SYNC_COB_ID;
 use recording::log::Stamped;
 
-/// Stretches of time that the load is counted in.
+/// Number of stretches of time in which the load is counted.
 const LOAD_STRETCHES: u32 = 200;
 
-/// A duration in the resolution of the recording.
+/// Duration in the resolution of the recording.
 pub(super) type Microseconds = u64;
 
-/// Durations, and how often each was.
+/// Durations, each with the number of its occurrences.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Durations {
     counts: BTreeMap<Microseconds, usize>,
@@ -29,7 +29,7 @@ impl Durations {
         self.all += 1;
     }
 
-    /// The one of this rank, the least of which is 0.
+    /// Returns the duration of this rank, the least of which is 0.
     fn at(&self, rank: usize) -> Option<Microseconds> {
         let mut up_to = 0;
         let mut counts = self.counts.iter();
@@ -48,22 +48,22 @@ impl Extend<Microseconds> for Durations {
     }
 }
 
-/// The timing of one recording, from scenario time 0 to its end.
+/// Timing of one recording, from scenario time 0 to its end.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BusTiming {
-    /// Time between two SYNCs.
+    /// Times between two SYNCs.
     pub(super) cycles: Durations,
-    /// From a SYNC to the drive's answer.
+    /// Times from a SYNC to the drive's answer.
     pub(super) answers: Durations,
-    /// From a SYNC to the controller's command.
+    /// Times from a SYNC to the controller's command.
     pub(super) commands: Durations,
     /// Middle of each stretch in scenario time.
     pub(super) load_seconds: Vec<f64>,
-    /// Share of the time in which a frame was on the bus.
+    /// Percentage of each stretch in which a frame was on the bus.
     pub(super) load_percent: Vec<f64>,
 }
 
-/// What a set of durations comes to.
+/// Summary of a set of durations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct DurationSpread {
     pub(super) least: Microseconds,
@@ -73,7 +73,7 @@ pub(super) struct DurationSpread {
 }
 
 impl DurationSpread {
-    /// Of no durations there is none.
+    /// Summarizes durations; returns `None` if there are none.
     pub(super) fn new(durations: &Durations) -> Option<Self> {
         let rank = |percent: usize| durations.at(durations.all.checked_sub(1)? * percent / 100);
         Some(Self {
@@ -133,7 +133,7 @@ fn microseconds(duration: Duration) -> Microseconds {
     u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
 }
 
-/// Counts the bits in each stretch of time.
+/// Counter of the bits in each stretch of time.
 struct LoadCounter {
     stretch: Duration,
     bitrate_kilobits_per_second: f64,
@@ -163,7 +163,7 @@ impl LoadCounter {
         self.bits[place] += u64::from(bits);
     }
 
-    /// The last stretch is left out where others are: it may be cut.
+    /// Returns the middles and loads of the stretches. The last one is left out if there are others, since it may be cut.
     fn finish(mut self) -> (Vec<f64>, Vec<f64>) {
         if self.bits.len() > 1 {
             self.bits.pop();
@@ -184,7 +184,7 @@ impl LoadCounter {
     }
 }
 
-/// A histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
+/// Returns a histogram: edges of the bins and decimal logarithms of their counts, as the corners of an area.
 #[expect(
     clippy::cast_precision_loss,
     reason = "microseconds stay far below 2^52"
@@ -195,7 +195,7 @@ pub(super) fn histogram(durations: &Durations) -> (Vec<f64>, Vec<f64>) {
         return (Vec::new(), Vec::new());
     };
     let (least, most) = (spread.least as f64, spread.most as f64);
-    // Whole microseconds, as the recording has them.
+    // The bins have whole microseconds, as the recording does.
     let width = libm::ceil((most - least + 1.0) / f64::from(BINS)).max(1.0);
     let mut counts = vec![0; BINS as usize];
     for (duration, count) in &durations.counts {
@@ -228,7 +228,7 @@ pub(super) fn histogram(durations: &Durations) -> (Vec<f64>, Vec<f64>) {
     corners
 }
 
-/// Height of an empty bin: below that of a bin with one entry, whose logarithm is 0.
+/// Height of an empty bin: below a bin with one entry, whose logarithm is 0.
 const FLOOR: f64 = -0.3;
 
 #[cfg(test)]

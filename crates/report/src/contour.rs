@@ -6,10 +6,10 @@ use scenario::contour::Contour;
 
 use crate::run::{Run, RunLoop};
 
-/// A loop by its name.
+/// Loop by its name.
 pub(crate) type Axis<'a> = (&'a str, RunLoop<'a>);
 
-/// The loops of a contour, as far as the run has them.
+/// Returns the loops of a contour, as far as the run has them.
 pub(crate) fn axes<'a>(contour: &'a Contour, run: &Run<'a>) -> Vec<Axis<'a>> {
     let axis = |name: &'a String| {
         let is_named = |one: &RunLoop<'_>| one.own.name() == name;
@@ -18,7 +18,7 @@ pub(crate) fn axes<'a>(contour: &'a Contour, run: &Run<'a>) -> Vec<Axis<'a>> {
     contour.loops.iter().filter_map(axis).collect()
 }
 
-/// The rows of a contour's window, which all its loops have.
+/// Returns the rows of a contour's window, which all its loops have.
 pub(crate) fn window(contour: &Contour, axes: &[Axis<'_>]) -> Range<usize> {
     let timelines = || axes.iter().map(|(_, run)| run.timeline);
     let rows = timelines()

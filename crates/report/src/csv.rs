@@ -1,4 +1,4 @@
-//! `signals.csv`: one row a cycle.
+//! `signals.csv`: one row for each cycle.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -9,13 +9,13 @@ use recording::work::Way;
 
 /// Ten to the power of the decimals of a number: one more than the finest signal has.
 const SCALE: f64 = 1e7;
-/// Whole numbers below this are exact.
+/// Bound below which whole numbers are exact.
 const EXACT_MAX: f64 = 9_007_199_254_740_992.0;
 
 /// Writes the table of loops that were played at once to an output that has a buffer.
 ///
 /// # Errors
-/// The output does not take it.
+/// The output fails.
 pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
     let Some(first) = timelines.first() else {
         return Ok(());
@@ -43,7 +43,7 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
     Ok(())
 }
 
-/// A number with seven decimals less the zeros at their end; nothing where there is no value.
+/// Number with seven decimals, without trailing zeros; empty without a value.
 struct Cell(f64);
 
 impl fmt::Display for Cell {
@@ -52,7 +52,7 @@ impl fmt::Display for Cell {
             return Ok(());
         }
         let scaled = (self.0 * SCALE).round();
-        // No decimal is known of what is larger.
+        // A larger number has no known decimals.
         let is_exact = scaled.abs() < EXACT_MAX;
         let shown = if is_exact { scaled / SCALE } else { self.0 };
         // Adding 0 makes -0 a 0.

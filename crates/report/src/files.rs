@@ -12,7 +12,7 @@ use crate::run::Run;
 use crate::{csv, html, junit};
 use recording::run_folder::{RunFolder, WriteError, file};
 
-/// Why the files of a run are not complete.
+/// Reason why the files of a run are not complete.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     /// A file cannot be written.
@@ -24,9 +24,9 @@ pub enum ReportError {
     /// A report cannot be made.
     #[error("{} cannot be made: {reason}", path.display())]
     Made {
-        /// Which one.
+        /// Path of the report.
         path: PathBuf,
-        /// Why.
+        /// Reason for the failure.
         reason: String,
     },
 }
@@ -40,9 +40,9 @@ impl ReportError {
     }
 }
 
-/// Writes the files of a judged run, but for the signals of a long one. The recording takes as long as all
-/// others, so they are made beside it. What says the verdict comes when all else is there, and `verdict.json` last, since it says
-/// that the folder is complete.
+/// Writes the files of a judged run, except for the signals of a long one. The recording takes as long as all other files, which
+/// are made at the same time. Files with the verdict follow when everything else is there. `verdict.json` comes last, since it
+/// marks the folder as complete.
 ///
 /// # Errors
 /// A file cannot be made or written.
@@ -58,7 +58,7 @@ pub fn write_all(run: &Run<'_>, folder: &RunFolder) -> Result<(), ReportError> {
         .map_err(|error| ReportError::made(folder, file::JUNIT, &error))?;
     let said = write_what_says_the_verdict(folder, &page, &junit, run.verdict);
     if said.is_err() {
-        // Beside a verdict "incomplete" neither may say another. Where one was not written, there is nothing to remove.
+        // The verdict is "incomplete", and these files may not contradict it. A file that was not written need not be removed.
         for name in [file::REPORT, file::JUNIT] {
             let _ = fs::remove_file(folder.path().join(name));
         }
@@ -81,7 +81,7 @@ fn write_table_and_make_page(run: &Run<'_>, folder: &RunFolder) -> Result<String
     if !run.is_long {
         folder.write_with(file::SIGNALS, |output| csv::write(output, run.timelines))?;
     }
-    // Whoever played the run has all of its frames.
+    // A run that was just played has all of its frames.
     Ok(html::to_html(run, &[])?)
 }
 

@@ -1,4 +1,4 @@
-//! `junit.xml`: one test case per limit, for CI systems.
+//! `junit.xml`: one test case for each limit, for CI systems.
 
 use quick_junit::{NonSuccessKind, Property, Report, TestCase, TestCaseStatus, TestSuite};
 
@@ -6,7 +6,7 @@ use crate::terminal::answer;
 use judge::verdict::{Metric, Outcome, Verdict};
 use platform::terminal::printable;
 
-/// The report of one or several runs.
+/// Returns the report of one or several runs.
 ///
 /// # Errors
 /// The XML cannot be written.
@@ -17,7 +17,7 @@ pub fn to_xml(verdicts: &[Verdict]) -> Result<String, quick_junit::SerializeErro
 }
 
 fn suite(verdict: &Verdict) -> TestSuite {
-    // XML has no form for most control characters, and the library drops them with the words behind an escape.
+    // XML has no form for most control characters, and the library drops the text of an escape sequence with them.
     let class = printable(&verdict.scenario);
     let mut suite = TestSuite::new(&*class);
     suite.add_property(("version", &*printable(&verdict.version)));
@@ -32,11 +32,11 @@ fn suite(verdict: &Verdict) -> TestSuite {
     suite
 }
 
-/// The run itself as a case, so that a run without limits or without an end is not silent.
+/// Returns the run itself as a case, so that a run without limits or without an end appears.
 fn run_case(class: &str, verdict: &Verdict) -> TestCase {
     let reason = verdict.reason.clone().unwrap_or_default();
     let status = match verdict.outcome {
-        // The rows say which limits were not met.
+        // The rows name the limits that were not met.
         Outcome::Fail if !reason.is_empty() => problem(NonSuccessKind::Failure, &reason),
         Outcome::Pass if verdict.judged_nothing() => {
             let mut skipped = TestCaseStatus::skipped();
@@ -65,7 +65,7 @@ fn case(class: &str, metric: &Metric, outcome: Outcome) -> TestCase {
     case
 }
 
-/// One property a requirement, as test management tools read them.
+/// Returns one property for each requirement, as test management tools read them.
 fn properties(requirements: &[String]) -> Vec<Property> {
     let property = |name: &String| Property::new("requirement", &*printable(name));
     requirements.iter().map(property).collect()
@@ -100,7 +100,7 @@ fn message(metric: &Metric) -> String {
     format!("{}: {measured}{when}, limit {}", metric.name, limit(metric))
 }
 
-/// Both sides of the limit, or the answer that is wanted.
+/// Returns both sides of the limit, or the wanted answer.
 fn limit(metric: &Metric) -> String {
     let limit = metric.limit.unwrap_or_default();
     if let Some(wanted) = limit.min.and_then(|wanted| answer(&metric.name, wanted)) {
@@ -119,7 +119,7 @@ mod tests {
 
     use super::*;
 
-    /// What a document of XML 1.0 may hold, and what canrig itself puts into attributes.
+    /// Returns whether a document of XML 1.0 may hold the character, also in the attributes that canrig writes.
     fn is_xml(character: char) -> bool {
         matches!(character, '\t' | '\n' | ' '..='\u{d7ff}' | '\u{e000}'..='\u{fffd}' | '\u{10000}'..)
     }
@@ -143,7 +143,7 @@ mod tests {
             prop_assert!(xml.chars().all(is_xml), "{xml:?}");
             let read = Report::deserialize_from_str(&xml).unwrap();
             let suite = &read.test_suites[0];
-            // A reader turns white space in attributes into blanks.
+            // A reader turns white space in attributes into spaces.
             let spaces = |text: &str| text.replace(['\n', '\t'], " ");
             prop_assert_eq!(spaces(suite.name.as_str()), spaces(&printable(&scenario)));
             prop_assert_eq!(spaces(suite.test_cases[0].name.as_str()), spaces(&printable(&name)));
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(message(&metric), "safe_state: measured no, limit yes");
     }
 
-    /// Whatever the run came to, a limit that nobody judged is not met.
+    /// A limit that was not judged is not met, whatever the outcome of the run.
     #[test]
     fn what_was_not_judged_is_an_error() {
         let limit = Some(Limit {

@@ -1,12 +1,12 @@
-//! What a run leaves behind for people and for other programs.
+//! Outputs of a run for readers and for other programs.
 //!
-//! In comes a judged run: its setup, its frames, its timeline, its verdict ([`Run`]). Out go the files of a run folder
-//! ([`write_all`]): the page, the signals as a table, the Rerun recording, the JUnit report, the verdict. While a run goes on,
-//! [`viewer`] shows it. `plot`, `page` and `terminal` are the parts that pages of other crates are made of.
+//! The input is a judged run: its setup, its frames, its timeline, its verdict ([`Run`]). The output is the files of a run folder
+//! ([`write_all`]): the page, the signals as a table, the Rerun recording, the JUnit report, the verdict. [`viewer`] shows a run
+//! while it is played. `plot`, `page` and `terminal` are the parts from which other crates build pages.
 //!
-//! It does not know how the run was played, nor which plants and laws there are: it reads names and units from the database of
-//! the run. It computes no verdict, and it prints nothing: it returns texts, and why they cannot be had. No other crate names
-//! the libraries of these formats (rerun, quick-junit).
+//! This crate does not know how the run was played, nor which plants and laws exist: it reads names and units from the database
+//! of the run. It computes no verdict and prints nothing: it returns texts, or the reasons why they cannot be made. No other
+//! crate names the libraries of these formats (rerun, quick-junit).
 mod bus_timing;
 mod contour;
 pub mod csv;

@@ -12,28 +12,28 @@ use judge::verdict::{Metric, Outcome, Verdict};
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
 
-/// Runs whose positions are laid over each other in one plot; with more nobody can distinguish them.
+/// Largest number of runs whose positions share a plot; more cannot be distinguished.
 const RUNS_IN_A_PLOT: usize = 7;
-/// Plots of the page; of runs that do not pass first.
+/// Largest number of plots on the page; runs that do not pass come first.
 const PLOTS_MAX: usize = 40;
-/// Metrics that stand side by side in one table; with more of them it would be wider than a screen of 1300 pixels.
+/// Largest number of metrics side by side in one table; a wider table would exceed a screen of 1300 pixels.
 const COLUMNS_MAX: usize = 8;
-/// The same beside what a run was.
+/// Largest number of metrics in the first table, which also describes the runs.
 const FIRST_COLUMNS_MAX: usize = 6;
 
-/// One of the runs.
+/// Run on the page.
 pub struct ListedRun<'a> {
-    /// The name of its folder.
+    /// Name of the run's folder.
     pub folder: String,
-    /// The way to its own page.
+    /// Path to the run's own page.
     pub page: Option<String>,
-    /// The decoded recording of each loop.
+    /// Decoded recording of each loop.
     pub timelines: &'a [Timeline],
-    /// What it came to.
+    /// Verdict of the run.
     pub verdict: &'a Verdict,
-    /// When it was played; none where nobody knows.
+    /// Time of the play; `None` if it is unknown.
     pub played: Option<String>,
-    /// How long its scenario lasts.
+    /// Duration of the scenario.
     pub duration_seconds: f64,
 }
 
@@ -47,7 +47,7 @@ impl ListedRun<'_> {
         metrics.find(|metric| metric.name == name)
     }
 
-    /// What each loop did.
+    /// Returns the course of each loop.
     fn courses(&self) -> impl Iterator<Item = Course<'_>> {
         self.timelines.iter().map(|timeline| Course {
             run: self,
@@ -56,26 +56,26 @@ impl ListedRun<'_> {
         })
     }
 
-    /// The rows of its verdict that are no metrics but what its own scenario checks, named in words.
+    /// Returns the rows of the verdict that are no metrics but checks of the scenario, with their names in words.
     fn checks(&self) -> impl Iterator<Item = &Metric> {
         let metrics = self.verdict.metrics.iter();
         metrics.filter(|metric| !is_key(&metric.name))
     }
 }
 
-/// What one loop of a run did.
+/// Course of one loop of a run.
 struct Course<'a> {
     run: &'a ListedRun<'a>,
     name: &'a str,
     timeline: &'a Timeline,
 }
 
-/// Whether a row of a verdict is a metric, which other runs have too.
+/// Returns whether a row of a verdict is a metric, which other runs have, too.
 fn is_key(name: &str) -> bool {
     !name.contains(' ')
 }
 
-/// The page.
+/// Returns the page.
 #[must_use]
 pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     let passed = runs
@@ -108,7 +108,7 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     page::page(&title, &body)
 }
 
-/// What must be looked at comes first.
+/// Ranks an outcome; urgent ones come first.
 fn urgency(outcome: Outcome) -> u8 {
     match outcome {
         Outcome::Fail => 0,
@@ -118,7 +118,7 @@ fn urgency(outcome: Outcome) -> u8 {
     }
 }
 
-/// The metrics that any run limits, then those of which any has a value, each in the order of verdicts.
+/// Returns the metrics that any run limits, then those of which any has a value, each in the order of verdicts.
 fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
     let metrics = || runs.iter().flat_map(|run| &run.verdict.metrics);
     let limited: BTreeSet<&str> = metrics()
@@ -131,7 +131,7 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
         .filter(|name| is_key(name))
         .collect();
     let mut names: Vec<&str> = each.into_iter().collect();
-    // That of one of several loops has the loop's name before it.
+    // With several loops, the name of a metric begins with that of its loop.
     let place = |name: &str| {
         let own = name.rsplit_once('.').map_or(name, |(_, own)| own);
         METRICS.iter().position(|metric| metric.name == own)
@@ -140,7 +140,8 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
     names.into_iter().partition(|name| limited.contains(name))
 }
 
-/// One row a run, one column a metric. A table that does not hold every run leaves out those without any of its metrics.
+/// Returns a table with one row for each run and one column for each metric. Unless it must have every run, runs without any of
+/// its metrics are left out.
 fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup {
     let is_listed = |run: &&&ListedRun<'_>| {
         has_every_run || names.iter().any(|name| run.metric(name).is_some())
@@ -165,7 +166,7 @@ fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup
     }
 }
 
-/// What the scenarios check besides the metrics, one row each.
+/// Returns a table of the scenarios' checks, one row each.
 fn checks(runs: &[&ListedRun<'_>]) -> Markup {
     html! { @if runs.iter().any(|run| run.checks().next().is_some()) {
         h2 { "Checks of signals and sequences" }
@@ -182,7 +183,7 @@ fn checks(runs: &[&ListedRun<'_>]) -> Markup {
     } }
 }
 
-/// The scenario with the way to the run's page; with the folder where several runs are of this scenario.
+/// Returns the scenario with the link to the run's page, and the folder if several runs are of this scenario.
 fn linked(run: &ListedRun<'_>, runs: &[&ListedRun<'_>]) -> Markup {
     html! { div {
         @match &run.page { Some(page) => a href=(page) { (run.scenario()) }, None => (run.scenario()) }
@@ -190,7 +191,7 @@ fn linked(run: &ListedRun<'_>, runs: &[&ListedRun<'_>]) -> Markup {
     } }
 }
 
-/// Whether no other of the runs is of the same scenario.
+/// Returns whether no other run is of the same scenario.
 fn is_alone<'a>(run: &ListedRun<'_>, mut runs: impl Iterator<Item = &'a ListedRun<'a>>) -> bool {
     runs.all(|other| other.folder == run.folder || other.scenario() != run.scenario())
 }
@@ -212,7 +213,7 @@ fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
     } }
 }
 
-/// Runs with the same set-point belong in one plot, loop by loop.
+/// Groups the loops of runs with the same set-point, which share a plot.
 fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     let mut groups: Vec<Vec<Course<'_>>> = Vec::new();
     for course in runs.iter().flat_map(|run| run.courses()) {
@@ -231,7 +232,7 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
 
 fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
     let ahead = |timeline: &Timeline| timeline.cycle.last().copied();
-    // Runs of one scenario may lack other cycles, so a few instants of the shorter one are compared.
+    // Runs of one scenario may lack different cycles, so a few instants of the shorter one are compared.
     let last = ahead(a).min(ahead(b)).unwrap_or(0);
     let at = |timeline: &Timeline, cycle: u64| {
         let row = timeline.cycle.partition_point(|number| *number < cycle);
@@ -247,7 +248,7 @@ fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
     })
 }
 
-/// What the loops of all runs measure, where it is the same.
+/// Returns the measurand of all loops, if it is the same.
 fn heading(groups: &[Vec<Course<'_>>]) -> String {
     let mut titles = groups
         .iter()

@@ -1,5 +1,5 @@
-//! What all HTML pages share: one file, nothing loaded from elsewhere, light and dark. A page with plots has a script, which
-//! is the only one that a browser runs in it.
+//! Common parts of all HTML pages: one file that loads nothing, light and dark. A page with plots has a script, which is the only
+//! one that a browser runs in it.
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -9,13 +9,13 @@ use sha2::{Digest, Sha256};
 use super::terminal;
 use judge::verdict::{Metric, Outcome, Verdict};
 
-/// The script and the style of plots.
+/// Script and style of plots.
 const PLOTS_SCRIPT: &str = include_str!("plots.js");
 const PLOTS_STYLE: &str = include_str!("plots.css");
 
-/// A page of this title. As on a terminal, no name in it turns the text around it or hides a part of itself.
+/// Returns a page with this title. As on a terminal, no name in it turns the text around it or hides a part of itself.
 pub fn page(title: &str, body: &Markup) -> String {
-    // No name can look like this, since the signs of elements are escaped in names.
+    // No name can look like this, since angle brackets in names are escaped.
     let has_plots = body.0.contains("<figure class=\"plot");
     let page = html! {
         (DOCTYPE)
@@ -24,7 +24,7 @@ pub fn page(title: &str, body: &Markup) -> String {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 @if has_plots { meta http-equiv="Content-Security-Policy" content=(policy(PLOTS_SCRIPT)); }
-                // An icon of no bytes, so that browsers ask nobody for one.
+                // An icon without bytes keeps browsers from requesting one.
                 link rel="icon" href="data:,";
                 title { (title) }
                 style {
@@ -41,7 +41,7 @@ pub fn page(title: &str, body: &Markup) -> String {
     printable(&page.into_string()).into_owned() + "\n"
 }
 
-/// Nothing is loaded, and of scripts this one runs alone.
+/// Returns the policy of a page: nothing is loaded, and this script alone runs.
 fn policy(script: &str) -> String {
     let hash = BASE64_STANDARD.encode(Sha256::digest(script));
     format!(
@@ -49,17 +49,17 @@ fn policy(script: &str) -> String {
     )
 }
 
-/// A name as files have it, which may be broken after each underscore.
+/// Returns a name as files have it, which may be broken after each underscore.
 pub fn name(name: &str) -> Markup {
     html! { @for part in name.split_inclusive('_') { (part) @if part.ends_with('_') { wbr; } } }
 }
 
-/// The outcome as a badge.
+/// Returns the outcome as a badge.
 pub fn badge(outcome: Outcome) -> Markup {
     html! { span.outcome.(class(outcome)) { (outcome.word()) } }
 }
 
-/// The clock that a run was played by.
+/// Returns the clock by which a run was played.
 pub fn clock(verdict: &Verdict) -> &'static str {
     match verdict.timing {
         Some(_) => "real time",
@@ -67,7 +67,7 @@ pub fn clock(verdict: &Verdict) -> &'static str {
     }
 }
 
-/// The class of an outcome in the style sheet.
+/// Returns the class of an outcome in the style sheet.
 pub fn class(outcome: Outcome) -> &'static str {
     match outcome {
         Outcome::Pass => "pass",
@@ -76,7 +76,7 @@ pub fn class(outcome: Outcome) -> &'static str {
     }
 }
 
-/// The cell that says whether a limit was met.
+/// Returns the cell that says whether a limit was met.
 pub fn result(metric: &Metric, outcome: Outcome) -> Markup {
     match (metric.passed, outcome) {
         (None, _) if metric.limit.is_some() => html! { span.unsure { "not judged" } },
@@ -87,7 +87,7 @@ pub fn result(metric: &Metric, outcome: Outcome) -> Markup {
     }
 }
 
-/// The metrics as a table.
+/// Returns the metrics as a table.
 pub fn metrics<'a>(metrics: impl Iterator<Item = &'a Metric> + Clone, outcome: Outcome) -> Markup {
     let tests_any = metrics
         .clone()
@@ -137,7 +137,7 @@ mod tests {
         let policy = format!(
             "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}';"
         );
-        // maud escapes no single quotes.
+        // maud does not escape single quotes.
         assert!(with_plot.contains(&policy), "{policy}");
         let without = page("run", &html! { p { "<figure class=\"plot" } });
         assert!(!without.contains("<script") && !without.contains("Content-Security-Policy"));

@@ -1,19 +1,19 @@
-//! Plots as an SVG file of its own, for texts that show pictures.
+//! Plots as a separate SVG file, for texts with pictures.
 
 use maud::{Markup, PreEscaped, html};
 
 use super::plot::{Plot, SIDE};
 
-/// Size of one plot with everything round its drawing.
+/// Size of one plot with everything around its drawing.
 const PLOT_WIDTH: f64 = 1100.0;
 const PLOT_HEIGHT: f64 = 360.0;
-/// Room round the drawing, for labels and title.
+/// Room around the drawing, for labels and title.
 const LEFT: f64 = 62.0;
 const RIGHT: f64 = 18.0;
 const TOP: f64 = 32.0;
 const BOTTOM: f64 = 48.0;
 
-/// As on the pages in daylight; many viewers of pictures know no variables in style sheets.
+/// Style of the light pages; many picture viewers do not support variables in style sheets.
 const STYLE: &str = "\
 text { font: 13px sans-serif; fill: #5b6470; }
 .title { font-weight: bold; fill: #1b1f24; }
@@ -31,7 +31,7 @@ path { fill: none; stroke-width: 1.5px; stroke-linejoin: round; stroke-linecap: 
 .c4 { stroke: #bc4c00; } .c5 { stroke: #8250df; } .c6 { stroke: #0f7b85; } .c7 { stroke: #9a6700; }
 ";
 
-/// The plots, one below the other.
+/// Returns a picture with the plots, one below the other.
 #[must_use]
 pub fn to_svg(plots: &[Plot<'_>]) -> String {
     let tops = || (0..).map(|number| f64::from(number) * PLOT_HEIGHT);
@@ -48,7 +48,7 @@ pub fn to_svg(plots: &[Plot<'_>]) -> String {
     picture.into_string() + "\n"
 }
 
-/// A plot whose drawing begins at the origin.
+/// Draws a plot whose drawing begins at the origin.
 fn drawn(plot: &Plot<'_>) -> Markup {
     let (width, height) = (PLOT_WIDTH - LEFT - RIGHT, PLOT_HEIGHT - TOP - BOTTOM);
     let drawing = plot.drawing();
@@ -74,7 +74,7 @@ fn drawn(plot: &Plot<'_>) -> Markup {
     }
 }
 
-/// What a curve is called, beside a piece of it.
+/// Draws the label of a curve, next to a piece of it.
 fn key(place: f64, label: &str, class: &str) -> Markup {
     html! {
         path.(class) d=(format!("M{place} -15h26")) {}

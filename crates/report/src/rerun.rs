@@ -1,8 +1,8 @@
-//! What the Rerun viewer shows of a run: `run.rrd`, and the same in pieces while a run goes on, with a layout of its own.
+//! Recording of a run for the Rerun viewer: `run.rrd`, and the same in pieces while a run is played, with a layout of its own.
 //!
-//! A signal has a row in every cycle; one that seldom changes, or that is not drawn, only where its value changes.
-//! Nothing in the file comes from this machine's clock, so two equal runs are equal files once decoded (only the SDK's
-//! random numbers of rows differ).
+//! A signal has a row in every cycle; a signal that seldom changes, or is not drawn, has rows only where its value changes. The
+//! file contains no times of this machine's clock, so two equal runs are equal files once decoded (only the SDK's random numbers
+//! of rows differ).
 
 mod blueprint;
 mod bus;
@@ -40,24 +40,24 @@ pub(crate) use output::Folder;
 use output::{Output, send_static};
 pub(crate) use run_log::{Known, Recording, log_verdict};
 
-/// Rows of a long run that are logged at once, and how many times at most: the table of contents, which is in memory to the end,
-/// has a row for each entity each time.
+/// Least number of rows of a long run that are logged at once, and largest number of times. The table of contents, which is in
+/// memory to the end, has a row for each entity each time.
 const PIECE_ROWS_MIN: usize = 1 << 16;
 const PIECES_MAX: usize = 50;
 
-/// The viewer keeps one layout per application.
+/// Name of the application, for which the viewer keeps one layout.
 pub(crate) const APPLICATION: &str = "canrig";
 
-/// Why the recording cannot be written.
+/// Reason why the recording cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum RerunError {
-    /// Rows and their times do not fit each other.
+    /// Rows and their times do not match.
     #[error(transparent)]
     Chunk(#[from] ChunkError),
     /// The SDK cannot put values into a column.
     #[error(transparent)]
     Serialization(#[from] SerializationError),
-    /// The disk does not take the file.
+    /// The file cannot be written to the disk.
     #[error(transparent)]
     File(#[from] io::Error),
     /// The DBC lacks a signal.
@@ -68,7 +68,7 @@ pub enum RerunError {
     Encoding(#[from] EncodeError),
 }
 
-/// Writes the recording as a whole: a reader sees none or a complete one. Of several loops each has a folder.
+/// Writes the recording as a whole: a reader sees no file or a complete one. With several loops each has a folder.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -98,7 +98,7 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
     file.finish()
 }
 
-/// Sends the layout of a run that has just begun, with all that may come.
+/// Sends the layout of a run that has just begun, with all groups that may follow.
 pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), RerunError> {
     let pages = plan.loops.iter().map(|own| Page {
         own,
@@ -107,7 +107,7 @@ pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), Rer
     blueprint::send(output, &Vec::from_iter(pages), &[], Play::Following)
 }
 
-/// Logs a loop; what there is to see of it, and when it ended.
+/// Logs a loop; returns its page of the layout, and the time of its end.
 fn log_loop<'a>(
     output: &mut dyn Output,
     run: &Run<'_>,
@@ -133,7 +133,7 @@ fn log_loop<'a>(
             } else {
                 piece.end_seconds()
             };
-            // Up to the first frame of a cycle beyond.
+            // The frames go up to the first one of a later cycle.
             frames.find(|stamped| bus.observe(stamped) >= end_seconds);
             recording.log(&piece, &mut bus)?;
         }
@@ -146,8 +146,8 @@ fn log_loop<'a>(
     recording.end()
 }
 
-/// Names what was recorded: two recordings of one id would be mixed by a viewer that is open. Runs that differ in
-/// anything differ in the verdict, the events, the position or the current. Against chance 64 bits are enough.
+/// Returns an id of the recording, since an open viewer would mix two recordings with the same id. Runs that differ in anything
+/// differ in the verdict, the events, the position or the current. An id of 64 bits makes equal ones unlikely enough.
 fn recording_id(run: &Run<'_>) -> String {
     let mut hasher = DefaultHasher::new();
     run.verdict.to_json().hash(&mut hasher);

@@ -1,26 +1,26 @@
-//! What every report is made of.
+//! The input of every report.
 
 use judge::verdict::Verdict;
 use plan::{ControlLoop, Plan};
 use recording::frames::Frames;
 use recording::timeline::Timeline;
 
-/// A judged run: everything that a report is made of.
+/// Judged run, with everything that a report needs.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
-    /// What was played.
+    /// Plan that was played.
     pub plan: &'a Plan,
-    /// What was on the bus.
+    /// Frames that were on the bus.
     pub frames: &'a Frames,
-    /// The same, decoded for each loop.
+    /// The same frames, decoded for each loop.
     pub timelines: &'a [Timeline],
-    /// What it came to.
+    /// Verdict of the run.
     pub verdict: &'a Verdict,
-    /// Whether its log and its signals are compressed, and its recording for the viewer thinned.
+    /// Whether the log and the signals are compressed, and the recording for the viewer is thinned.
     pub is_long: bool,
 }
 
-/// One loop of a judged run.
+/// Loop of a judged run.
 #[derive(Clone, Copy)]
 pub(crate) struct RunLoop<'a> {
     pub(crate) own: &'a ControlLoop,
@@ -28,7 +28,7 @@ pub(crate) struct RunLoop<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// The loops of the run.
+    /// Returns the loops of the run.
     pub(crate) fn loops(&self) -> impl Iterator<Item = RunLoop<'a>> + use<'a> {
         let loops = self.plan.loops.iter().zip(self.timelines);
         loops.map(|(own, timeline)| RunLoop { own, timeline })

@@ -1,4 +1,4 @@
-//! The verdict as a table for people.
+//! The verdict as a table for the terminal.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use judge::timing::Timing;
 use judge::verdict::{Metric, Outcome, Verdict};
 use recording::run_folder::file;
 
-/// A verdict: its name, its table, its outcome and why.
+/// Returns the text of a verdict: name, table, outcome and reason.
 #[must_use]
 pub fn verdict(verdict: &Verdict) -> String {
     let mut text = named_table(verdict);
@@ -21,7 +21,7 @@ pub fn verdict(verdict: &Verdict) -> String {
     text
 }
 
-/// A verdict in one line.
+/// Returns a verdict in one line.
 #[must_use]
 pub fn line(verdict: &Verdict) -> String {
     let remark = verdict
@@ -44,11 +44,11 @@ fn named_table(verdict: &Verdict) -> String {
     text + verdict.outcome.word()
 }
 
-/// Everything about one run: its name, its table, its outcome, where to look.
+/// Returns the text of a run: name, table, outcome, and the folder.
 #[must_use]
 pub fn run(verdict: &Verdict, folder: &Path) -> String {
     let mut text = named_table(verdict);
-    // Why a run broke off was printed as an error already.
+    // The reason of a run that broke off was printed as an error already.
     let remark = verdict.remark();
     if let Some(remark) = remark.filter(|_| verdict.outcome != Outcome::Incomplete) {
         text += &format!(": {remark}");
@@ -67,7 +67,7 @@ pub fn run(verdict: &Verdict, folder: &Path) -> String {
     text
 }
 
-/// One line for each of several runs.
+/// Returns one line for each of several runs.
 #[must_use]
 pub fn summary(verdicts: &[Verdict]) -> String {
     let mut table = empty_table(["scenario", "limits", "result"]);
@@ -94,7 +94,7 @@ pub fn summary(verdicts: &[Verdict]) -> String {
     format!("\n{table}")
 }
 
-/// The table of one run's metrics beside their limits.
+/// Returns the table of one run's metrics with their limits.
 #[must_use]
 pub fn table(verdict: &Verdict) -> String {
     let mut table = empty_table(["metric", "measured", "limit", "result"]);
@@ -109,11 +109,11 @@ pub fn table(verdict: &Verdict) -> String {
     table.to_string()
 }
 
-/// Columns of a terminal that says it has none, as in CI, and the fewest for which tables are made narrower.
+/// Columns of a terminal that reports none, as in CI, and the least number to which tables are narrowed.
 const TERMINAL_COLUMNS: u16 = 80;
 const TERMINAL_COLUMNS_MIN: u16 = 40;
 
-/// A table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
+/// Returns a table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
 pub fn empty_table<'a>(header: impl IntoIterator<Item = &'a str>) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
@@ -128,7 +128,7 @@ pub fn empty_table<'a>(header: impl IntoIterator<Item = &'a str>) -> Table {
     table
 }
 
-/// Columns for a table on a terminal of this width.
+/// Returns the columns for a table on a terminal of this width.
 fn usable_columns(columns: u16) -> u16 {
     match columns {
         0 => TERMINAL_COLUMNS,
@@ -136,7 +136,7 @@ fn usable_columns(columns: u16) -> u16 {
     }
 }
 
-/// Latencies and latenesses in microseconds, what was lost, and why not to trust it.
+/// Returns a table of latencies and latenesses in microseconds, with the losses, and the reasons to distrust it.
 fn timing_table(timing: &Timing) -> String {
     let mut table = empty_table(["microseconds", "median", "p99", "p99.9", "max"]);
     for (name, quantiles) in timing.rows() {
@@ -156,7 +156,7 @@ fn timing_table(timing: &Timing) -> String {
     text
 }
 
-/// The value of a metric, or why there is none, and when it was so.
+/// Returns the value of a metric, or the reason why there is none, and its time.
 #[must_use]
 pub fn measured(metric: &Metric) -> String {
     let measured = match (metric.value, &metric.remark) {
@@ -170,19 +170,19 @@ pub fn measured(metric: &Metric) -> String {
     }
 }
 
-/// The value of a metric: a number, or yes or no.
+/// Returns the value of a metric as a text: a number, or yes or no.
 #[must_use]
 pub fn value(name: &str, value: f64) -> String {
     answer(name, value).map_or_else(|| significant(value), str::to_owned)
 }
 
-/// Yes or no, where the metric of this name is an answer.
+/// Returns yes or no, if the metric of this name is an answer.
 pub(crate) fn answer(name: &str, value: f64) -> Option<&'static str> {
     let words = |is_yes| if is_yes { "yes" } else { "no" };
     metrics::answer(name, value).map(words)
 }
 
-/// Four digits; a power of ten where a number would be long, or would have no digit but zeros.
+/// Writes a number with four digits; with a power of ten if it would be long otherwise, or have no digits but zeros.
 #[must_use]
 pub fn significant(value: f64) -> String {
     if value.is_finite() && (value.abs() >= LONG_FROM || (value != 0.0 && value.abs() < 5e-5)) {
@@ -198,10 +198,10 @@ pub fn significant(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// Numbers from here on are shown with a power of ten.
+/// Least number that is shown with a power of ten.
 const LONG_FROM: f64 = 1e7;
 
-/// As `6e10` or `1.235e-6`.
+/// Writes a number as `6e10` or `1.235e-6`.
 fn power_of_ten(value: f64) -> String {
     let text = format!("{value:.3e}");
     let (digits, power) = text.split_once('e').unwrap_or((&text, "0"));
@@ -209,7 +209,7 @@ fn power_of_ten(value: f64) -> String {
     format!("{digits}e{power}")
 }
 
-/// A number as a file has it, with a power of ten where it is long.
+/// Writes a number as a file has it, with a power of ten if it is long.
 #[must_use]
 pub fn as_written(value: f64) -> String {
     if value.abs() >= LONG_FROM && value.is_finite() {
@@ -219,7 +219,7 @@ pub fn as_written(value: f64) -> String {
     }
 }
 
-/// What a metric must be; nothing where it has no limit.
+/// Returns the limit of a metric as a text; empty without a limit.
 #[must_use]
 pub fn limit(name: &str, limit: Option<Limit>) -> String {
     let Some(limit) = limit else {
@@ -248,7 +248,7 @@ pub fn result(metric: &Metric, outcome: Outcome) -> Cell {
     }
 }
 
-/// A timing whose quantiles of the round trip are 11, 22, 33 and 44 µs, of nodes that are all external.
+/// Returns a timing whose quantiles of the round trip are 11, 22, 33 and 44 µs, with external nodes only.
 #[cfg(test)]
 pub(crate) fn made_up_timing() -> Timing {
     use recording::latency::Quantiles;

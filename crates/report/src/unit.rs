@@ -1,8 +1,8 @@
-//! Units and signals as people write them.
+//! Units and signals in the form for readers.
 
 use dbc::Signal;
 
-/// A unit of the DBC, as people write it.
+/// Returns a unit of the DBC in the form for readers.
 pub(crate) fn shown_unit(unit: &str) -> &str {
     match unit {
         "degC" => "°C",
@@ -10,7 +10,7 @@ pub(crate) fn shown_unit(unit: &str) -> &str {
     }
 }
 
-/// What a signal is, as the title of its plot; its name where nothing is said of it.
+/// Returns a signal's comment as the title of its plot, or its name if it has no comment.
 pub(crate) fn title(signal: &Signal) -> &str {
     match signal.comment.trim_end_matches('.') {
         "" => &signal.name,

@@ -1,5 +1,5 @@
-//! What people see while the program works. Nothing here panics when the reader of a pipe is gone, and no text of somebody
-//! else steers the terminal.
+//! Output of the program while it works. It never panics when the reader of a pipe is gone, and no external text controls the
+//! terminal.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -20,10 +20,11 @@ use recording::progress::{LoopProgress, RunProgress};
 use recording::work::{PARTS, parts_done};
 use scenario::without_colours;
 
-/// Why standard output did not take what was printed, from the first time on.
+/// First reason why standard output did not accept a text.
 static UNPRINTED: OnceLock<String> = OnceLock::new();
 
-/// Why something that was to be printed on standard output was not. A reader that has gone needs no more of it.
+/// Returns the reason why a text was not printed on standard output. A reader that has gone needs no more of it, and is no
+/// reason.
 #[must_use]
 pub fn unprinted() -> Option<&'static str> {
     keep_error(io::stdout().flush());
@@ -43,7 +44,7 @@ pub fn print(text: &str) {
     keep_error(writeln!(io::stdout(), "{}", printable(text)));
 }
 
-/// Prints bytes on standard output: as they are, but for a terminal.
+/// Prints bytes on standard output: unchanged, except for a terminal.
 pub fn print_bytes(bytes: &[u8]) {
     let mut stdout = io::stdout();
     keep_error(if stdout.is_terminal() {
@@ -53,7 +54,7 @@ pub fn print_bytes(bytes: &[u8]) {
     });
 }
 
-/// Prints what is too long to be held in memory on standard output: as it is, but for a terminal.
+/// Prints a text on standard output that is too long for the memory: unchanged, except for a terminal.
 pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>) {
     let stdout = io::stdout();
     let is_terminal = stdout.is_terminal();
@@ -64,10 +65,10 @@ pub fn print_with(write: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>)
     keep_error(write(&mut output).and_then(|()| output.flush()));
 }
 
-/// An output that a terminal is behind. What it gets in parts is passed on by whole lines, so that no character is cut.
+/// Output to a terminal. Parts are passed on as whole lines, so that no character is cut.
 struct PrintableLines<W> {
     output: W,
-    /// The line that has no end yet.
+    /// Line without its end.
     begun: Vec<u8>,
 }
 
@@ -94,7 +95,7 @@ impl<W: Write> Write for PrintableLines<W> {
             self.pass_on()?;
         }
         self.begun.extend(begun);
-        // What has no lines is not for people: a cut character more or less does no harm.
+        // Data without lines are not meant for a reader, so a cut character does no harm.
         if self.begun.len() >= BUFFER_BYTES {
             self.pass_on()?;
         }
@@ -112,16 +113,16 @@ pub fn print_error(text: &str) {
     let _ = writeln!(io::stderr(), "{}", printable(text));
 }
 
-/// Prints what is wrong with the command line; the exit code of that.
+/// Prints an error of the command line and returns its exit code.
 pub fn usage_error(message: &str) -> Exit {
     print_error(&format!("canrig: {message}"));
     Exit::Usage
 }
 
-/// Prints an error with the place in the file that it underlines.
+/// Prints an error with the underlined place in the file.
 pub fn print_diagnostic(error: impl Diagnostic + Send + Sync + 'static) {
     match printable(&without_colours(&error)) {
-        // What escapes are left are the bench's own: colours.
+        // The remaining escapes are the bench's own: colours.
         Cow::Borrowed(_) => {
             let _ = writeln!(io::stderr(), "{:?}", miette::Report::new(error));
         }
@@ -129,7 +130,7 @@ pub fn print_diagnostic(error: impl Diagnostic + Send + Sync + 'static) {
     }
 }
 
-/// Prints what the command line's parser has to say: its errors on standard error, the help on standard output.
+/// Prints the output of the command line's parser: errors on standard error, the help on standard output.
 pub fn print_parsed(error: &clap::Error) {
     let printed = error.print();
     if !error.use_stderr() {
@@ -137,8 +138,8 @@ pub fn print_parsed(error: &clap::Error) {
     }
 }
 
-/// Prints a panic in words that help to report it. Of a log that was changed it is nobody's fault here, and who reads it in several
-/// threads is told once.
+/// Prints a panic with a request to report it. The panic of a changed log is no fault of canrig; it is printed once, although
+/// several threads may read the log.
 pub fn print_panic(info: &PanicHookInfo<'_>) {
     static CHANGED: Once = Once::new();
     if let Some(changed) = info.payload().downcast_ref::<LogChanged>() {
@@ -151,15 +152,15 @@ pub fn print_panic(info: &PanicHookInfo<'_>) {
     ));
 }
 
-/// Work that takes no longer needs no bar.
+/// Time of work from which on a bar is shown.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How often its bar moves.
+/// Time between two moves of its bar.
 const WORK_PERIOD: Duration = Duration::from_millis(200);
 
-/// Lines that wait for a busy writer at most, in bytes.
+/// Largest number of bytes that wait for a busy writer.
 const BUFFER_BYTES: usize = 64 << 10;
 
-/// Standard output with a buffer, for many lines; a reader that went away is the end, not an error.
+/// Standard output with a buffer, for many lines. A reader that has gone ends the output, and is no error.
 #[derive(Default)]
 pub struct BufferedLines {
     text: String,
@@ -167,7 +168,7 @@ pub struct BufferedLines {
 }
 
 impl BufferedLines {
-    /// Prints a line, now or together with later ones.
+    /// Prints a line, at once or together with later ones.
     pub fn add(&mut self, line: &str) {
         self.text += &printable(line);
         self.text.push('\n');
@@ -176,7 +177,7 @@ impl BufferedLines {
         }
     }
 
-    /// Prints what waits.
+    /// Prints the lines that wait.
     pub fn flush(&mut self) {
         let mut stdout = io::stdout().lock();
         let written = stdout.write_all(self.text.as_bytes());
@@ -186,20 +187,20 @@ impl BufferedLines {
         self.text.clear();
     }
 
-    /// Whether the reader has gone.
+    /// Returns whether the reader has gone.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.is_closed
     }
 }
 
-/// A line that shows what a computation of unknown length does. It is drawn on a terminal only.
+/// Line on the work of a computation of unknown length, drawn on a terminal only.
 pub struct Spinner {
     bar: ProgressBar,
 }
 
 impl Spinner {
-    /// A line without text.
+    /// Makes a line without text.
     #[must_use]
     pub fn new(is_shown: bool) -> Self {
         let bar = ProgressBar::with_draw_target(None, target(is_shown));
@@ -208,7 +209,7 @@ impl Spinner {
         Self { bar }
     }
 
-    /// Shows what is going on.
+    /// Shows a text on the current work.
     pub fn show(&self, text: &str) {
         self.bar.tick();
         self.bar.set_message(printable(text).into_owned());
@@ -221,13 +222,13 @@ impl Drop for Spinner {
     }
 }
 
-/// A line that shows how far a scenario is and how the run stands. It is drawn on a terminal only.
+/// Line on the progress of a scenario and the state of the run, drawn on a terminal only.
 pub struct ScenarioBar {
     bar: ProgressBar,
 }
 
 impl ScenarioBar {
-    /// A bar at zero.
+    /// Makes a bar at zero.
     #[must_use]
     pub fn new(duration_seconds: f64, is_shown: bool) -> Self {
         let bar = ProgressBar::with_draw_target(
@@ -248,15 +249,16 @@ impl ScenarioBar {
 
 /// Room for the state of a run.
 const STATE_BYTES: usize = 64;
-/// Columns for the time and the loops beside how late the cycles are.
+/// Columns for the time and the loops, in addition to the lateness of the cycles.
 const COLUMNS_OF_LOOPS: usize = 36;
 
-/// The state of a run in 48 columns, so that it fits beside the bar in 80; numbers stay in their places.
+/// Writes the state of a run in 48 columns, so that it fits next to the bar in 80. Numbers stay in their places.
 fn state(reading: &RunProgress) -> String {
     if reading.time.is_zero() {
         return "starting".to_owned();
     }
-    // With room for all of it: memory of a text that grew at the end of the heap is not used again, and a run has ten each second.
+    // The capacity holds the whole text: memory of a text that grew at the end of the heap is not used again, and a run has ten
+    // each second.
     let mut text = String::with_capacity(STATE_BYTES);
     text += &format!("{:.1} s", reading.time.as_secs_f64());
     for (place, one) in reading.loops.iter().enumerate() {
@@ -273,7 +275,7 @@ fn state(reading: &RunProgress) -> String {
     text
 }
 
-/// The position of a loop, and of an only one the error.
+/// Writes the position of a loop, and the error if it is the only one.
 fn state_of_loop(one: &LoopProgress) -> String {
     let symbol = one.measurand.unit.symbol();
     let mut text = String::with_capacity(STATE_BYTES);
@@ -295,14 +297,14 @@ impl Drop for ScenarioBar {
     }
 }
 
-/// A bar that shows how many of many runs are done. It is drawn on a terminal only.
+/// Bar on the number of completed runs, drawn on a terminal only.
 pub struct RunsBar {
     bar: ProgressBar,
     before: usize,
 }
 
 impl RunsBar {
-    /// A bar at zero; of an unknown number it counts only.
+    /// Makes a bar at zero; for an unknown total it only counts.
     #[must_use]
     pub fn new(total: Option<usize>, is_shown: bool) -> Self {
         let bar = ProgressBar::with_draw_target(total.map(|total| total as u64), target(is_shown));
@@ -312,7 +314,7 @@ impl RunsBar {
         Self { bar, before: 0 }
     }
 
-    /// The same with so many of the runs done before, which say nothing of the time that is left.
+    /// Returns the same bar with some runs completed before, which do not count for the remaining time.
     #[must_use]
     pub fn going_on_from(mut self, before: usize) -> Self {
         self.bar.set_position(before as u64);
@@ -328,11 +330,11 @@ impl RunsBar {
 }
 
 fn show_eta(state: &ProgressState, output: &mut dyn fmt::Write) {
-    // A state that cannot be written is not worth an end.
+    // A state that cannot be written is not worth a panic.
     let _ = output.write_str(&words_of_eta(state.eta()));
 }
 
-/// The time that is left, behind other words. As long as no run has ended, it is zero, and nobody knows it.
+/// Writes the remaining time after other text. Until a run has ended, it is zero, since it is unknown.
 fn words_of_eta(eta: Duration) -> String {
     if eta.is_zero() {
         String::new()
@@ -347,14 +349,14 @@ impl Drop for RunsBar {
     }
 }
 
-/// A bar that shows how many runs of a campaign on other machines are done, how fast, and how its parts stand. It is drawn on a
-/// terminal only.
+/// Bar on the runs of a campaign on other machines: the number of completed runs, their pace, and the state of the parts. It is
+/// drawn on a terminal only.
 pub struct PartsBar {
     bar: ProgressBar,
 }
 
 impl PartsBar {
-    /// A bar of so many runs, of which some are done.
+    /// Makes a bar for `runs` runs, of which `before` are completed.
     #[must_use]
     pub fn new(runs: usize, before: usize, is_shown: bool) -> Self {
         let bar = ProgressBar::with_draw_target(Some(runs as u64), target(is_shown));
@@ -367,7 +369,7 @@ impl PartsBar {
         Self { bar }
     }
 
-    /// Moves the bar to a number of runs, with words on the parts.
+    /// Moves the bar to a number of runs, with a text on the parts.
     pub fn show(&self, done: usize, parts: &str) {
         self.bar.set_position(done as u64);
         self.bar.set_message(printable(parts).into_owned());
@@ -385,8 +387,8 @@ impl Drop for PartsBar {
     }
 }
 
-/// A bar that shows how far long work on a recording is, and how much time is left. It is drawn on a terminal only, by a thread
-/// of its own, when the work lasts longer than two seconds.
+/// Bar on the progress of long work on a recording, and the remaining time. It is drawn on a terminal only, by a separate thread,
+/// if the work lasts longer than two seconds.
 pub struct WorkBar {
     ways: Arc<AtomicU64>,
     ended: Option<mpsc::Sender<()>>,
@@ -394,7 +396,7 @@ pub struct WorkBar {
 }
 
 impl WorkBar {
-    /// The bar of work that goes so many times through the recordings.
+    /// Makes the bar of work with this number of passes over the recordings.
     #[must_use]
     pub fn new(ways: u64, is_shown: bool) -> Self {
         let ways = Arc::new(AtomicU64::new(ways));
@@ -416,7 +418,7 @@ impl WorkBar {
         }
     }
 
-    /// So many ways it is, as is known when the recordings have been read.
+    /// Sets the number of passes, which is known when the recordings have been read.
     pub fn expect(&self, ways: u64) {
         self.ways.store(ways, Ordering::Relaxed);
     }
@@ -426,7 +428,7 @@ impl Drop for WorkBar {
     fn drop(&mut self) {
         drop(self.ended.take());
         if let Some(thread) = self.thread.take() {
-            // A bar that panicked is no reason to end the work.
+            // A bar that panicked does not end the work.
             let _ = thread.join();
         }
     }
@@ -451,17 +453,17 @@ fn show_work(ways: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
     bar.finish_and_clear();
 }
 
-/// The time that is left if the rest takes as long as what is done: parts of the work differ, so the pace of the latest one says
-/// little.
+/// Writes the remaining time if the rest takes as long as the completed work. Parts of the work differ, so the pace of the latest
+/// one says little.
 fn show_left(state: &ProgressState, output: &mut dyn fmt::Write) {
     let rest = state.len().unwrap_or(0).saturating_sub(state.pos());
     let left = state.elapsed().as_secs_f64() * rest as f64 / state.pos().max(1) as f64;
     let left = Duration::try_from_secs_f64(left).unwrap_or(Duration::MAX);
-    // A state that cannot be written is not worth an end.
+    // A state that cannot be written is not worth a panic.
     let _ = write!(output, "{:#}", HumanDuration(left));
 }
 
-/// The terminal, or nowhere.
+/// Returns the terminal, or a hidden target.
 fn target(is_shown: bool) -> ProgressDrawTarget {
     if is_shown && io::stderr().is_terminal() {
         ProgressDrawTarget::stderr()

@@ -1,6 +1,6 @@
-//! What happens while scenarios are played: the one kind of message from runs to those who look on, such as the terminal.
+//! Events while scenarios are played: the only kind of message from runs to their listeners, such as the terminal.
 //!
-//! Commands that read a recording back need none of it: nothing happens meanwhile, so they print what they return.
+//! Commands that read a recording back need none of it: they have no events, and print their results.
 
 use std::path::Path;
 
@@ -10,38 +10,38 @@ use worlds::preflight::PreflightEvent;
 
 use crate::run::Judged;
 
-/// One thing that happened.
+/// Event of a run.
 pub enum RunEvent<'a> {
-    /// Something to know about the run: its bus, its clock, its rig, what the machine refuses.
+    /// Note on the run: its bus, its clock, its rig, or a refusal of the machine.
     Note(String),
-    /// A step of the pre-flight of an external drive.
+    /// Step of the pre-flight of an external drive.
     Preflight(&'a PreflightEvent),
     /// A scenario begins.
     Began {
-        /// How long it is.
+        /// Duration of the scenario.
         duration_seconds: f64,
     },
-    /// How far the scenario is. It comes from another thread.
+    /// Progress of the scenario, which comes from another thread.
     Reached(RunProgress),
-    /// A scenario was played; now it is judged, and its files are written.
+    /// A scenario was played. It is judged next, and its files are written.
     Played {
-        /// How often its frames or cycles are gone through for that.
+        /// Number of passes over its frames or cycles for that.
         ways: u64,
     },
     /// A scenario was played and judged.
     Judged {
-        /// Its file.
+        /// File of the scenario.
         path: &'a Path,
-        /// What came of it.
+        /// Result of the run.
         judged: &'a Judged,
     },
-    /// Something went wrong that ends no other scenario.
+    /// A failure that ends no other scenario.
     Failed(String),
     /// All scenarios were played.
     Ended(&'a [Verdict]),
 }
 
-/// Who looks on.
+/// Receiver of the events.
 pub trait Listener: Sync {
     fn on_event(&self, event: &RunEvent<'_>);
 }

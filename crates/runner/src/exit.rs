@@ -1,10 +1,10 @@
-//! Exit codes: what a caller may rely on.
+//! Exit codes, on which a caller may rely.
 
 use std::process::ExitCode;
 
 use judge::verdict::Outcome;
 
-/// How a command ended, from best to worst in the order that decides between several scenarios.
+/// End of a command, from best to worst in the order that decides between several scenarios.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Exit {
     /// Everything passed.
@@ -13,7 +13,7 @@ pub enum Exit {
     Inconclusive,
     /// A limit was not met, or a node under test ended the run.
     VerdictFailed,
-    /// What was asked for cannot begin: a file is invalid, a program or a plant cannot be started, the pre-flight fails.
+    /// The command cannot begin: a file is invalid, a program or a plant cannot be started, the pre-flight fails.
     CannotStart,
     /// A part of canrig failed, or the bus.
     BenchFailed,
@@ -21,12 +21,12 @@ pub enum Exit {
     Internal,
     /// The command line is wrong.
     Usage,
-    /// The user stopped it.
+    /// The user stopped the command.
     Interrupted,
 }
 
 impl Exit {
-    /// The number that the process returns.
+    /// Returns the exit code of the process.
     #[must_use]
     pub fn code(self) -> u8 {
         match self {
@@ -42,7 +42,7 @@ impl Exit {
     }
 }
 
-/// A run that broke off is the bench's failure.
+/// Converts an outcome; a run that broke off is a failure of the bench.
 impl From<Outcome> for Exit {
     fn from(outcome: Outcome) -> Self {
         match outcome {

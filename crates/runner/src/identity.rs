@@ -1,4 +1,4 @@
-//! What takes part in a run, so that nobody takes its results for those of another one.
+//! Identity of a run, so that its results are not confused with those of another run.
 
 use std::fs::File;
 use std::io;
@@ -16,15 +16,15 @@ use scenario::plant::PlantModel;
 use scenario::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
 use sha2::{Digest, Sha256};
 
-/// The file that this process runs, also when another was put in its place meanwhile.
+/// File that this process runs, even if it was replaced meanwhile.
 const PROGRAM: &str = "/proc/self/exe";
 
-/// The program's file cannot be read, so nobody could say which program played the run.
+/// Error if the program's file cannot be read, so that the program that played the run is unknown.
 #[derive(Debug, thiserror::Error)]
 #[error("the program's own file cannot be read ({PROGRAM}: {0}); is /proc mounted?")]
 pub struct NoIdentity(#[from] io::Error);
 
-/// What takes part in a run: this program, the plant, the law, and the files as they were read.
+/// Returns the identity of a run: this program, the plant, the law, and the files as they were read.
 ///
 /// # Errors
 /// The program's file cannot be read.
@@ -43,7 +43,7 @@ pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
     })
 }
 
-/// The build ID that the linker left in the program, or the hash of its file where it left none. Read once.
+/// Returns the build ID that the linker wrote into the program, or the hash of its file if there is none. Reads it once.
 fn program() -> io::Result<&'static str> {
     static NAME: OnceLock<String> = OnceLock::new();
     if let Some(known) = NAME.get() {
@@ -56,8 +56,8 @@ fn program() -> io::Result<&'static str> {
     Ok(NAME.get_or_init(|| name))
 }
 
-/// The linker computes it from all that the program consists of, so that nobody needs to read 50 MB at each start. Only the
-/// notes are read: the symbols, which `object::File` would read, too, are megabytes.
+/// Reads the build ID. The linker computes it from the whole program, so 50 MB need not be read at each start. Only the notes are
+/// read: the symbols, which `object::File` would read, too, are megabytes.
 fn build_id(program: File) -> Option<Vec<u8>> {
     let file = ReadCache::new(program);
     let header = FileHeader64::<Endianness>::parse(&file).ok()?;
@@ -105,14 +105,14 @@ mod tests {
             names,
             ["course.csv", "rig/sma_actuator.toml", "scenario.toml"]
         );
-        // As sha256sum says.
+        // `sha256sum` gives the same.
         assert_eq!(one.files["course.csv"], hexadecimal(Sha256::digest(COURSE)));
         assert!(!one.program.is_empty());
         assert_ne!(one, identity_of(&format!("{TEXT}# more\n"), COURSE));
         assert_ne!(one, identity_of(TEXT, &COURSE.replace("12.0", "12.5")));
     }
 
-    /// As `readelf -n` prints it, and as `sha256sum` does where there is none.
+    /// The names are those of `readelf -n`, or of `sha256sum` without a build ID.
     #[test]
     fn a_program_is_named_by_its_build_id_or_else_by_its_hash() {
         let own = std::env::current_exe().unwrap();

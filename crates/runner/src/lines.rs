@@ -1,4 +1,4 @@
-//! What happens while scenarios are played, as lines of JSON for another program.
+//! Events while scenarios are played, as lines of JSON for another program.
 
 use std::sync::Mutex;
 
@@ -10,7 +10,7 @@ use plan::prefix_of;
 use recording::progress::RunProgress;
 use worlds::preflight::PreflightEvent;
 
-/// Prints an object for each event, with its kind as `event`. Who reads it sees it at once.
+/// Printer of an object for each event, with its kind as `event`. Each object is flushed at once.
 #[derive(Default)]
 pub struct EventLines(Mutex<BufferedLines>);
 
@@ -26,7 +26,7 @@ impl EventLines {
 impl Listener for EventLines {
     fn on_event(&self, event: &RunEvent<'_>) {
         self.print(&match event {
-            // What follows says it.
+            // The next event implies this one.
             RunEvent::Played { .. } => return,
             RunEvent::Note(text) => json!({"event": "note", "text": text}),
             RunEvent::Preflight(step) => json!({"event": "note", "text": in_words(step)}),
@@ -46,7 +46,7 @@ impl Listener for EventLines {
     }
 }
 
-/// How far a run is, with the position of each loop.
+/// Returns the progress of a run, with the position of each loop.
 fn reached(reading: &RunProgress) -> Value {
     let mut line = json!({
         "event": "reached",

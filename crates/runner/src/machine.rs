@@ -1,31 +1,31 @@
-//! What work costs on this machine.
+//! Time and memory of work on this machine.
 
 use std::fs;
 use std::time::Duration;
 
 use platform::clock::Clock;
 
-/// Where the kernel says what the process has used.
+/// File in which the kernel reports the resources of the process.
 const STATUS: &str = "/proc/self/status";
 
-/// How long something takes.
+/// Measures the time since its start.
 pub struct Stopwatch(Clock);
 
 impl Stopwatch {
-    /// One that runs from now on.
+    /// Starts a stopwatch.
     #[must_use]
     pub fn start() -> Self {
         Self(Clock::start())
     }
 
-    /// Time since the start.
+    /// Returns the time since the start.
     #[must_use]
     pub fn elapsed(&self) -> Duration {
         self.0.now()
     }
 }
 
-/// The most memory that this process has had, in bytes; none where the kernel does not say.
+/// Returns the largest memory that this process has had, in bytes; `None` if the kernel does not report it.
 #[must_use]
 pub fn memory_bytes_max() -> Option<u64> {
     let text = fs::read_to_string(STATUS).ok()?;

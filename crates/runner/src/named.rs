@@ -1,4 +1,4 @@
-//! What a user names to say which nodes are on a bus: a rig file, a scenario, or the folder of a run.
+//! Arguments that name the nodes on a bus: a rig file, a scenario, or the folder of a run.
 
 use std::path::Path;
 
@@ -13,10 +13,10 @@ use crate::scenarios::{load, rig_text};
 use plan::Plan;
 use worlds::catalogue::catalogue;
 
-/// The plan of that bus; prints what is wrong.
+/// Returns the plan of that bus, or prints the error.
 ///
 /// # Errors
-/// The exit code for it.
+/// The exit code for the error.
 pub fn plan_of(path: &Path) -> Result<Plan, Exit> {
     if path.is_dir() {
         let played = read_played(path, catalogue()).map_err(refuse)?;
@@ -26,11 +26,11 @@ pub fn plan_of(path: &Path) -> Result<Plan, Exit> {
         print_diagnostic(error);
         Exit::CannotStart
     };
-    // What cannot be read may be the name of a scenario that ships.
+    // A path that cannot be read may be the name of a scenario that ships.
     let Ok(text) = rig_text(path) else {
         return load(path, &ValueArgs::default());
     };
-    // Who asks for nodes names a rig, unless it is a scenario.
+    // A file that is not clearly a scenario is meant as a rig.
     if Rig::is_meant(&text) || !Scenario::may_be(&text) {
         return Plan::of_rig(path, &text, catalogue()).map_err(invalid);
     }

@@ -1,4 +1,4 @@
-//! While a world works: shows how far it is, and takes the user's wish to stop.
+//! Shows the progress of a world while it works, and passes on the user's request to stop.
 
 use std::io;
 use std::sync::mpsc;
@@ -10,11 +10,11 @@ use tokio::sync::oneshot;
 
 use crate::console::print_error;
 
-/// How often the progress bar moves.
+/// Time between two moves of the progress bar.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 
-/// Does `work` while another thread calls `show` for its progress, and `interrupt` at Ctrl-C, at SIGTERM, and, unless whoever
-/// started the program has them ignored (nohup), at SIGHUP and SIGQUIT.
+/// Does `work` while another thread calls `show` for its progress, and `interrupt` at Ctrl-C, at SIGTERM, and at SIGHUP and
+/// SIGQUIT unless the parent process has them ignored (nohup).
 pub fn observed<T>(
     interrupt: impl Fn() + Sync,
     show: impl Fn() + Sync,
@@ -28,7 +28,7 @@ pub fn observed<T>(
                 print_error(&format!("canrig: signals cannot be handled: {error}"));
             }
         });
-        // A signal that came before would end the program with all that works.
+        // An earlier signal would end the program with all its work.
         let _ = prepared.recv();
         let result = work();
         drop(working);
@@ -66,7 +66,7 @@ fn observe(
     })
 }
 
-/// The signal, which stays ignored where it is.
+/// Returns a listener for the signal; `None` if it is ignored, which it stays.
 fn unless_ignored(kind: SignalKind) -> io::Result<Option<Signal>> {
     if is_ignored(kind.as_raw_value()) {
         Ok(None)
@@ -75,7 +75,7 @@ fn unless_ignored(kind: SignalKind) -> io::Result<Option<Signal>> {
     }
 }
 
-/// Waits for a signal; for none, for ever.
+/// Waits for a signal; forever if there is none.
 async fn raised(signal: &mut Option<Signal>) {
     match signal {
         Some(signal) => {

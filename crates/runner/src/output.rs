@@ -1,4 +1,4 @@
-//! Files that the user wants somewhere.
+//! Output files at places that the user chooses.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -8,12 +8,12 @@ use crate::console::{print, print_error};
 use crate::exit::Exit;
 use recording::run_folder::{write_output, write_whole};
 
-/// Writes a file; where it cannot be written, prints why.
+/// Writes a file; prints the reason if it cannot be written.
 pub(crate) fn write(place: &Path, bytes: &[u8]) -> Result<(), Exit> {
     write_with(place, |output| output.write_all(bytes))
 }
 
-/// As [`write`], for what is too long to be held in memory.
+/// Writes a file as [`write`] does, for content that is too long for the memory.
 pub(crate) fn write_with(
     place: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -27,16 +27,16 @@ fn refuse(place: &Path, error: &io::Error) -> Exit {
     Exit::BenchFailed
 }
 
-/// Writes a page where the user wants it, and prints where.
+/// Writes a page at the user's place, and prints the place.
 ///
 /// # Errors
-/// It cannot be written; the exit code of that.
+/// The page cannot be written; holds the exit code for that.
 pub fn write_page(place: &Path, text: &str) -> Result<(), Exit> {
     let write = |output: &mut BufWriter<File>| output.write_all(text.as_bytes());
     printed(place, write_output(place, write))
 }
 
-/// Writes the page of a run folder anew, and prints where.
+/// Replaces the page of a run folder, and prints the place.
 pub(crate) fn renew_page(place: &Path, text: &str) -> Result<(), Exit> {
     let write = |output: &mut BufWriter<File>| output.write_all(text.as_bytes());
     printed(place, write_whole(place, write))
@@ -48,7 +48,7 @@ fn printed(place: &Path, written: io::Result<()>) -> Result<(), Exit> {
     Ok(())
 }
 
-/// The way from one file to another; nothing where there is none.
+/// Returns the relative link from one file to another; `None` if there is none.
 #[must_use]
 pub fn link(from: &Path, to: &Path) -> Option<String> {
     let from = match from.parent() {
@@ -69,7 +69,7 @@ pub fn link(from: &Path, to: &Path) -> Option<String> {
     Some(up.chain(down).collect::<Vec<_>>().join("/"))
 }
 
-/// A part of a path in a link: what would be read as something else is written in percent.
+/// Escapes a part of a path in a link: characters with another meaning are percent-encoded.
 fn escaped(part: &str) -> String {
     let escape = |byte: u8| match byte {
         b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => {

@@ -1,4 +1,4 @@
-//! Scenarios played one after the other: what `canrig run` and `canrig simulate` share.
+//! Plays scenarios one after the other: the common part of `canrig run` and `canrig simulate`.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -82,7 +82,7 @@ pub struct GuestArgs {
     pub patience: Patience,
 }
 
-/// How long an answer may take; for ever if `None`.
+/// Longest time for an answer; unlimited if `None`.
 pub type Patience = Option<Duration>;
 
 impl Default for GuestArgs {
@@ -95,7 +95,7 @@ impl Default for GuestArgs {
 }
 
 impl GuestArgs {
-    /// How programs are hosted whose output is kept in a folder.
+    /// Returns how programs are hosted whose output is kept in a folder.
     pub(crate) fn hosting<'a>(&self, logs: &'a Path, announce: &'a dyn Fn(&str)) -> Hosting<'a> {
         Hosting {
             logs: Some(logs),
@@ -120,7 +120,7 @@ fn patience(text: &str) -> Result<Patience, String> {
 }
 
 impl ValueArgs {
-    /// The rig file that takes the place of the scenario's; none for one that ships.
+    /// Returns the rig file that replaces the scenario's; `None` for one that ships.
     pub(crate) fn rig_file(&self) -> Option<&Path> {
         let rig = self.rig.as_deref()?;
         let text = |name| shipped::text(name);
@@ -128,7 +128,7 @@ impl ValueArgs {
         (!ships).then_some(rig)
     }
 
-    /// All values, the rig among them.
+    /// Returns all values, including the rig.
     ///
     /// # Panics
     /// Never: any text can be a value.
@@ -148,7 +148,7 @@ impl ValueArgs {
 }
 
 impl PlayArgs {
-    /// Who prints what happens, as far as the user wants it.
+    /// Returns the listener that prints events, as far as the user wants them.
     pub(crate) fn listener(&self) -> Box<dyn Listener> {
         if self.events {
             Box::new(EventLines::default())
@@ -171,27 +171,27 @@ pub struct ViewerArgs {
 }
 
 impl ViewerArgs {
-    /// Opens or finds the viewers, and says which cannot be had.
+    /// Opens or finds the viewers, and returns the reasons why some are missing.
     #[must_use]
     pub fn open(&self) -> (Viewers, Vec<String>) {
         Viewers::open(self.viewer, self.rerun_connect.as_ref())
     }
 }
 
-/// Where scenarios are played, and which of them.
+/// Place where scenarios are played, which decides which of them can be.
 pub(crate) trait Testbed {
     /// Puts a plan on the rig of the testbed.
     ///
     /// # Errors
-    /// Why it cannot be played here.
+    /// The reason why the plan cannot be played here.
     fn prepare(&self, plan: Plan) -> Result<Plan, String>;
 
-    /// Whether nothing more may be played on it.
+    /// Returns whether nothing more may be played on the testbed.
     fn is_over(&self) -> bool {
         false
     }
 
-    /// What becomes of frames that a viewer is too slow for.
+    /// Returns the treatment of frames for which a viewer is too slow.
     fn when_full(&self) -> WhenFull;
 
     /// Plays a plan.
@@ -206,7 +206,7 @@ pub(crate) trait Testbed {
     ) -> Result<Played, WorldError>;
 }
 
-/// Plays each scenario on a testbed and reports what happens; the worst exit of all.
+/// Plays each scenario on a testbed and reports events; returns the worst exit of all.
 pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Listener) -> Exit {
     let paths = match scenario_files(&args.scenarios, is_scenario) {
         Ok(paths) => paths,
@@ -217,7 +217,8 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
     let stage = Stage::new(listener);
     let mut worst = Exit::Pass;
     let mut verdicts = Vec::new();
-    // From the first to the last, also while a run is judged: else a signal would be lost there, and the next one played.
+    // Signals are observed from the first scenario to the last, also while a run is judged. A signal there would be lost
+    // otherwise, and the next scenario be played.
     observed(
         || stage.watch.interrupt(),
         || stage.show_progress(),
@@ -242,7 +243,7 @@ pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Li
     worst
 }
 
-/// The plan of a scenario that can be played on the testbed.
+/// Returns the plan of a scenario that can be played on the testbed.
 pub(crate) fn prepared(
     path: &Path,
     values: &ValueArgs,
@@ -256,11 +257,11 @@ pub(crate) fn prepared(
     })
 }
 
-/// The same plan in virtual time, where nodes that the command line names come to their seats. One that is somebody else's by its rig
-/// file has a time of its own.
+/// Returns the same plan in virtual time, in which nodes of the command line come to their seats. A node that is external by its
+/// rig file has a time of its own.
 ///
 /// # Errors
-/// Which these are.
+/// The nodes that are external by their rig file.
 pub(crate) fn in_virtual_time(plan: Plan, external: &[String]) -> Result<Plan, String> {
     refuse_external(&plan)?;
     let plan = plan.with_external(external)?;
@@ -280,10 +281,10 @@ fn refuse_external(plan: &Plan) -> Result<(), String> {
     }
 }
 
-/// What is played now, and who looks on.
+/// Current play, with its listener.
 struct Stage<'a> {
     watch: Watch,
-    /// Whether frames are on the bus; who shows how far the run is does not do so after that.
+    /// Whether frames are on the bus; progress is shown only then.
     is_playing: Mutex<bool>,
     listener: &'a dyn Listener,
 }
@@ -309,7 +310,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// Plays, and has its progress shown meanwhile.
+    /// Plays, and lets its progress be shown meanwhile.
     fn play(
         &self,
         play: impl FnOnce() -> Result<Played, WorldError>,

@@ -1,7 +1,7 @@
-//! When a scenario was played, and with which values of the command line: `played.json` in its folder.
+//! Time at which a scenario was played, and values of the command line: `played.json` in its folder.
 //!
-//! No other file may say it: the log, the signals and the verdict of two plays are the same to the byte, and what the file system
-//! says of a file is lost when it is copied.
+//! No other file may contain them: the log, the signals and the verdict of two plays are the same to the byte, and the times of
+//! the file system are lost when a file is copied.
 
 use std::io;
 use std::path::Path;
@@ -17,16 +17,16 @@ use crate::recorded::RecordedError;
 /// Largest file that is read: a command line is shorter.
 const BYTES_MAX: u64 = 4 << 20;
 
-/// How a scenario was played.
+/// Record of a scenario's play.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlayRecord {
-    /// When the play began. That of a sweep which was interrupted or merged: when it was last gone on with.
+    /// Begin of the play; for a sweep that was interrupted or merged, the time of its last continuation.
     pub at: Timestamp,
-    /// The values of `--set`.
+    /// Values of `--set`.
     pub set: Vec<String>,
 }
 
-/// The same as the file has it.
+/// Form of the record in the file.
 #[derive(Deserialize, Serialize)]
 struct Written {
     at: String,
@@ -35,7 +35,7 @@ struct Written {
 }
 
 impl PlayRecord {
-    /// A play that begins now.
+    /// Returns the record of a play that begins now.
     #[must_use]
     pub fn now(overrides: &[Override]) -> Self {
         let since_1970 = Clock::start().wall_epoch();
@@ -45,13 +45,13 @@ impl PlayRecord {
         }
     }
 
-    /// Writes it into the folder of the play.
+    /// Writes the record into the folder of the play.
     ///
     /// # Errors
     /// The file cannot be written.
     ///
     /// # Panics
-    /// Never: it is plain data.
+    /// Never: the record is plain data.
     pub fn write(&self, folder: &RunFolder) -> Result<(), WriteError> {
         let written = Written {
             at: self.at.to_string(),
@@ -61,7 +61,7 @@ impl PlayRecord {
         folder.write(file::PLAYED, format!("{text}\n").as_bytes())
     }
 
-    /// Reads that of a folder; `None` for what an older canrig played.
+    /// Reads the record of a folder; `None` if an older canrig played it.
     ///
     /// # Errors
     /// The file cannot be read, or is damaged.

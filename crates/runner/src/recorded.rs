@@ -1,4 +1,4 @@
-//! A recording read back from the disk.
+//! Reads a recording back from the disk.
 
 use dbc::{Database, SignalMissing};
 use std::fmt::Display;
@@ -26,52 +26,53 @@ use recording::stalls::{Stall, read_stalls};
 use recording::timeline::{self, Timeline, events_of};
 use recording::unrecorded::Unrecorded;
 
-/// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names them.
+/// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names
+/// them.
 const VERDICT_BYTES_MAX: u64 = 16 << 20;
 
-/// Why a recording cannot be used.
+/// Reason why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordedError {
     /// A file cannot be read.
     #[error("`{}` cannot be read: {source}", path.display())]
     Read {
-        /// Which one.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Reason of the operating system.
         source: io::Error,
     },
-    /// A folder of something else.
+    /// The folder is not that of a run.
     #[error("{} is no run folder: there is no {} in it", path.display(), file::SCENARIO)]
     NoRun {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
-    /// A folder of many runs.
+    /// The folder is that of many runs.
     #[error("{} is the folder of a sweep or of torture, not of a run", path.display())]
     ManyRuns {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
     },
-    /// A log without a scenario.
+    /// The log has no scenario.
     #[error("{}: a log does not name the scenario that was played; name it with --scenario FILE", path.display())]
     NoScenario {
-        /// The log.
+        /// Path of the log.
         path: PathBuf,
     },
-    /// Not one frame in it.
+    /// The recording has no frame.
     #[error("{} holds no frame{}", path.display(), broken.as_ref().map(|broken| format!(" ({broken})")).unwrap_or_default())]
     Empty {
-        /// The log.
+        /// Path of the log.
         path: PathBuf,
-        /// Where it breaks off.
+        /// Place where the log breaks off.
         broken: Option<String>,
     },
-    /// The verdict of the run is none.
+    /// The verdict of the run is damaged.
     #[error("{} is damaged: {reason}. Without this file, the frames are judged as those of a run that broke off: move it away for that", path.display())]
     Damaged {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Reason why it cannot be read.
         reason: String,
     },
     /// The scenario is not valid.
@@ -80,7 +81,7 @@ pub enum RecordedError {
     /// The folder's DBC is not valid.
     #[error(transparent)]
     Frames(#[from] FramesError),
-    /// Limits of other loops.
+    /// The limits are those of other loops.
     #[error("{} has other loops than the recording, so its limits cannot be applied", path.display())]
     OtherLoops {
         /// The scenario with the limits.
@@ -92,9 +93,9 @@ pub enum RecordedError {
     /// The frames have no message of this name.
     #[error("no message `{name}` is in the recording's {}{}", file::FRAMES, meant.as_ref().map(|meant| format!("; did you mean `{meant}`?")).unwrap_or_default())]
     NoMessage {
-        /// What was asked for.
+        /// Name in the command line.
         name: String,
-        /// What was probably meant.
+        /// Name that was probably meant.
         meant: Option<String>,
     },
 }
@@ -120,32 +121,32 @@ impl From<ReadError> for RecordedError {
     }
 }
 
-/// A recording: a run folder, or a log of `candump -L` and the scenario that was played.
+/// Recording: a run folder, or a log of `candump -L` and the scenario that was played.
 pub struct Recorded {
-    /// What the user named.
+    /// Path that the user named.
     pub path: PathBuf,
-    /// What was played.
+    /// Plan that was played.
     pub plan: Plan,
-    /// The frames.
+    /// Frames of the recording.
     pub log: Log,
-    /// The verdict of the run; none for a log that canrig has not written.
+    /// Verdict of the run; `None` for a log that canrig has not written.
     pub stored: Option<Verdict>,
-    /// Where the machine held the nodes up; only a folder of a run in real time says it.
+    /// Stalls of the nodes; only the folder of a run in real time has them.
     pub stalls: Vec<Stall>,
-    /// The frames that canrig's nodes sent; only a folder of a run in real time says it.
+    /// Frames that canrig's nodes sent; only the folder of a run in real time has them.
     pub sent: Sent,
-    /// Whether it is a run folder.
+    /// Whether the recording is a run folder.
     pub is_folder: bool,
-    /// Whether it is the folder of a long run, whose log and signals are compressed.
+    /// Whether the recording is the folder of a long run, whose log and signals are compressed.
     pub is_long: bool,
 }
 
 impl Recorded {
-    /// Reads a run folder, or a log with the scenario `played` or the `scenario.toml` beside it. The catalogue is asked only
-    /// for what the folder does not say.
+    /// Reads a run folder, or a log with the scenario `played` or the `scenario.toml` in its folder. The catalogue is used only
+    /// for facts that the folder lacks.
     ///
     /// # Errors
-    /// A file is missing or not valid. A log that breaks off is no error, nor is it that a run that broke off has none.
+    /// A file is missing or not valid. A log that breaks off is no error, nor is the missing log of a run that broke off.
     pub fn load(
         path: &Path,
         played: Option<&Path>,
@@ -213,7 +214,7 @@ impl Recorded {
         })
     }
 
-    /// The recording, decoded for each loop.
+    /// Returns the recording, decoded for each loop.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
@@ -221,16 +222,16 @@ impl Recorded {
         timeline::decode(&self.log.frames, &self.plan)
     }
 
-    /// What happened, in the order of time; what several loops saw stands once.
+    /// Returns the events in the order of time. An event that several loops saw appears once.
     ///
     /// # Errors
-    /// As [`Recorded::timelines`].
+    /// The same as for [`Recorded::timelines`].
     pub fn events(&self) -> Result<Events, SignalMissing> {
         let timelines = self.timelines()?;
         Ok(events_of(&timelines))
     }
 
-    /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, for its own reason.
+    /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, with its own reason.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
@@ -242,7 +243,7 @@ impl Recorded {
             ..self.verdict_of_frames(timelines)
         };
         let is_incomplete = |stored: &&Verdict| stored.outcome == Outcome::Incomplete;
-        // A drive that is still on fails also a run that the bench ended.
+        // A drive that is still on fails even a run that the bench ended.
         let is_on = verdict.ended_early.is_some() && verdict.outcome == Outcome::Fail;
         if let Some(stored) = stored.filter(is_incomplete).filter(|_| !is_on) {
             verdict.outcome = Outcome::Incomplete;
@@ -262,7 +263,8 @@ impl Recorded {
         Ok(verdict)
     }
 
-    /// How often [`Recorded::judge`] goes through the frames besides: for the times of each loop, where the run has any.
+    /// Returns the number of further passes over the frames in [`Recorded::judge`]: for the times of each loop, if the run has
+    /// any.
     #[must_use]
     pub fn ways_for_timing(&self) -> u64 {
         let stored = self.stored.as_ref();
@@ -273,7 +275,7 @@ impl Recorded {
         }
     }
 
-    /// The verdict by the frames alone.
+    /// Returns the verdict by the frames alone.
     fn verdict_of_frames(&self, timelines: &[Timeline]) -> Verdict {
         let stored = self.stored.as_ref();
         let ended_early = stored.and_then(|stored| stored.ended_early.clone());
@@ -291,7 +293,8 @@ impl Recorded {
         judge::judge(&self.plan, timelines, &circumstances)
     }
 
-    /// What was on the bus and is not among the frames: what the run noted, and what of its log cannot be read.
+    /// Returns the traffic that is not among the frames: the losses that the run noted, and the lines of its log that cannot be
+    /// read.
     fn unrecorded(&self, timelines: &[Timeline]) -> Unrecorded {
         let duration_seconds = self.plan.shared.run.duration_seconds;
         let zero = timelines.first().and_then(|timeline| timeline.zero_seconds);
@@ -304,7 +307,7 @@ impl Recorded {
         }
     }
 
-    /// The verdict of the run itself, or what it would have been.
+    /// Returns the verdict of the run itself, or the one it would have had.
     ///
     /// # Errors
     /// The database lacks a signal that the bench needs.
@@ -316,7 +319,7 @@ impl Recorded {
     }
 }
 
-/// What was played, and the verdict of the run if there is one.
+/// Returns the plan that was played, and the verdict of the run if there is one.
 ///
 /// # Errors
 /// A file cannot be read or is not valid.
@@ -330,7 +333,7 @@ pub fn read_played(
     Ok((plan, verdict))
 }
 
-/// The place of a file in a folder that may come from elsewhere.
+/// Returns the path of a file in a folder that may come from elsewhere.
 fn own(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
     own_file(folder, name).map_err(|source| RecordedError::Read {
         path: folder.join(name),
@@ -338,7 +341,7 @@ fn own(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
     })
 }
 
-/// Whether a path that exists is a folder.
+/// Returns whether a path that exists is a folder.
 fn is_folder(path: &Path) -> Result<bool, RecordedError> {
     let metadata = path.metadata().map_err(|source| RecordedError::Read {
         path: path.to_owned(),
@@ -347,7 +350,7 @@ fn is_folder(path: &Path) -> Result<bool, RecordedError> {
     Ok(metadata.is_dir())
 }
 
-/// Prints why a recording cannot be used; the exit code of that.
+/// Prints the reason why a recording cannot be used, and returns the exit code for it.
 pub fn refuse(error: RecordedError) -> Exit {
     match error {
         RecordedError::Scenario(error) => print_diagnostic(*error),
@@ -356,10 +359,10 @@ pub fn refuse(error: RecordedError) -> Exit {
     Exit::CannotStart
 }
 
-/// Refuses what is no run folder.
+/// Refuses a path that is no run folder.
 ///
 /// # Errors
-/// What it is.
+/// The folder has many runs or none, or cannot be read.
 pub fn require_run(path: &Path) -> Result<(), RecordedError> {
     let path = path.to_owned();
     match is_folder(&path)? && path.join(file::SCENARIO).exists() {
@@ -369,14 +372,14 @@ pub fn require_run(path: &Path) -> Result<(), RecordedError> {
     }
 }
 
-/// Whether a folder is that of a campaign, or of a part of one.
+/// Returns whether a folder is that of a campaign, or of a part of one.
 #[must_use]
 pub fn holds_many_runs(folder: &Path) -> bool {
     let mut names = [file::ROWS, file::ENGINE].iter();
     names.any(|name| folder.join(name).exists())
 }
 
-/// Folders of runs and campaigns: a folder that is none, but has some in it, stands for these.
+/// Returns the folders of runs and campaigns: a folder that is none, but contains some, is replaced by these.
 #[must_use]
 pub fn opened(folders: &[PathBuf]) -> Vec<PathBuf> {
     let is_one = |path: &Path| path.join(file::SCENARIO).exists() || holds_many_runs(path);
@@ -397,8 +400,8 @@ pub fn opened(folders: &[PathBuf]) -> Vec<PathBuf> {
     opened.collect()
 }
 
-/// The folders among several that are to be taken for runs: those of sweeps, which stand beside them in `runs/*`, are named and
-/// left out. Where there are no others, one that is refused is better than nothing.
+/// Returns the folders that are runs. Folders of sweeps, which are among them in `runs/*`, are reported and left out. If there
+/// are no others, they are returned, since a refusal is better than nothing.
 pub(crate) fn runs_among(folders: &[PathBuf]) -> Vec<&Path> {
     let folders = folders.iter().map(PathBuf::as_path);
     let (others, runs): (Vec<_>, Vec<_>) = folders.partition(|folder| holds_many_runs(folder));
@@ -416,7 +419,7 @@ pub(crate) fn runs_among(folders: &[PathBuf]) -> Vec<&Path> {
 fn read_log(path: &Path, stored: Option<&Verdict>) -> Result<Log, RecordedError> {
     let is_incomplete = stored.is_some_and(|stored| stored.outcome == Outcome::Incomplete);
     match Log::read(path) {
-        // Killed before there was a log.
+        // The run was killed before there was a log.
         Err(error) if error.kind() == io::ErrorKind::NotFound && is_incomplete => {
             let unread = Unread {
                 broken: Some("there is none".to_owned()),
@@ -434,7 +437,8 @@ fn read_log(path: &Path, stored: Option<&Verdict>) -> Result<Log, RecordedError>
     }
 }
 
-/// The verdict of a run; none when there is no file. It is written as a whole, so one that cannot be read back was damaged.
+/// Reads the verdict of a run; `None` if there is no file. The file is written as a whole, so one that cannot be read back was
+/// damaged.
 fn read_verdict(path: &Path) -> Result<Option<Verdict>, RecordedError> {
     let damaged = |reason: &dyn Display| RecordedError::Damaged {
         path: path.to_owned(),

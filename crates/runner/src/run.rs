@@ -1,4 +1,4 @@
-//! One scenario from its setup to its verdict.
+//! Plays one scenario, from its setup to its verdict.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -26,32 +26,32 @@ use recording::unrecorded::Unrecorded;
 use report::{ReportError, Run};
 use worlds::{End, Played, WorldError};
 
-/// The folder for run folders where `--output` names no other.
+/// Default of `--output`: the folder for run folders.
 pub const RUNS: &str = "runs";
 
-/// Runs that are longer leave compressed files where `--compress-above` says nothing else.
+/// Default of `--compress-above`: the duration from which on runs leave compressed files.
 pub const COMPRESS_ABOVE_SECONDS: f64 = 600.0;
 
-/// Where a run leaves its files, and how.
+/// Place and form of a run's files.
 #[derive(Clone, Copy, Debug)]
 pub struct RunPlace<'a> {
-    /// The folder of its folder.
+    /// Folder in which the run's folder is made.
     pub parent: &'a Path,
     /// Whether log and signals are compressed, and the recording for the viewer is thinned.
     pub is_long: bool,
-    /// The values of the command line that are in the scenario.
+    /// Values of the command line, which the scenario already has.
     pub overrides: &'a [Override],
-    /// Whether a run fails that passes although nothing was limited.
+    /// Whether a run fails if it passes although nothing was limited.
     pub is_strict: bool,
 }
 
-/// Why a run left no verdict.
+/// Reason why a run left no verdict.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// A file of the run cannot be made or written.
     #[error(transparent)]
     Report(#[from] ReportError),
-    /// Nobody could say which program played.
+    /// The program that played the run is unknown.
     #[error(transparent)]
     NoIdentity(#[from] NoIdentity),
 }
@@ -68,18 +68,18 @@ impl From<SignalMissing> for RunError {
     }
 }
 
-/// What a run left.
+/// Result of a run.
 pub struct Judged {
-    /// The verdict.
+    /// Verdict of the run.
     pub verdict: Verdict,
-    /// Its folder.
+    /// Folder of the run.
     pub folder: PathBuf,
-    /// How the program ends.
+    /// Exit of the program.
     pub exit: Exit,
 }
 
-/// Plays a plan in a world, records and judges it, and hands the frames on to the queues meanwhile. A node that ended the run has
-/// failed; what was recorded before a failure of the bench is kept, with a verdict that says "incomplete" and why.
+/// Plays a plan in a world, records and judges it, and passes the frames on to the queues meanwhile. A node that ended the run
+/// has failed. The recording before a failure of the bench is kept, with a verdict "incomplete" and its reason.
 ///
 /// # Errors
 /// The files of the run cannot be written.
@@ -125,7 +125,7 @@ pub fn run(
     };
     report::write_all(&run, &folder)?;
     let exit = match &ended {
-        // Perhaps while it was judged.
+        // The interruption may have come during the judging.
         _ if watch.is_interrupted() => Exit::Interrupted,
         Err(error) if error.is_before_start() => Exit::CannotStart,
         _ if place.is_strict && verdict.judged_nothing() => Exit::VerdictFailed,
@@ -138,22 +138,20 @@ pub fn run(
     })
 }
 
-/// So often the frames and cycles of a long run are gone through after it was played: for the timelines, to judge them, and for
-/// the signals; for each loop, for the page, for the viewer, and for its times where these are real.
+/// Returns the number of passes over the frames and cycles of a long run after its play: for the timelines, the verdict, and the
+/// signals; for each loop, for the page, for the viewer, and for its times in real time.
 pub(crate) fn ways_to_files(played: &Played, loops: usize) -> u64 {
     let ways_of_loop = if played.host.is_some() { 3 } else { 2 };
     3 + ways_of_loop * loops as u64
 }
 
-/// Writes the signals of a long run.
 fn write_signals(folder: &RunFolder, timelines: &[Timeline]) -> Result<(), WriteError> {
     folder.write_with(file::LONG_SIGNALS, |output| {
         parquet::write_signals(output, timelines).map_err(io::Error::other)
     })
 }
 
-/// Makes the folder of a run with what is played and a verdict "incomplete" in it: that is what a reader finds should the
-/// run break off.
+/// Makes the folder of a run with its input and a verdict "incomplete", which a reader finds if the run breaks off.
 fn create_folder(
     place: RunPlace<'_>,
     plan: &Plan,
@@ -172,7 +170,7 @@ fn create_folder(
     Ok(folder)
 }
 
-/// The verdict of a run, however its world ended.
+/// Returns the verdict of a run, however its world ended.
 #[must_use]
 pub fn verdict(
     ended: &Result<Played, WorldError>,

@@ -1,4 +1,4 @@
-//! The scenario files that a command line names.
+//! Scenario files in the arguments of a command line.
 
 use std::fs;
 use std::io;
@@ -20,22 +20,22 @@ use plan::FILE_BYTES_MAX;
 use plan::Plan;
 use worlds::catalogue::catalogue;
 
-/// Levels of folders that are searched for scenarios.
+/// Largest depth of folders that are searched for scenarios.
 const FOLDER_DEPTH_MAX: u32 = 8;
 
-/// Why what a command line names is no scenario to play.
+/// Reason why an argument is no scenario to play.
 #[derive(Debug, Diagnostic, thiserror::Error)]
 pub enum NoScenario {
     /// The file cannot be read or is not valid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Invalid(#[from] ScenarioError),
-    /// There is no such file, nor does a scenario of this name ship.
+    /// There is no such file, and no scenario of this name ships.
     #[error("`{}`: there is no such file, and no scenario of this name ships", path.display())]
     Unknown {
-        /// What was named.
+        /// Path in the argument.
         path: PathBuf,
-        /// What to do.
+        /// Advice to the user.
         #[help]
         help: String,
     },
@@ -43,32 +43,32 @@ pub enum NoScenario {
     #[error("`{}` is a program, not a scenario", path.display())]
     #[diagnostic(help("a program that leads stands behind `--`: canrig simulate SCENARIO -- python3 {}", path.display()))]
     NoToml {
-        /// What was named.
+        /// Path of the program.
         path: PathBuf,
     },
-    /// A file of the program of the command line is not there any more.
+    /// A file of the program on the command line does not exist any more.
     #[error("{}: the program cannot be found: {source}", path.display())]
     Program {
-        /// The scenario.
+        /// Path of the scenario.
         path: PathBuf,
-        /// Why not.
+        /// Reason of the operating system.
         source: io::Error,
     },
-    /// A value of the command line has no place in it.
+    /// A value of the command line has no place in the scenario.
     #[error("{}: {why}", path.display())]
     Override {
-        /// The scenario.
+        /// Path of the scenario.
         path: PathBuf,
-        /// The reason.
+        /// Reason of the refusal.
         why: OverrideError,
     },
 }
 
-/// Reads and checks a scenario with other values, of one loop or of several: a file, or where there is none, the one that ships
+/// Reads and checks a scenario with other values, of one loop or of several: a file, or if there is none, the scenario that ships
 /// by this name.
 ///
 /// # Errors
-/// There is none, or it is not valid.
+/// There is no such scenario, or it is not valid.
 pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     let shipped = shipped::scenario(path);
     if shipped.is_none() && is_bare_name(path) {
@@ -87,7 +87,7 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         Some(ShippedFile { text, .. }) => text.to_owned(),
         None => match read_text(path, FILE_BYTES_MAX) {
             Ok(text) => text,
-            // It says why.
+            // `load` reports the reason.
             Err(_) => return Ok(Plan::load(path, catalogue())?),
         },
     };
@@ -126,7 +126,7 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     Ok(Plan::parse(&beside, text, read, catalogue())?)
 }
 
-/// The text of a scenario whose controller is a program.
+/// Returns the text of a scenario whose controller is a program.
 fn led_by(
     text: String,
     words: &[String],
@@ -138,7 +138,7 @@ fn led_by(
         Some(text) => Some(text.to_owned()),
         None => read(&rig).ok(),
     });
-    // What is wrong with the rig is said when it is loaded.
+    // Errors of the rig are reported when it is loaded.
     let controller = rig.and_then(|rig| controller_in(&rig));
     let controller = controller.unwrap_or_else(|| Part::Controller.word().to_owned());
     let words = toml::Value::from(words.to_vec());
@@ -149,10 +149,10 @@ fn led_by(
         .expect("tables on the way are made"))
 }
 
-/// The text of a rig file, or where there is none, of the one that ships by this name.
+/// Returns the text of a rig file, or if there is none, of the one that ships by this name.
 ///
 /// # Errors
-/// There is none, or it cannot be read.
+/// There is no such rig file, or it cannot be read.
 pub(crate) fn rig_text(path: &Path) -> io::Result<String> {
     let by_name = path.to_str().and_then(shipped_rig);
     let shipped = by_name.or_else(|| Some(shipped::rig(path)?.text));
@@ -162,21 +162,21 @@ pub(crate) fn rig_text(path: &Path) -> io::Result<String> {
     }
 }
 
-/// Whether a file is a program by its name.
+/// Returns whether a file is a program by its name.
 fn is_program(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default();
     ["py", "c", "sh"].iter().any(|one| extension == *one)
 }
 
-/// Whether a path that leads nowhere looks like the name of a scenario that ships.
+/// Returns whether a path that leads nowhere looks like the name of a scenario that ships.
 fn is_bare_name(path: &Path) -> bool {
     path.extension().is_none() && path.is_relative() && !path.exists()
 }
 
-/// As [`read`]; prints what is wrong.
+/// Reads a scenario as [`read`] does; prints errors.
 ///
 /// # Errors
-/// The exit code for it.
+/// The exit code for the error.
 pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Exit> {
     read(path, values).map_err(|error| {
         print_diagnostic(error);
@@ -184,7 +184,7 @@ pub fn load(path: &Path, values: &ValueArgs) -> Result<Plan, Exit> {
     })
 }
 
-/// Rig files lie beside scenarios.
+/// Returns whether a file is a scenario and not a rig file; both may be in one folder.
 pub(crate) fn is_scenario(path: &Path) -> bool {
     let is_rig = || {
         let text = read_text(path, FILE_BYTES_MAX);
@@ -193,7 +193,7 @@ pub(crate) fn is_scenario(path: &Path) -> bool {
     !is_rig()
 }
 
-/// The scenario files that the arguments name: files as they are, folders with everything wanted below them in order.
+/// Returns the scenario files in the arguments: files as they are, folders with every wanted file below them in order.
 pub(crate) fn scenario_files(
     arguments: &[PathBuf],
     is_wanted: impl Fn(&Path) -> bool,
@@ -206,7 +206,7 @@ pub(crate) fn scenario_files(
             searched
                 .map_err(|error| format!("`{}` cannot be read: {error}", argument.display()))?;
             let found = files.split_off(before);
-            // What is printed of each file is a line, which some CI systems take commands from.
+            // A line is printed for each file, from which some CI systems take commands.
             let has_control = |path: &&PathBuf| path.to_string_lossy().contains(char::is_control);
             if let Some(path) = found.iter().find(has_control) {
                 return Err(format!(

@@ -1,26 +1,26 @@
-//! The scenarios and rig files that are part of the program, for who has no checkout.
+//! The scenarios and rig files that are part of the program, for users without a checkout.
 
 use std::io;
 use std::path::Path;
 
 use scenario::nearest;
 
-/// What comes before every name of a file that ends so.
+/// Ending of files, which the names of scenarios and rigs omit.
 const ENDING: &str = ".toml";
 
-/// The files with their places below the folder that they are copied to, in order.
+/// Files with their places below the folder to which they are copied, in order.
 const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shipped.rs"));
 
-/// A file that ships.
+/// File that ships.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ShippedFile {
-    /// Its place: `faults/sensor_stuck.toml`.
+    /// Place of the file: `faults/sensor_stuck.toml`.
     pub place: &'static str,
     pub text: &'static str,
 }
 
 impl ShippedFile {
-    /// The name by which commands find it: `faults/sensor_stuck`.
+    /// Returns the name by which commands find the file: `faults/sensor_stuck`.
     pub(crate) fn name(&self) -> &'static str {
         self.place.strip_suffix(ENDING).unwrap_or(self.place)
     }
@@ -29,7 +29,7 @@ impl ShippedFile {
         self.place.ends_with(ENDING) && !self.is_rig()
     }
 
-    /// Whether it names another file, as a table or as its rig.
+    /// Returns whether the file names another file, as a table or as its rig.
     pub(crate) fn names(&self, other: &Self) -> bool {
         let folder = Path::new(self.place).parent().unwrap_or(Path::new(""));
         let beside = Path::new(other.place).strip_prefix(folder);
@@ -37,7 +37,7 @@ impl ShippedFile {
         beside.is_ok_and(is_named)
     }
 
-    /// The text of a file that lies beside this one.
+    /// Returns the text of a file in the same folder.
     pub(crate) fn beside(&self, name: &str) -> io::Result<String> {
         let place = Path::new(self.place).with_file_name(name);
         let found = place.to_str().and_then(file);
@@ -52,31 +52,30 @@ impl ShippedFile {
     }
 }
 
-/// All files that ship.
 pub(crate) fn files() -> impl Iterator<Item = ShippedFile> {
     FILES
         .iter()
         .map(|(place, text)| ShippedFile { place, text })
 }
 
-/// The file that ships by a name, with or without its ending.
+/// Returns the file that ships by a name, with or without its ending.
 pub(crate) fn file(name: &str) -> Option<ShippedFile> {
     files().find(|file| file.name() == name || file.place == name)
 }
 
-/// The scenario that a path means where no such file exists.
+/// Returns the scenario that a path means if no such file exists.
 pub(crate) fn scenario(path: &Path) -> Option<ShippedFile> {
     let file = file(path.to_str()?).filter(ShippedFile::is_scenario)?;
     (!path.exists()).then_some(file)
 }
 
-/// The rig file that a path means where no such file exists.
+/// Returns the rig file that a path means if no such file exists.
 pub(crate) fn rig(path: &Path) -> Option<ShippedFile> {
     let file = file(path.to_str()?).filter(ShippedFile::is_rig)?;
     (!path.exists()).then_some(file)
 }
 
-/// The name of a shipped file that was probably meant.
+/// Returns the name of a shipped file that was probably meant.
 pub(crate) fn meant(name: &str) -> Option<&'static str> {
     nearest(name, files().map(|file| file.name()))
 }
@@ -104,7 +103,7 @@ mod tests {
         assert_eq!(scenario(folder.path()), None);
     }
 
-    /// They lie in no folder: what they name must ship too.
+    /// The files lie in no folder, so the files that they name must ship, too.
     #[test]
     fn scenarios_that_ship_are_valid() {
         let scenarios: Vec<ShippedFile> = files().filter(ShippedFile::is_scenario).collect();

@@ -1,4 +1,4 @@
-//! What the terminal shows of the scenarios that are played.
+//! Output on the terminal while scenarios are played.
 
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,19 +11,19 @@ use judge::verdict::Outcome;
 use report::terminal;
 use worlds::preflight::PreflightEvent;
 
-/// Prints what happens, as far as the user wants it.
+/// Printer of events, as far as the user wants them.
 pub(crate) struct Terminal {
     /// Whether it prints the verdicts as JSON, and nothing else.
     json: bool,
-    /// Whether it prints nothing but failures.
+    /// Whether it prints failures only.
     quiet: bool,
     progress: Mutex<Option<Progress>>,
 }
 
-/// What is drawn while somebody waits.
+/// Progress that is drawn while the user waits.
 enum Progress {
     Scenario(ScenarioBar),
-    /// Drawn by itself, until it is dropped.
+    /// Bar that draws itself until it is dropped.
     Work(#[expect(dead_code, reason = "it draws itself")] WorkBar),
 }
 

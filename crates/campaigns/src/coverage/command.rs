@@ -1,4 +1,4 @@
-//! `canrig coverage`: which requirement is tested by which scenario, and what came of it.
+//! `canrig coverage`: the scenarios that test each requirement, and their outcomes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use runner::exit::Exit;
 use runner::output::{link, write_page};
 use runner::recorded::{opened, refuse};
 
-/// Columns of the list: the requirement's name, and what it says.
+/// Columns of the list: name and text of a requirement.
 const COLUMNS: [&str; 2] = ["id", "text"];
 
 /// Why there is no matrix.
@@ -44,7 +44,7 @@ pub struct CoverageArgs {
     pub json: bool,
 }
 
-/// Shows the matrix; the exit code says whether every requirement was tested and met.
+/// Shows the matrix. The exit code says whether every requirement was tested and met.
 #[must_use]
 pub fn coverage(args: &CoverageArgs) -> Exit {
     let requirements = match gather(args) {
@@ -69,7 +69,8 @@ pub fn coverage(args: &CoverageArgs) -> Exit {
     exit(&requirements)
 }
 
-/// A requirement that failed, broke off or is never tested is not met; what is undecided only is inconclusive.
+/// Returns the exit code. A requirement that failed, broke off or is never tested is not met; if the others are only undecided,
+/// the result is inconclusive.
 fn exit(requirements: &[Requirement]) -> Exit {
     let exits = requirements.iter().map(|one| match one.outcome() {
         Some(Outcome::Pass) => Exit::Pass,
@@ -102,8 +103,8 @@ fn gather(args: &CoverageArgs) -> Result<Vec<Requirement>, CoverageError> {
     Ok(all.into_values().collect())
 }
 
-/// The tests in some folders by their names, each with its plays. The folders of torture are named and left out, unless there are no
-/// others.
+/// Returns the tests in some folders by their names, each with its plays. Folders of torture are reported and left out; if there
+/// are no others, they are an error.
 fn tests(folders: &[PathBuf]) -> Result<Vec<(String, Vec<Play>)>, PlayError> {
     let mut tests: Vec<(String, Vec<Play>)> = Vec::new();
     let mut left_out = Vec::new();

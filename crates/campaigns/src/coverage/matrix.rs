@@ -1,4 +1,4 @@
-//! Requirements and what tests them.
+//! Requirements and the scenarios that test them.
 
 use std::path::PathBuf;
 
@@ -8,54 +8,54 @@ use serde::{Serialize, Serializer};
 use super::play::{Play, Tested};
 use judge::verdict::Outcome;
 
-/// One requirement with all that tests it.
+/// Requirement with all its tests.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Requirement {
-    /// Its name.
+    /// Name of the requirement.
     pub id: String,
-    /// What it says; none where no list says it.
+    /// Text of the requirement; `None` if no list has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
-    /// Whether the list has it; true without a list.
+    /// Whether the list has the requirement; true without a list.
     pub is_listed: bool,
-    /// What tests it, by the scenario's name; empty for one that is never tested.
+    /// Tests of the requirement, each by the name of its scenario; empty if it is never tested.
     pub tests: Vec<RequirementTest>,
 }
 
-/// What a scenario says of a requirement.
+/// Scenario that tests a requirement, with its outcome.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct RequirementTest {
-    /// The scenario's name, with what tells this test from others of that name.
+    /// Name of the scenario, with an addition that tells this test from others of that name.
     pub scenario: String,
-    /// The worst of its rows, in the latest play.
+    /// Worst outcome of the rows, in the latest play.
     pub outcome: Outcome,
-    /// The rows of the verdict that count; none where the scenario as a whole does.
+    /// Rows of the verdict that count; empty if the scenario counts as a whole.
     pub rows: Vec<String>,
-    /// The folder of the play that counts.
+    /// Folder of the play that counts.
     pub run: PathBuf,
-    /// How many plays there are.
+    /// Number of plays.
     pub plays: usize,
-    /// The program's version in the play that counts.
+    /// Version of the program in the play that counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
-    /// When that play was, as RFC 3339 writes it.
+    /// Time of that play, as RFC 3339 writes it.
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "written")]
     pub played_at: Option<Timestamp>,
-    /// The runs of a sweep.
+    /// Number of runs, if the play is a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sweep_runs: Option<usize>,
-    /// The first of the worst runs of a sweep.
+    /// First of the worst runs, if the play is a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub case: Option<usize>,
 }
 
-/// A time as RFC 3339 writes it.
+/// Serializes a time as RFC 3339 writes it.
 fn written<S: Serializer>(time: &Option<Timestamp>, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&time.unwrap_or_default())
 }
 
 impl Requirement {
-    /// A requirement that nothing tests yet.
+    /// Returns a requirement without tests.
     pub(super) fn new(id: String, is_listed: bool) -> Self {
         Self {
             id,
@@ -65,7 +65,7 @@ impl Requirement {
         }
     }
 
-    /// The worst of its tests; none for one that is never tested.
+    /// Returns the worst outcome of the tests; `None` if there are no tests.
     #[must_use]
     pub(super) fn outcome(&self) -> Option<Outcome> {
         let outcomes = self.tests.iter().map(|test| test.outcome);
@@ -73,7 +73,7 @@ impl Requirement {
     }
 }
 
-/// What is worse counts.
+/// Ranks an outcome: the greater, the worse.
 pub(super) fn severity(outcome: Outcome) -> u8 {
     match outcome {
         Outcome::Pass => 0,
@@ -84,7 +84,7 @@ pub(super) fn severity(outcome: Outcome) -> u8 {
 }
 
 impl Requirement {
-    /// Adds what a play of a test says, which is one of so many.
+    /// Adds the outcomes of one play of a test, which has been played `plays` times.
     pub(super) fn add(&mut self, name: &str, play: &Play, plays: usize, tested: &[Tested]) {
         let known = self.tests.iter().position(|test| test.scenario == name);
         let place = known.unwrap_or_else(|| {
@@ -104,7 +104,7 @@ impl Requirement {
 }
 
 impl RequirementTest {
-    /// A test of which no row was looked at yet.
+    /// Returns a test that has no rows yet.
     fn none(name: &str, play: &Play, plays: usize) -> Self {
         let mut test = Self {
             scenario: name.to_owned(),
@@ -121,7 +121,7 @@ impl RequirementTest {
         test
     }
 
-    /// Notes which play counts.
+    /// Makes `play` the one that counts.
     fn is_of(&mut self, play: &Play) {
         self.run.clone_from(&play.folder);
         self.version.clone_from(&play.version);

@@ -1,4 +1,4 @@
-//! `canrig coverage`: which requirement is tested by which scenario, and what came of it.
+//! `canrig coverage`: the scenarios that test each requirement, and their outcomes.
 
 mod command;
 mod matrix;

@@ -10,10 +10,10 @@ use super::matrix::{Requirement, RequirementTest};
 use judge::verdict::Outcome;
 use report::{page, terminal};
 
-/// What is said of a requirement that nothing tests.
+/// Result of a requirement without tests.
 const NEVER_TESTED: &str = "never tested";
 
-/// One line a requirement and scenario, then how many there are of each kind.
+/// Returns one line for each requirement and scenario, then the number of each kind.
 #[must_use]
 pub(super) fn to_text(requirements: &[Requirement]) -> String {
     let mut table =
@@ -40,7 +40,7 @@ pub(super) fn to_text(requirements: &[Requirement]) -> String {
     format!("{table}\n{}", summary(requirements))
 }
 
-/// The page. `page_of` gives the way to the page of a run.
+/// Returns the page. `page_of` gives the path to the page of a run.
 #[must_use]
 pub(super) fn to_html(
     requirements: &[Requirement],
@@ -88,7 +88,7 @@ fn remark(requirement: &Requirement) -> Markup {
     }
 }
 
-/// The rows that count, and in which runs of a sweep.
+/// Returns the rows that count, and the runs of the sweep that decide.
 fn tested_by(test: &RequirementTest) -> String {
     let rows = match test.rows.as_slice() {
         [] => "all limits".to_owned(),
@@ -102,7 +102,7 @@ fn tested_by(test: &RequirementTest) -> String {
     }
 }
 
-/// When and by which program the play that counts was played.
+/// Returns the date and the program of the play that counts.
 fn played(test: &RequirementTest, between: &str) -> String {
     let at = match test.played_at {
         Some(at) => at.strftime("%Y-%m-%d %H:%M UTC").to_string(),

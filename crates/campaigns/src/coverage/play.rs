@@ -17,7 +17,7 @@ use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::store::{Header, Rows, StoreError};
 use crate::torture::cases::is_torture;
 
-/// Why a folder says nothing of requirements.
+/// Reason why a folder cannot be used for the matrix.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum PlayError {
     #[error(transparent)]
@@ -28,36 +28,35 @@ pub(super) enum PlayError {
     Torture(PathBuf),
 }
 
-/// A play of a scenario.
+/// Play of a scenario.
 #[derive(Clone, Debug)]
 pub(super) struct Play {
-    /// The scenario's name, with what tells this test from others of that name.
+    /// Name of the scenario, with an addition that tells this test from others of that name.
     pub(super) test: String,
-    /// The folder.
+    /// Folder of the play.
     pub(super) folder: PathBuf,
-    /// The program's version; `None` where nothing says it.
+    /// Version of the program; `None` if it is unknown.
     pub(super) version: Option<String>,
-    /// When it was played; `None` where nothing says it.
+    /// Time of the play; `None` if it is unknown.
     pub(super) at: Option<Timestamp>,
-    /// The runs of a sweep; `None` for a single run.
+    /// Number of runs of a sweep; `None` for a single run.
     pub(super) sweep_runs: Option<usize>,
-    /// What tests each requirement.
+    /// Tests of each requirement, by its name.
     pub(super) tested: BTreeMap<String, Vec<Tested>>,
 }
 
-/// What a play says of a requirement.
+/// Outcome of a play for a requirement.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tested {
-    /// The row of the verdict; `None` for the scenario as a whole.
+    /// Row of the verdict; `None` for the scenario as a whole.
     pub(super) row: Option<String>,
-    /// What came of it, in the worst of a sweep's runs.
+    /// Outcome of the row, in the worst of a sweep's runs.
     pub(super) outcome: Outcome,
-    /// The run of the sweep with this outcome.
+    /// Run of the sweep with this outcome.
     pub(super) case: Option<usize>,
 }
 
 impl Play {
-    /// Reads a folder.
     pub(super) fn read(folder: &Path) -> Result<Self, PlayError> {
         match holds_many_runs(folder) {
             true if is_torture(folder) => Err(PlayError::Torture(folder.to_owned())),
@@ -91,7 +90,7 @@ impl Play {
         })
     }
 
-    /// A sweep counts by its worst run. Runs that it lacks are incomplete.
+    /// Reads a sweep, which counts by its worst run. Runs that it lacks are incomplete.
     fn of_sweep(folder: &Path) -> Result<Self, PlayError> {
         let plan = read_plan(folder, None, catalogue()).map_err(RecordedError::from)?;
         let untimed = untimed(&plan, true);
@@ -128,7 +127,7 @@ impl Play {
         })
     }
 
-    /// A play of nothing yet. Another value of the command line makes another test, and so does what `kind` says.
+    /// Returns a play without results. Other values on the command line make another test, and so does another `kind`.
     fn named(folder: &Path, plan: &Plan, kind: Vec<String>) -> Result<Self, RecordedError> {
         let record = PlayRecord::read(folder)?;
         let set = record.iter().flat_map(|record| &record.set);
@@ -159,14 +158,14 @@ impl Tested {
     }
 }
 
-/// The plays of a test that count: those with the latest date. Of several without a date, all do.
+/// Returns the plays of a test that count: those with the latest date, or all if none has a date.
 pub(super) fn latest(mut plays: Vec<Play>) -> Vec<Play> {
     let last = plays.iter().filter_map(|play| play.at).max();
     plays.retain(|play| play.at == last);
     plays
 }
 
-/// Each requirement of a scenario with what tests it: rows, or the scenario as a whole.
+/// Returns each requirement of a scenario with its tests: rows, or the scenario as a whole.
 fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<String, Vec<Tested>> {
     let mut tested: BTreeMap<String, Vec<Tested>> = BTreeMap::new();
     for id in &plan.shared.run.requirements {
@@ -189,7 +188,7 @@ fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<Stri
     tested
 }
 
-/// The rows on timing that a verdict does not have, since the run was in virtual time.
+/// Returns the rows on timing, which a verdict does not have if the run was in virtual time.
 fn untimed(plan: &Plan, is_untimed: bool) -> Vec<String> {
     let rows = plan
         .loops
@@ -202,7 +201,7 @@ fn is_decided(outcome: Outcome) -> bool {
     matches!(outcome, Outcome::Pass | Outcome::Fail)
 }
 
-/// What a verdict says of a row, or of the whole run.
+/// Returns the outcome of a row, or of the whole run, according to a verdict.
 fn outcome_of(row: Option<&str>, verdict: Option<&Verdict>) -> Outcome {
     let Some(verdict) = verdict else {
         return Outcome::Incomplete;
@@ -216,12 +215,12 @@ fn outcome_of(row: Option<&str>, verdict: Option<&Verdict>) -> Outcome {
             Some(false) => Outcome::Fail,
             None => Outcome::Inconclusive,
         },
-        // The scenario beside the verdict is not the one that was judged.
+        // The scenario in the folder is not the one that was judged.
         None => Outcome::Incomplete,
     }
 }
 
-/// What a run of a sweep says of a row, or of the whole run.
+/// Returns the outcome of a row, or of the whole run, according to the row of a sweep.
 fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outcome {
     let outcome = match run.ended {
         Ended::Pass => Outcome::Pass,

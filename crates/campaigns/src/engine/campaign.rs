@@ -1,8 +1,8 @@
-//! A campaign that was handed to an engine: its folder on the disk that all machines share, and what is known of its job, so
-//! that whoever watches it may end and begin again.
+//! A campaign that was handed to an engine: its folder on the disk that all machines share, and the record of its job, with which
+//! a watcher may end and begin again.
 //!
-//! The folder is that of the whole campaign. `engine/` in it has what the engine needs: a copy of this program, so that all
-//! machines play with the same one; the job; what the tasks print; and the folders of the parts.
+//! `engine/` in the folder of the campaign has the engine's files: a copy of this program, so that all machines play with the
+//! same one; the job; the output of the tasks; and the folders of the parts.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -23,63 +23,63 @@ use crate::sweep::cases::Cases;
 use crate::sweep::part::{folder_id, open_folder};
 use crate::sweep::store::{Header, Rows};
 
-/// Folder of the engine's files, in that of the campaign.
+/// Folder of the engine's files, in the folder of the campaign.
 const ENGINE: &str = file::ENGINE;
-/// The record of the job.
+/// Record of the job.
 pub(super) const RECORD: &str = "engine/campaign.json";
 /// Largest record that is read.
 const RECORD_BYTES_MAX: u64 = 16 << 20;
-/// The copy of this program.
+/// Copy of this program.
 const PROGRAM: &str = "engine/canrig";
-/// What the tasks print.
+/// Folder of the tasks' output.
 const LOGS: &str = "engine/log";
-/// The folders of the parts.
+/// Folder of the parts' folders.
 const PARTS: &str = "engine/parts";
-/// The program that runs, also when another file was put in its place meanwhile.
+/// Program that runs, even if its file was replaced meanwhile.
 const RUNNING: &str = "/proc/self/exe";
 
-/// What is known of a campaign's job.
+/// Record of a campaign's job.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Record {
-    /// The program that plays it.
+    /// Program that plays the campaign.
     pub(super) program: String,
     pub(super) engine: EngineKind,
     pub(super) parts: usize,
     pub(super) limits: Limits,
-    /// How often something was submitted.
+    /// Number of submissions.
     pub(super) rounds: u32,
-    /// The job that may still be at work.
+    /// Job that may still be running.
     pub(super) job: Option<Submitted>,
 }
 
-/// A job that the engine has.
+/// Job in the hands of an engine.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Submitted {
     pub(super) id: String,
-    /// The name of its file in `engine/`.
+    /// Name of its file in `engine/`.
     pub(super) file: String,
     pub(super) parts: Vec<usize>,
 }
 
-/// A campaign on the shared disk.
+/// Campaign on the shared disk.
 pub(super) struct SharedCampaign<'a> {
     pub(super) cases: &'a dyn Cases,
     pub(super) plan: &'a Plan,
     pub(super) identity: Identity,
-    /// Folder in which the campaign's folder is; as every machine of the engine names it.
+    /// Folder in which the campaign's folder is, by the path that every machine of the engine has for it.
     pub(super) output: PathBuf,
-    /// What a task's command has between the program and the part.
+    /// Arguments of a task's command between the program and the part.
     pub(super) arguments: Vec<String>,
 }
 
 impl SharedCampaign<'_> {
-    /// Where the campaign's folder is or will be.
+    /// Returns the path of the campaign's folder, which need not exist yet.
     pub(super) fn path(&self) -> PathBuf {
         let id = folder_id(self.cases, Shard::WHOLE);
         RunFolder::path_of(&self.output, &self.plan.shared.run.name, &id)
     }
 
-    /// Makes the folder with all that the tasks need. The program is copied before anything was submitted.
+    /// Makes the folder with all files that the tasks need. The program is copied only before the first submission.
     pub(super) fn prepare(&self, overrides: &[Override]) -> Result<(), WriteError> {
         let folder = self.folder()?;
         if !folder.path().join(file::PLAYED).exists() {
@@ -97,7 +97,7 @@ impl SharedCampaign<'_> {
         }
     }
 
-    /// What the record says; none where nothing was submitted.
+    /// Reads the record; `None` if nothing was submitted.
     pub(super) fn record(&self) -> Result<Option<Record>, io::Error> {
         match scenario::read_text(&self.path().join(RECORD), RECORD_BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -105,20 +105,18 @@ impl SharedCampaign<'_> {
         }
     }
 
-    /// Writes the record.
     pub(super) fn keep(&self, record: &Record) -> Result<(), WriteError> {
         let text = serde_json::to_string_pretty(record).expect("plain data") + "\n";
         self.folder()?.write(RECORD, text.as_bytes())
     }
 
-    /// Writes the file of a job; its place.
+    /// Writes the file of a job and returns its path.
     pub(super) fn write_job(&self, name: &str, text: &str) -> Result<PathBuf, WriteError> {
         self.folder()?
             .write(&format!("{ENGINE}/{name}"), text.as_bytes())?;
         Ok(self.job_file(name))
     }
 
-    /// Where the file of a job is.
     pub(super) fn job_file(&self, name: &str) -> PathBuf {
         self.path().join(ENGINE).join(name)
     }
@@ -127,7 +125,7 @@ impl SharedCampaign<'_> {
         open_folder(&self.output, self.plan, self.cases, Shard::WHOLE)
     }
 
-    /// The job of some parts.
+    /// Returns the job that plays some parts.
     pub(super) fn job<'a>(
         &self,
         folder: &'a Path,
@@ -147,7 +145,7 @@ impl SharedCampaign<'_> {
             "--output".to_owned(),
             path(PARTS),
         ]);
-        // With the number of the round, so that no engine takes it for the one before.
+        // The number of the round keeps engines from taking this job for the one before.
         let name = format!("canrig-{}-{}", self.cases.id(), record.rounds + 1);
         Job {
             name,
@@ -160,13 +158,12 @@ impl SharedCampaign<'_> {
         }
     }
 
-    /// The folder of a part.
     pub(super) fn part(&self, shard: Shard) -> PathBuf {
         let id = folder_id(self.cases, shard);
         RunFolder::path_of(&self.path().join(PARTS), &self.plan.shared.run.name, &id)
     }
 
-    /// The rows of each part, which nobody has read yet.
+    /// Returns the rows of each part, still unread.
     pub(super) fn rows(&self, of: usize) -> BTreeMap<usize, Rows> {
         let header = Header::new(self.cases, &self.identity);
         let parts = (1..=of).map(|number| {
@@ -177,7 +174,7 @@ impl SharedCampaign<'_> {
     }
 }
 
-/// Puts a copy of this program where all machines find it.
+/// Copies this program to a place where all machines find it.
 fn copy_program(to: &Path) -> io::Result<()> {
     let partial = to.with_added_extension("partial");
     fs::copy(RUNNING, &partial)?;

@@ -1,4 +1,4 @@
-//! `canrig submit`: hands a campaign to an engine, waits, submits what was lost, and merges.
+//! `canrig submit`: hands a campaign to an engine, waits, submits lost parts again, and merges.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ use runner::play::ValueArgs;
 use runner::run::RUNS;
 use runner::scenarios;
 
-/// Lost parts that are named.
+/// Largest number of lost parts in a message.
 const NAMED_MAX: usize = 20;
 
 /// Arguments of `submit`.
@@ -84,7 +84,7 @@ pub struct SubmitArgs {
     pub values: ValueArgs,
 }
 
-/// Why a campaign did not come to its end.
+/// Reason why a campaign did not complete.
 #[derive(Debug, thiserror::Error)]
 enum SubmitError {
     #[error(transparent)]
@@ -154,7 +154,7 @@ impl SubmitError {
     }
 }
 
-/// Does what the command line says.
+/// Runs the command.
 #[must_use]
 pub fn submit(args: &SubmitArgs) -> Exit {
     let plan = match scenarios::load(&args.scenario, &args.values) {
@@ -224,7 +224,7 @@ fn cases(args: &SubmitArgs, plan: &Plan) -> Result<CampaignCases, MergeError> {
     Ok(CampaignCases::Torture(Box::new(torture)))
 }
 
-/// What is known of the campaign, with what the command line says anew.
+/// Returns the record of the campaign, changed as the command line says.
 fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, SubmitError> {
     let path = campaign.path();
     let known = campaign.record().map_err(|source| SubmitError::Record {
@@ -258,7 +258,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
             cancel: (engine.engine()).cancel_words(&job.id, limits.queue.as_deref()),
             job: job.id,
         }),
-        // The parts are there as they were cut.
+        // The parts exist already, cut for that number.
         (Some(known), _) if parts.is_some_and(|wanted| wanted != known.parts) => {
             Err(SubmitError::Parts {
                 found: known.parts,
@@ -286,7 +286,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
     }
 }
 
-/// As many parts as are worth the start of a task.
+/// Returns the number of parts of which each is worth the start of a task.
 fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usize, SubmitError> {
     let estimate = Estimate::probe(campaign.cases, args.task_cores.unwrap_or(1))?;
     if !args.quiet && !args.dry_run {
@@ -295,7 +295,7 @@ fn probed_parts(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<usiz
     Ok(estimate.parts())
 }
 
-/// Submits what is missing until nothing is.
+/// Submits missing parts until every part is complete.
 fn play(
     args: &SubmitArgs,
     campaign: &SharedCampaign<'_>,
@@ -352,7 +352,7 @@ fn play(
     Ok(())
 }
 
-/// Submits some parts, and keeps how the engine calls the job.
+/// Submits some parts, and records the id that the engine gives the job.
 fn hand_over(
     campaign: &SharedCampaign<'_>,
     record: &mut Record,
@@ -373,7 +373,7 @@ fn hand_over(
     Ok(submitted)
 }
 
-/// Says which parts a job did not bring to their ends.
+/// Prints the parts that a job did not complete.
 fn print_missing(
     bar: &PartsBar,
     campaign: &SharedCampaign<'_>,
@@ -400,7 +400,7 @@ fn print_missing(
     }
 }
 
-/// Says which parts were lost where, and ended elsewhere: all who began a part but the last one.
+/// Prints the parts that were lost on one node and completed on another: all nodes that began a part, except the last.
 fn print_lost(args: &SubmitArgs, counter: &RowCounter) {
     if args.quiet {
         return;

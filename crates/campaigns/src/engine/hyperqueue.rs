@@ -1,5 +1,4 @@
-//! HyperQueue: a job with one task for each part, by its Python client. The script is what is submitted, and what asks for the
-//! state afterwards.
+//! HyperQueue: a job with one task for each part, by its Python client. The same script submits the job and asks for its state.
 
 use std::collections::BTreeMap;
 use std::env;
@@ -10,22 +9,22 @@ use serde::Deserialize;
 use super::program::run;
 use super::{Engine, EngineError, Job, JobState, quoted};
 
-/// Names the Python that has the client.
+/// Variable that names the Python with the client.
 const PYTHON: &str = "CANRIG_PYTHON";
 const HELP: &str = "HyperQueue's Python client is asked by Python 3: install both, or name the Python that has it in CANRIG_PYTHON";
-/// A task that does not end at its time limit is killed so much later.
+/// Time from the limit to the kill of a task that does not end.
 const KILL_AFTER_SECONDS: u32 = 30;
 
 pub(super) struct Hyperqueue;
 
-/// The part of the script that is the same for every job.
+/// Part of the script that is the same for every job.
 const SCRIPT: &str = include_str!("hyperqueue.py");
 
 impl Engine for Hyperqueue {
     fn file(&self, job: &Job<'_>) -> (&'static str, String) {
         let mut command = Vec::new();
         if let Some(minutes) = job.limits.minutes {
-            // HyperQueue has no limit of time for tasks in this client.
+            // This client has no time limit for tasks.
             let kill = format!("--kill-after={KILL_AFTER_SECONDS}");
             command.extend(["timeout".to_owned(), kill, format!("{}", 60 * minutes)]);
         }
@@ -78,7 +77,7 @@ fn python(file: &Path, arguments: &[&str]) -> Result<String, EngineError> {
     run(&program, &arguments, HELP)
 }
 
-/// What the script prints.
+/// Last line of the script's output.
 #[derive(Deserialize)]
 struct Said {
     total: usize,
@@ -94,7 +93,7 @@ fn parsed(said: &str) -> Result<JobState, EngineError> {
         return Err(EngineError::unclear("HyperQueue's client", line));
     };
     Ok(JobState {
-        // It does not say which of the others run.
+        // The client does not say which of the others run.
         running: said.total.saturating_sub(said.finished + said.failed),
         is_over: said.completed,
         failed: said.errors,

@@ -12,15 +12,15 @@ use super::{Engine, EngineError, Job, JobState, command_line, quoted};
 use runner::exit::Exit;
 
 const HELP: &str = "kubectl must be in the PATH and know the cluster";
-/// What runs canrig where no other image is named; canrig itself is on the shared disk, so the image needs a C library only.
+/// Default image of the containers. canrig itself is on the shared disk, so the image needs a C library only.
 const IMAGE: &str = "debian:stable-slim";
-/// So often Kubernetes itself runs a part again, whose pod failed.
+/// Largest number of times that Kubernetes itself repeats a part whose pod failed.
 const BACKOFF_LIMIT_PER_INDEX: u32 = 2;
-/// Pods that are made at the same time; the cluster decides how many of them run.
+/// Largest number of pods that are made at a time; the cluster decides how many of them run.
 const PODS_MAX: usize = 1000;
 const CONTAINER: &str = "canrig";
 const VOLUME: &str = "campaign";
-/// What `kubectl` says of a job that is not there any more.
+/// Answer of `kubectl` about a job that no longer exists.
 const FORGOTTEN: &str = "NotFound";
 
 pub(super) struct Kubernetes;
@@ -43,7 +43,7 @@ impl Engine for Kubernetes {
                 "backoffLimitPerIndex": BACKOFF_LIMIT_PER_INDEX,
                 "maxFailedIndexes": count,
                 "podFailurePolicy": {"rules": [
-                    // A node that is emptied or lost is nobody's failure.
+                    // A node that is drained or lost is not a failure of the part.
                     {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]},
                     // A wrong command line or an invalid file is the same for all parts, however often they are run.
                     {"action": "FailJob", "onExitCodes": {
@@ -85,7 +85,7 @@ impl Engine for Kubernetes {
     }
 }
 
-/// What runs a part.
+/// Returns the pod that plays a part.
 fn pod(job: &Job<'_>) -> Value {
     let limits = job.limits;
     let script = format!(
@@ -109,7 +109,7 @@ fn pod(job: &Job<'_>) -> Value {
             "resources": {"requests": resources, "limits": resources},
         }],
     });
-    // Files belong to who submits the campaign, whatever user the image has.
+    // Files belong to the user who submits the campaign, whatever user the image has.
     if let Ok(owner) = job.folder.metadata() {
         pod["securityContext"] = json!({"runAsUser": owner.uid(), "runAsGroup": owner.gid()});
     }
@@ -125,7 +125,7 @@ fn pod(job: &Job<'_>) -> Value {
     pod
 }
 
-/// What `kubectl` says of a job.
+/// Answer of `kubectl` about a job.
 #[derive(Deserialize)]
 struct Said {
     #[serde(default)]
@@ -170,7 +170,7 @@ fn parsed(said: &str, parts: &[usize]) -> Result<JobState, EngineError> {
     })
 }
 
-/// The numbers of a list such as 1,3-5.
+/// Returns the numbers of a list such as 1,3-5.
 fn numbers(list: &str) -> impl Iterator<Item = usize> {
     list.split(',').flat_map(|range| {
         let (first, last) = range.split_once('-').unwrap_or((range, range));
@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(pod["activeDeadlineSeconds"], 120);
         let container = &pod["containers"][0];
         assert_eq!(container["volumeMounts"][0]["mountPath"], "/shared");
-        // What the shell makes of it, with a program that prints its arguments.
+        // Runs the command in a shell, with a program that prints its arguments.
         let mut words: Vec<String> = serde_json::from_value(container["command"].clone()).unwrap();
         words[2] = words[2].replace("'/shared/my campaign/canrig'", "echo");
         let output = std::process::Command::new(&words[0])

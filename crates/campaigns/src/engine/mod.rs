@@ -1,5 +1,5 @@
-//! Engines: programs of others that run many tasks on many machines, lose some, and run them again. canrig writes a job that an
-//! engine understands, hands it over, and asks how far it is. What a task is, and what of it is left, only `sweep` knows.
+//! Engines: external programs that run many tasks on many machines, lose some, and run them again. canrig writes a job in the
+//! engine's format, hands it over, and polls its state. The meaning of a task and its results are known to `sweep` only.
 
 mod campaign;
 pub mod command;
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use program::EngineError;
 
-/// Which engine.
+/// External program that runs the tasks.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum EngineKind {
@@ -39,7 +39,7 @@ impl EngineKind {
     }
 }
 
-/// What each task may use, and where it runs; what is absent is the engine's own default.
+/// Resources of a task, and the place where it runs. Absent ones are left to the engine's defaults.
 #[derive(Clone, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
 struct Limits {
     minutes: Option<u32>,
@@ -50,52 +50,52 @@ struct Limits {
     claim: Option<String>,
 }
 
-/// A job: the parts of a campaign that are missing, as one task each.
+/// Job: the missing parts of a campaign, as one task each.
 struct Job<'a> {
-    /// Name that people see in the engine's lists.
+    /// Name in the engine's lists.
     name: String,
     /// Folder of the campaign on the disk that all machines share.
     folder: &'a Path,
-    /// Folder of what the tasks print.
+    /// Folder of the tasks' output.
     logs: PathBuf,
-    /// The program and its arguments, but for the part.
+    /// Program and arguments, except for the part.
     command: Vec<String>,
-    /// The parts that are missing.
+    /// Parts that are missing.
     parts: &'a [usize],
-    /// How many parts there are.
+    /// Number of all parts.
     of: usize,
     limits: &'a Limits,
 }
 
-/// How far a job is, as the engine says.
+/// State of a job, as the engine reports it.
 #[derive(Debug, Default, Eq, PartialEq)]
 struct JobState {
     waiting: usize,
     running: usize,
-    /// Whether no task will begin or go on any more.
+    /// Whether no task will begin or continue.
     is_over: bool,
-    /// Why tasks wait, where the engine says so.
+    /// Reason why tasks wait, if the engine gives one.
     why_waiting: Option<String>,
-    /// What the engine says of parts whose task did not end well.
+    /// Parts whose task failed, with the reason that the engine gives.
     failed: BTreeMap<usize, String>,
 }
 
-/// What an engine must be able to do.
+/// Interface of an engine.
 trait Engine: Sync {
-    /// Name and text of the file that describes the job.
+    /// Returns name and text of the file that describes the job.
     fn file(&self, job: &Job<'_>) -> (&'static str, String);
 
-    /// Hands the job over; returns the name by which the engine knows it.
+    /// Hands the job over; returns the id that the engine gives it.
     fn submit(&self, file: &Path) -> Result<String, EngineError>;
 
-    /// How far a job is.
+    /// Asks for the state of a job.
     fn state(&self, id: &str, file: &Path, parts: &[usize]) -> Result<JobState, EngineError>;
 
-    /// How people take a job away again that is in a queue.
+    /// Returns the command with which the user cancels a job.
     fn cancel_words(&self, id: &str, queue: Option<&str>) -> String;
 }
 
-/// A word of a shell's command line.
+/// Quotes a word for a shell.
 pub(crate) fn quoted(word: &str) -> String {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=:,+@%".contains(letter);
     if !word.is_empty() && word.chars().all(is_plain) {
@@ -105,13 +105,13 @@ pub(crate) fn quoted(word: &str) -> String {
     }
 }
 
-/// A command line for a shell.
+/// Joins words to a command line for a shell.
 fn command_line(words: &[String]) -> String {
     let words: Vec<String> = words.iter().map(|word| quoted(word)).collect();
     words.join(" ")
 }
 
-/// Numbers with what follows each other drawn together: 1-3,7.
+/// Writes numbers with runs of neighbours as ranges: 1-3,7.
 fn ranges(numbers: &[usize]) -> String {
     let mut ranges: Vec<(usize, usize)> = Vec::new();
     for number in numbers {
@@ -134,7 +134,7 @@ fn ranges(numbers: &[usize]) -> String {
 mod tests {
     use super::*;
 
-    /// A job of which two parts of nine are missing.
+    /// Returns a job of which two parts of nine are missing.
     pub(super) fn job<'a>(folder: &'a Path, limits: &'a Limits) -> Job<'a> {
         Job {
             name: "canrig-1f".to_owned(),

@@ -1,12 +1,12 @@
-//! The engines' own programs.
+//! Calls the engines' own programs.
 
 use std::io;
 use std::process::{Command, Stdio};
 
-/// So much of what a program says about its failure is repeated.
+/// Largest part of a program's error output that a message repeats.
 const WORDS_CHARACTERS_MAX: usize = 600;
 
-/// Why an engine does not do what is asked.
+/// Reason why an engine did not do its task.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum EngineError {
     #[error("{program} cannot be started ({source}): {help}")]
@@ -34,7 +34,7 @@ impl EngineError {
     }
 }
 
-/// Runs a program to its end; returns what it prints.
+/// Runs a program to its end and returns its output.
 pub(super) fn run(
     program: &str,
     arguments: &[&str],
@@ -65,7 +65,7 @@ pub(super) fn run(
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// The end of a text, where programs say what is wrong.
+/// Returns the end of a text, where programs say what is wrong.
 fn shortened(words: &str) -> String {
     let skipped = words.chars().count().saturating_sub(WORDS_CHARACTERS_MAX);
     let end: String = words.chars().skip(skipped).collect();

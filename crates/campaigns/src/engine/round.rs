@@ -12,21 +12,21 @@ use super::campaign::{SharedCampaign, Submitted};
 use super::{Engine, EngineError, JobState};
 use crate::sweep::store::{Rows, StoreError};
 
-/// How soon the engine is asked for the first time, and how seldom later.
+/// First and longest interval between two questions to the engine.
 const PERIOD_MIN: Duration = Duration::from_millis(250);
 const PERIOD_MAX: Duration = Duration::from_secs(5);
-/// So often in a row an engine may not answer.
+/// Largest number of failed questions in a row.
 const SILENCES_MAX: u32 = 60;
 
-/// How the waiting ended.
+/// End of the waiting.
 pub(super) enum Waited {
-    /// The job is over; what the engine says of tasks that did not end well.
+    /// The job is over. Holds the engine's reasons for the tasks that failed.
     Over(BTreeMap<usize, String>),
-    /// The user no longer waits.
+    /// The user stopped waiting.
     Interrupted,
 }
 
-/// Waits until the engine has no task of the job any more. `bar` shows the rows so far, and how the parts stand.
+/// Waits until the engine has no task of the job any more. `bar` shows the number of rows and the state of the parts.
 pub(super) fn wait(
     engine: &dyn Engine,
     campaign: &SharedCampaign<'_>,
@@ -45,18 +45,18 @@ pub(super) fn wait(
             }
             period = (period + period / 4).min(PERIOD_MAX);
             let mut counter = counter.lock().unwrap_or_else(PoisonError::into_inner);
-            // What cannot be read is looked at the next time.
+            // Rows that cannot be read are tried again the next time.
             let _ = counter.count();
             match engine.state(&submitted.id, &file, &submitted.parts) {
                 Ok(state) => {
                     silences = 0;
                     bar.show(counter.rows(), &words(&state, &counter));
-                    // What the engine still does for parts that are whole, such as running them again, changes nothing.
+                    // Work of the engine on parts that are complete, such as a repetition, changes nothing.
                     if state.is_over || counter.are_done(&submitted.parts, &state.failed) {
                         return Ok(Waited::Over(state.failed));
                     }
                 }
-                // A controller that restarts is away for a minute.
+                // A controller that restarts is unreachable for a minute.
                 Err(_) if silences < SILENCES_MAX => silences += 1,
                 Err(error) => return Err(error),
             }
@@ -68,7 +68,7 @@ pub(super) fn wait(
     observed(interrupt, || {}, work)
 }
 
-/// How the parts stand.
+/// Describes the state of the parts.
 fn words(state: &JobState, counter: &RowCounter) -> String {
     let of = counter.0.len();
     let mut text = format!("{} of {of} parts", of - counter.missing().len());
@@ -87,11 +87,11 @@ fn words(state: &JobState, counter: &RowCounter) -> String {
     text
 }
 
-/// The rows of each part, by its number.
+/// Rows of each part, by its number.
 pub(super) struct RowCounter(pub(super) BTreeMap<usize, Rows>);
 
 impl RowCounter {
-    /// Reads what was added to the parts that are not whole.
+    /// Reads the rows that were added to incomplete parts.
     pub(super) fn count(&mut self) -> Result<(), StoreError> {
         let mut parts = self.0.values_mut().filter(|rows| !rows.is_whole());
         parts.try_for_each(Rows::look)
@@ -102,13 +102,13 @@ impl RowCounter {
         self.0.values().map(Rows::len).sum()
     }
 
-    /// The parts that lack rows.
+    /// Returns the parts that lack rows.
     pub(super) fn missing(&self) -> Vec<usize> {
         let missing = self.0.iter().filter(|(_, rows)| !rows.is_whole());
         missing.map(|(number, _)| *number).collect()
     }
 
-    /// Whether each of these parts is whole or has failed.
+    /// Checks whether each of these parts is complete or has failed.
     fn are_done(&self, parts: &[usize], failed: &BTreeMap<usize, String>) -> bool {
         let mut parts = parts.iter();
         parts.all(|part| self.0.get(part).is_some_and(Rows::is_whole) || failed.contains_key(part))

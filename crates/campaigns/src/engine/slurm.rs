@@ -1,4 +1,4 @@
-//! Slurm: an array job, whose tasks have the numbers of the parts.
+//! Slurm: an array job whose tasks have the numbers of the parts.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -7,9 +7,9 @@ use super::program::run;
 use super::{Engine, EngineError, Job, JobState, command_line, quoted, ranges};
 
 const HELP: &str = "is this machine part of a Slurm cluster, with Slurm's commands in the PATH?";
-/// What `squeue` prints of each task: its number, state, node, and why it waits.
+/// Format of a task in the output of `squeue`: its number, state, node, and the reason why it waits.
 const FORMAT: &str = "--format=%K|%T|%N|%r";
-/// What `squeue` says of a job that ended some time ago.
+/// Answer of `squeue` about a job that ended some time ago.
 const FORGOTTEN: &str = "Invalid job id";
 
 pub(super) struct Slurm;
@@ -36,7 +36,7 @@ impl Engine for Slurm {
         let logs = job.logs.join("slurm-%A-part-%a.txt");
         option(format!("--output={}", quoted(&logs.to_string_lossy())));
         option(format!("--chdir={}", quoted(&job.folder.to_string_lossy())));
-        // A task whose node is lost begins again, and finds the rows that it left.
+        // A task whose node is lost begins again, and finds the rows that it wrote.
         option("--requeue".to_owned());
         option("--open-mode=append".to_owned());
         let _ = writeln!(
@@ -51,7 +51,7 @@ impl Engine for Slurm {
     fn submit(&self, file: &Path) -> Result<String, EngineError> {
         let file = file.to_string_lossy();
         let said = run("sbatch", &["--parsable", &file], HELP)?;
-        // The number of the job, and the name of the cluster where there are several.
+        // `sbatch` prints the number of the job, and the name of the cluster if there are several.
         let id = said.trim().split(';').next().unwrap_or_default();
         match id.parse::<u64>() {
             Ok(_) => Ok(id.to_owned()),
@@ -76,7 +76,7 @@ impl Engine for Slurm {
     }
 }
 
-/// What `squeue` says.
+/// Reads the output of `squeue`.
 fn parsed(said: &str, parts: &[usize]) -> Result<JobState, EngineError> {
     let mut state = JobState::default();
     for line in said.lines().filter(|line| !line.trim().is_empty()) {

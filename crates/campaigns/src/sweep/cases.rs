@@ -1,4 +1,4 @@
-//! What a campaign plays: cases, each known by its number alone.
+//! Cases of a campaign, each known by its number alone.
 
 use plan::Plan;
 use recording::capture::Watch;
@@ -8,58 +8,58 @@ use scenario::expect::Limit;
 use super::row::SweepRow;
 use crate::campaign::NoResult;
 
-/// The cases of a sweep or of torture. Any of them may be played on any machine, in any order.
+/// Cases of a sweep or of torture. Any of them may be played on any machine, in any order.
 pub trait Cases: Sync {
-    /// "sweep" or "torture": so its folders are called.
+    /// Kind of the campaign, "sweep" or "torture", from which its folders have their names.
     fn kind(&self) -> &'static str;
 
-    /// The scenario's name.
+    /// Name of the scenario.
     fn name(&self) -> &str;
 
-    /// A hash of all that decides what the cases are, and of the version of the program.
+    /// Hash of everything that decides the cases, and of the version of the program.
     fn id(&self) -> &str;
 
-    /// How many cases there are, numbered from 1.
+    /// Number of cases, which are numbered from 1.
     fn runs(&self) -> usize;
 
-    /// What varies.
+    /// Keys that vary.
     fn keys(&self) -> Vec<&str>;
 
-    /// How each key varies, for people.
+    /// Keys with descriptions of how they vary.
     fn ways(&self) -> Vec<(String, String)>;
 
-    /// The values of the keys in a case.
+    /// Values of the keys in a case.
     fn values(&self, number: usize) -> Vec<f64>;
 
-    /// The scenario of a case, as a file of its own.
+    /// Scenario of a case, as a file of its own.
     fn text(&self, number: usize) -> String;
 
     /// Plays a case.
     ///
     /// # Errors
-    /// It came to no result.
+    /// The case has no result.
     fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult>;
 
-    /// The row of a case in which the program itself is at fault.
+    /// Row of a case in which the program itself is at fault.
     fn faulty(&self, number: usize, reason: String) -> SweepRow;
 
-    /// The limits that the runs are judged by.
+    /// Limits by which the runs are judged.
     fn limits(&self, plan: &Plan) -> Vec<(String, Limit)> {
         judge::limits(plan)
     }
 
-    /// Files, by name and text, that a folder of the campaign has besides the scenario.
+    /// Files, by name and text, that a folder of the campaign has in addition to the scenario.
     fn files(&self) -> Vec<(&'static str, String)> {
         Vec::new()
     }
 
-    /// The values of a case with their keys, for people.
+    /// Keys and values of a case, as a text.
     fn words(&self, number: usize) -> String {
         let values = self.keys().into_iter().zip(self.values(number));
         let values = values.map(|(key, value)| format!("{key} = {value}"));
         values.collect::<Vec<_>>().join(", ")
     }
-    /// The same in four digits, for a page.
+    /// Keys and values of a case, as a text with four digits each, for a page.
     fn short_words(&self, number: usize) -> String {
         let values = self.keys().into_iter().zip(self.values(number));
         let values = values.map(|(key, value)| format!("{key} = {}", significant(value)));

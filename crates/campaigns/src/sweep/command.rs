@@ -1,4 +1,4 @@
-//! `canrig sweep`: plays the cases that are not done yet, then makes tables and a summary of all.
+//! `canrig sweep`: plays the remaining cases, then writes tables and a summary of all.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ use runner::run::RUNS;
 use runner::scenarios;
 use worlds::law_process::started_by;
 
-/// Why a sweep did not come to its end.
+/// Reason why a sweep did not complete.
 #[derive(Debug, thiserror::Error)]
 enum SweepError {
     #[error(transparent)]
@@ -67,7 +67,7 @@ pub struct SweepArgs {
     pub values: ValueArgs,
 }
 
-/// Does what the command line says.
+/// Runs the command.
 #[must_use]
 pub fn sweep(args: &SweepArgs) -> Exit {
     let plan = match scenarios::load(&args.scenario, &args.values) {

@@ -1,7 +1,7 @@
-//! Which key drives what came of the runs: how closely the ranks of a metric follow those of each key, and the worst runs.
+//! Sensitivity of the metrics to the keys: how closely the ranks of a metric follow the ranks of each key, and the worst runs.
 //!
-//! Ranks are taken of an even sample of the runs, so that a million need no more memory than some thousand. With 20 000 runs in
-//! it, a correlation is off by 0.007 (one standard deviation).
+//! Ranks are computed from an even sample of the runs, so a million runs need no more memory than some thousand. With 20 000 runs
+//! in it, a correlation is off by 0.007 (one standard deviation).
 
 use std::collections::BTreeMap;
 
@@ -10,51 +10,51 @@ use scenario::expect::Limit;
 use super::cases::Cases;
 use super::row::SweepRow;
 
-/// Runs in the sample, about.
+/// Approximate number of runs in the sample.
 const SAMPLE: usize = 20_000;
-/// The worst runs of each metric that are drawn.
+/// Number of worst runs of each metric that are drawn.
 const WORST: usize = 25;
-/// Points of the sample that are drawn.
+/// Number of points of the sample that are drawn.
 const DRAWN: usize = 1000;
-/// Keys that are named for each metric.
+/// Number of keys that are named for each metric.
 const NAMED: usize = 3;
-/// Below this, ranks of 1000 runs correlate by chance once in a thousand.
+/// Smallest correlation that counts: ranks of 1000 runs exceed it by chance once in a thousand.
 const CORRELATION_MIN: f64 = 0.1;
 
-/// What drives a metric with a limit, or an invariant.
+/// Sensitivity of a metric with a limit, or of an invariant.
 pub struct Driven {
-    /// The metric or the invariant.
+    /// Name of the metric or the invariant.
     pub name: String,
-    /// The keys that it follows most, with their rank correlations from -1 to 1, the strongest first.
+    /// Keys that it follows most, with their rank correlations from -1 to 1, the strongest first.
     pub keys: Vec<(String, f64)>,
-    /// Runs of the sample: the first key and the metric. Runs without a value are left out.
+    /// Runs of the sample: values of the first key and the metric. Runs without a value are left out.
     pub sample: Vec<(f64, f64)>,
-    /// The same of the worst runs of all, with their cases.
+    /// Worst of all runs: case, and values of the first key and the metric.
     pub worst: Vec<(usize, f64, f64)>,
-    /// How many runs the correlations are of.
+    /// Number of runs from which the correlations are computed.
     pub of: usize,
 }
 
-/// Takes the sample and the worst runs while the rows go by.
+/// Collects the sample and the worst runs while the rows are read.
 pub(super) struct Sampler {
-    /// The metrics with a limit.
+    /// Metrics with a limit.
     limits: BTreeMap<String, Limit>,
-    /// One run in so many is in the sample.
+    /// Number of runs of which one is in the sample.
     one_in: u64,
     sample: Vec<Sampled>,
     worst: BTreeMap<String, Vec<Worst>>,
 }
 
-/// A run of the sample.
+/// Run of the sample.
 struct Sampled {
     case: usize,
-    /// By the names that are looked at; what a run misses without a value lies beyond its limit.
+    /// Values by name. A metric that missed its limit without a value lies beyond the limit.
     values: BTreeMap<String, f64>,
 }
 
-/// A run that is among the worst.
+/// Run among the worst.
 struct Worst {
-    /// How bad: the farther beyond a limit, the greater.
+    /// Distance beyond the limit; the greater, the worse.
     badness: f64,
     case: usize,
     value: f64,
@@ -71,7 +71,7 @@ impl Sampler {
     }
 
     pub(super) fn add(&mut self, row: &SweepRow) {
-        // Torture has no limits: there it is the invariants.
+        // Torture has no limits; its invariants take their place.
         let broken = row
             .missed
             .iter()
@@ -104,7 +104,7 @@ impl Sampler {
                 worst.truncate(WORST);
             }
         }
-        // Invariants are rarely broken: all such runs are in the sample as far as there is room.
+        // Invariants are rarely broken: all such runs are in the sample, as far as there is room.
         let is_rare = !broken.is_empty() && self.sample.len() < 2 * SAMPLE;
         if is_rare || mixed(row.case).is_multiple_of(self.one_in) {
             let case = row.case;
@@ -112,7 +112,7 @@ impl Sampler {
         }
     }
 
-    /// What drives each metric with a limit; nothing of those that no key drives.
+    /// Returns the sensitivity of each metric with a limit, without those that follow no key.
     pub(super) fn driven(&self, cases: &dyn Cases) -> Vec<Driven> {
         let keys = cases.keys();
         if keys.is_empty() {
@@ -170,7 +170,7 @@ impl Sampler {
     }
 }
 
-/// Where a value lies that was not reached: beyond the limit.
+/// Returns a place beyond the limit, for a value that was not reached.
 fn beyond(limit: Limit) -> f64 {
     match limit.max {
         Some(_) => f64::INFINITY,
@@ -178,15 +178,15 @@ fn beyond(limit: Limit) -> f64 {
     }
 }
 
-/// How far a value is beyond its limit, or how near it is to it, where this is below 0.
+/// Returns how far a value is beyond its limit; negative if it is within.
 fn badness(limit: Limit, value: f64) -> f64 {
     let above = limit.max.map_or(f64::NEG_INFINITY, |max| value - max);
     let below = limit.min.map_or(f64::NEG_INFINITY, |min| min - value);
     above.max(below)
 }
 
-/// A number in which nothing is left of the order of the cases, so that a sample does not fall in step with a grid
-/// (the finaliser of SplitMix64).
+/// Mixes the number of a case, so that no order remains and a sample does not fall in step with a grid (the finaliser of
+/// SplitMix64).
 fn mixed(case: usize) -> u64 {
     let mut number = (case as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     number = (number ^ (number >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -194,7 +194,7 @@ fn mixed(case: usize) -> u64 {
     number ^ (number >> 31)
 }
 
-/// The rank of each value; equal ones share the middle of their ranks.
+/// Returns the rank of each value; equal ones share the middle of their ranks.
 fn ranks(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let values: Vec<f64> = values.collect();
     let mut order: Vec<usize> = (0..values.len()).collect();
@@ -218,7 +218,7 @@ fn ranks(values: impl Iterator<Item = f64>) -> Vec<f64> {
     ranks
 }
 
-/// Pearson's correlation; 0 where one of them does not vary.
+/// Returns Pearson's correlation; 0 if one of them does not vary.
 fn correlation(one: &[f64], other: &[f64]) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "far below 2^53")]
     let count = one.len().max(1) as f64;

@@ -1,4 +1,4 @@
-//! What a campaign will take: time, memory and disk, from a probe of some of its runs.
+//! Estimate of a campaign's time, memory and disk, from a probe of some of its runs.
 
 use std::fmt;
 use std::time::Duration;
@@ -11,25 +11,26 @@ use super::cases::Cases;
 use super::part::PartError;
 use crate::campaign::{NoResult, caught};
 
-/// Runs of the probe at most, spread over all cases.
+/// Largest number of runs in the probe, spread over all cases.
 const PROBES_MAX: usize = 24;
-/// The probe ends after the run that it is at by then.
+/// Time after which the probe ends, with the run that it is playing.
 const PROBE: Duration = Duration::from_secs(10);
-/// What an engine's task may take without being too much to lose, nor too little to be worth its start.
+/// Time of a part: short enough that its loss costs little, long enough to be worth the start of a task.
 const PART_SECONDS: f64 = 600.0;
-/// Parts that engines take in one job without being told more (Slurm's MaxArraySize is 1001 as delivered).
+/// Largest number of parts that engines take in one job by default (Slurm's MaxArraySize is 1001 as delivered).
 const PARTS_MAX: usize = 1000;
-/// How much slower another machine may be (assumed).
+/// Factor by which another machine may be slower (assumed).
 const SLOWNESS: f64 = 3.0;
-/// Time and memory of a task beside its runs (assumed).
+/// Time and memory of a task in addition to its runs (assumed).
 const START_MINUTES: f64 = 5.0;
 const SPARE_MEBIBYTES: u64 = 64;
-/// Memory is asked for in steps.
+/// Step in which memory is requested.
 const STEP_MEBIBYTES: u64 = 64;
-/// A row is on the disk in its part, in the merged store twice while that is put in order, and in two tables.
+/// Number of copies of a row on the disk: one in its part, two in the merged store while that is put in order, one in each of two
+/// tables.
 const COPIES: f64 = 4.0;
 
-/// What a campaign takes.
+/// Estimate for a campaign.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Estimate {
     runs: usize,
@@ -41,7 +42,7 @@ pub(crate) struct Estimate {
 }
 
 impl Estimate {
-    /// Plays some of the cases, one at a time. Nothing is kept of them.
+    /// Plays some of the cases, one at a time, and discards the results.
     pub(crate) fn probe(cases: &dyn Cases, cores: u16) -> Result<Self, PartError> {
         let runs = cases.runs();
         let probes = runs.min(PROBES_MAX);
@@ -50,7 +51,7 @@ impl Estimate {
         let (mut probed, mut bytes) = (0, 0);
         let work = || {
             for number in 0..probes {
-                // In the middle of as many stretches of the same length.
+                // The case is in the middle of one of as many stretches of equal length.
                 let case = (2 * number + 1) * runs / (2 * probes) + 1;
                 let row = match caught(|| cases.play(case.min(runs), &watch)) {
                     Ok(row) => row,
@@ -78,7 +79,7 @@ impl Estimate {
             runs,
             probed,
             seconds_per_run: stopwatch.elapsed().as_secs_f64() / count,
-            // With the checksum.
+            // The checksum is included.
             bytes_per_row: bytes / count + 40.0,
             memory_bytes: memory_bytes_max().unwrap_or_default(),
             cores,
@@ -91,26 +92,26 @@ impl Estimate {
         runs * self.seconds_per_run
     }
 
-    /// As many parts as are worth the start of a task.
+    /// Returns the number of parts of which each is worth the start of a task.
     pub(crate) fn parts(&self) -> usize {
         let parts = self.seconds() / (PART_SECONDS * f64::from(self.cores));
         whole(parts).clamp(1, PARTS_MAX.min(self.runs))
     }
 
-    /// Time that a task should be given.
+    /// Returns the time limit to request for a task.
     fn task_minutes(&self) -> usize {
         #[expect(clippy::cast_precision_loss, reason = "at most a million")]
         let parts = (self.parts() * usize::from(self.cores)) as f64;
         whole(SLOWNESS * self.seconds() / parts / 60.0 + START_MINUTES)
     }
 
-    /// Memory that a task should be given: the probe's for each core.
+    /// Returns the memory to request for a task: the probe's for each core.
     fn task_mebibytes(&self) -> u64 {
         let needed = (self.memory_bytes >> 20) * u64::from(self.cores) + SPARE_MEBIBYTES;
         needed.div_ceil(STEP_MEBIBYTES) * STEP_MEBIBYTES
     }
 
-    /// The options of `canrig submit`.
+    /// Returns the options for `canrig submit`.
     pub(crate) fn options(&self) -> String {
         let mut text = format!(
             "--parts {} --task-minutes {} --task-mebibytes {}",
@@ -156,7 +157,7 @@ impl fmt::Display for Estimate {
     }
 }
 
-/// The next whole number.
+/// Rounds up to the next whole number.
 fn whole(number: f64) -> usize {
     #[expect(
         clippy::cast_possible_truncation,

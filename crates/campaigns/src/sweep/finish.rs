@@ -1,4 +1,4 @@
-//! What is made of the rows when all of them are there.
+//! Turns the rows into tables, page and scenarios when all of them are there.
 
 use std::collections::BTreeSet;
 use std::{fs, io};
@@ -15,19 +15,19 @@ use recording::session::write_tables;
 use runner::console::print;
 use runner::exit::Exit;
 
-/// Name of the folder with the scenarios of cases that do not pass.
+/// Folder of the scenarios of cases that do not pass.
 const FAILING: &str = "failing";
 
-/// What the terminal gets of a sweep.
+/// Output of a sweep on the terminal.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Shown {
     All,
     Failures,
-    /// Somebody else reads it.
+    /// Another program reads the output.
     Nothing,
 }
 
-/// Why a sweep has no tables.
+/// Reason why a sweep has no tables.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum FinishError {
     #[error(transparent)]
@@ -36,7 +36,7 @@ pub(crate) enum FinishError {
     Write(#[from] WriteError),
 }
 
-/// Makes tables, page and scenarios of the rows of all cases, and prints where they are. Whatever was made before is made again.
+/// Makes tables, page and scenarios of the rows of all cases, and prints their paths. Earlier ones are made again.
 pub(crate) fn finish(
     folder: &RunFolder,
     plan: &Plan,
@@ -71,8 +71,8 @@ pub(crate) fn finish(
     Ok(exit)
 }
 
-/// Removes the scenarios of cases that do not fail any more, as where another canrig played the rows before. Other files are left
-/// alone.
+/// Removes the scenarios of cases that do not fail any more, for example because another canrig played the rows before. Other
+/// files are left alone.
 fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteError> {
     let kept: BTreeSet<String> = failing.iter().map(place).collect();
     let path = folder.path().join(FAILING);
@@ -87,7 +87,7 @@ fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteErr
         let name = name.to_string_lossy();
         if is_case(&name) && !kept.contains(&format!("{FAILING}/{name}")) {
             match fs::remove_file(entry.path()) {
-                // Another machine that ends the same part was faster.
+                // Another machine that completes the same part was faster.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 removed => removed.map_err(WriteError::at(&entry.path()))?,
             }
@@ -96,7 +96,7 @@ fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteErr
     Ok(())
 }
 
-/// Whether a file is called as [`place`] calls it.
+/// Checks whether a file has a name as [`place`] gives it.
 fn is_case(name: &str) -> bool {
     let name = name.strip_prefix("case-");
     let name = name.and_then(|name| name.strip_suffix(".toml"));
@@ -107,12 +107,12 @@ fn is_case(name: &str) -> bool {
     })
 }
 
-/// Where the scenario of a case is.
+/// Returns the place of a case's scenario in the folder.
 fn place(failing: &Failing) -> String {
     format!("{FAILING}/case-{}-{}.toml", failing.case, failing.id)
 }
 
-/// What plays a case alone, in the folder of the sweep. The faults of torture are no values that `--set` could give.
+/// Returns the command that plays a case alone, in the folder of the sweep. `--set` cannot give the faults of torture as values.
 fn command(cases: &dyn Cases, summary: &Summary, case: usize) -> Option<String> {
     let mut failing = summary.failing.iter();
     if let Some(one) = failing.find(|one| one.case == case) {
@@ -130,7 +130,7 @@ fn command(cases: &dyn Cases, summary: &Summary, case: usize) -> Option<String> 
     })
 }
 
-/// What a reader of a single case must know.
+/// Returns the comment at the top of a failing case's scenario.
 fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
     let one_line = |text: &str| text.replace(char::is_control, " ");
     format!(
@@ -174,7 +174,7 @@ mod tests {
     fn of_failing_cases_only_those_of_now_stay_and_what_is_not_ours() {
         let parent = tempfile::tempdir().unwrap();
         let folder = RunFolder::lasting(parent.path(), "run", "1").unwrap();
-        // Nothing is there yet.
+        // The folder does not exist yet.
         remove_others(&folder, &[]).unwrap();
         let failing = Failing {
             case: 3,

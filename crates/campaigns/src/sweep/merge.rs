@@ -1,4 +1,4 @@
-//! `canrig merge`: the parts of a campaign, put together.
+//! `canrig merge`: puts the parts of a campaign together.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ use runner::recorded::{RecordedError, refuse};
 use runner::run::RUNS;
 use runner::scenarios;
 
-/// Why parts cannot be put together.
+/// Reason why parts cannot be put together.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum MergeError {
     #[error(transparent)]
@@ -70,7 +70,7 @@ pub struct MergeArgs {
     pub quiet: bool,
 }
 
-/// Does what the command line says.
+/// Runs the command.
 #[must_use]
 pub fn merge(args: &MergeArgs) -> Exit {
     let [first, ..] = args.shards.as_slice() else {
@@ -108,16 +108,16 @@ pub fn merge(args: &MergeArgs) -> Exit {
     })
 }
 
-/// What a campaign is.
+/// Cases of a campaign, by its kind.
 pub(crate) enum CampaignCases {
-    /// One run for each combination of values.
+    /// Sweep, with one run for each combination of values.
     Sweep(Box<SweepCases>),
-    /// One run for each mix of faults.
+    /// Torture, with one run for each mix of faults.
     Torture(Box<TortureCases>),
 }
 
 impl CampaignCases {
-    /// Torture where the folder says so, else a sweep.
+    /// Reads the kind from a folder: torture if the folder says so, else a sweep.
     pub(crate) fn of_folder(folder: &Path, plan: &Plan) -> Result<Self, MergeError> {
         Ok(match TortureCases::of_folder(folder, plan)? {
             Some(torture) => Self::Torture(Box::new(torture)),
@@ -125,7 +125,7 @@ impl CampaignCases {
         })
     }
 
-    /// The cases, whatever they are.
+    /// Returns the cases, whatever their kind.
     pub(crate) fn cases(&self) -> &dyn Cases {
         match self {
             Self::Sweep(cases) => &**cases,
@@ -156,7 +156,7 @@ pub(crate) fn merge_parts(
     }
     if let Some(writer) = &mut writer {
         writer.sync()?;
-        // Later than any of its parts.
+        // The record's date is later than those of all parts.
         let known = match PlayRecord::read(folder.path())? {
             None => PlayRecord::read(&parts[0])?,
             known => known,
@@ -173,7 +173,7 @@ pub(crate) fn merge_parts(
     Ok(exit)
 }
 
-/// Adds the rows of a part whose cases have none yet.
+/// Adds the rows of those cases of a part that have none yet.
 fn add(
     part: &Path,
     header: &Header,
@@ -246,7 +246,7 @@ mod tests {
         assert_eq!(Vec::from_iter(reasons), ["a1", "b2", "a3", "b4"]);
     }
 
-    /// A part whose rows nobody has played.
+    /// Writes a part with made-up rows.
     fn made_up(
         folder: &Path,
         plan: &Plan,
@@ -263,7 +263,7 @@ mod tests {
         part.path().to_owned()
     }
 
-    /// A metric that follows both keys, and eleven more.
+    /// Returns a row with a metric that follows both keys, and eleven more.
     fn row_of_a_sweep(cases: &SweepCases, case: usize) -> SweepRow {
         let [hold, load] = cases.values(case)[..] else {
             unreachable!("two keys")
@@ -289,7 +289,7 @@ mod tests {
         }
     }
 
-    /// An invariant that half of the mixes with a certain fault break.
+    /// Returns a row with an invariant that half of the mixes with a certain fault break.
     fn row_of_torture(cases: &TortureCases, case: usize) -> SweepRow {
         let keys = cases.keys();
         let stuck = keys.iter().position(|key| *key == "sensor.stuck").unwrap();
@@ -311,7 +311,7 @@ mod tests {
 
     const RUNS: usize = 1_000_000;
 
-    /// Merges a campaign of a million runs whose rows are made up, prints what it costs, and returns its page.
+    /// Merges a campaign of a million runs with made-up rows, prints its time and memory, and returns its page.
     fn merged(plan: &Plan, campaign: &CampaignCases, row: &dyn Fn(usize) -> SweepRow) -> String {
         const PARTS: usize = 40;
         let cases = campaign.cases();
@@ -368,7 +368,7 @@ mod tests {
         assert!(page.contains("Sensitivity") && page.contains("sensor.stuck"));
     }
 
-    /// What planning, merging and the report cost.
+    /// Measures planning, merging and the report.
     #[test]
     #[ignore = "takes minutes; prints time and memory"]
     fn a_million_rows_are_merged_and_reported_in_bounded_memory() {

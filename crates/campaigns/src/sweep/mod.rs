@@ -1,7 +1,8 @@
 //! `canrig sweep` and `canrig merge`: many runs of one scenario, one row each.
 //!
-//! A [`sweep_cases::SweepCases`] says what each case of a sweep is: any of them, at once and by itself, so that it does not matter which machine plays
-//! which. `store` has the rows of the cases that are done, on the disk, which is all that a restart or a merge needs. `tables` and `summary` are made of the store when all is done, and `command` puts it together.
+//! A [`sweep_cases::SweepCases`] defines the cases of a sweep. Each is available at once and by itself, so any machine may play
+//! any of them. `store` has the rows of the completed cases on the disk, which is all that a restart or a merge needs. `tables`
+//! and `summary` are made from the store at the end, and `command` puts it all together.
 
 pub mod cases;
 pub mod command;

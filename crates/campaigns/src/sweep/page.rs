@@ -1,4 +1,4 @@
-//! What a sweep came to: as tables for the terminal and as a page.
+//! Results of a sweep: as tables for the terminal and as a page.
 
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
@@ -10,7 +10,7 @@ use report::plot::{Colour, Extent, Patch, Plot, Shape};
 use report::{page, terminal};
 use scenario::expect::Limit;
 
-/// The heads of the metrics' table.
+/// Heads of the metrics' table.
 const HEADS: [&str; 8] = [
     "metric",
     "runs",
@@ -22,13 +22,13 @@ const HEADS: [&str; 8] = [
     "missed by",
 ];
 
-/// Worst cases that are named for each metric.
+/// Number of worst cases that are named for each metric.
 const WORST_NAMED: usize = 5;
 
-/// Values lie far out when they stretch the range of 98 % of them so many times.
+/// Outliers stretch the range of 98 % of the values at least by this factor.
 const OUTLIERS_FROM: f64 = 4.0;
 
-/// The metrics with their limits, then how many cases ended how.
+/// Returns the metrics with their limits, then the number of cases for each way to end.
 #[must_use]
 pub(crate) fn to_text(summary: &Summary) -> String {
     let mut table = terminal::empty_table(HEADS);
@@ -46,7 +46,7 @@ pub(crate) fn to_text(summary: &Summary) -> String {
         table.add_row(name.into_iter().chain(numbers).chain([limit, missed]));
     }
     let (name, counts) = (&summary.name, counts(summary));
-    // Torture measures nothing: what it breaks are invariants.
+    // Torture measures nothing; its results are broken invariants.
     if summary.spreads.is_empty() {
         format!("\n{name}\n{counts}")
     } else {
@@ -54,8 +54,8 @@ pub(crate) fn to_text(summary: &Summary) -> String {
     }
 }
 
-/// The page. `place_of` says where the scenario of a case is, `command_of` what plays a case; nothing of one that no command plays
-/// alone.
+/// Returns the page. `place_of` gives the place of a case's scenario, `command_of` the command that plays a case; `None` if no
+/// command plays it alone.
 #[must_use]
 pub(crate) fn to_html(
     summary: &Summary,
@@ -107,7 +107,7 @@ fn metrics(spreads: &[MetricSpread]) -> Markup {
     }
 }
 
-/// A value of the distribution; no case may have one.
+/// Returns a value of the distribution as a text; "never" if no case has one.
 fn number(spread: &MetricSpread, value: f64) -> String {
     match spread.count {
         0 => "never".to_owned(),
@@ -115,7 +115,7 @@ fn number(spread: &MetricSpread, value: f64) -> String {
     }
 }
 
-/// How many cases missed the limit; nothing where there is none.
+/// Returns the number of cases that missed the limit; empty without a limit.
 fn missed(spread: &MetricSpread) -> String {
     match (spread.missed, spread.limit) {
         (0, None) => String::new(),
@@ -123,7 +123,7 @@ fn missed(spread: &MetricSpread) -> String {
     }
 }
 
-/// The distribution of a metric; nothing where all values are the same.
+/// Draws the distribution of a metric; empty if all values are the same.
 fn drawn(spread: &MetricSpread) -> Markup {
     if !spread.varies() {
         return html! {};
@@ -174,14 +174,14 @@ fn drawn(spread: &MetricSpread) -> Markup {
     plot.render()
 }
 
-/// The runs beyond the edges, at the edges: where they are, and how many per cent of the runs are up to them.
+/// Returns the runs beyond the edges, moved to the edges, with the percentage of runs up to each.
 fn outside(spread: &MetricSpread, (from, until): (f64, f64)) -> (Vec<f64>, Vec<f64>) {
     let points = spread.curve.0.iter().zip(&spread.curve.1).step_by(2);
     let beyond = points.filter(|(x, _)| !(from..=until).contains(*x));
     beyond.map(|(x, y)| (x.clamp(from, until), *y)).unzip()
 }
 
-/// Which keys drive what has a limit, and the worst runs.
+/// Shows the keys that drive each metric with a limit, and the worst runs.
 fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Markup {
     if driven.is_empty() {
         return html! {};
@@ -207,19 +207,19 @@ fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Ma
     }
 }
 
-/// The first of the worst cases.
+/// Returns the first of the worst cases.
 fn worst_cases(driven: &Driven) -> String {
     let worst = driven.worst.iter().take(WORST_NAMED);
     let worst: Vec<String> = worst.map(|(case, ..)| case.to_string()).collect();
     worst.join(", ")
 }
 
-/// The runs in the plane of the first key and the metric.
+/// Draws the runs in the plane of the first key and the metric.
 fn scatter(driven: &Driven, command_of: impl Fn(usize) -> Option<String>) -> Markup {
     let Some((key, _)) = driven.keys.first() else {
         return html! {};
     };
-    // A gap behind each point: none is joined with another.
+    // The gap behind each point keeps it from being joined with the next.
     let apart = |points: &mut dyn Iterator<Item = (f64, f64)>| -> (Vec<f64>, Vec<f64>) {
         let gap = (f64::NAN, f64::NAN);
         points.flat_map(|point| [point, gap]).unzip()
@@ -250,7 +250,7 @@ fn scatter(driven: &Driven, command_of: impl Fn(usize) -> Option<String>) -> Mar
     plot.render()
 }
 
-/// A range in which no dot lies on the edge; none without dots.
+/// Returns a range in which no dot lies on the edge; `None` without dots.
 fn with_margins<'a>(values: impl Iterator<Item = &'a f64>) -> Option<(f64, f64)> {
     let (least, greatest) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |range, value| {
         (range.0.min(*value), range.1.max(*value))
@@ -259,7 +259,7 @@ fn with_margins<'a>(values: impl Iterator<Item = &'a f64>) -> Option<(f64, f64)>
     (margin > 0.0).then_some((least - margin, greatest + margin))
 }
 
-/// The range that is drawn: where few values lie far out that of the others, and in any case the limit.
+/// Returns the range to draw: that of the bulk if few values lie far out, and in any case a limit that is near.
 fn shown_range(spread: &MetricSpread) -> (f64, f64) {
     let [least, .., greatest] = spread.quantiles;
     let (low, high) = spread.bulk;
@@ -310,12 +310,12 @@ fn failing(
     }
 }
 
-/// A key, which may be broken behind each point and underscore.
+/// Writes a key, which may be broken behind each point and underscore.
 fn broken(key: &str) -> Markup {
     html! { @for part in key.split_inclusive('.') { (page::name(part)) wbr; } }
 }
 
-/// How many cases ended how, in one line.
+/// Returns the number of cases for each way to end, in one line.
 fn counts(summary: &Summary) -> String {
     let counts: Vec<String> = summary
         .ended

@@ -1,4 +1,5 @@
-//! Plays a part of a campaign: the cases that are not done yet. Whoever plays it, and however often, the rows are the same.
+//! Plays a part of a campaign: the cases that have no row yet. The rows are the same on every machine, however often they are
+//! played.
 
 use std::env;
 use std::path::Path;
@@ -24,10 +25,10 @@ use runner::lines::EventLines;
 use runner::play_record::PlayRecord;
 use scenario::Override;
 
-/// Rows that a power cut may cost; a kill of the program costs the one that it is writing.
+/// Largest number of rows that a power cut may cost; a kill of the program costs the one that it is writing.
 const UNSYNCED_MAX: usize = 32;
 
-/// Why a part did not come to its end.
+/// Reason why a part did not complete.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum PartError {
     #[error(transparent)]
@@ -59,7 +60,7 @@ impl PartError {
     }
 }
 
-/// Which part of a campaign a command plays.
+/// Part of a campaign that a command plays.
 #[derive(Args, Clone, Debug)]
 pub struct PartArgs {
     /// Play one part, such as 2/4, the second of four; `auto` asks the engine that runs the command: Slurm, HyperQueue or
@@ -75,7 +76,7 @@ pub struct PartArgs {
 }
 
 impl PartArgs {
-    /// The part.
+    /// Returns the part.
     pub(crate) fn shard(&self) -> Result<Shard, NoPart> {
         match (self.shard, self.shards) {
             (Wanted::This(shard), None) => Ok(shard),
@@ -84,13 +85,13 @@ impl PartArgs {
         }
     }
 
-    /// Whether an engine looks at the exit code.
+    /// Returns whether an engine evaluates the exit code.
     pub(crate) fn is_for_engine(&self) -> bool {
         self.for_engine
     }
 }
 
-/// What a command line asks for.
+/// Value of `--shard`.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 enum Wanted {
     This(Shard),
@@ -108,7 +109,7 @@ impl FromStr for Wanted {
     }
 }
 
-/// Why nobody knows which part to play.
+/// Reason why the part to play is unknown.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub(crate) enum NoPart {
     #[error("--shards goes with --shard auto only; a part is written as --shard 2/4")]
@@ -145,7 +146,7 @@ const SLURM: &str = "SLURM_ARRAY_TASK_ID";
 const HYPERQUEUE: &str = "HQ_TASK_ID";
 const KUBERNETES: &str = "JOB_COMPLETION_INDEX";
 
-/// The part that the engine's variables name.
+/// Returns the part that the engine's variables name.
 fn of_engine(
     variable: impl Fn(&str) -> Option<String>,
     shards: Option<usize>,
@@ -188,7 +189,7 @@ fn of_engine(
     Err(NoPart::NoEngine)
 }
 
-/// The place of a task in an array that says its own bounds.
+/// Returns the place of a task in an array, from the bounds that Slurm gives of the array.
 fn of_slurm_array(
     task: usize,
     number: &impl Fn(&'static str) -> Result<Option<usize>, NoPart>,
@@ -198,7 +199,7 @@ fn of_slurm_array(
     let first = number("SLURM_ARRAY_TASK_MIN")?.ok_or(missing)?;
     let step = number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1).max(1);
     let last = number("SLURM_ARRAY_TASK_MAX")?;
-    // Of a list, such as 3,7,9, Slurm gives no step that would lead from its first to its last.
+    // For a list such as 3,7,9, Slurm gives no step that would lead from its first to its last number.
     let place = task.checked_sub(first).ok_or(NoPart::Gaps)?;
     let steps = of.checked_sub(1).and_then(|gaps| gaps.checked_mul(step));
     let end = steps.and_then(|steps| steps.checked_add(first));
@@ -214,16 +215,16 @@ fn of_slurm_array(
     }
 }
 
-/// How a part is played.
+/// Parameters of a part's play.
 pub(crate) struct PartPlay<'a> {
     pub(crate) output: &'a Path,
     pub(crate) shard: Shard,
-    /// Whether others may play the same part at the same time.
+    /// Whether other processes may play the same part at the same time.
     pub(crate) is_shared: bool,
     pub(crate) campaign: Campaign,
     pub(crate) shown: Shown,
     pub(crate) lines: Option<&'a EventLines>,
-    /// The values of the command line that are in the scenario.
+    /// Values of the command line, which the scenario already has.
     pub(crate) overrides: &'a [Override],
 }
 
@@ -258,7 +259,7 @@ impl PartPlay<'_> {
         Ok((folder, rows, Some(writer)))
     }
 
-    /// Prints how far it is for another program.
+    /// Prints the progress for another program.
     pub(crate) fn report(&self, event: &str, cases: &dyn Cases, done: usize, folder: &RunFolder) {
         if let Some(lines) = self.lines {
             let (of, folder) = (self.shard.cases(cases.runs()).len(), folder.path());
@@ -297,7 +298,7 @@ impl PartPlay<'_> {
             files.check()?;
             let row = match row {
                 Ok(row) => row,
-                // The program's own hook prints a panic; the row says in which case it was.
+                // The panic hook of the program prints the panic; the row says in which case it happened.
                 Err(NoResult::Fault(reason)) => cases.faulty(case, reason),
                 Err(NoResult::Machine(reason)) => {
                     return Err(PartError::Machine { case, reason });
@@ -322,7 +323,7 @@ impl PartPlay<'_> {
     }
 }
 
-/// The folder of a campaign, or of a part of it: the same one each time.
+/// Opens the folder of a campaign, or of a part of it: the same one each time.
 pub(crate) fn open_folder(
     parent: &Path,
     plan: &Plan,
@@ -338,7 +339,7 @@ pub(crate) fn open_folder(
     })
 }
 
-/// End of the name of that folder.
+/// Returns the end of that folder's name.
 pub(crate) fn folder_id(cases: &dyn Cases, shard: Shard) -> String {
     let part = match shard {
         Shard::WHOLE => String::new(),
@@ -374,7 +375,7 @@ mod tests {
             (array("0", "0", "9", "1", "10"), None, "1/10"),
             (array("9", "0", "9", "1", "10"), None, "10/10"),
             (array("12", "4", "20", "8", "3"), None, "2/3"),
-            // Those that are submitted again.
+            // Array of the parts that are submitted again.
             (array("7", "3", "9", "1", "3"), Some(9), "7/9"),
         ] {
             assert_eq!(shard(&array, shards).as_deref(), Ok(expected));

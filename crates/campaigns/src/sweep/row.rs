@@ -1,11 +1,11 @@
-//! What is kept of one case.
+//! Results of one case that are kept.
 
 use serde::{Deserialize, Serialize};
 
 use judge::verdict::{Outcome, Verdict};
 use runner::exit::Exit;
 
-/// How a case ended.
+/// End of a case.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ended {
@@ -15,16 +15,16 @@ pub enum Ended {
     Inconclusive,
     /// A limit was not met.
     Fail,
-    /// Its values make no valid scenario, so it was not played.
+    /// The values of the case make no valid scenario, so it was not played.
     Invalid,
     /// The run broke off.
     Incomplete,
-    /// The program itself could not bring it to a verdict.
+    /// The program itself could not bring the case to a verdict.
     InternalError,
 }
 
 impl Ended {
-    /// All of them, from best to worst.
+    /// All ends, from best to worst.
     pub const ALL: [Self; 6] = [
         Self::Pass,
         Self::Inconclusive,
@@ -34,7 +34,7 @@ impl Ended {
         Self::InternalError,
     ];
 
-    /// Its name in tables.
+    /// Returns the name of the end in tables.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -47,7 +47,7 @@ impl Ended {
         }
     }
 
-    /// The exit code of a sweep whose worst case ends so.
+    /// Returns the exit code of a sweep whose worst case ends like this.
     #[must_use]
     pub fn exit(self) -> Exit {
         match self {
@@ -72,30 +72,30 @@ impl From<Outcome> for Ended {
     }
 }
 
-/// One case that is done.
+/// Completed case.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct SweepRow {
-    /// Its number.
+    /// Number of the case.
     pub case: usize,
-    /// What names its content.
+    /// Hash of the case's content.
     pub id: String,
-    /// The scenario's seed; none where there is no scenario.
+    /// Seed of the scenario; `None` if there is no scenario.
     pub seed: Option<u64>,
-    /// How it ended.
+    /// End of the case.
     pub ended: Ended,
-    /// Why, where the metrics do not show it.
+    /// Reason for that end, if the metrics do not show it.
     pub reason: Option<String>,
-    /// The limits that were not met.
+    /// Limits that were not met.
     pub missed: Vec<String>,
-    /// The limits that could not be judged.
+    /// Limits that could not be judged.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub undecided: Vec<String>,
-    /// The metrics that have a value.
+    /// Metrics that have a value.
     pub metrics: Vec<(String, f64)>,
 }
 
 impl SweepRow {
-    /// What a verdict says.
+    /// Returns the row of a verdict.
     #[must_use]
     pub fn from_verdict(case: usize, id: &str, verdict: &Verdict) -> Self {
         let missed = verdict
@@ -122,7 +122,7 @@ impl SweepRow {
         }
     }
 
-    /// A case without a verdict.
+    /// Returns the row of a case without a verdict.
     #[must_use]
     pub fn without_verdict(case: usize, id: &str, ended: Ended, reason: String) -> Self {
         Self {
@@ -137,7 +137,7 @@ impl SweepRow {
         }
     }
 
-    /// A metric's value.
+    /// Returns a metric's value.
     #[must_use]
     pub fn metric(&self, name: &str) -> Option<f64> {
         let metric = self.metrics.iter().find(|(known, _)| known == name);

@@ -1,32 +1,32 @@
-//! A part of a sweep: each n-th case.
+//! A part of a sweep: every n-th case.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// Parts that a sweep can have.
+/// Largest number of parts of a sweep.
 pub(crate) const SHARDS_MAX: usize = 10_000;
 
-/// Which part of a sweep, written as "2/4".
+/// Part of a sweep, written as "2/4".
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 pub struct Shard {
-    /// Which one, from 1.
+    /// Number of the part, from 1.
     pub number: usize,
-    /// How many there are.
+    /// Number of all parts.
     pub of: usize,
 }
 
 impl Shard {
-    /// All of it.
+    /// Whole sweep as a single part.
     pub const WHOLE: Self = Self { number: 1, of: 1 };
 
-    /// The cases of the part in a sweep of so many runs, in their order.
+    /// Returns the cases of the part in a sweep of `runs` runs, in their order.
     pub fn cases(self, runs: usize) -> impl ExactSizeIterator<Item = usize> + Clone + Send {
         (self.number..runs + 1).step_by(self.of)
     }
 
-    /// Whether a case of a sweep of so many runs is one of the part.
+    /// Checks whether a case of a sweep of `runs` runs belongs to the part.
     #[must_use]
     pub fn has(self, case: usize, runs: usize) -> bool {
         (self.number..=runs).contains(&case) && (case - self.number).is_multiple_of(self.of)

@@ -117,7 +117,7 @@ impl Header {
         }
     }
 
-    /// Header in a folder, whatever its campaign; `None` where there is none.
+    /// Reads the header in a folder, whatever its campaign; `None` if there is none.
     pub(crate) fn read(folder: &Path) -> Result<Option<Self>, StoreError> {
         for path in files_in(folder)? {
             if let Some(found) = Self::of(&path)? {
@@ -148,7 +148,7 @@ impl Header {
         serde_json::to_string(&(&self.sweep, &self.identity)).expect("plain data")
     }
 
-    /// Content of a file with another header, in words; `None` where its rows count here.
+    /// Describes the content of a file with another header; `None` if its rows count here.
     fn foreign(&self, found: &Self) -> Option<String> {
         let (ours, theirs) = (&self.identity, &found.identity);
         let whose = match () {
@@ -187,7 +187,7 @@ fn close(member: &str, key: &str, value: &impl Serialize) -> String {
     format!("{BEGIN}{checksum}\",\"{member}\":{text}}}\n")
 }
 
-/// Value of a line without its end; `None` where the line is not as it was written, or has another member or key.
+/// Reads the value of a line without its end; `None` if the line is not as it was written, or has another member or key.
 fn open<T: DeserializeOwned>(member: &str, key: &str, line: &[u8]) -> Option<T> {
     let line = str::from_utf8(line).ok()?.strip_prefix(BEGIN)?;
     let (found, line) = line.split_at_checked(DIGITS)?;
@@ -232,7 +232,7 @@ fn files_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     Ok(found.into_values().collect())
 }
 
-/// A file of rows, which no link may lead out of its folder.
+/// Opens a file of rows, which no link may lead out of its folder.
 fn opened(path: &Path) -> Result<File, StoreError> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let own = own_file(folder, path.file_name().unwrap_or_default());
@@ -281,7 +281,7 @@ impl Rows {
         Ok(rows)
     }
 
-    /// The same before [`Rows::look`].
+    /// Returns the same rows before the first [`Rows::look`].
     pub(crate) fn unread(folder: &Path, header: &Header, shard: Shard) -> Self {
         Self {
             folder: folder.to_owned(),
@@ -293,7 +293,7 @@ impl Rows {
         }
     }
 
-    /// Reads the lines that were added since.
+    /// Reads the lines that were added since the last look.
     pub(crate) fn look(&mut self) -> Result<(), StoreError> {
         for path in files_in(&self.folder)? {
             if !self.files.iter().any(|file| file.path == path) {
@@ -426,22 +426,22 @@ impl Rows {
         }))
     }
 
-    /// Whether the row of a case is there.
+    /// Returns whether a case has a row.
     pub(crate) fn has(&self, case: usize) -> bool {
         self.rows.contains_key(&case)
     }
 
-    /// Number of cases that have a row.
+    /// Returns the number of cases that have a row.
     pub(crate) fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Whether each case has a row.
+    /// Returns whether each case has a row.
     pub(crate) fn is_whole(&self) -> bool {
         self.len() == self.shard.cases(self.header.runs).len()
     }
 
-    /// Machines that began files, in their order.
+    /// Returns the machines that began files, in their order.
     pub(crate) fn nodes(&self) -> impl Iterator<Item = &str> {
         self.files.iter().filter_map(|file| file.node.as_deref())
     }
@@ -479,7 +479,7 @@ impl Writer {
                 opened => break (path.clone(), opened.map_err(write_error(&path))?),
             }
         };
-        // A file system without locks does without.
+        // The lock is optional: some file systems have none.
         let _ = file.try_lock();
         let written = file.write_all(header.line().as_bytes());
         written.map_err(write_error(&path))?;
@@ -543,7 +543,7 @@ pub(super) mod tests {
         all.map(|row| row.case).collect()
     }
 
-    /// Writes the rows of these cases into a new file; its bytes.
+    /// Writes the rows of these cases into a new file and returns its bytes.
     fn write(folder: &Path, cases: &[usize]) -> Vec<u8> {
         let mut writer = Writer::begin(folder, &header("s")).unwrap();
         for case in cases {
@@ -552,13 +552,13 @@ pub(super) mod tests {
         fs::read(&writer.path).unwrap()
     }
 
-    /// The bytes of a part that was played undisturbed.
+    /// Returns the bytes of a part that was played undisturbed.
     fn undisturbed() -> Vec<u8> {
         write(tempfile::tempdir().unwrap().path(), &CASES)
     }
 
-    /// Cases and damaged lines that a program finds in these bytes; the last one may be cut. It plays the others, and leaves the
-    /// bytes as they are.
+    /// Returns the cases and damaged lines that a program finds in these bytes; the last line may be cut. The program plays the
+    /// other cases and leaves the bytes as they are.
     fn kept(bytes: &[u8]) -> (Vec<usize>, Vec<usize>) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rows.jsonl");
@@ -615,7 +615,7 @@ pub(super) mod tests {
                 let mut bytes = whole.clone();
                 bytes[place] = other;
                 let (cases, damaged) = kept(&bytes);
-                // Without an end, a line goes on as the next one.
+                // A line that lost its end continues with the next one.
                 let lost = before(place)..=before(place + 1).min(CASES.len());
                 let is_kept = |(line, _): &(usize, usize)| !lost.contains(line);
                 let expected = (1..).zip(CASES).filter(is_kept).map(|(_, case)| case);
@@ -683,7 +683,7 @@ pub(super) mod tests {
         append(2, 8, "second");
         append(2, 8, "later");
         append(2, 5, "second");
-        // Cases of other parts.
+        // Rows of other parts' cases.
         append(2, 3, "no");
         append(2, 14, "no");
         let mut rows = read(folder.path()).unwrap();
@@ -771,7 +771,7 @@ pub(super) mod tests {
                     .contains(&format!("`rm '{quoted}'/rows*.jsonl`")),
                 "{error}"
             );
-            // Nor do they under a header of ours, or under none.
+            // The rows do not count under a header of ours, or without one, either.
             let text = fs::read_to_string(&path).unwrap();
             let (_, theirs) = text.split_once('\n').unwrap();
             for begin in [header("s").line(), "\n".to_owned(), String::new()] {
@@ -800,7 +800,7 @@ pub(super) mod tests {
         let folder = tempfile::tempdir().unwrap();
         write(folder.path(), &CASES);
         let path = folder.path().join("rows-2.jsonl");
-        // A hole, which takes no room, and an hour to be read.
+        // A sparse file takes no room, but would take an hour to read.
         let file = File::create(&path).unwrap();
         file.set_len(4 << 40).unwrap();
         let error = read(folder.path()).unwrap_err();

@@ -1,4 +1,4 @@
-//! What a sweep came to as a whole: how its cases ended, and how each metric is distributed.
+//! Summary of a sweep: the number of cases for each way to end, and the distribution of each metric.
 
 use std::collections::BTreeMap;
 
@@ -11,71 +11,71 @@ use super::row::{Ended, SweepRow};
 use super::store::{Rows, StoreError};
 use crate::distribution::{quantile, staircase};
 
-/// Cases that do not pass and are written as scenarios and listed.
+/// Largest number of cases that do not pass and are written as scenarios and listed.
 pub const FAILING_MAX: usize = 100;
-/// Values that are held in memory: metrics are gone through in groups of so many.
+/// Largest number of values in memory; metrics are processed in groups of that size.
 const VALUES_MAX: usize = 4_000_000;
-/// Values of a distribution that are drawn.
+/// Largest number of values of a distribution that are drawn.
 const DRAWN_MAX: usize = 1000;
 
-/// What a sweep came to.
+/// Summary of a sweep.
 pub struct Summary {
-    /// The scenario's name.
+    /// Name of the scenario.
     pub name: String,
-    /// The cases that were played.
+    /// Number of cases that were played.
     pub runs: usize,
-    /// How many there are in the whole sweep.
+    /// Number of cases in the whole sweep.
     pub runs_of_whole: usize,
-    /// How many ended how.
+    /// Number of cases for each way to end.
     pub ended: BTreeMap<Ended, usize>,
-    /// What varies, and how.
+    /// Keys with descriptions of how they vary.
     pub keys: Vec<(String, String)>,
-    /// The metrics.
+    /// Distribution of each metric.
     pub spreads: Vec<MetricSpread>,
-    /// What drives each metric with a limit, or each broken invariant.
+    /// Sensitivity of each metric with a limit, or of each broken invariant.
     pub driven: Vec<Driven>,
-    /// The first cases that do not pass.
+    /// First cases that do not pass.
     pub failing: Vec<Failing>,
 }
 
-/// A case that does not pass.
+/// Case that does not pass.
 pub struct Failing {
-    /// Its number.
+    /// Number of the case.
     pub case: usize,
-    /// What names its content.
+    /// Hash of the case's content.
     pub id: String,
-    /// How it ended.
+    /// End of the case.
     pub ended: Ended,
-    /// The limits that were not met, or what happened.
+    /// Limits that were not met, or the reason.
     pub why: String,
-    /// The values of the keys, in four digits.
+    /// Values of the keys, in four digits.
     pub values: String,
 }
 
-/// How a metric is distributed.
+/// Distribution of a metric.
 pub struct MetricSpread {
-    /// Its name, with the unit in it.
+    /// Name of the metric, which contains the unit.
     pub name: String,
-    /// Its limit in the scenario.
+    /// Limit of the metric in the scenario.
     pub limit: Option<Limit>,
-    /// The cases that missed it.
+    /// Number of cases that missed the limit.
     pub missed: usize,
-    /// The cases that have a value.
+    /// Number of cases that have a value.
     pub count: usize,
-    /// The least, the median, the p95 and the greatest of them; NaN where no case has a value.
+    /// Least value, median, p95 and greatest value; NaN if no case has a value.
     pub quantiles: [f64; 4],
-    /// From the p1 to the p99.
+    /// Range from the p1 to the p99.
     pub bulk: (f64, f64),
-    /// Per cent of the cases up to each value.
+    /// Percentage of the cases up to each value.
     pub curve: (Vec<f64>, Vec<f64>),
 }
 
-/// What a first pass over all rows finds.
+/// Result of a first pass over all rows.
 struct Survey {
     runs: usize,
     ended: BTreeMap<Ended, usize>,
     missed: BTreeMap<String, usize>,
-    /// Those that any case has, or that have a limit.
+    /// Metrics that any case has, or that have a limit.
     metrics: Vec<String>,
     failing: Vec<Failing>,
     sampler: Sampler,
@@ -102,7 +102,7 @@ impl Survey {
         Ok(survey)
     }
 
-    /// The metrics with a limit that never had a value in any case.
+    /// Adds the metrics with a limit that never had a value in any case.
     fn add_limited(&mut self, limits: &[(String, Limit)]) {
         for (name, _) in limits {
             if !self.metrics.contains(name) {
@@ -136,7 +136,7 @@ impl Survey {
 }
 
 impl Summary {
-    /// Of the rows of all cases.
+    /// Summarizes the rows of all cases.
     pub(super) fn read(cases: &dyn Cases, plan: &Plan, rows: &Rows) -> Result<Self, StoreError> {
         let limits = cases.limits(plan);
         let survey = Survey::read(cases, &limits, rows)?;
@@ -153,7 +153,7 @@ impl Summary {
         })
     }
 
-    /// The metrics that any case has, or that have a limit.
+    /// Returns the metrics that any case has, or that have a limit.
     pub(super) fn metrics(&self) -> Vec<String> {
         self.spreads
             .iter()
@@ -161,21 +161,21 @@ impl Summary {
             .collect()
     }
 
-    /// The worst that happened.
+    /// Returns the worst way in which a case ended.
     #[must_use]
     pub fn worst(&self) -> Ended {
         let worst = self.ended.keys().max_by_key(|ended| ended.exit());
         worst.copied().unwrap_or(Ended::Pass)
     }
 
-    /// How many cases do not pass.
+    /// Returns the number of cases that do not pass.
     #[must_use]
     pub fn failing_total(&self) -> usize {
         self.runs - self.ended.get(&Ended::Pass).copied().unwrap_or_default()
     }
 }
 
-/// The distributions of all metrics, by as many passes over the rows as keep within memory.
+/// Returns the distributions of all metrics, by as many passes over the rows as the bound on memory needs.
 fn spreads(
     survey: &Survey,
     limits: &BTreeMap<String, Limit>,
@@ -215,14 +215,14 @@ impl MetricSpread {
         }
     }
 
-    /// Whether there is anything to draw.
+    /// Returns whether the metric has different values, so that there is something to draw.
     #[must_use]
     pub fn varies(&self) -> bool {
         self.quantiles[0] < self.quantiles[3]
     }
 }
 
-/// So many of the sorted values that nobody sees the difference, the first and the last among them.
+/// Thins out sorted values so far that a drawing looks the same; keeps the first and the last.
 fn decimated(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted
         .len()

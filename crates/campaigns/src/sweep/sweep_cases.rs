@@ -1,4 +1,4 @@
-//! What the cases of a sweep are. Each follows from the file and its number alone.
+//! Definition of a sweep's cases. Each follows from the file and its number alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -18,12 +18,13 @@ use report::terminal::as_written;
 use scenario::hexadecimal;
 use worlds::catalogue::catalogue;
 
-/// Characters of the scenario's name that are left in the name of a case, which may have 200.
+/// Longest part of the scenario's name in the name of a case, which may have 200 characters.
 const NAME_CHARACTERS_MAX: usize = 180;
-/// Bytes of the hashes of cases and sweeps: with a million cases two have the same by chance once in 30 million sweeps.
+/// Length in bytes of the hashes of cases and sweeps. In sweeps of a million cases, two have the same hash by chance once in 30
+/// million sweeps.
 const ID_BYTES: usize = 8;
 
-/// A sweep: a scenario, and what varies in it.
+/// Sweep: a scenario and the keys that vary in it.
 pub struct SweepCases {
     name: String,
     document: Table,
@@ -35,23 +36,23 @@ pub struct SweepCases {
     draws: usize,
     runs: usize,
     id: String,
-    /// The plan of the scenario, with which its cases share what their frames mean.
+    /// Plan of the scenario, with which the cases share the meaning of their frames.
     base: Plan,
 }
 
-/// One case of a sweep.
+/// Case of a sweep.
 pub struct SweepCase<'a> {
-    /// Its number, from 1.
+    /// Number of the case, from 1.
     pub number: usize,
-    /// A hash of its content: the same scenario has the same one in every sweep.
+    /// Hash of the content: the same scenario has the same hash in every sweep.
     pub id: String,
-    /// The scenario as a file of its own.
+    /// Scenario as a file of its own.
     pub text: String,
     tables: &'a BTreeMap<String, String>,
     base: &'a Plan,
 }
 
-/// Why there is no sweep.
+/// Error of a scenario without a sweep.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "{0} has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
@@ -59,10 +60,10 @@ pub struct SweepCase<'a> {
 pub struct NoSweep(String);
 
 impl SweepCases {
-    /// The sweep of a plan that was read from a file.
+    /// Returns the sweep of a plan that was read from a file.
     ///
     /// # Errors
-    /// It has none.
+    /// The plan has no sweep.
     pub fn new(plan: &Plan) -> Result<Self, NoSweep> {
         let shared = &plan.shared;
         let Some(sweep) = &shared.sweep else {
@@ -89,31 +90,31 @@ impl SweepCases {
         })
     }
 
-    /// The scenario's name.
+    /// Returns the scenario's name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// A hash of file, tables and the version of the program: parts of one sweep have the same one.
+    /// Returns a hash of file, tables and the version of the program, which all parts of a sweep share.
     #[must_use]
     pub fn id(&self) -> &str {
         &self.id
     }
 
-    /// How many cases there are.
+    /// Returns the number of cases.
     #[must_use]
     pub fn runs(&self) -> usize {
         self.runs
     }
 
-    /// What varies: the grid's keys, then those that are drawn.
+    /// Returns the keys that vary: those of the grid, then those that are drawn.
     pub fn keys(&self) -> impl Iterator<Item = &str> {
         let axes = self.axes.iter().map(|axis| axis.key.as_str());
         axes.chain(self.drawn.iter().map(|(key, _)| key.as_str()))
     }
 
-    /// How each key varies, for people.
+    /// Returns the keys with descriptions of how they vary.
     pub fn ways(&self) -> impl Iterator<Item = (&str, String)> {
         let axes = self
             .axes
@@ -123,7 +124,7 @@ impl SweepCases {
         axes.chain(drawn.map(|(key, one)| (key.as_str(), way_of_draws(*one))))
     }
 
-    /// The values of the keys in a case.
+    /// Returns the values of the keys in a case.
     #[must_use]
     pub fn values(&self, number: usize) -> Vec<f64> {
         let place = number.saturating_sub(1);
@@ -140,7 +141,7 @@ impl SweepCases {
         values
     }
 
-    /// A number of a key's own stream: it depends on neither the other keys nor the other draws.
+    /// Draws a number from a key's own stream: it depends on neither the other keys nor the other draws.
     fn draw(&self, key: &str, distribution: Distribution, draw: usize) -> f64 {
         let mut stream = Stream::named(self.seed, &format!("sweep.{key}.{draw}"));
         let is_whole = self.whole_numbers.contains(key);
@@ -167,7 +168,7 @@ impl SweepCases {
         if is_whole { libm::round(drawn) } else { drawn }
     }
 
-    /// A case.
+    /// Returns a case.
     #[must_use]
     pub fn case(&self, number: usize) -> SweepCase<'_> {
         let mut document = self.document.clone();
@@ -186,7 +187,7 @@ impl SweepCases {
         }
     }
 
-    /// A value as TOML.
+    /// Writes a value as TOML.
     fn written(&self, key: &str, value: f64) -> Value {
         if !self.whole_numbers.contains(key) {
             return Value::Float(value);
@@ -255,10 +256,10 @@ impl Cases for SweepCases {
 }
 
 impl SweepCase<'_> {
-    /// The plan of the case, which its values may have made invalid.
+    /// Returns the plan of the case, which its values may have made invalid.
     ///
     /// # Errors
-    /// The first thing that is wrong in it.
+    /// The first thing that is wrong in the scenario.
     pub fn plan(&self) -> Result<Plan, String> {
         let table = |name: &str| {
             let text = self.tables.get(name).cloned();
@@ -272,7 +273,7 @@ impl SweepCase<'_> {
     }
 }
 
-/// The hash of a scenario and its tables.
+/// Returns the hash of a scenario and its tables.
 pub(crate) fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
     let mut hasher = Sha256::new();
     let tables = tables.iter().flat_map(|(name, table)| [name, table]);
@@ -283,7 +284,7 @@ pub(crate) fn id(text: &str, tables: &BTreeMap<String, String>) -> String {
     hexadecimal(&hasher.finalize()[..ID_BYTES])
 }
 
-/// The name of a case of a scenario of this name.
+/// Returns the name of a case, from the scenario's name.
 pub(crate) fn case_name(name: &str, case: &str) -> String {
     let name: String = name.chars().take(NAME_CHARACTERS_MAX).collect();
     format!("{name}, {case}")

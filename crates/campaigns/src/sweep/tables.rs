@@ -1,4 +1,4 @@
-//! The rows as tables for other programs: CSV and Parquet, both written row by row or group by group.
+//! The rows as tables for other programs: CSV, written row by row, and Parquet, written group by group.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -13,19 +13,19 @@ use recording::cell::inert;
 pub(super) const CSV: &str = "runs.csv";
 pub(super) const PARQUET: &str = "runs.parquet";
 
-/// Rows that are held in memory while the Parquet table is written.
+/// Number of rows in memory while the Parquet table is written.
 const GROUP_ROWS: usize = 10_000;
 
-/// What the tables are made of.
+/// Content of the tables.
 pub(super) struct Tables<'a> {
     pub(super) cases: &'a dyn Cases,
-    /// The metrics that any row has, or that have a limit.
+    /// Metrics that any row has, or that have a limit.
     pub(super) metrics: &'a [String],
     pub(super) rows: &'a Rows,
 }
 
 impl Tables<'_> {
-    /// The columns and what they hold.
+    /// Returns the columns and their kinds.
     fn columns(&self) -> Vec<(&str, ColumnKind)> {
         let number = |name| (name, ColumnKind::Number);
         let text = |name| (name, ColumnKind::Text);
@@ -37,7 +37,7 @@ impl Tables<'_> {
         columns
     }
 
-    /// The numbers of a row: the keys' values.
+    /// Returns the keys' values in a row.
     fn values(&self, case: usize) -> impl Iterator<Item = f64> {
         let values = self.cases.keys().into_iter().zip(self.cases.values(case));
         values
@@ -50,7 +50,6 @@ impl Tables<'_> {
         Ok(rows.map(|row| row.map_err(io::Error::other)))
     }
 
-    /// Writes the CSV table.
     pub(super) fn write_csv(&self, output: &mut BufWriter<File>) -> io::Result<()> {
         let mut table = csv::Writer::from_writer(output);
         table.write_record(
@@ -77,7 +76,6 @@ impl Tables<'_> {
         cells
     }
 
-    /// Writes the Parquet table.
     pub(super) fn write_parquet(&self, output: &mut BufWriter<File>) -> io::Result<()> {
         let mut table = ParquetTable::new(output, "runs", &self.columns())?;
         let mut rows = self.rows()?;
@@ -91,7 +89,7 @@ impl Tables<'_> {
         table.finish()?.flush()
     }
 
-    /// The columns of some rows.
+    /// Returns the columns of some rows.
     fn group(&self, rows: &[SweepRow]) -> Vec<Cells<'static>> {
         let whole = |number: u64| i64::try_from(number).ok();
         let text =
@@ -123,12 +121,12 @@ impl Tables<'_> {
     }
 }
 
-/// The limits that a case missed, in one cell.
+/// Returns the limits that a case missed, in one cell.
 fn missed(row: &SweepRow) -> Option<String> {
     (!row.missed.is_empty()).then(|| row.missed.join("; "))
 }
 
-/// The seed has a column in every table.
+/// Returns whether a key is not the seed, which has a column in every table.
 fn is_no_seed(key: &&str) -> bool {
     *key != "seed"
 }
@@ -186,7 +184,7 @@ mod tests {
         }
     }
 
-    /// What the scenario of a case has where the keys point.
+    /// Reads the values of the keys from the scenario of a case.
     fn keys(cases: &SweepCases, case: usize) -> [f64; 2] {
         let scenario = cases
             .case(case)
@@ -219,7 +217,7 @@ mod tests {
             SweepRow::without_verdict(case, id, Ended::Invalid, "no".to_owned())
         };
         let rows: Vec<SweepRow> = (1..=4).map(row).collect();
-        // In another order than that of the cases.
+        // The rows are in another order than the cases.
         let mut written = rows.iter().rev();
         written.try_for_each(|row| writer.append(row)).unwrap();
         let stored = Rows::read(folder.path(), &header, Shard::WHOLE).unwrap();

@@ -1,4 +1,4 @@
-//! The files that a campaign plays and does not copy, such as FMUs. All of its rows must be of the same ones.
+//! The files that a campaign plays and does not copy, such as FMUs. They must be the same for all of its rows.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -6,29 +6,29 @@ use std::path::{Path, PathBuf};
 use plan::Plan;
 use scenario::{HASH_SUFFIX, hash_in, hash_of, open_file};
 
-/// One of them is another file meanwhile.
+/// Error of a file that changed or vanished meanwhile.
 #[derive(Debug, thiserror::Error)]
 #[error("{} is gone or another file than at the start, and rows of both do not go together. What is done is kept: put the first one back and give the same command again, or do so for another campaign with the new one", path.display())]
 pub(crate) struct Changed {
     path: PathBuf,
 }
 
-/// What a file is taken for the same by: its number on the disk, its length, and when it was changed.
+/// Identity of a file: its number on the disk, its length, and the time of its last change.
 #[derive(Debug, PartialEq)]
 struct Stamp(u64, u64, i64, i64);
 
-/// The files as they were at the start.
+/// Files as they were at the start.
 pub(super) struct Uncopied(Vec<(PathBuf, Option<Stamp>)>);
 
 impl Uncopied {
-    /// Those of a plan, which must be what they were when it was loaded.
+    /// Stamps the files of a plan, which must be the same as when it was loaded.
     pub(super) fn new(plan: &Plan) -> Result<Self, Changed> {
         let files = plan.shared.tables.iter().filter_map(|(name, line)| {
             let file = name.strip_suffix(HASH_SUFFIX)?;
             Some((plan.shared.beside.place(file), hash_in(line)))
         });
         let stamped = files.map(|(path, hash)| {
-            // Before it is read, so that no change is missed.
+            // The stamp is taken before the file is read, so that no change is missed.
             let stamp = stamp(&path);
             match open_file(&path).and_then(hash_of) {
                 Ok(found) if found == hash => Ok((path, stamp)),
@@ -38,7 +38,7 @@ impl Uncopied {
         stamped.collect::<Result<_, _>>().map(Self)
     }
 
-    /// All of them must be as they were.
+    /// Checks that all files are as they were.
     pub(super) fn check(&self) -> Result<(), Changed> {
         let mut files = self.0.iter();
         match files.find(|(path, before)| stamp(path) != *before) {
@@ -85,7 +85,7 @@ mod tests {
         fs::rename(&other, &path).unwrap();
         let error = files.check().unwrap_err();
         assert!(error.to_string().contains("a.fmu is gone or another file"));
-        // As it was between loading and start.
+        // The file changed between loading and start.
         assert!(Uncopied::new(&plan).is_err());
         fs::remove_file(&path).unwrap();
         assert!(files.check().is_err());

@@ -1,4 +1,4 @@
-//! The cases of torture, each by its number: a mix of faults that follows from the seed, and the invariant that it breaks.
+//! Cases of torture, each by its number: a mix of faults that follows from the seed, and the invariant that it breaks.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -18,22 +18,22 @@ use crate::sweep::cases::Cases;
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::sweep_cases::id;
 
-/// Name of the file that says what is drawn; a folder that has it is one of torture.
+/// Name of the file with the draws; a folder that has it is one of torture.
 const FILE: &str = "torture.json";
 /// Largest file that is read.
 const BYTES_MAX: u64 = 1 << 20;
 
-/// Whether a folder is one of torture.
+/// Returns whether a folder is one of torture.
 pub(crate) fn is_torture(folder: &Path) -> bool {
     folder.join(FILE).exists()
 }
 
-/// What is drawn.
+/// Parameters of the draws.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 pub(crate) struct Draws {
-    /// Mixes of faults.
+    /// Number of mixes of faults.
     pub(crate) runs: usize,
-    /// The seed of all of them.
+    /// Seed of all mixes.
     pub(crate) seed: u64,
 }
 
@@ -46,7 +46,7 @@ pub(crate) struct TortureCases {
     keys: Vec<String>,
 }
 
-/// Why a folder's torture cannot be gone on with.
+/// Reason why the torture of a folder cannot be continued.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum NoTorture {
     #[error("{} cannot be read: {source}", path.display())]
@@ -54,7 +54,7 @@ pub(crate) enum NoTorture {
 }
 
 impl TortureCases {
-    /// Mixes in the scenario of a plan.
+    /// Returns the mixes in the scenario of a plan.
     pub(crate) fn new(plan: &Plan, draws: Draws) -> Self {
         let nodes = Nodes::of(plan);
         let text = format!(
@@ -73,7 +73,7 @@ impl TortureCases {
         }
     }
 
-    /// What the folder of a part says; none where it is not one of torture.
+    /// Reads the cases of a part's folder; `None` if it is not one of torture.
     pub(crate) fn of_folder(folder: &Path, plan: &Plan) -> Result<Option<Self>, NoTorture> {
         let path = folder.join(FILE);
         let text = own_file(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
@@ -86,7 +86,7 @@ impl TortureCases {
         Ok(Some(Self::new(plan, draws)))
     }
 
-    /// The scenario with the mix of a case, numbered from 1.
+    /// Returns the scenario with the mix of a case, numbered from 1.
     pub(crate) fn case(&self, number: usize) -> Result<TortureCase, String> {
         let mut stream = self.stream(number);
         let faults = draw::mix(&mut stream, &self.nodes, self.duration_seconds());
@@ -95,7 +95,7 @@ impl TortureCases {
         Ok(case.beside(&self.plan.shared.beside))
     }
 
-    /// It follows from the seed and the number alone.
+    /// Returns the stream of a case, which follows from the seed and the number alone.
     fn stream(&self, number: usize) -> Stream {
         Stream::named(self.draws.seed, &format!("torture.{}", number - 1))
     }
@@ -205,7 +205,7 @@ impl Cases for TortureCases {
         self.row(number, None, Some(broken))
     }
 
-    /// The scenario's own are left out.
+    /// Returns no limits: those of the scenario are left out.
     fn limits(&self, _: &Plan) -> Vec<(String, Limit)> {
         Vec::new()
     }

@@ -1,4 +1,4 @@
-//! The command.
+//! The command `canrig torture`.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ use worlds::law_process::started_by;
 use worlds::programs::Hosting;
 use worlds::{Played, lockstep};
 
-/// Failing cases that are shrunk; more of them have the same cause more often than not.
+/// Largest number of failing cases that are shrunk; more of them usually have the same cause.
 const SHRUNK_MAX: usize = 5;
 
 fn runs(text: &str) -> Result<usize, String> {
@@ -66,7 +66,7 @@ pub struct TortureArgs {
     pub quiet: bool,
 }
 
-/// Draws and plays the mixes, and prints what broke.
+/// Draws and plays the mixes, and prints the invariants that broke.
 #[must_use]
 pub fn torture(args: &TortureArgs) -> Exit {
     let plan = match scenarios::load(&args.scenario, &ValueArgs::default()) {
@@ -78,7 +78,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
         seed: args.seed,
     };
     let cases = TortureCases::new(&plan, draws);
-    // The first one shows whether the scenario is fit for this at all.
+    // The first case shows whether torture can play the scenario at all.
     if let Err(reason) = cases.case(1).and_then(|case| case.plan()) {
         print_error(&format!("canrig: {}: {reason}", args.scenario.display()));
         return Exit::CannotStart;
@@ -99,7 +99,7 @@ pub fn torture(args: &TortureArgs) -> Exit {
     }
 }
 
-/// Prints what all runs would take.
+/// Prints the estimate for all runs.
 fn print_estimate(args: &TortureArgs, cases: &TortureCases) -> Exit {
     match Estimate::probe(cases, args.threads.unwrap_or(1)) {
         Ok(estimate) => {
@@ -166,7 +166,7 @@ fn part(
     }
 }
 
-/// Plays all mixes and shrinks those that broke something.
+/// Plays all mixes and shrinks those that broke an invariant.
 fn whole(args: &TortureArgs, campaign: Campaign, cases: &TortureCases) -> Exit {
     let (played, broken) = match play(campaign, cases) {
         Ok(played) => played,
@@ -190,14 +190,14 @@ fn whole(args: &TortureArgs, campaign: Campaign, cases: &TortureCases) -> Exit {
     }
 }
 
-/// A case that the machine did not let be played, and why.
+/// Case that the machine could not play, and the reason.
 type NotPlayed = (usize, String);
 
-/// The invariants that were broken, by their names. Of millions of runs no more is remembered.
+/// Broken invariants by name. Nothing more is kept of the runs, of which there may be millions.
 #[derive(Default)]
 struct Broken(BTreeMap<String, FirstBroken>);
 
-/// How often an invariant was broken, and by which case first.
+/// Number of times that an invariant was broken, and the first case that broke it.
 struct FirstBroken {
     count: usize,
     case: usize,
@@ -205,7 +205,7 @@ struct FirstBroken {
 }
 
 impl Broken {
-    /// Adds what a row says: nothing where all invariants held.
+    /// Adds the broken invariant of a row, if there is one.
     fn add(&mut self, row: SweepRow) {
         let Some(invariant) = row.missed.into_iter().next() else {
             return;
@@ -223,7 +223,7 @@ impl Broken {
     }
 }
 
-/// How many mixes were played, and those that broke something.
+/// Plays all mixes; returns their number and the broken invariants.
 fn play(campaign: Campaign, cases: &TortureCases) -> Result<(usize, Broken), Stopped<NotPlayed>> {
     let bar = RunsBar::new(Some(cases.runs()), campaign.is_shown);
     let (mut played, mut broken) = (0, Broken::default());
@@ -243,7 +243,7 @@ fn play(campaign: Campaign, cases: &TortureCases) -> Result<(usize, Broken), Sto
     Ok((played, broken))
 }
 
-/// What the rows broke.
+/// Returns the invariants that the rows broke.
 fn broken_in(rows: &Rows) -> Result<Broken, StoreError> {
     let mut broken = Broken::default();
     for row in rows.iter()? {
@@ -276,7 +276,8 @@ fn shrink_all(
     Ok(())
 }
 
-/// Plays the case once more into a run folder, whose scenario reproduces its log. A case that panics leaves the scenario there.
+/// Plays the case once more into a run folder with a scenario that reproduces the log. Of a case that panics, only the scenario
+/// remains.
 fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     let plan = case.plan()?;
     let (watch, taps) = (Watch::default(), Vec::new());

@@ -1,4 +1,4 @@
-//! Draws faults. What is drawn covers all kinds, with parameters from harmless to severe (chosen, not measured).
+//! Draws faults. The draws cover all kinds, with parameters from harmless to severe (chosen, not measured).
 
 use faults::Stream;
 use plan::Plan;
@@ -6,13 +6,13 @@ use scenario::fault::{Drawn, Group, KINDS, Kind, Time};
 use scenario::wiring::Wiring;
 use toml::{Table, Value};
 
-/// Faults in one mix at most.
+/// Largest number of faults in a mix.
 const FAULTS_MAX: u64 = 4;
 
-/// How often a mix has a fault of the boot: many such runs never begin.
+/// Probability of a fault of the boot in a mix: many such runs never begin.
 const BOOT_PROBABILITY: f64 = 0.1;
 
-/// Who can fail, by the names that the scenario has for them.
+/// Nodes that can fail, by their names in the scenario.
 pub(super) struct Nodes {
     controller: String,
     controller_id: u8,
@@ -22,21 +22,21 @@ pub(super) struct Nodes {
 struct Drive {
     name: String,
     node_id: u8,
-    /// Faults that mean something to its plant.
+    /// Faults that have a meaning for its plant.
     plant_faults: &'static [&'static str],
-    /// In which unit and range its positions are.
+    /// Unit and range of its positions.
     wiring: Wiring,
 }
 
 impl Drive {
-    /// Whether a kind of fault means something to its plant.
+    /// Returns whether a kind of fault has a meaning for the drive's plant.
     fn has(&self, kind: &Kind) -> bool {
         kind.group != Group::Plant || self.plant_faults.contains(&kind.name)
     }
 }
 
 impl Nodes {
-    /// Those of a plan.
+    /// Returns the nodes of a plan.
     pub(super) fn of(plan: &Plan) -> Self {
         let drives = plan.loops.iter().map(|one| Drive {
             name: one.nodes.drive.name.clone(),
@@ -59,12 +59,12 @@ impl Nodes {
             .collect()
     }
 
-    /// Who has a CAN controller.
+    /// Returns the nodes that have a CAN controller.
     fn stations(&self) -> Vec<&str> {
         self.nodes().into_iter().chain([BENCH]).collect()
     }
 
-    /// Identifiers that matter: SYNC, TPDO1, RPDO1, heartbeats.
+    /// Returns the identifiers that matter: SYNC, TPDO1, RPDO1, heartbeats.
     fn identifiers(&self) -> Vec<u32> {
         let of = |base: u32| {
             self.drives
@@ -80,7 +80,7 @@ impl Nodes {
             .collect()
     }
 
-    /// A drawn node-ID, or the next one that no node has.
+    /// Returns a drawn node-ID, or the next one that no node has.
     fn free(&self, drawn: Value) -> Value {
         let first = drawn.as_integer().unwrap_or_default();
         let taken = |id: &i64| {
@@ -91,23 +91,23 @@ impl Nodes {
         candidates.find(|id| !taken(id)).unwrap_or(first).into()
     }
 
-    /// The identifiers with which plants publish the truth begin above this: no node may forge that.
+    /// Returns the largest identifier below those with which plants publish the truth, which no node may forge.
     fn below_truth(&self) -> u32 {
         let truths = self.drives.iter();
         let lowest = truths.map(|drive| drive.wiring.identifiers.truth).min();
         u32::from(lowest.unwrap_or_default()) - 1
     }
 
-    /// A fault with the names that its drive has for positions, as high for its travel, and as large for its amplifier.
+    /// Adapts a fault to its drive: names of positions, heights for its travel, and sizes for its amplifier.
     fn in_unit(&self, fault: Table) -> Table {
-        // Where there is one drive, a fault need not name it.
+        // With a single drive, a fault need not name it.
         let name = fault.get("node").and_then(Value::as_str);
         let mut drives = self.drives.iter();
         let drive = drives.find(|drive| name.is_none_or(|name| name == drive.name));
         let Some(wiring) = drive.map(|drive| &drive.wiring) else {
             return fault;
         };
-        // Heights are drawn for the travel of the rig that ships.
+        // Heights are drawn for the travel of the default rig.
         let [travel, shipped] = [wiring, &Wiring::default()].map(|wiring| {
             let [min, max] = wiring.sensor.range();
             max - min
@@ -127,7 +127,7 @@ impl Nodes {
         fault.into_iter().map(of_drive).collect()
     }
 
-    /// The kinds that mean something to one of the drives; those of the boot come last.
+    /// Returns the kinds that have a meaning for one of the drives: those of the boot, or all others.
     fn kinds(&self, is_of_boot: bool) -> Vec<&'static Kind> {
         let is_able = |kind: &&Kind| self.drives.iter().any(|drive| drive.has(kind));
         let kinds = KINDS.iter().filter(is_able);
@@ -136,7 +136,7 @@ impl Nodes {
             .collect()
     }
 
-    /// The drive whose part fails.
+    /// Draws the drive whose part fails; `None` if the only drive needs no name.
     fn draw(&self, stream: &mut Stream, kind: &Kind) -> Option<Value> {
         let able = Vec::from_iter(self.drives.iter().filter(|drive| drive.has(kind)));
         match able.as_slice() {
@@ -146,13 +146,13 @@ impl Nodes {
     }
 }
 
-/// canrig's own node.
+/// Name of canrig's own node.
 const BENCH: &str = "bench";
 
-/// Node-IDs from this one on are drawn for what is nowhere on the bus.
+/// Smallest node-ID that is drawn for a node that is not on the bus.
 const FREE_NODE_ID_MIN: u32 = 0x20;
 
-/// The kinds that are drawn, each with its group: `bus.lose`.
+/// Returns the kinds that are drawn, each with its group: `bus.lose`.
 pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
     let kinds = [false, true].map(|is_of_boot| nodes.kinds(is_of_boot));
     let kinds = kinds.into_iter().flatten();
@@ -161,7 +161,7 @@ pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
         .collect()
 }
 
-/// A mix of faults for a run of some length, as far as they mean something to the plants: the `[fault]` table.
+/// Draws a mix of faults for a run of some length, as far as they have a meaning for the plants: the `[fault]` table.
 pub(super) fn mix(stream: &mut Stream, nodes: &Nodes, duration_seconds: f64) -> Table {
     let (kinds, of_boot) = (nodes.kinds(false), nodes.kinds(true));
     let mut faults = Table::new();
@@ -204,7 +204,7 @@ fn push(faults: &mut Table, kind: &Kind, fault: Table) {
     }
 }
 
-/// The keys of a kind besides those of its time.
+/// Draws the keys of a kind besides those of its time.
 fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
     let mut table = Table::new();
     if kind.time == Time::Boot && kind.is_of_a_drive() {
@@ -227,7 +227,7 @@ fn set_drive(table: &mut Table, stream: &mut Stream, nodes: &Nodes, kind: &Kind)
     }
 }
 
-/// A value of a key; `None` where it is left out this time.
+/// Draws the value of a key; `None` if it is left out this time.
 fn drawn(stream: &mut Stream, nodes: &Nodes, drawn: Drawn) -> Option<Value> {
     Some(match drawn {
         Drawn::Between(lowest, highest) => between(stream, lowest, highest),

@@ -1,4 +1,4 @@
-//! What holds whatever goes wrong; from the recording alone.
+//! Invariants that hold under any faults, checked with the recording alone.
 
 use std::time::Duration;
 
@@ -23,17 +23,17 @@ const HEARTBEAT_SECONDS_MAX: f64 = 0.105;
 /// The plant publishes the truth every 10 ms.
 const TRUTH_SECONDS_MAX: f64 = 0.025;
 
-/// From what the plant says until it stands in the recording, and the rounding of times.
+/// Longest time from the plant's message to the recording, including the rounding of times.
 const MESSAGE_SECONDS_MAX: f64 = 1e-3;
 
 const HEARTBEAT: u16 = 0x700;
 
-/// An invariant that a run broke.
+/// Invariant that a run broke.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BrokenInvariant {
-    /// Which one: the same word for the same invariant.
+    /// Name of the invariant.
     pub invariant: &'static str,
-    /// What was seen.
+    /// Observation that breaks it.
     pub text: String,
 }
 
@@ -41,7 +41,7 @@ fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
     Some(BrokenInvariant { invariant, text })
 }
 
-/// The first invariant that a run broke.
+/// Returns the first invariant that a run broke.
 #[must_use]
 pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let loops = played.plan.loops.iter().zip(played.timelines);
@@ -61,7 +61,7 @@ pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     verdict_reached(played).or_else(|| broken.next())
 }
 
-/// One loop of a run.
+/// Loop of a run.
 struct LoopRun<'a> {
     own: &'a ControlLoop,
     timeline: &'a Timeline,
@@ -97,7 +97,8 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     violated("verdict", format!("{}: {reason}", verdict.outcome.word()))
 }
 
-/// The recording is complete: the plant publishes from its first message to its last. A fault may keep it from the bus from then on.
+/// Checks that the recording is complete: the plant publishes from its first message to its last. A fault may keep it from the
+/// bus from then on.
 fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     let truth = &played.timeline.truth;
     let gap = truth
@@ -110,7 +111,7 @@ fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     )
 }
 
-/// Of another plant nobody knows how hot it may be.
+/// Checks the temperature of an SMA actuator; the bound of another plant is unknown.
 fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     played.own.trial.plant.actuator()?;
     let is_hot = |truth: &&PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
@@ -122,7 +123,8 @@ fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     )
 }
 
-/// Before scenario time 0 nobody commands a current; a run that a fault of the boot prevents never comes to it.
+/// Checks that no current flows before scenario time 0, when none is commanded; a run that a fault of the boot prevents never
+/// reaches that time.
 fn no_current_before_the_start(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     let timeline = played.timeline;
     let is_before =
@@ -136,7 +138,7 @@ fn no_current_before_the_start(played: &LoopRun<'_>) -> Option<BrokenInvariant> 
     )
 }
 
-/// Where a message has been missing for longer than the drive waits for it, no current flows; unless the drive is dead
+/// Checks that no current flows after a message has been missing for longer than the drive waits for it; unless the drive is dead
 /// or hangs, or the amplifier does not obey.
 fn no_current_without(
     (invariant, what): (&'static str, &str),
@@ -185,17 +187,17 @@ fn no_current_without(
     None
 }
 
-/// The manager's heartbeat, or its order to start, from which on the drive waits for it.
+/// Returns whether a frame is the manager's heartbeat, or its order to start, after which the drive waits for the heartbeat.
 fn is_of_manager(frame: &CanFrame, manager: u8, drive: u8) -> bool {
     let heartbeat = HEARTBEAT + u16::from(manager);
     let start = NmtCommand::Start.frame(NodeId::new(drive));
     frame.standard_id() == Some(heartbeat) || *frame == start
 }
 
-/// A drive that cannot act: dead with its current held, hanging or just awake, or its amplifier stuck on.
+/// Returns whether a drive cannot act: dead with its current held, hanging or just awake, or with its amplifier stuck on.
 fn is_excused(trial: &Trial, time_seconds: f64, seconds_max: f64) -> bool {
     trial.drive_faults().iter().any(|fault| {
-        // The message needs its time on the bus.
+        // The message takes time on the bus.
         let over = match fault.kind.name {
             "crash" if fault.says("output", "hold") => MESSAGE_SECONDS_MAX,
             "hang" => seconds_max,
@@ -218,11 +220,11 @@ mod tests {
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
-    /// A fault that harms nothing: without one the plant publishes no truth.
+    /// Harmless fault: without any fault the plant publishes no truth.
     const HARMLESS: &str =
         "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnoise_millimetres_rms = 0.001\n";
 
-    /// The invariant that a run breaks whose recording was changed.
+    /// Returns the invariant that a run with a changed recording breaks.
     fn broken(change: impl Fn(&mut Vec<Stamped>, &mut Timeline)) -> Option<String> {
         let text = format!("{BASE}{HARMLESS}");
         let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
@@ -243,7 +245,7 @@ mod tests {
         found.map(|broken| format!("{}: {}", broken.invariant, broken.text))
     }
 
-    /// Takes the frames out that come in the second half of the scenario.
+    /// Returns a change that removes frames in the second half of the scenario.
     fn without(is_it: impl Fn(&CanFrame) -> bool) -> impl Fn(&mut Vec<Stamped>, &mut Timeline) {
         move |frames, timeline| {
             let from = Duration::from_secs_f64(timeline.zero_seconds.unwrap() + 0.3);
@@ -251,7 +253,7 @@ mod tests {
         }
     }
 
-    /// Changes the truth at a scenario time.
+    /// Returns a change of the truth at a scenario time.
     fn truth_at(
         seconds: f64,
         change: impl Fn(&mut PlantTruth),

@@ -1,4 +1,4 @@
-//! Makes a failing scenario as small as it can be while it still breaks the same invariant.
+//! Makes a failing scenario as small as possible while it still breaks the same invariant.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,31 +13,31 @@ use crate::campaign::{Campaign, FailedRun};
 use crate::sweep::sweep_cases::case_name;
 use worlds::catalogue::catalogue;
 
-/// The invariant that a run breaks which the program could not bring to a verdict.
+/// Invariant of a run that the program could not bring to a verdict.
 pub(super) const PANIC: &str = "panic";
 
-/// What its file would be called.
+/// Name that the file would have.
 const FILE: &str = "torture.toml";
 
-/// Plays that shrinking may cost.
+/// Largest number of plays for shrinking.
 const PLAYS_MAX: usize = 400;
 
-/// A scenario as its text has it, so that what is written is what was played.
+/// Scenario as a document, so that the written scenario is the one that was played.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TortureCase {
     document: Table,
-    /// The rig file that it names, by that name, and the hashes of FMUs.
+    /// Rig file of the scenario, by its name, and the hashes of FMUs.
     files: BTreeMap<String, String>,
-    /// Where its file would be: FMUs lie beside it.
+    /// Place that the file would have: FMUs lie in the same folder.
     beside: Beside,
 }
 
 impl TortureCase {
-    /// The base scenario with other faults and a name of its own, without limits and requirements, and without a sweep, whose keys may
-    /// be gone with the faults.
+    /// Returns the base scenario with other faults and a name of its own. Limits and requirements are left out, and so is a
+    /// sweep, whose keys may have vanished with the faults.
     ///
     /// # Errors
-    /// The text is no TOML.
+    /// The text is not TOML.
     pub fn new(
         base: &str,
         files: &BTreeMap<String, String>,
@@ -45,7 +45,7 @@ impl TortureCase {
         seed: u64,
     ) -> Result<Self, String> {
         let mut document: Table = base.parse().map_err(|error| format!("{error}"))?;
-        // It tests none of them, and is not a play of the scenario itself.
+        // The case tests no requirement and is not a play of the scenario itself.
         for key in ["expect", "sweep", "requirements"] {
             document.remove(key);
         }
@@ -68,23 +68,23 @@ impl TortureCase {
         })
     }
 
-    /// The same in the folder of a file.
+    /// Returns the same case in the folder of a file.
     #[must_use]
     pub fn beside(self, beside: &Beside) -> Self {
         let beside = beside.of_case();
         Self { beside, ..self }
     }
 
-    /// The scenario's text.
+    /// Returns the scenario's text.
     #[must_use]
     pub fn text(&self) -> String {
         self.document.to_string()
     }
 
-    /// The plan of the scenario.
+    /// Returns the plan of the scenario.
     ///
     /// # Errors
-    /// What the loader finds wrong; tables in other files are not read.
+    /// Error of the loader; tables in other files are not read.
     pub fn plan(&self) -> Result<Plan, String> {
         let read_file = |name: &str| {
             let text = "torture cannot play a scenario with tables in files; write its set-points and currents as holds, steps and ramps";
@@ -95,7 +95,7 @@ impl TortureCase {
         plan.map_err(|error| format!("{:?}", miette::Report::new(error)))
     }
 
-    /// The invariant that it breaks, a panic among them.
+    /// Returns the invariant that the case breaks; a panic counts as one.
     #[must_use]
     pub fn violation(&self) -> Option<BrokenInvariant> {
         let plan = self.plan().ok()?;
@@ -112,7 +112,7 @@ impl TortureCase {
         }
     }
 
-    /// The smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
+    /// Returns the smallest case that breaks the same invariant: without faults that it does not need, shorter, with round
     /// numbers.
     #[must_use]
     pub fn shrunk(&self, invariant: &str) -> Self {
@@ -138,7 +138,7 @@ impl TortureCase {
         }
     }
 
-    /// What is a little smaller, the greatest steps first.
+    /// Returns cases that are a little smaller, the greatest steps first.
     fn smaller(&self) -> Vec<Self> {
         let mut candidates = Vec::new();
         for path in self.faults() {
@@ -151,7 +151,7 @@ impl TortureCase {
         candidates
     }
 
-    /// Where the faults stand: group, kind, index.
+    /// Returns the places of the faults: group, kind, index.
     fn faults(&self) -> Vec<(String, String, usize)> {
         let groups = self.document.get("fault").and_then(Value::as_table);
         let mut paths = Vec::new();
@@ -178,7 +178,7 @@ impl TortureCase {
         smaller
     }
 
-    /// Leaves out groups and kinds that have no fault any more.
+    /// Removes groups and kinds that have no fault any more.
     fn drop_empty(&mut self) {
         let groups = self.document.get_mut("fault").and_then(Value::as_table_mut);
         let Some(groups) = groups else { return };
@@ -196,7 +196,7 @@ impl TortureCase {
         groups.retain(|_, kinds| !is_empty(kinds));
     }
 
-    /// A run that ends earlier.
+    /// Returns cases whose runs end earlier.
     fn shorter(&self) -> Vec<Self> {
         let duration = self.document.get("duration_seconds");
         let Some(duration) = duration.and_then(Value::as_float) else {
@@ -215,7 +215,7 @@ impl TortureCase {
             .collect()
     }
 
-    /// The same with one parameter left out or rounded.
+    /// Returns the same case with one parameter left out or rounded.
     fn simpler(&self, path: &(String, String, usize)) -> Vec<Self> {
         let mut at = self.clone();
         let fault = at.all_of(path).and_then(|all| all.get(path.2).cloned());
@@ -245,7 +245,7 @@ impl TortureCase {
     }
 }
 
-/// Numbers with fewer digits; nothing where there are none to lose.
+/// Returns numbers with fewer digits; empty if the number has none to lose.
 fn rounder(value: &Value) -> Vec<Value> {
     let Some(number) = value.as_float() else {
         return Vec::new();
@@ -258,7 +258,7 @@ fn rounder(value: &Value) -> Vec<Value> {
     rounder.map(Value::Float).collect()
 }
 
-/// A run that the program itself could not bring to a verdict.
+/// Returns the broken invariant of a run that the program itself could not bring to a verdict.
 pub(super) fn from_failed_run(fault: &FailedRun) -> BrokenInvariant {
     BrokenInvariant {
         invariant: PANIC,
@@ -274,7 +274,7 @@ mod tests {
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n[expect]\n\
         position_millimetres_max = { max = 0.0 }\n";
 
-    /// Breaks the temperature's limit with the first two only; the others are beside the point.
+    /// Faults of which only the first two break the temperature's limit.
     const FAULTS: &str = "[[plant.ageing]]\nfrom_seconds = 0.1234\nuntil_seconds = 0.3217\n\
         resistance_factor = 1.8731\n\
         [[amplifier.stuck_on]]\nfrom_seconds = 0.2\ncurrent_amperes = 0.9876\n\
@@ -297,11 +297,11 @@ mod tests {
         assert_eq!(kinds, ["stuck_on", "ageing"], "{}", shrunk.text());
         assert!(scenario.run.duration_seconds < 3.0, "{}", shrunk.text());
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
-        // Nothing smaller fails: it is a fixed point.
+        // Nothing smaller fails: the case is a fixed point.
         assert_eq!(shrunk.shrunk("temperature"), shrunk);
     }
 
-    /// Else it would be taken for the latest play of the scenario, and for one that meets its requirements.
+    /// A case with the scenario's name would count as its latest play, and as one that meets its requirements.
     #[test]
     fn a_case_has_a_name_of_its_own_and_tests_no_requirement() {
         let base = BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller");

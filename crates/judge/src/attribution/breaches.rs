@@ -6,26 +6,26 @@ use plan::ControlLoop;
 use recording::timeline::Timeline;
 use scenario::node::Part;
 
-/// What a node owes the others.
+/// Duty of a node towards the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Duty {
-    /// A SYNC a period after the one before.
+    /// A SYNC one period after the last.
     Sync,
     /// A position for each SYNC.
     Position,
     /// A command for each position, before the next one.
     Command,
-    /// A heartbeat, as long as the others wait for it.
+    /// A heartbeat within the time that the others wait for it.
     Heartbeat(Part),
     /// To leave the drive in operation: an external controller may stop it by NMT.
     Nmt,
 }
 
 impl Duty {
-    /// Those that are due in each cycle.
+    /// Duties in each cycle.
     pub(super) const CYCLIC: [Self; 4] = [Self::Sync, Self::Position, Self::Command, Self::Nmt];
 
-    /// The node that has it.
+    /// Returns the node that has the duty.
     pub(crate) fn node(self) -> Part {
         match self {
             Self::Sync | Self::Command | Self::Nmt => Part::Controller,
@@ -34,12 +34,12 @@ impl Duty {
         }
     }
 
-    /// Whether an external node has it.
+    /// Returns whether an external node has the duty.
     pub(crate) fn is_of_external(self, one: &ControlLoop) -> bool {
         one.is_external(self.node())
     }
 
-    /// Its name in `verdict.json`, and what is missing where it is not done.
+    /// Returns the name in `verdict.json`, which is also what is missing after a breach.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Sync => "sync",
@@ -50,7 +50,7 @@ impl Duty {
         }
     }
 
-    /// `no SYNC`
+    /// Describes a breach: `no SYNC`.
     pub(crate) fn breach(self) -> &'static str {
         match self {
             Self::Sync => "no SYNC",
@@ -62,18 +62,18 @@ impl Duty {
     }
 }
 
-/// A duty that was not done, from when its frame was due to when it was given up or done.
+/// Breach of a duty, from the time when its frame was due to the time when it came or was given up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Breach {
     pub(crate) duty: Duty,
-    /// The number of the cycle.
+    /// Number of the cycle.
     pub(crate) cycle: u64,
     pub(crate) from_seconds: f64,
     pub(crate) until_seconds: f64,
 }
 
 impl Breach {
-    /// That of one cycle.
+    /// Returns the breach of a single cycle.
     fn in_cycle(duty: Duty, cycle: u64, period_seconds: f64) -> Self {
         Self {
             duty,
@@ -84,7 +84,7 @@ impl Breach {
     }
 }
 
-/// When a cycle begins.
+/// Returns the time at which a cycle begins.
 #[expect(
     clippy::cast_precision_loss,
     reason = "cycle numbers stay far below 2^52"
@@ -93,7 +93,7 @@ pub(crate) fn begin_of(cycle: u64, period_seconds: f64) -> f64 {
     cycle as f64 * period_seconds
 }
 
-/// The cycles without a SYNC or a position, of those that were due.
+/// Returns the cycles without a SYNC or a position, among those that were due.
 pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item = Breach> {
     let mut rows = timeline
         .cycle
@@ -110,7 +110,7 @@ pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item
     missing.map(|(cycle, duty)| Breach::in_cycle(duty, cycle, timeline.period_seconds))
 }
 
-/// The cycles among these, all of them in their order, in which the command breaks its duty.
+/// Returns those due cycles in which the command breaks its duty. Both sequences are in order.
 pub(super) fn of_commands(
     timeline: &Timeline,
     breaking: impl Iterator<Item = u64>,
@@ -121,13 +121,13 @@ pub(super) fn of_commands(
     cycles.map(|cycle| Breach::in_cycle(Duty::Command, cycle, timeline.period_seconds))
 }
 
-/// The cycles with a position.
+/// Returns the cycles with a position.
 pub(super) fn served(timeline: &Timeline) -> impl Iterator<Item = u64> {
     let rows = timeline.cycle.iter().zip(timeline.position());
     rows.filter_map(|(cycle, position)| (!position.is_nan()).then_some(*cycle))
 }
 
-/// Whether a cycle is among those that come, all of them in their order.
+/// Checks whether the coming cycles, which are in order, contain a cycle.
 pub(super) fn has_next(cycles: &mut Peekable<impl Iterator<Item = u64>>, wanted: u64) -> bool {
     while cycles.next_if(|cycle| *cycle < wanted).is_some() {}
     cycles.peek() == Some(&wanted)

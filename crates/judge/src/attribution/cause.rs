@@ -1,5 +1,5 @@
-//! The cause of a run that broke off or at whose end a node was silent: the earliest breach that lasts to the end. What comes after it
-//! follows from it by the nodes' own watches.
+//! The cause of a run that broke off, or at whose end a node was silent: the earliest breach that lasts to the end. Later
+//! breaches follow from it by the nodes' own watches.
 
 use recording::stalls::Who;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
@@ -13,21 +13,21 @@ use crate::duties::{MISSED_COMMANDS, limited_max};
 use crate::evidence::Evidence;
 use crate::metric::rounded;
 
-/// What a run came to grief by, as `verdict.json` holds it.
+/// Cause that kept a run from passing, as `verdict.json` holds it.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct NamedCause {
-    /// The rig's name of a node; `host`, `fault` or `foreign` where it was none.
+    /// Name of the node in the rig; `host`, `fault` or `foreign` if the cause was not a node.
     pub node: String,
-    /// The duty that was not done.
+    /// Duty that was not done.
     pub duty: String,
-    /// When that began, in scenario time.
+    /// Begin of the breach, in scenario time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_seconds: Option<f64>,
-    /// The same for people.
+    /// Description of the cause.
     pub words: String,
 }
 
-/// A breach that lasts to the end of a run, and what explains it.
+/// Breach that lasts to the end of a run, with its attribution.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lasting {
     pub(crate) duty: Duty,
@@ -36,7 +36,7 @@ pub(crate) struct Lasting {
 }
 
 impl NamedCause {
-    /// A duty that a node did not do.
+    /// Returns the cause for a duty that a node did not do.
     pub(crate) fn of_node(evidence: &Evidence<'_>, duty: Duty, at: f64, words: String) -> Self {
         Self {
             node: node_name(evidence, duty.node()).to_owned(),
@@ -46,7 +46,7 @@ impl NamedCause {
         }
     }
 
-    /// A stall, for which a duty was not done.
+    /// Returns the cause for a stall that kept a node from its duty.
     pub(crate) fn of_stall(evidence: &Evidence<'_>, stretch: &Stretch, duty: &str) -> Self {
         Self {
             node: stalled(evidence, stretch).to_owned(),
@@ -58,11 +58,11 @@ impl NamedCause {
 }
 
 impl Lasting {
-    /// The earliest of a loop's: of a run that broke off at a time, before which it began; else of one in which a node was silent at
-    /// the end of what is judged.
+    /// Returns the earliest lasting breach of a loop. In a run that broke off, it began before the end; in any other run, a node
+    /// was silent at the end of the judged time.
     pub(crate) fn earliest(evidence: &Evidence<'_>, broke_off: Option<f64>) -> Option<Self> {
         let mut all = Vec::from_iter(all(evidence, broke_off));
-        // Of a run that was played to its end, a command is due where it is limited.
+        // In a run that was played to its end, a command is due if it is limited.
         let has_commands = broke_off.is_some() || limited_max(evidence, MISSED_COMMANDS).is_some();
         let counts = |one: &Self| {
             broke_off.is_none_or(|until| one.from_seconds < until)
@@ -71,7 +71,7 @@ impl Lasting {
         all.retain(counts);
         all.sort_by(|one, other| one.from_seconds.total_cmp(&other.from_seconds));
         let first = *all.first()?;
-        // All that a node sends is missing where the node is gone.
+        // A node that is gone sends none of its frames.
         let is_same = |one: &&Self| {
             one.duty.node() == first.duty.node()
                 && !matches!(one.duty, Duty::Heartbeat(_))
@@ -81,7 +81,7 @@ impl Lasting {
         all.iter().find(is_same).copied().or(Some(first))
     }
 
-    /// As `verdict.json` holds it.
+    /// Returns the cause as `verdict.json` holds it.
     pub(crate) fn named(&self, evidence: &Evidence<'_>) -> NamedCause {
         let owing = node_name(evidence, self.duty.node());
         let (from, breach) = (self.from_seconds, self.duty.breach());
@@ -98,13 +98,13 @@ impl Lasting {
     }
 }
 
-/// The rig's name of a node.
+/// Returns the name of a node in the rig.
 pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: Part) -> &'a str {
     let node = evidence.own.nodes.of(node);
     node.map_or("", |node| &node.name)
 }
 
-/// What was held up by a stall.
+/// Returns the name for the part that a stall held up.
 fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
     match stretch.stall.who {
         Who::Machine | Who::Bus => "host",
@@ -113,7 +113,7 @@ fn stalled<'a>(evidence: &Evidence<'a>, stretch: &Stretch) -> &'a str {
     }
 }
 
-/// All breaches of a loop that last to the end.
+/// Returns all breaches of a loop that last to the end.
 fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = Lasting> {
     let attribution = evidence.attribution();
     let until = broke_off.unwrap_or_else(|| evidence.trial.judged_end_seconds());
@@ -150,7 +150,7 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
         }
     });
     stays.chain(heartbeats).map(move |one| Lasting {
-        // What began in a stall is explained by it only if it covers half of all that is missing.
+        // A stall explains a breach that began in it only if it covers half of the missing time.
         cause: {
             let node = one.duty.node();
             let stall = attribution.stall(node, one.from_seconds, until);
@@ -165,7 +165,7 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
     })
 }
 
-/// The stay of breaches that lasts to the end: in a run that was played to it, one that is long enough for a silence.
+/// Returns the stay of breaches that lasts to the end; in a run that was played to its end, it must be long enough for a silence.
 fn lasting(
     evidence: &Evidence<'_>,
     totals: &Totals,

@@ -1,4 +1,4 @@
-//! Which misses a fault of the scenario explains: it excuses what it touches, not its window.
+//! The misses that a fault of the scenario explains: a fault excuses the frames that it touches, not all of its window.
 
 use plan::ControlLoop;
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
@@ -7,14 +7,14 @@ use scenario::node::Part;
 
 use super::breaches::{Breach, Duty};
 
-/// A node reacts so late at the most to what a fault takes from it: the drive waits 100 ms for a heartbeat.
+/// Longest reaction of a node to what a fault takes from it: the drive waits 100 ms for a heartbeat.
 const REACTION_SECONDS: f64 = 0.2;
-/// So many periods at least, the last ones of a controller that gives up among them.
+/// Least number of periods of that reaction, including the last ones of a controller that gives up.
 const REACTION_PERIODS: f64 = 5.0;
-/// A frame that is late by less, in periods, still comes in its cycle.
+/// Delay, in periods, below which a late frame still comes in its cycle.
 const LATE_PERIODS: f64 = 0.5;
 
-/// A stretch in which frames may be missing: those of a node, or of all.
+/// Stretch of time in which frames of a node, or of all nodes, may be missing.
 struct Touched {
     node: Option<Part>,
     only_heartbeats: bool,
@@ -22,10 +22,10 @@ struct Touched {
     until_seconds: f64,
 }
 
-/// What the faults of a scenario explain in a recording.
+/// Explanations of misses by the faults of a scenario, in a recording.
 pub(super) struct ScenarioFaults {
     touched: Vec<Touched>,
-    /// When the controller reported a reason to give up in the time of a fault.
+    /// Times at which the controller reported, during a fault, its reason to give up.
     reports_seconds: Vec<f64>,
     reaction_seconds: f64,
 }
@@ -67,8 +67,7 @@ impl ScenarioFaults {
         }
     }
 
-    /// Whether a fault explains that something begins to be missing: it touches the frame, or the controller gives up for it, and says
-    /// so.
+    /// Returns whether a fault explains a breach: it touches the frame, or the controller gives up because of it and says so.
     pub(super) fn explain(&self, breach: &Breach) -> bool {
         let part = breach.duty.node();
         let (from, until) = (breach.from_seconds, breach.until_seconds);
@@ -86,7 +85,7 @@ impl ScenarioFaults {
     }
 }
 
-/// When a fault acts; one of the boot has ended at time 0.
+/// Returns the span of a fault; a fault of the boot has ended at time 0.
 fn span(fault: &Fault) -> (f64, f64) {
     match fault.from_seconds {
         None => (f64::NEG_INFINITY, 0.0),
@@ -94,7 +93,7 @@ fn span(fault: &Fault) -> (f64, f64) {
     }
 }
 
-/// The frames of a loop's controller and drive that a fault touches. The drive of another loop is not its drive.
+/// Returns the frames of a loop's controller and drive that a fault touches. The drive of another loop is not its drive.
 fn touched(fault: &Fault, drive: u8) -> Vec<Touched> {
     let (from_seconds, until_seconds) = span(fault);
     let node = fault.node.as_ref();
@@ -120,7 +119,7 @@ fn touched(fault: &Fault, drive: u8) -> Vec<Touched> {
                 only_heartbeats: true,
                 ..touched(part, until_seconds)
             };
-            // The others notice it at its begin.
+            // The others notice the fault when it begins.
             let noticed = touched(Some(other), from_seconds);
             let own = (!is_elsewhere).then_some(heartbeats);
             [Some(noticed), own].into_iter().flatten().collect()

@@ -1,4 +1,4 @@
-//! What a limit says in a run with stalls: it is missed if it also is without the pieces of the run that stalls explain.
+//! Limits in a run with stalls: a limit is missed if it is also missed without the pieces of the run that stalls explain.
 
 use scenario::expect::Limit;
 use scenario::metrics::{Metric as Row, is_of_traffic};
@@ -8,12 +8,12 @@ use crate::evidence::Evidence;
 use crate::metric::{Metric, leave_open};
 use crate::metrics::metrics;
 
-/// With more cycles missed because of stalls than this, no metric of the control says anything.
+/// Largest percentage of cycles missed because of stalls; beyond it, no metric of the control means anything.
 const HOST_PERCENT_MAX: f64 = 1.0;
-/// A short stall explains a limit that is missed by at most this part of it.
+/// Part of a limit by which it may be missed and still be explained by a short stall.
 const NEARLY: f64 = 0.1;
 
-/// Opens the limits that stalls explain; the reason for that, where there are some.
+/// Opens the limits that stalls explain. Returns the reason, if there are any.
 pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Option<String> {
     let longest = evidence.longest_stall()?;
     let percent = evidence.attribution().cycles().percent_by_host();
@@ -33,7 +33,7 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
         let rest = named(&rest, row);
         let is_missed_besides = rest.as_ref().is_some_and(|rest| rest.passed == Some(false));
         let is_open = match row.passed {
-            // A stall kept its window from being seen to the end, but it is missed without that.
+            // A stall kept the window from being seen to the end, but the limit is missed without the stall, too.
             None => {
                 let rest = rest.filter(|_| is_missed_besides);
                 rest.into_iter().for_each(|rest| *row = rest);
@@ -50,8 +50,8 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
     busy.or_else(|| (!opened.is_empty()).then(|| not_judged_since(&longest, &opened.join(", "))))
 }
 
-/// Whether stalls explain a limit that is met without what they explain: a breach of a duty always; a motion if it is met without
-/// what the long ones explain, or is missed by little.
+/// Returns whether stalls explain a missed limit that is met without the pieces they explain. A breach of a duty is always
+/// explained; a motion is if the limit is met without the pieces of long stalls, or is missed by little.
 fn is_explained(row: &Metric, without_long: Option<Metric>) -> bool {
     if Row::named(&row.name).is_some_and(Row::is_of_traffic) {
         return true;

@@ -1,5 +1,5 @@
-//! What each breach of a duty is attributed to: the host, a fault of the scenario, or the node that has the duty. It follows from the
-//! recording alone; docs/design/attribution.md states the rule.
+//! Attribution of each breach of a duty: to the host, to a fault of the scenario, or to the node that has the duty. It follows
+//! from the recording alone; docs/design/attribution.md states the rule.
 
 pub(crate) mod breaches;
 pub(crate) mod cause;
@@ -20,43 +20,44 @@ use self::stalls::{FeltStalls, Stretch, stretches};
 use crate::circumstances::Circumstances;
 use crate::evidence::Evidence;
 
-/// A node that falls silent owes a heartbeat before another frame, or so long after it.
+/// Longest time from the last other frame of a node that falls silent to the heartbeat that it owes.
 const HEARTBEAT_SECONDS: f64 = 0.1;
-/// What is missing at the end for at most so many cycles, or so long, is no silence.
+/// Longest absence at the end that does not count as a silence, in cycles and in seconds.
 const SILENT_AT_END: (u64, f64) = (5, 0.02);
-/// With faults the plant sends its truth every 10 ms at least.
+/// Longest time from the last frame to the end of a recording with faults, in which the plant sends its truth at least every 10
+/// ms.
 pub(crate) const FAULTY_END_SECONDS: f64 = 0.05;
-/// Without faults the last SYNC comes a period before the end, or late.
+/// Longest such time without faults, in periods: the last SYNC comes a period before the end, or late.
 const END_PERIODS: f64 = 1.5;
-/// A drive that is stopped by NMT has sent its last position so soon.
+/// Longest time from the last position of a drive to the stop by NMT that explains its silence.
 const STOPPED_SECONDS: f64 = 0.2;
-/// Where stalls explain so many times what a node of canrig's left out besides, they explain that too.
+/// Factor by which the misses of stalls must exceed those of canrig's own nodes for stalls to explain the latter, too.
 const PREVAILING: usize = 4;
 
-/// What explains a breach.
+/// Attribution of a breach.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Cause {
-    /// The host, which kept the machine, the bus or a node of canrig's from running.
+    /// Stall of the host, which kept the machine, the bus or a node of canrig's from running.
     Host(Stretch),
-    /// A fault of the scenario.
+    /// Fault of the scenario.
     Fault,
-    /// The node that had this duty, canrig's own or under test.
+    /// Node that had this duty, canrig's own or under test.
     Node(Duty),
 }
 
-/// What explains the breaches of a loop.
+/// Attribution of the breaches of a loop.
 pub(crate) struct Attribution<'a> {
     timeline: &'a Timeline,
     own: &'a ControlLoop,
     is_real_time: bool,
-    /// The cycles that should have been played.
+    /// Number of cycles that should have been played.
     pub(crate) due: u64,
-    /// The stalls that controller and drive feel.
+    /// Stalls that controller and drive feel.
     felt: [FeltStalls; 2],
     faults: ScenarioFaults,
-    /// The nodes whose breaches are stalls where nothing else explains them, with the stall that is named for them.
+    /// Nodes whose otherwise unexplained breaches count as stalls, with the stall that is named for them.
     stood: [Option<Option<Stretch>>; 2],
-    /// From this cycle on something is missing to the end: that is no stall which nobody saw.
+    /// First cycle from which frames are missing to the end. Such a silence is not taken for an unnoticed stall.
     silent_from: u64,
     cycles: Totals,
 }
@@ -97,9 +98,9 @@ impl<'a> Attribution<'a> {
         Totals::of(self.due, self.attributed(missed))
     }
 
-    /// Which of canrig's nodes stood still in the cycles that they left out: one whose loop counted no overrun; and any where stalls
-    /// explain four of five missed cycles, since a processor that the host of a virtual machine took from a running thread shows in
-    /// no clock of the machine.
+    /// Returns those of canrig's nodes that stood still in the cycles that they left out. Such a node has a loop that counted no
+    /// overrun. Any node counts if stalls explain four of five missed cycles, since no clock of the machine shows a processor
+    /// that the host of a virtual machine took from a running thread.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
         let own = |duty: &Duty| !duty.is_of_external(self.own);
         let cyclic = Duty::CYCLIC.into_iter().filter(own);
@@ -112,18 +113,18 @@ impl<'a> Attribution<'a> {
         })
     }
 
-    /// The missed cycles, taken together.
+    /// Returns the totals of the missed cycles.
     pub(crate) fn cycles(&self) -> &Totals {
         &self.cycles
     }
 
-    /// Each of these breaches, in the order of time, with what explains it. What is missing without interruption has the cause of the
-    /// first that no stall explains.
+    /// Attributes each of these breaches, which are in the order of time. Breaches without interruption have the cause of the
+    /// first one that no stall explains.
     fn attributed(
         &self,
         breaches: impl Iterator<Item = Breach>,
     ) -> impl Iterator<Item = (Breach, Cause)> {
-        // The cycle that would go on with what was missing last, and what that began with.
+        // The cycle that would continue the last stretch of breaches, and the cause with which that began.
         let mut goes_on: Option<(u64, Cause)> = None;
         breaches.map(move |breach| {
             let stall = self.stall(
@@ -143,7 +144,7 @@ impl<'a> Attribution<'a> {
             let cause = match (stall, first) {
                 (Some(stretch), _) => Cause::Host(stretch),
                 (None, Some(Cause::Fault)) => Cause::Fault,
-                // A controller gives up where the drive is silent.
+                // A controller gives up when the drive is silent.
                 (None, Some(Cause::Node(begun @ (Duty::Position | Duty::Nmt)))) => {
                     self.by_node(begun, &breach)
                 }
@@ -153,7 +154,7 @@ impl<'a> Attribution<'a> {
         })
     }
 
-    /// Whether a drive sends nothing since an external controller stopped it.
+    /// Returns whether a drive has sent nothing since an external controller stopped it.
     fn is_stopped(&self, breach: &Breach) -> bool {
         let mut stops = self.timeline.sources.stops_seconds().iter();
         let is_near =
@@ -161,12 +162,12 @@ impl<'a> Attribution<'a> {
         breach.duty == Duty::Position && stops.any(is_near)
     }
 
-    /// The stall that explains what is missing from a node.
+    /// Returns the stall that explains the missing frames of a node.
     pub(crate) fn stall(&self, node: Part, from: f64, until: f64) -> Option<Stretch> {
         self.felt[place(node)].explaining(from, until)
     }
 
-    /// Whether a fault explains that a duty is not done from a time on.
+    /// Returns whether a fault explains a breach that begins at a time.
     pub(crate) fn is_by_fault(&self, duty: Duty, from_seconds: f64) -> bool {
         self.faults.explain(&Breach {
             duty,
@@ -176,7 +177,7 @@ impl<'a> Attribution<'a> {
         })
     }
 
-    /// What a node left out that neither a stall that was seen nor a fault explains.
+    /// Attributes a miss that neither a noticed stall nor a fault explains.
     fn by_node(&self, duty: Duty, breach: &Breach) -> Cause {
         let stood = self.stood[place(duty.node())].filter(|_| breach.cycle < self.silent_from);
         stood.map_or(Cause::Node(duty), |prevailing| {
@@ -186,7 +187,7 @@ impl<'a> Attribution<'a> {
         })
     }
 
-    /// The stall of one of canrig's nodes that shows in the cycle that it missed.
+    /// Returns the stall of one of canrig's nodes that shows in the cycle that it missed.
     fn stood_in(&self, node: Part, from_seconds: f64, until_seconds: f64) -> Stretch {
         let who = match node {
             Part::Controller => Who::Controller,
@@ -201,7 +202,7 @@ impl<'a> Attribution<'a> {
         }
     }
 
-    /// The stall of a node of canrig's in real time that was silent and came back.
+    /// Returns the stall of one of canrig's nodes that was silent in real time and came back.
     fn stood_since(&self, node: Part, from_seconds: f64) -> Option<Stretch> {
         let mut lost = self.timeline.lost_heartbeats.iter().filter(|lost| {
             let is_in = from_seconds + HEARTBEAT_SECONDS >= lost.due_seconds
@@ -218,7 +219,7 @@ impl<'a> Attribution<'a> {
         self.own.is_external(node)
     }
 
-    /// Whether cycles were missed in a window, and all of them because of stalls.
+    /// Returns whether cycles were missed in a window, and all of them because of stalls.
     pub(crate) fn is_of_the_host(&self, window: Window) -> bool {
         let inside = |(breach, _): &(Breach, Cause)| {
             breach.from_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
@@ -230,7 +231,7 @@ impl<'a> Attribution<'a> {
     }
 }
 
-/// Where a node stands among controller and drive.
+/// Returns the index of a node among controller and drive.
 fn place(node: Part) -> usize {
     match node {
         Part::Controller => 0,
@@ -238,7 +239,7 @@ fn place(node: Part) -> usize {
     }
 }
 
-/// The cycles of a loop that lack their command, or whose command came late.
+/// Kinds of cycles whose commands break their duty: missing or late.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Commands {
     Missed,
@@ -246,7 +247,7 @@ pub(crate) enum Commands {
 }
 
 impl Commands {
-    /// What there is of a command, where it is not missing.
+    /// Describes the command in such a cycle; `None` if it is missing.
     pub(crate) fn breach(self) -> Option<&'static str> {
         match self {
             Self::Missed => None,
@@ -254,7 +255,7 @@ impl Commands {
         }
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no such cycles.
     pub(crate) fn are_sound(self, timeline: &Timeline) -> bool {
         self.breaking(timeline).is_empty()
     }
@@ -266,7 +267,7 @@ impl Commands {
         }
     }
 
-    /// What they come to, of the cycles in which a command was due: all positions that a law may read came.
+    /// Returns the totals over the cycles in which a command was due: those with all positions that a law may read.
     pub(crate) fn totals(self, evidence: &Evidence<'_>) -> Totals {
         let attribution = evidence.attribution();
         if self.are_sound(evidence.timeline) {
@@ -292,19 +293,19 @@ fn commands_due(evidence: &Evidence<'_>) -> impl Iterator<Item = u64> {
     own.filter(move |cycle| others.iter_mut().all(|other| has_next(other, *cycle)))
 }
 
-/// Breaches of a run, taken together.
+/// Totals of the breaches of a run.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Totals {
-    /// Of so many cycles.
+    /// Number of cycles that were due.
     pub(crate) due: u64,
     all: usize,
     by_host: usize,
-    /// The stalls that explain some, each once where it explains several in a row.
+    /// Stalls that explain breaches. A stall that explains several in a row is listed once.
     stalls: Vec<Stretch>,
     longest_stall: Option<Stretch>,
-    /// Those of the nodes by the duty that was not done first, with the time of the first.
+    /// Breaches of the nodes by the duty that was not done first: duty, number, and time of the first.
     by_nodes: Vec<(Duty, usize, f64)>,
-    /// The last ones without interruption.
+    /// Last breaches without interruption.
     latest: Option<Stay>,
 }
 
@@ -328,7 +329,7 @@ impl Totals {
 
     fn add(&mut self, breach: Breach, cause: Cause) {
         self.all += 1;
-        // What another node leaves out behind a stall is a breach of its own.
+        // A breach of another node behind a stall is separate.
         let is_of_another = |stay: &Stay| match (stay.cause, cause) {
             (Cause::Host(_), Cause::Node(duty)) => duty.node() != stay.first.duty.node(),
             _ => false,
@@ -384,7 +385,7 @@ impl Totals {
         }
     }
 
-    /// All of them, or those that no stall explains, by all that were due.
+    /// Returns the percentage of due cycles with a breach: with any, or with one that no stall explains.
     pub(crate) fn percent(&self, with_host: bool) -> f64 {
         self.percent_of(if with_host {
             self.all
@@ -393,7 +394,7 @@ impl Totals {
         })
     }
 
-    /// The stalls that explain some of them.
+    /// Returns the stalls that explain breaches.
     pub(crate) fn stalls(&self) -> &[Stretch] {
         &self.stalls
     }
@@ -402,7 +403,7 @@ impl Totals {
         self.percent_of(self.by_host)
     }
 
-    /// Those of a node, with the time of the first.
+    /// Returns the number of breaches of a duty by its node, with the time of the first.
     fn of_node(&self, duty: Duty) -> (usize, f64) {
         let mut known = self.by_nodes.iter().filter(|(known, ..)| *known == duty);
         known
@@ -410,8 +411,8 @@ impl Totals {
             .map_or((0, 0.0), |(_, count, first)| (*count, *first))
     }
 
-    /// The duties that nodes did not do too often for a limit: of each the share of the cycles and the time of the first. Of the
-    /// frames that the recorder lost, each may have been one of theirs.
+    /// Returns the duties that nodes broke too often for a limit: each with its share of the cycles and the time of the first
+    /// breach. Each frame that the recorder lost may have been one of theirs.
     pub(crate) fn too_many(&self, percent_max: f64, frames_lost: u64) -> Vec<(Duty, f64, f64)> {
         let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
         let all: usize = self.by_nodes.iter().map(|(_, count, _)| count).sum();
@@ -426,13 +427,13 @@ impl Totals {
         shares.collect()
     }
 
-    /// What lasts to the last of so many cycles, or beyond it.
+    /// Returns the breaches that last to the last cycle or beyond it.
     fn lasting(&self, cycles: u64) -> Option<Stay> {
         self.latest.filter(|stay| stay.last_cycle + 1 >= cycles)
     }
 }
 
-/// The cycles that should have been played: all of them where the run was to go on, even if nobody sent a SYNC any more.
+/// Returns the number of cycles that should have been played: all of them if the run was to continue, even without any SYNC.
 fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -> u64 {
     let scenario = &one.trial;
     if timeline.zero_seconds.is_none() {
@@ -443,7 +444,7 @@ fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -
         Some(end) => end.by == EndedBy::Node,
     };
     let cycles = scenario.judged_end_seconds() / timeline.period_seconds;
-    // A cycle that begins before an earlier end is judged.
+    // A cycle that begins before an earlier end of the judged time is judged.
     let judged = match scenario.expect.judged_until_seconds {
         None => libm::round(cycles),
         Some(_) => libm::ceil(cycles - TIME_TOLERANCE_SECONDS),
@@ -461,7 +462,7 @@ fn due(timeline: &Timeline, one: &ControlLoop, ended_early: Option<&EarlyEnd>) -
     }
 }
 
-/// Whether frames came until the scenario's end.
+/// Returns whether frames came until the scenario's end.
 pub(crate) fn is_recorded_to_its_end(timeline: &Timeline, one: &ControlLoop) -> bool {
     let is_sound = one.trial.run.faults.is_empty();
     let tolerance = if is_sound {

@@ -1,4 +1,4 @@
-//! Where the host kept the machine, the bus or one of canrig's nodes from running, in scenario time, and what that explains.
+//! Stalls of the machine, the bus or one of canrig's nodes by the host, in scenario time, and the breaches that they explain.
 
 use std::time::Duration;
 
@@ -7,16 +7,16 @@ use recording::stalls::{Stall, Who};
 use recording::timeline::{TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::node::Part;
 
-/// So many periods after a stall, at most, come the frames that it held up.
+/// Longest time, in periods, after a stall until the frames that it held up have come.
 const BURST_PERIODS: f64 = 2.0;
-/// A stall of so many periods, and so long, moves the loop.
+/// Least length of a stall that moves the loop, in periods and in seconds.
 const LONG_PERIODS: f64 = 5.0;
 const LONG_SECONDS: f64 = 0.01;
-/// A loop that a stall has moved is calm again after this time, and so many times the length of the stall.
+/// Time that a loop needs to calm down after such a stall: a fixed time, and a multiple of the length of the stall.
 const CALM_SECONDS: f64 = 0.5;
 const CALM_LENGTHS: f64 = 20.0;
 
-/// A stall in scenario time.
+/// Stall in scenario time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stretch {
     pub(crate) from_seconds: f64,
@@ -29,18 +29,18 @@ impl Stretch {
         self.until_seconds - self.from_seconds
     }
 
-    /// `the machine stood still for 45.0 ms at 1.234 s`
+    /// Describes the stall: `the machine stood still for 45.0 ms at 1.234 s`.
     pub(crate) fn words(&self) -> String {
         format!("{} at {:.3} s", self.stall, self.from_seconds)
     }
 
-    /// Whether it moves the loop.
+    /// Returns whether the stall moves the loop.
     fn is_long(&self, period_seconds: f64) -> bool {
         let long_seconds = LONG_SECONDS.max(LONG_PERIODS * period_seconds);
         self.length() + TIME_TOLERANCE_SECONDS >= long_seconds
     }
 
-    /// The end of what it does to the motion.
+    /// Returns the end of its effect on the motion.
     fn calm_seconds(&self, period_seconds: f64) -> f64 {
         if self.is_long(period_seconds) {
             self.until_seconds + CALM_SECONDS + CALM_LENGTHS * self.length()
@@ -50,9 +50,9 @@ impl Stretch {
     }
 }
 
-/// The stalls of a run in the time of its timeline.
+/// Returns the stalls of a run in the time of its timeline.
 pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
-    // Both are whole microseconds since 1970, which seconds in an f64 do not hold.
+    // Both times are whole microseconds since 1970. Seconds in an f64 would lose them.
     #[expect(
         clippy::cast_precision_loss,
         reason = "microseconds since 1970 stay below 2^52"
@@ -67,20 +67,22 @@ pub(super) fn stretches(timeline: &Timeline, stalls: &[Stall]) -> Vec<Stretch> {
     stalls.iter().map(stretch).collect()
 }
 
-/// The stalls that a node feels.
+/// Stalls that a node feels.
 #[derive(Clone, Debug)]
 pub(super) struct FeltStalls {
-    /// In the order of their ends.
+    /// Stalls in the order of their ends.
     stretches: Vec<Stretch>,
-    /// How long the longest is with what it held up: what ends so much later than a breach does not cover it.
+    /// Length of the longest stall, including the burst after it. A stall that ends later than that after a breach does not cover
+    /// the breach.
     longest_seconds: f64,
     burst_seconds: f64,
-    /// The times that they cover together with what they held up.
+    /// Times that the stalls cover together, including the bursts after them.
     covered: Spans,
 }
 
 impl FeltStalls {
-    /// Only processes that canrig started are watched, and what happened to them explains nothing of somebody else's node.
+    /// Selects the stalls that a node feels. Only processes that canrig started are watched, and their stalls explain nothing of
+    /// an external node.
     pub(super) fn of(
         node: Part,
         stretches: &[Stretch],
@@ -107,7 +109,7 @@ impl FeltStalls {
         }
     }
 
-    /// The longest of the stalls that together cover half of a stretch of time with what they held up.
+    /// Returns the longest of the stalls that, with the bursts after them, together cover half of a stretch of time.
     pub(super) fn explaining(&self, from: f64, until: f64) -> Option<Stretch> {
         let is_covered =
             self.covered.seconds_in(from, until) + TIME_TOLERANCE_SECONDS >= (until - from) / 2.0;
@@ -125,7 +127,7 @@ impl FeltStalls {
     }
 }
 
-/// Times that do not overlap, in their order.
+/// Spans of time that do not overlap, in their order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Spans(Vec<(f64, f64)>);
 
@@ -142,7 +144,7 @@ impl Spans {
         Self(joined)
     }
 
-    /// Those that touch a stretch of time.
+    /// Returns the spans that touch a stretch of time.
     fn touching(&self, from: f64, until: f64) -> impl Iterator<Item = &(f64, f64)> {
         let first = self
             .0
@@ -151,17 +153,17 @@ impl Spans {
         self.0[first..].iter().take_while(begins_in)
     }
 
-    /// Whether one of them touches a stretch of time.
+    /// Returns whether a span touches a stretch of time.
     pub(crate) fn touch(&self, from: f64, until: f64) -> bool {
         self.touching(from, until).next().is_some()
     }
 
-    /// When the first of them begins that touches a stretch of time.
+    /// Returns the begin of the first span that touches a stretch of time.
     pub(crate) fn first_in(&self, from: f64, until: f64) -> Option<f64> {
         self.touching(from, until).next().map(|(begins, _)| *begins)
     }
 
-    /// How much of a stretch of time they cover.
+    /// Returns how many seconds of a stretch of time the spans cover.
     pub(crate) fn seconds_in(&self, from: f64, until: f64) -> f64 {
         let covered = self
             .touching(from, until)
@@ -170,7 +172,7 @@ impl Spans {
     }
 }
 
-/// The times in which the motion is not that of the nodes, because of these stalls; of the long ones only where that is asked.
+/// Returns the times in which these stalls, or only the long ones, distort the motion of the nodes.
 pub(crate) fn shadows(stretches: &[Stretch], period_seconds: f64, only_long: bool) -> Spans {
     let cast = stretches
         .iter()

@@ -18,7 +18,7 @@ const PERIOD_MICROS: u64 = 10_000;
 const ZERO_MICROS: u64 = 1_700_000_000_000_000;
 const OPERATION_ENABLED: f64 = 39.0;
 
-/// What happens in a cycle.
+/// Event of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Cycle {
     Served,
@@ -26,7 +26,7 @@ enum Cycle {
     WithoutSync,
 }
 
-/// A stall in milliseconds of scenario time, which may begin before it.
+/// Stall in milliseconds of scenario time, which may begin before time 0.
 #[derive(Clone, Copy, Debug)]
 struct Held {
     from: i64,
@@ -63,7 +63,7 @@ fn setup(cycles: usize, faults: &[(u32, u32)], external: &[&str]) -> Plan {
     plan.recorded_external(&Vec::from_iter(external))
 }
 
-/// The recording of these cycles, of which the first has its SYNC, and of a frame at the end.
+/// Returns the recording of these cycles, of which the first has its SYNC, and of a frame at the end.
 fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
     let database = Database::shipped();
     let signal = |path| database.signal(path).unwrap();
@@ -86,7 +86,7 @@ fn frames(cycles: &[Cycle]) -> Vec<Stamped> {
     frames
 }
 
-/// The same by going through everything for each cycle, in whole milliseconds: whose doing each cycle was that was missed.
+/// Attributes each missed cycle by going through everything for it, in whole milliseconds.
 fn slow(
     cycles: &[Cycle],
     held: &[Held],
@@ -98,7 +98,7 @@ fn slow(
         (Who::PlantEmulator, Cycle::WithoutSync) => false,
         _ => !external.contains(&"drive"),
     };
-    // In half of the milliseconds of the cycle a stall held something up, or what it held up came.
+    // A stall held something up in half of the milliseconds of the cycle, or its burst came in them.
     let is_held = |number: u32, cycle: Cycle| {
         let begins = 10 * i64::from(number);
         let is_held = |milli: &i64| {
@@ -113,7 +113,7 @@ fn slow(
         if *cycle == Cycle::Served {
             continue;
         }
-        // What is missing without interruption begins with the first that no stall explains.
+        // A stretch of misses begins with the first one that no stall explains.
         let place = usize::try_from(number).unwrap();
         let served = cycles[..place]
             .iter()
@@ -123,12 +123,12 @@ fn slow(
         let first = run.find(|(number, one)| !is_held(*number, **one));
         let (first, missing) = first.unwrap_or((number, cycle));
         let (from, until) = (10 * i64::from(first), 10 * i64::from(first) + 10);
-        // The controller is dead, which keeps its SYNC away.
+        // The controller is dead, so its SYNC is missing.
         let is_by_fault = *missing == Cycle::WithoutSync
             && faults.iter().any(|(begins, ends)| {
                 until >= 10 * i64::from(*begins) && from <= 10 * i64::from(*ends) + 200
             });
-        // A controller gives up where the drive is silent.
+        // A controller gives up when the drive is silent.
         let whose_node = match (missing, cycle) {
             (Cycle::WithoutPosition, _) | (_, Cycle::WithoutPosition) => "drive",
             _ => "controller",
@@ -148,7 +148,7 @@ fn slow(
     let by_bench = count(|doing, _| doing == "bench");
     let by_own = count(|_, is_own| is_own);
     let prevails = by_bench > 0 && 4 * by_own <= by_bench;
-    // What is missing to the end is no stall that nobody saw.
+    // A silence to the end is not taken for an unnoticed stall.
     let served = cycles.iter().rposition(|one| *one == Cycle::Served);
     let silent_from = served.map_or(0, |served| served + 1) as f64 * 0.01;
     let settled = whose.into_iter().map(|(at, doing, is_own)| {
@@ -241,7 +241,7 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
     assert_eq!(too_many(1.0, 1), expected);
 }
 
-/// A run with a stall in 20 of its cycles, in which a node left out some others.
+/// Plays a run with a stall in 20 of its cycles, in which a node left out some others.
 #[test]
 fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
     let by_nodes = |left_out: usize, nodes: &[&str]| {
@@ -297,11 +297,11 @@ fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it(
         "a device that is gone"
     );
     assert_eq!(explained(&timeline, 0.06, &[(300, 80)]), None, "before");
-    // What overlaps counts once.
+    // Overlapping stalls count once.
     assert_eq!(explained(&timeline, 0.1, &[(395, 20), (396, 20)]), None);
     let both = explained(&timeline, 0.1, &[(395, 20), (416, 15)]);
     assert_eq!(both, milliseconds(20));
-    // The last position and the controller's error come at once behind a stall, or long after it.
+    // The last position and the controller's error come at once after a stall, or long after it.
     timeline.period_seconds = 0.001;
     assert_eq!(explained(&timeline, 0.001, &[(365, 24)]), milliseconds(24));
     assert_eq!(
@@ -311,7 +311,7 @@ fn a_silence_is_the_hosts_only_if_stalls_and_what_they_held_up_cover_half_of_it(
     );
 }
 
-/// A SYNC that is not sent any more is missed to the scenario's end, unless nobody knows how the run went on.
+/// A SYNC that stops is missed to the scenario's end, unless the further course of the run is unknown.
 #[test]
 fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
     let plan = setup(100, &[], &[]);
@@ -335,7 +335,7 @@ fn silence_counts_to_the_end_of_a_run_that_was_to_go_on() {
     assert_eq!(percent(&cut, end(EndedBy::User)), 0.0);
 }
 
-/// A stall in cycles that are missed, and one cycle that the controller left out by itself.
+/// The run has a stall in missed cycles, and one cycle that the controller left out by itself.
 #[test]
 fn a_window_is_the_hosts_by_what_is_missed_in_it() {
     let mut cycles = vec![Cycle::Served; 100];
@@ -367,7 +367,7 @@ fn a_window_is_the_hosts_by_what_is_missed_in_it() {
     assert!(!is_of_the_host(0.2, 0.5), "nothing is missed");
 }
 
-/// A controller that was silent from 0.3 to 0.5 s and came back, in real time.
+/// The controller was silent from 0.3 to 0.5 s and came back, in real time.
 #[test]
 fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs_own() {
     let stood = |nodes: &[&str]| {
@@ -417,12 +417,12 @@ fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
         (stay.first.cycle, word(stay.cause))
     };
     assert_eq!(lasting(&cycles, Who::PlantEmulator), (50, "node"));
-    // Of one node all that is missing is one breach.
+    // All missing frames of a single node are one breach.
     cycles[40..50].fill(Cycle::WithoutSync);
     assert_eq!(lasting(&cycles, Who::Controller), (40, "node"));
 }
 
-/// A node of canrig's that missed cycles although its loop was done with each in time was not run in them.
+/// One of canrig's nodes that missed cycles although its loop completed each in time did not run in them.
 #[test]
 fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
     let too_many = |overruns, late_answers, nodes: &[&str]| {
@@ -446,7 +446,7 @@ fn a_punctual_node_of_canrigs_stood_still_in_the_cycles_that_it_missed() {
     };
     assert_eq!(too_many(0, 0, &[]), 0);
     assert_eq!(too_many(1, 0, &[]), 1);
-    // A law kept it waiting.
+    // The controller waited for a law.
     assert_eq!(too_many(0, 1, &[]), 1);
     assert_eq!(too_many(0, 0, &["controller"]), 1);
 }

@@ -1,38 +1,38 @@
-//! How two runs differ.
+//! The differences between two runs.
 
 use serde::Serialize;
 
-/// How a signal of two runs differs.
+/// Difference of a signal between two runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SignalDifference {
-    /// The signal.
+    /// Name of the signal.
     pub name: String,
-    /// Its unit in the DBC.
+    /// Unit of the signal in the DBC.
     pub unit: String,
-    /// What it may differ by; none for any difference.
+    /// Tolerance of the signal; `None` if any difference is allowed.
     pub tolerance: Option<f64>,
-    /// The largest difference; none where one of the runs has no values.
+    /// Largest difference; `None` if one of the runs has no values.
     pub largest: Option<f64>,
-    /// When that is.
+    /// Time of the largest difference.
     pub largest_at_seconds: Option<f64>,
-    /// Root mean square of the differences, cycle by cycle; none where the runs have no values in common.
+    /// Root mean square of the differences, cycle by cycle; `None` if the runs have no values in common.
     pub rms: Option<f64>,
-    /// By how much the second run comes later, where a shift explains a part of the differences; 0 where none does.
+    /// Time by which the second run comes later, if a shift explains a part of the differences; 0 if none does.
     pub lag_seconds: Option<f64>,
-    /// When it first differs by more than the tolerance.
+    /// Time at which the signal first differs by more than the tolerance.
     pub diverges_at_seconds: Option<f64>,
-    /// Share of the cycles in which it does.
+    /// Percentage of the cycles in which it differs by more than the tolerance.
     pub beyond_percent: f64,
 }
 
 impl SignalDifference {
-    /// Whether it stays within its tolerance.
+    /// Returns whether the signal stays within its tolerance.
     #[must_use]
     pub fn agrees(&self) -> bool {
         self.diverges_at_seconds.is_none()
     }
 
-    /// Takes in the differences with their times; those that are NaN are of cycles in which a run has no value.
+    /// Adds the differences with their times. A difference is NaN in a cycle in which a run has no value.
     pub(super) fn judge(&mut self, differences: impl Iterator<Item = (f64, f64)>, tolerance: f64) {
         let (mut compared, mut beyond) = (0.0, 0.0);
         for (difference, time) in differences.filter(|(difference, _)| !difference.is_nan()) {
@@ -50,44 +50,44 @@ impl SignalDifference {
         }
     }
 
-    /// The largest difference by the tolerance, to sort by.
+    /// Returns the largest difference divided by the tolerance, as a key to sort by.
     pub(super) fn weight(&self) -> f64 {
         match (self.largest, self.tolerance) {
             (Some(0.0), _) => 0.0,
             (Some(largest), Some(tolerance)) => largest / tolerance,
-            // What is not judged comes after all that is, and before what is the same.
+            // Signals that are not judged come after all that are, and before equal ones.
             (Some(_), None) => f64::MIN_POSITIVE,
             (None, _) => 0.0,
         }
     }
 }
 
-/// How a metric of two runs differs.
+/// Difference of a metric between two runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MetricDifference {
-    /// The metric.
+    /// Name of the metric.
     pub name: String,
-    /// Its value in the first run.
+    /// Value in the first run.
     pub a: Option<f64>,
-    /// Its value in the second run.
+    /// Value in the second run.
     pub b: Option<f64>,
-    /// What it may differ by.
+    /// Tolerance of the metric.
     pub tolerance: f64,
-    /// Whether it stays within that, or is missing in both.
+    /// Whether the difference is within the tolerance, or the metric is missing in both runs.
     pub agrees: bool,
 }
 
-/// Two runs side by side.
+/// Comparison of two runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Whether nothing differs by more than its tolerance.
+    /// Whether all differences are within their tolerances.
     pub agrees: bool,
-    /// What is not a signal and not a metric.
+    /// Differences other than those of signals and metrics.
     pub remarks: Vec<String>,
-    /// Cycles that both runs have.
+    /// Number of cycles that both runs have.
     pub shared_cycles: usize,
-    /// All signals, what differs most by its tolerance first.
+    /// All signals, sorted by difference relative to the tolerance, the largest first.
     pub signals: Vec<SignalDifference>,
-    /// All metrics.
+    /// Difference of each metric.
     pub metrics: Vec<MetricDifference>,
 }

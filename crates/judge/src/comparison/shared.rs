@@ -1,20 +1,20 @@
-//! The cycles that two runs share, and how far values of one are from those of the other.
+//! The cycles that two runs share, and the distances of the values of one from those of the other.
 
 use recording::timeline::{Series, SeriesWriter, Timeline};
 
-/// A lag is looked for within this time and so many cycles …
+/// Largest lag that is searched for, in seconds and in cycles.
 const LAG_SECONDS_MAX: f64 = 0.5;
 const LAG_ROWS_MAX: f64 = 500.0;
-/// … and reported where it leaves less than this part of the mean square.
+/// Part of the mean square that must be left at most for a lag to be reported.
 const LAG_GAIN: f64 = 0.9;
-/// Of more values than these, only every second, third … is compared for it.
+/// Largest number of values to compare for a lag. If there are more, only every second, third … is compared.
 const LAG_SAMPLES_MAX: usize = 10_000;
-/// Runs that share fewer cycles than this, by the longer one, do not agree.
+/// Smallest share of the longer run's cycles for two runs to agree.
 const SHARED_PERCENT_MIN: f64 = 99.0;
 
-/// The cycles that both runs have, without the last of them.
+/// Cycles that both runs have, without the last of them.
 pub(super) struct Shared {
-    /// Rows of the one and of the other.
+    /// Rows of the first and of the second run.
     pub(super) rows: Series<[u64; 2]>,
     pub(super) time_seconds: Series<f64>,
     pub(super) period_seconds: f64,
@@ -31,7 +31,7 @@ impl Shared {
             left += usize::from(one <= other);
             right += usize::from(other <= one);
         }
-        // In its last cycle a run is already stopped.
+        // In its last cycle a run has already been stopped.
         rows.pop();
         let rows = rows.finish();
         let times = rows.iter().map(|[left, _]| a.time_seconds[row(*left)]);
@@ -42,10 +42,10 @@ impl Shared {
         }
     }
 
-    /// The values of the one and of the other, side by side.
+    /// Returns the values of both runs in the shared cycles.
     pub(super) fn values(&self, a: &Series<f64>, b: &Series<f64>) -> [Series<f64>; 2] {
         let of = |values: &Series<f64>, side: usize| {
-            // The rows grow, so the values are gone through once.
+            // The rows grow, so one pass over the values suffices.
             let (mut values, mut next) = (values.iter(), 0);
             let rows = self.rows.iter().map(|rows| {
                 let wanted = row(rows[side]);
@@ -78,7 +78,7 @@ impl Shared {
         )]
     }
 
-    /// Rows before and after that count as the same time.
+    /// Returns the number of rows before and after that count as the same time.
     pub(super) fn reach(&self, time_seconds: f64) -> usize {
         let rows = libm::floor(time_seconds / self.period_seconds + 1e-6).clamp(0.0, 100_000.0);
         #[expect(
@@ -99,16 +99,15 @@ fn row(wide: u64) -> usize {
     usize::try_from(wide).unwrap_or(usize::MAX)
 }
 
-/// Two signals side by side, cycle by cycle, without tolerance of time.
+/// Deviation of two signals, cycle by cycle, without tolerance of time.
 pub(super) struct SignalDeviation {
-    /// Root mean square of the differences.
     pub(super) rms: f64,
-    /// By how much B comes later, by the shift that makes the root mean square least.
+    /// Time by which B comes later: the shift with the least root mean square.
     pub(super) lag_seconds: f64,
 }
 
 impl SignalDeviation {
-    /// Of values at the shared cycles; none where no cycle has both.
+    /// Compares values at the shared cycles; returns `None` if no cycle has both.
     pub(super) fn of(a: &Series<f64>, b: &Series<f64>, period_seconds: f64) -> Option<Self> {
         let straight = mean_squares(a, b, 0, 1)[0]?;
         let reach = libm::round(LAG_SECONDS_MAX / period_seconds).clamp(0.0, LAG_ROWS_MAX);
@@ -123,14 +122,14 @@ impl SignalDeviation {
             mean_squares(a, b, reach, stride),
             mean_squares(b, a, reach, stride),
         );
-        // A shift must be worth it, or noise would look like a lag.
+        // A shift must reduce the difference clearly, or noise would look like a lag.
         let mut least = (later[0]? * LAG_GAIN, 0.0);
         let shifts = (0_u32..).map(f64::from);
         let earlier = shifts
             .clone()
             .zip(&earlier)
             .map(|(rows, found)| (-rows, found));
-        // From the earliest to the latest: of equal ones the first counts.
+        // The shifts go from the earliest to the latest. The first of equal ones counts.
         let found = earlier.skip(1).collect::<Vec<_>>().into_iter().rev();
         for (shift, found) in found.chain(shifts.zip(&later)).filter(|_| straight > 0.0) {
             if let Some(found) = found.filter(|found| *found < least.0) {
@@ -144,8 +143,8 @@ impl SignalDeviation {
     }
 }
 
-/// Mean squares of the differences where `others` are taken 0, 1, … and up to so many rows later, of every so many rows; none
-/// where no row is left. The values are gone through once for all of them, since they may be longer than memory.
+/// Returns the mean squares of the differences if `others` are taken 0, 1, … up to `rows_max` rows later, from every `stride`-th
+/// row; `None` if no row is left. A single pass over the values serves all shifts, since the values may exceed the memory.
 fn mean_squares(
     values: &Series<f64>,
     others: &Series<f64>,
@@ -177,7 +176,7 @@ fn add_square((sum, count): &mut (f64, f64), value: f64, other: f64) {
     }
 }
 
-/// How far each value lies outside the range of the others within `reach` rows; NaN where either has none.
+/// Returns the distance of each value from the range of the others within `reach` rows; NaN if either has none.
 pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) -> Series<f64> {
     let (lows, highs) = (
         running(others, reach, |new, old| new <= old),
@@ -185,7 +184,7 @@ pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) 
     );
     let ranges = lows.iter().zip(&highs);
     let distances = values.iter().zip(ranges).map(|(value, (low, high))| {
-        // A value is NaN where it or the others are missing, which max would hide.
+        // A value is NaN if it or the others are missing, which max would hide.
         let (low, high) = (*low, *high);
         if value.is_nan() || low.is_nan() {
             f64::NAN
@@ -196,7 +195,7 @@ pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) 
     distances.collect()
 }
 
-/// The best value within `reach` places before and after each, in linear time: a queue holds those that may still win.
+/// Returns the best value within `reach` places before and after each, in linear time: a queue holds those that may still win.
 fn running(values: &Series<f64>, reach: usize, beats: impl Fn(f64, f64) -> bool) -> Series<f64> {
     let mut queue = std::collections::VecDeque::new();
     let mut best = SeriesWriter::default();
@@ -284,7 +283,7 @@ mod tests {
         assert!(found[1].is_nan() && found[2].is_nan());
     }
 
-    /// The mean square for a single shift, by going through all values for it.
+    /// Returns the mean square for a single shift, by going through all values for it.
     fn mean_square(a: &[f64], b: &[f64], rows: usize, stride: usize) -> Option<f64> {
         let pairs = a.iter().zip(b.get(rows..)?).step_by(stride);
         let squares = pairs.map(|(a, b)| (b - a) * (b - a));

@@ -1,4 +1,4 @@
-//! By how much two runs may differ and still agree.
+//! Tolerances within which two runs agree.
 
 use std::str::FromStr;
 
@@ -7,37 +7,37 @@ use plan::ControlLoop;
 use recording::timeline::Timeline;
 use scenario::port::{Measurand, symbol_of};
 
-/// The name under which the set-point is compared, in its loop's unit; it shows whether both runs wanted the same.
+/// Name under which the set-point is compared, in its loop's unit. It shows whether both runs had the same set-point.
 pub(super) const SET_POINT: &str = "set_point_millimetres";
 
-/// The tolerance of a metric by its value, where that is more than its unit's.
+/// Relative tolerance of a metric, if that is more than the tolerance of its unit.
 const METRIC_SHARE: f64 = 0.05;
-/// The set-point follows from the scenario, so it differs only where the scenarios do.
+/// Tolerance of the set-point, which follows from the scenario and differs only if the scenarios do.
 const SET_POINT_TOLERANCE: f64 = 1e-3;
 
-/// The tolerance of what is in a loop's unit, by the range of its sensor: about four steps of a 10-bit converter.
+/// Tolerance of signals in a loop's unit, as a part of the sensor's range: about four steps of a 10-bit converter.
 const SHARE_OF_RANGE: f64 = 1.0 / 240.0;
-/// The same of its metrics.
+/// Tolerance of metrics in a loop's unit, as a part of the sensor's range.
 const METRIC_SHARE_OF_RANGE: f64 = 1.0 / 1000.0;
 
-/// Tolerances by other units: what measurement and cycle time leave unknown. Signals of further ones are shown and not judged:
-/// currents, velocities and the parts of the law swing round their means, each run with a phase of its own, and what
-/// comes of them is judged by temperature, position and metrics.
+/// Tolerances of other units: the uncertainty of measurement and cycle time. Signals in further units are shown and not judged:
+/// currents, velocities and the parts of the law swing about their means, each run with a phase of its own, and their effect is
+/// judged by temperature, position and metrics.
 const UNIT_TOLERANCES: [(&str, f64); 3] = [("degC", 1.0), ("g", 0.1), ("", PLAIN_TOLERANCE)];
-/// Not judged either, since they follow the current.
+/// Prefix of signals that are not judged either, since they follow the current.
 const SATURATION: &str = "saturation_";
 
-/// In the names of metrics of several loops together.
+/// Part of the names of metrics of several loops together.
 const CONTOUR: &str = "contour_error_";
-/// Before the names of metrics of the true position.
+/// Prefix of the names of metrics of the true position.
 const TRUE: &str = "true_";
-/// In the canonical names of what is in a loop's unit.
+/// Part of the canonical names of values in a loop's unit.
 const MILLIMETRES: &str = "millimetres";
 
-/// For numbers without a unit.
+/// Tolerance of numbers without a unit.
 const PLAIN_TOLERANCE: f64 = 0.02;
 
-/// Tolerances of metrics by the unit in their names.
+/// Tolerances of metrics, by the unit in their names.
 const METRIC_TOLERANCES: [(&str, f64); 4] = [
     ("milliseconds", 0.5),
     ("seconds", 0.01),
@@ -45,7 +45,7 @@ const METRIC_TOLERANCES: [(&str, f64); 4] = [
     ("amperes", 0.01),
 ];
 
-/// A tolerance that the user gave.
+/// Tolerance that the user gave.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GivenTolerance {
     name: String,
@@ -69,20 +69,20 @@ impl FromStr for GivenTolerance {
     }
 }
 
-/// A tolerance for what neither run has.
+/// Error of a tolerance for a name that neither run has.
 #[derive(Debug)]
 pub struct UnknownName(pub String);
 
-/// The unit of a loop and the range of its sensor.
+/// Unit of a loop, and range of its sensor.
 pub struct Scale {
-    /// What stands before the names of the loop; empty for the only one.
+    /// Prefix of the names of the loop; empty if there is only one.
     prefix: String,
     measurand: Measurand,
     range: f64,
 }
 
 impl Scale {
-    /// The scale of a loop.
+    /// Returns the scale of a loop.
     #[must_use]
     pub fn of(one: &ControlLoop) -> Self {
         let wiring = &one.trial.wiring;
@@ -95,18 +95,18 @@ impl Scale {
     }
 }
 
-/// What may differ, and by how much.
+/// Tolerances of a comparison.
 pub struct Tolerances<'a> {
-    /// What the user gave; of two for the same the last counts.
+    /// Tolerances that the user gave; the last one for the same name counts.
     pub given: &'a [GivenTolerance],
-    /// By how much a value may come earlier or later.
+    /// Time by which a value may come earlier or later.
     pub time_seconds: f64,
-    /// Of each loop.
+    /// Scale of each loop.
     pub scales: Vec<Scale>,
 }
 
 impl Tolerances<'_> {
-    /// Refuses a name that nothing has: it is mistyped.
+    /// Refuses a name that neither run has, since it is mistyped.
     ///
     /// # Errors
     /// The first such name.
@@ -138,14 +138,14 @@ impl Tolerances<'_> {
         given.map(|given| given.value)
     }
 
-    /// What the user gave for a unit, by its word or as the DBC writes it.
+    /// Returns the user's tolerance for a unit, named by its word or as the DBC writes it.
     fn given_for(&self, unit: &str) -> Option<f64> {
         let mut given = self.given.iter().filter(|_| !unit.is_empty());
         let given = given.rfind(|given| symbol_of(&given.name) == unit);
         given.map(|given| given.value)
     }
 
-    /// The tolerance of a signal: the user's for it, or for it in all loops, the user's for its unit, or the default.
+    /// Returns the tolerance of a signal: the user's for it, or for it in all loops, the user's for its unit, or the default.
     pub(super) fn of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
         let of_loop = self.given(&format!("{prefix}{name}"));
         let given = of_loop.or_else(|| self.given(name));
@@ -166,7 +166,8 @@ impl Tolerances<'_> {
         }
     }
 
-    /// The default for a metric in the unit of its loop, by the sensor's range; of a contour by the largest of its loops.
+    /// Returns the default for a metric in the unit of its loop, by the sensor's range; for a contour, by the largest range of
+    /// its loops.
     fn of_position_metric(&self, name: &str) -> Option<f64> {
         let scales = self.scales.iter();
         let ranges = scales.filter(|scale| {
@@ -233,7 +234,7 @@ mod tests {
                 signal("turn.", "position_degrees", "deg"),
                 signal("turn.", "set_point_degrees", "deg"),
                 signal("turn.", "wire_temperature_celsius", "degC"),
-                // A length of its own is not judged.
+                // A further length is not judged.
                 signal("turn.", "travel_millimetres", "mm"),
                 metric("lift.tracking_error_millimetres_rms"),
                 metric("turn.tracking_error_degrees_rms"),

@@ -1,4 +1,4 @@
-//! Runs drawn at random: what the scenario plans, and what its nodes sent, with stretches in which they did not.
+//! Runs drawn at random: the plan of the scenario, and the frames of its nodes, with stretches in which they sent none.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -9,15 +9,15 @@ use proptest::prelude::*;
 use recording::log::Stamped;
 
 pub(crate) const PERIOD_SECONDS: f64 = 0.01;
-/// In these cycles of a run all that the scenario plans begins.
+/// Number of cycles in which all planned pieces of a scenario begin.
 const PLANNED_CYCLES: u32 = 200;
-/// A run that goes on behind them has a hold.
+/// Number of cycles of a run that continues beyond them and has a hold.
 const CYCLES_WITH_HOLD: u32 = 450;
-/// What is longer than this is a silence: 20 SYNC periods, and 20 cycle times of `drive_truth`.
+/// Longest stretch without frames that is no silence: 20 SYNC periods, and 20 cycle times of `drive_truth`.
 pub(crate) const SILENCE_SECONDS: f64 = 0.2;
-/// When the scenario begins, in the log.
+/// Begin of the scenario, in the log.
 pub(crate) const ZERO_MICROS: u64 = 10_000;
-/// The message with the temperature comes so long after its SYNC.
+/// Time from a SYNC to the message with the temperature.
 pub(crate) const TEMPERATURE_MICROS: u64 = 260;
 
 const ENABLED: u8 = 39;
@@ -34,7 +34,7 @@ pub(crate) enum Piece {
     },
 }
 
-/// What the drive sends in a cycle.
+/// Values that the drive sends in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sent {
     pub(crate) position: f64,
@@ -44,14 +44,14 @@ pub(crate) struct Sent {
     pub(crate) is_enabled: bool,
 }
 
-/// A cycle whose SYNC was sent.
+/// Cycle whose SYNC was sent.
 #[derive(Clone, Debug)]
 pub(crate) struct Cycle {
     pub(crate) number: u32,
-    /// Of the SYNC, from the start of the scenario on.
+    /// Time of the SYNC, from the start of the scenario on.
     pub(crate) micros: u64,
     pub(crate) sent: Option<Sent>,
-    /// The current that the controller asks for.
+    /// Current that the controller asks for.
     pub(crate) command: Option<f64>,
 }
 
@@ -65,10 +65,10 @@ pub(crate) struct Truth {
 #[derive(Clone, Debug)]
 pub(crate) struct Drawn {
     pub(crate) cycles_due: u32,
-    /// With their starts; the first one starts at 0.
+    /// Pieces with their starts; the first one starts at 0.
     pub(crate) pieces: Vec<(f64, Piece)>,
     pub(crate) loads: Vec<f64>,
-    /// From when to when the sensor stands still.
+    /// Begin and end of the sensor's standstill.
     pub(crate) stuck: Option<(f64, f64)>,
     pub(crate) judged_until: Option<f64>,
     pub(crate) gain_limit: Option<(f64, f64)>,
@@ -87,7 +87,7 @@ impl Drawn {
         self.judged_until.unwrap_or(self.duration())
     }
 
-    /// The scenario file.
+    /// Returns the scenario file.
     pub(crate) fn text(&self) -> String {
         let mut text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"drawn\"\nduration_seconds = {:?}\n\
@@ -155,7 +155,7 @@ impl Drawn {
                 { signal = \"position_millimetres\", reaches = { min = 5.0, max = 30.0 }, for_milliseconds = 300.0 },\n]\n"
     }
 
-    /// The frames with their times in the log, in the order of time.
+    /// Returns the frames with their times in the log, in the order of time.
     pub(crate) fn frames(&self) -> Vec<(u64, CanFrame)> {
         let database = Database::shipped();
         let message = |name: &str, values: &[(&str, f64)]| {
@@ -221,7 +221,7 @@ impl Drawn {
         }
         let emergency = CanFrame::new(0x090, &[0x30, 0x81, 0x11, 0, 0, 0, 0, 0]);
         frames.extend(self.emergencies.iter().map(|at| (micros(*at), emergency)));
-        // The recording goes on behind the end, whatever is sent.
+        // The recording continues beyond the end with any frame.
         frames.push((micros(self.duration() + 0.01), CanFrame::new(0x701, &[5])));
         frames.sort_by_key(|(micros, _)| *micros);
         frames
@@ -235,12 +235,12 @@ impl Drawn {
     }
 }
 
-/// Scenario time of a frame.
+/// Returns the scenario time of a frame.
 pub(crate) fn scenario_seconds(micros: u64) -> f64 {
     (micros as f64 - ZERO_MICROS as f64) / 1e6
 }
 
-/// Distances from the set-point; none is at the edge of a band.
+/// Distances from the set-point, none of them at the edge of a band.
 const ERRORS: [f64; 8] = [0.0, 0.003, 0.013, 0.217, 0.313, 0.717, 3.113, 15.017];
 
 fn piece() -> impl Strategy<Value = Piece> {
@@ -256,7 +256,7 @@ fn piece() -> impl Strategy<Value = Piece> {
     ]
 }
 
-/// Times in milliseconds, on cycles and between them, each once.
+/// Draws times in milliseconds, on cycles and between them, each once.
 fn times(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<f64>> {
     let times =
         prop::collection::btree_set((1..PLANNED_CYCLES, prop_oneof![Just(0), Just(3)]), count);
@@ -280,7 +280,7 @@ fn pieces() -> impl Strategy<Value = Vec<(f64, Piece)>> {
     })
 }
 
-/// Which of so many things came: most, but for some that are missing alone and stretches in which all are.
+/// Draws the presence of each of `count` things: most are there, except for single ones and for stretches.
 fn came(count: u32) -> impl Strategy<Value = Vec<bool>> {
     let alone = prop::collection::vec(0..count, 0..6);
     let gap = || (0..count, prop_oneof![1..15_u32, 15..30_u32, 30..80_u32]);
@@ -302,7 +302,7 @@ fn came(count: u32) -> impl Strategy<Value = Vec<bool>> {
     })
 }
 
-/// One value for each of so many things, the same for some in a row.
+/// Draws one value for each of `count` things, with segments of equal values.
 fn segments<T: Clone + std::fmt::Debug>(
     value: impl Strategy<Value = T>,
     count: u32,
@@ -317,7 +317,7 @@ fn segments<T: Clone + std::fmt::Debug>(
     })
 }
 
-/// What a drive measures round the set-points: whole micrometres, as the bus carries them.
+/// Returns the measured position for a set-point and an error: whole micrometres, as the bus carries them.
 fn measured(set_point: f64, error: f64) -> f64 {
     ((set_point + error) * 1e3).round() / 1e3
 }
@@ -332,7 +332,7 @@ fn error() -> impl Strategy<Value = f64> {
     })
 }
 
-/// What happened, before it is put onto the pieces of a scenario.
+/// Course of a run, before it is combined with the pieces of a scenario.
 #[derive(Clone, Debug)]
 struct Course {
     syncs: Vec<bool>,
@@ -380,7 +380,7 @@ fn course(count: u32) -> impl Strategy<Value = Course> {
         })
 }
 
-/// Some in most cycles, or none at all.
+/// Draws commands for most cycles, or none at all.
 fn commands(
     current: impl Strategy<Value = f64>,
     count: u32,
@@ -398,7 +398,7 @@ fn commands(
 }
 
 impl Course {
-    /// From a cycle on the position is near, and up to another all is on the bus.
+    /// Brings the position near the set-point from one cycle on, and all frames onto the bus up to another.
     fn calm(&mut self, (from, until): (usize, usize)) {
         for (place, error) in self.errors.iter_mut().enumerate().skip(from) {
             *error = ERRORS[place % 4];
@@ -408,7 +408,7 @@ impl Course {
     }
 }
 
-/// Every cycle of which the SYNC came; the first one always does.
+/// Returns every cycle whose SYNC came; that of the first cycle always does.
 fn cycles(course: &Course, pieces: &[(f64, Piece)], cycles_due: u32) -> Vec<Cycle> {
     let mut cycles = Vec::new();
     for number in 0..cycles_due {
@@ -455,7 +455,7 @@ fn truth(count: u32) -> impl Strategy<Value = Vec<Truth>> {
     )
 }
 
-/// Any run.
+/// Draws a run.
 pub(crate) fn drawn() -> impl Strategy<Value = Drawn> {
     prop_oneof![
         3 => run(PLANNED_CYCLES, Just(None)),

@@ -1,5 +1,5 @@
-//! Each metric of random runs, with cycles that are missing and stretches of silence, is what a second, plain implementation
-//! makes of the words of docs/reference/metrics.md.
+//! Checks each metric of random runs, with missing cycles and stretches of silence, against a second, plain implementation of the
+//! definitions in docs/reference/metrics.md.
 #![expect(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod drawn;
@@ -16,7 +16,7 @@ use scenario::Trial;
 use crate::drawn::{Drawn, drawn};
 use crate::plain::{Rows, rows};
 
-/// Rows whose names end with what the check says.
+/// Ends of the names of rows that belong to checks.
 const CHECKS: [&str; 4] = [
     "position_millimetres stays",
     "position_millimetres reaches",
@@ -42,7 +42,7 @@ fn judged(verdict: &Verdict) -> Rows {
     rows.collect()
 }
 
-/// The verdict has six decimals.
+/// Compares two values; those of the verdict have six decimals.
 fn is_same(judged: Option<f64>, plain: Option<f64>) -> bool {
     match (judged, plain) {
         (Some(judged), Some(plain)) => (judged - plain).abs() <= 1e-6 + 1e-9 * plain.abs(),
@@ -62,7 +62,7 @@ proptest! {
         for (name, value) in &judged {
             prop_assert!(is_same(*value, plain[name]), "{}: {:?}, by its definition {:?}", name, value, plain[name]);
         }
-        // What has no value never passes.
+        // A row without a value never passes.
         for metric in &verdict.metrics {
             prop_assert!(metric.passed != Some(true) || metric.value.is_some(), "{} passes", metric.name);
         }

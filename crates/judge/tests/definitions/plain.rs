@@ -1,4 +1,4 @@
-//! Each metric computed again, slowly and from the words of docs/reference/metrics.md. Nothing of the judge is used.
+//! Computes each metric again, slowly and from the definitions in docs/reference/metrics.md, without any code of the judge.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -10,12 +10,12 @@ use crate::drawn::{
     scenario_seconds,
 };
 
-/// A value for each row; none where the row has no value.
+/// Value of each row; `None` if the row has no value.
 pub(crate) type Rows = BTreeMap<String, Option<f64>>;
 
 const TOLERANCE: f64 = 1e-9;
 
-/// A sample of a cycle.
+/// Sample of a cycle.
 #[derive(Clone, Copy)]
 struct Sample {
     time: f64,
@@ -31,7 +31,7 @@ impl Sample {
 
 type Span = (f64, f64);
 
-/// What is judged, with the measured position or the true one.
+/// Run to judge, with the measured position or the true one.
 struct Plain<'a> {
     drawn: &'a Drawn,
     samples: Vec<Sample>,
@@ -74,7 +74,7 @@ fn samples(drawn: &Drawn, is_true: bool) -> Vec<Sample> {
     samples.collect()
 }
 
-/// The set-point at a time, 0 before the first piece.
+/// Returns the set-point at a time, which is 0 before the first piece.
 pub(crate) fn set_point(pieces: &[(f64, Piece)], time: f64) -> f64 {
     let current = pieces
         .iter()
@@ -90,7 +90,7 @@ pub(crate) fn set_point(pieces: &[(f64, Piece)], time: f64) -> f64 {
     })
 }
 
-/// The window of the last three whole periods of each sine of at least four, with the period.
+/// Returns the window of the last three whole periods of each sine with at least four, and the period.
 pub(crate) fn judged_sines(drawn: &Drawn) -> Vec<(Span, f64)> {
     let mut judged = Vec::new();
     for (place, (start, piece)) in drawn.pieces.iter().enumerate() {
@@ -114,7 +114,7 @@ pub(crate) fn judged_sines(drawn: &Drawn) -> Vec<(Span, f64)> {
     judged
 }
 
-/// Whether times leave a silence in a span, its ends among them.
+/// Returns whether times leave a silence in a span; its ends count as times.
 fn has_silence(times: impl Iterator<Item = f64>, (from, until): Span) -> bool {
     let mut all = vec![from];
     all.extend(times);
@@ -127,7 +127,7 @@ fn is_in(time: f64, (from, until): Span) -> bool {
     time >= from - TOLERANCE && time < until - TOLERANCE
 }
 
-/// The largest of all; none if one is missing.
+/// Returns the largest value; `None` if one is missing.
 fn worst(values: Vec<Option<f64>>) -> Option<f64> {
     let values: Option<Vec<f64>> = values.into_iter().collect();
     values?.into_iter().reduce(f64::max)
@@ -143,7 +143,7 @@ impl Plain<'_> {
         samples.filter(|sample| is_in(sample.time, span)).collect()
     }
 
-    /// The samples of a span without a silence; none where it has one, or no sample.
+    /// Returns the samples of a span without a silence; `None` if the span has one, or no sample.
     fn seen(&self, span: Span) -> Option<Vec<Sample>> {
         let samples = self.within(span);
         let times = samples.iter().map(|sample| sample.time);
@@ -221,7 +221,7 @@ impl Plain<'_> {
         }
     }
 
-    /// When the set-point changes, or a disturbance or a fault starts or ends.
+    /// Returns the times at which the set-point changes, or a disturbance or a fault starts or ends.
     fn edges(&self) -> Vec<f64> {
         let samples = self.within(self.whole());
         let changes = samples.windows(2);
@@ -233,7 +233,7 @@ impl Plain<'_> {
         edges.chain(from).chain(until).collect()
     }
 
-    /// Highest less lowest mean of 10 ms in the last second, unless something changes in it.
+    /// Returns the highest less the lowest mean of 10 ms in the last second; `None` if something changes in it.
     fn hunting(&self) -> Option<f64> {
         let last = (self.end - 1.0, self.end);
         let is_inside = |edge: f64| edge > last.0 + TOLERANCE && edge < last.1;
@@ -256,7 +256,7 @@ impl Plain<'_> {
         Some(highest - means.into_iter().fold(f64::INFINITY, f64::min))
     }
 
-    /// Standard deviation of the command from 1 s after the last recovery on. A command holds until the next.
+    /// Returns the standard deviation of the command from 1 s after the last recovery on. A command holds until the next.
     fn ripple(&self) -> Option<f64> {
         let edges = self.edges().into_iter().filter(|edge| *edge < self.end);
         let calm = (edges.fold(0.0, f64::max), self.end);
@@ -308,8 +308,8 @@ impl Plain<'_> {
         steps
     }
 
-    /// The first sample from which on every sample is within the band, no silence follows up to the window's end, and that
-    /// is 0.1 s before it at least.
+    /// Returns the time to the first sample from which on every sample is within the band and no silence follows up to the
+    /// window's end. It must come at least 0.1 s before that end.
     fn settling_time(&self, step: &Step) -> Option<f64> {
         let band = 0.05 * (step.to - step.from).abs();
         let samples = self.within(step.span);
@@ -332,7 +332,7 @@ impl Plain<'_> {
         let beyond = samples
             .iter()
             .map(|one| 100.0 * (one.position - step.to) / height);
-        // Rounding makes a height of two set-points that are the same.
+        // Rounding gives a height to two equal set-points.
         (height.abs() >= 1e-6).then(|| beyond.fold(0.0, f64::max))
     }
 
@@ -363,7 +363,7 @@ impl Plain<'_> {
         ]
     }
 
-    /// Gain, phase and offset.
+    /// Returns gain, phase and offset.
     fn sine(&self, (span, period): (Span, f64)) -> Option<[f64; 3]> {
         let samples = self.seen(span)?;
         let wanted = fit(&samples, period, |sample| sample.set_point)?;
@@ -386,7 +386,7 @@ impl Plain<'_> {
         samples.iter().map(Sample::deviation).reduce(f64::max)
     }
 
-    /// The end of the last cycle outside 0.25 mm, or the first sample behind the last silence, whichever is later.
+    /// Returns the end of the last cycle outside 0.25 mm, or the first sample after the last silence, whichever is later.
     fn recovery(&self, span: Span) -> Option<f64> {
         let samples = self.within(span);
         let last = samples.last()?;
@@ -454,7 +454,7 @@ impl Plain<'_> {
         rows.insert("bus_load_percent".to_owned(), self.bus_load());
     }
 
-    /// Whether so many cycles in a row lack their command that they are a silence.
+    /// Returns whether enough cycles in a row lack their command for a silence.
     fn has_no_commands(&self, span: Span) -> bool {
         let lacking = self.lacking_commands();
         let runs = lacking.chunk_by(|before, after| before + 1 == *after);
@@ -468,7 +468,8 @@ impl Plain<'_> {
             .any(|length| length > SILENCE_SECONDS + TOLERANCE)
     }
 
-    /// The position of each cycle and the commands, in the order of time: the cycle of a position, or of the SYNC before a command.
+    /// Returns the position of each cycle and the commands, in the order of time. The number is the cycle of the position, or
+    /// that of the SYNC before the command.
     fn answers(&self) -> Vec<(f64, u32, bool)> {
         let cycles = self.drawn.cycles.iter().flat_map(|cycle| {
             let at = |micros: u64| (cycle.micros + micros) as f64 / 1e6;
@@ -482,8 +483,8 @@ impl Plain<'_> {
             .collect()
     }
 
-    /// The cycles with a position that no command follows before the next position. The last of them has waited for a period at the
-    /// end.
+    /// Returns the cycles with a position that no command follows before the next position. The last one counts if it has waited
+    /// for a period at the end.
     fn lacking_commands(&self) -> Vec<u32> {
         let frames = self.drawn.frames();
         let last_frame = frames
@@ -500,7 +501,7 @@ impl Plain<'_> {
         lacking.map(|(_, (_, cycle, _))| *cycle).collect()
     }
 
-    /// The cycles whose command comes behind another SYNC, 2 ms after its position at least.
+    /// Returns the cycles whose command comes after another SYNC, and at least 2 ms after its position.
     fn late_commands(&self) -> Vec<u32> {
         let answers = self.answers();
         let pairs = answers.windows(2).filter(|pair| pair[0].2 && !pair[1].2);
@@ -508,7 +509,7 @@ impl Plain<'_> {
         late.map(|pair| pair[0].1).collect()
     }
 
-    /// Such cycles, by all with a position.
+    /// Returns the percentage of such cycles among all with a position.
     fn share_of_commands(&self, cycles: &[u32]) -> Option<f64> {
         self.seen(self.whole())?;
         let is_judged = |number: &u32| is_in(f64::from(*number) * PERIOD_SECONDS, self.whole());
@@ -522,7 +523,8 @@ impl Plain<'_> {
         Some(100.0 * counted as f64 / due as f64)
     }
 
-    /// The mean of 64 SYNC periods in a row, none of which is longer than one and a half, that is farthest from the period.
+    /// Returns the error of the mean of 64 SYNC periods in a row that is farthest from the period. None of the 64 may be longer
+    /// than one and a half periods.
     fn sync_period_error(&self) -> Option<f64> {
         let cycles = self.drawn.cycles.iter();
         let times: Vec<f64> = cycles
@@ -541,7 +543,7 @@ impl Plain<'_> {
         errors.reduce(f64::max)
     }
 
-    /// Bits behind the first SYNC by the time to the last frame before the end; at 1 Mbit/s a bit takes 1 µs.
+    /// Returns the bits after the first SYNC divided by the time to the last frame before the end; at 1 Mbit/s a bit takes 1 µs.
     fn bus_load(&self) -> Option<f64> {
         let frames: Vec<_> = self
             .drawn
@@ -590,7 +592,8 @@ impl Plain<'_> {
         peaks.chain(sent).reduce(f64::max).filter(|_| is_seen)
     }
 
-    /// Whether the drive's messages with the temperature, which come behind their positions, follow each other without a silence.
+    /// Returns whether the drive's messages with the temperature, which come after their positions, follow each other without a
+    /// silence.
     fn has_each_temperature(&self) -> bool {
         let cycles = self.drawn.cycles.iter();
         let sent = cycles.filter(|cycle| cycle.sent.is_some());
@@ -601,7 +604,7 @@ impl Plain<'_> {
         !has_silence(times.iter().copied(), (0.0, *times.last().unwrap_or(&0.0)))
     }
 
-    /// The first instant from which on no current flows for 0.1 s, and in which nobody was silent.
+    /// Returns the first instant from which on no current flows for 0.1 s without a silence.
     fn current_zero(&self, fault: f64) -> Option<f64> {
         let truth = &self.drawn.truth;
         let fault = fault.max(truth.first()?.time_seconds);
@@ -697,7 +700,7 @@ impl Plain<'_> {
         rows.insert("there".to_owned(), self.stay(min, max));
     }
 
-    /// The first sample from which on all are within limits for 300 ms, without a silence.
+    /// Returns the time of the first sample from which on all are within limits for 300 ms, without a silence.
     fn stay(&self, min: f64, max: f64) -> Option<f64> {
         let samples = self.within((0.0, self.drawn.duration()));
         for (first, start) in samples.iter().enumerate() {
@@ -733,7 +736,7 @@ fn deviation_rms(samples: &[Sample]) -> f64 {
     mean(&squares).sqrt()
 }
 
-/// `mean + a sin ωt + b cos ωt` by least squares: the normal equations by Cramer's rule.
+/// Fits `mean + a sin ωt + b cos ωt` by least squares: the normal equations by Cramer's rule.
 fn fit(samples: &[Sample], period: f64, value: impl Fn(&Sample) -> f64) -> Option<[f64; 3]> {
     let (mut matrix, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
     for sample in samples {
@@ -763,7 +766,8 @@ fn determinant(m: [[f64; 3]; 3]) -> f64 {
         + m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])
 }
 
-/// Bits on the wire: from start of frame to the CRC with its stuff bits, ten more to the end of the frame, three between.
+/// Counts the bits on the wire: from start of frame to the CRC with its stuff bits, ten more to the end of the frame, three
+/// between.
 fn bits(frame: &CanFrame) -> usize {
     let identifier = frame.standard_id().unwrap();
     let mut stream = vec![false];

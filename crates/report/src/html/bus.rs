@@ -1,4 +1,4 @@
-//! The section on the bus: its load, its times, and what the nodes counted.
+//! The section on the bus: its load, its times, and the counts of the nodes.
 
 use dbc::SignalMissing;
 use maud::{Markup, html};
@@ -8,7 +8,7 @@ use crate::plot::{Colour, Extent, Plot, Shape};
 use crate::run::Run;
 use judge::timing::Timing;
 
-/// All loops share the bus; each has answers and commands of its own.
+/// Returns the section. All loops share the bus; each has answers and commands of its own.
 pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     let shared = &run.plan.shared;
     let timings = run.plan.loops.iter().map(|one| {
@@ -67,7 +67,7 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
     })
 }
 
-/// What the nodes' loops counted, which the recording does not show.
+/// Returns the counts of the nodes' loops, which the recording does not show.
 fn host(timing: &Timing) -> Markup {
     html! {
         h3 { "As the nodes saw it" }

@@ -1,4 +1,4 @@
-//! The signals that the scenario's checks name, each in a plot with what is demanded of it.
+//! The signals in the scenario's checks, each in a plot with its demands.
 
 use maud::{Markup, html};
 use scenario::expect::{Demand, SignalCheck};
@@ -10,22 +10,22 @@ use plan::ControlLoop;
 use platform::series::Series;
 use recording::traces::SignalTrace;
 
-/// Signals that get a plot; the verdict lists the others too.
+/// Largest number of signals with a plot; the verdict lists the others, too.
 const PLOTS_MAX: usize = 12;
 
-/// A trace as a plot takes it.
+/// Trace in the form for a plot.
 struct Drawn<'a> {
     trace: &'a SignalTrace,
     time_seconds: Series<f64>,
     values: Series<f64>,
-    /// Cycles from sample to sample, where that is not each cycle.
+    /// Number of cycles from sample to sample, if that is not 1.
     each_cycles: Option<usize>,
-    /// The rows of the courses that it must follow.
+    /// Rows of the courses that the signal must follow.
     courses: Vec<(Vec<f64>, Vec<f64>)>,
     patches: Vec<Patch>,
 }
 
-/// A section with the plots; nothing where no check names a signal.
+/// Returns a section with the plots; empty if no check names a signal.
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let own = run.own;
     let checks = &own.trial.expect.signal;
@@ -80,7 +80,7 @@ fn drawn<'a>(trace: &'a SignalTrace, own: &ControlLoop, period_seconds: f64) -> 
     drawn
 }
 
-/// The cycles of the first samples.
+/// Returns the cycles of the first samples.
 fn first_cycles(trace: &SignalTrace, period_seconds: f64) -> Vec<usize> {
     let samples = trace.samples.iter().take(CHANGES);
     #[expect(
@@ -92,7 +92,7 @@ fn first_cycles(trace: &SignalTrace, period_seconds: f64) -> Vec<usize> {
     cycles.collect()
 }
 
-/// Where a signal is on the bus: among several loops with the name of the drive whose frame it is in.
+/// Returns the name of a signal on the bus; with several loops it begins with the drive that sends the frame.
 fn shown(own: &ControlLoop, trace: &SignalTrace) -> String {
     let drive = &own.nodes.drive.name;
     let of_drive = trace.path.strip_prefix("drive_");

@@ -1,4 +1,4 @@
-//! The section on loops that keep to a path together: the path in the plane, and how far from it they were.
+//! The section on loops that follow a path together: the path in the plane, and the distances from it.
 
 use maud::{Markup, html};
 use scenario::contour::Contour;
@@ -38,7 +38,7 @@ pub(super) fn section(contour: &Contour, run: &Run<'_>) -> Markup {
     }
 }
 
-/// What two loops did in the contour's window, one over the other.
+/// Plots two loops in the contour's window, one over the other.
 fn plane<'a>(contour: &'a Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a> {
     let rows = window(contour, &[*across, *up]);
     let [x, y] = [across, up].map(|(_, run)| run.timeline);

@@ -1,6 +1,7 @@
 //! `report.html`: one run on one page.
 //!
-//! The head, the verdict, `signals`, the `response` to chirps, `checks`, `bus`, the events, the scenario, and how to make it again.
+//! The page has a head, the verdict, `signals`, the `response` to chirps, `checks`, `bus`, the events, the scenario, and the
+//! commands to make it again.
 
 mod bus;
 mod checks;
@@ -19,10 +20,11 @@ use recording::run_folder::file;
 use recording::timeline::{Timeline, events_of};
 use scenario::node::Part;
 
-/// Events that are listed; a run with more of them has one cause, which the first ones show.
+/// Largest number of listed events; a run with more of them has a single cause, which the first ones show.
 const EVENTS_MAX: usize = 300;
 
-/// The page of a run. It depends on nothing but the recording and the verdict; `remarks` say what of the log cannot be read.
+/// Returns the page of a run. It depends on nothing but the recording and the verdict. `remarks` name the parts of the log that
+/// cannot be read.
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.
@@ -51,7 +53,7 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
     ))
 }
 
-/// Links to the parts of the page.
+/// Returns links to the parts of the page.
 fn contents(run: &Run<'_>) -> Markup {
     html! { nav.contents aria-label="Contents" {
         a href="#verdict" { "Verdict" }
@@ -62,7 +64,7 @@ fn contents(run: &Run<'_>) -> Markup {
     } }
 }
 
-/// The metrics; of several loops those of each by themselves, then what all share.
+/// Returns the metrics; with several loops those of each loop, then those that all share.
 fn metrics(run: &Run<'_>) -> Markup {
     let verdict = run.verdict;
     if verdict.metrics.is_empty() {
@@ -86,7 +88,7 @@ fn metrics(run: &Run<'_>) -> Markup {
     }
 }
 
-/// What a loop did.
+/// Returns the sections on a loop.
 fn of_loop(number: usize, run: &RunLoop<'_>) -> Markup {
     html! {
         @if let Some(name) = run.own.loop_name() { h2 id=(format!("loop-{number}")) { "Loop " (name) } }
@@ -97,7 +99,7 @@ fn of_loop(number: usize, run: &RunLoop<'_>) -> Markup {
     }
 }
 
-/// The heading of a part of that.
+/// Returns the heading of a part of those sections.
 fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
     match run.own.loop_name() {
         None => html! { h2 { (text) } },
@@ -135,7 +137,7 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     }
 }
 
-/// The law of all loops, or that of each.
+/// Returns the law of all loops, or that of each.
 fn laws(run: &Run<'_>) -> String {
     let laws = run.loops().filter_map(|one| Some((one, law_of(&one)?)));
     let laws = Vec::from_iter(laws);
@@ -151,14 +153,14 @@ fn laws(run: &Run<'_>) -> String {
     }
 }
 
-/// The law of a loop; none where that of another loop leads its drive.
+/// Returns the law of a loop; `None` if the law of another loop leads its drive.
 fn law_of<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
     let scenario = &run.own.trial;
     let is_led = scenario.wiring.led_by.is_some();
     (!is_led).then(|| scenario.controller.law_name())
 }
 
-/// How much was recorded.
+/// Returns how much of the scenario was recorded.
 fn recorded(run: &Run<'_>) -> String {
     let ends = run.timelines.iter().map(Timeline::end_seconds);
     let reached = ends.fold(0.0, f64::max);
@@ -166,14 +168,14 @@ fn recorded(run: &Run<'_>) -> String {
     format!("{reached:.3} s of {planned} s")
 }
 
-/// The cause, where the verdict's reason does not say it.
+/// Returns the cause, unless the verdict's reason contains it.
 fn cause_besides(verdict: &Verdict) -> Option<&str> {
     let words = verdict.cause.as_ref().map(|cause| cause.words.as_str())?;
     let reason = verdict.reason.as_deref().unwrap_or_default();
     (!reason.contains(words)).then_some(words)
 }
 
-/// Limits that were not judged, times that are not trusted, and frames that are not there.
+/// Returns remarks on limits that were not judged, times that are not trusted, and frames that are missing.
 fn doubts(verdict: &Verdict) -> Vec<String> {
     let metrics = || verdict.metrics.iter();
     let not_judged = metrics().filter(|metric| metric.limit.is_some() && metric.passed.is_none());
@@ -195,7 +197,8 @@ fn doubts(verdict: &Verdict) -> Vec<String> {
     not_judged.chain(distrust).chain(frames).collect()
 }
 
-/// The values that the verdict does not stand for, since nothing limits them; nothing where none is limited, which the remark says.
+/// Returns a remark on the values without a limit, which the verdict does not cover; `None` if no value has a limit, which
+/// another remark says.
 fn without_limit(verdict: &Verdict) -> Option<String> {
     let free = verdict
         .metrics
@@ -206,10 +209,10 @@ fn without_limit(verdict: &Verdict) -> Option<String> {
     says_something.then(|| format!("Without a limit: {}.", free.join(", ")))
 }
 
-/// Why no more was recorded, where the verdict's reason does not say it.
+/// Returns the reason why the recording ends early, unless the verdict's reason contains it.
 fn end_besides(verdict: &Verdict) -> Option<String> {
     let end = verdict.ended_early.as_ref()?.to_string();
-    // The end of a node's log stands in the reason.
+    // The reason contains the end of a node's log.
     let why = end.lines().next()?;
     let reason = verdict.reason.as_deref().unwrap_or_default();
     (!reason.contains(why)).then(|| format!("The run ended early: {why}"))
@@ -256,8 +259,8 @@ fn again(is_long: bool) -> Markup {
     }
 }
 
-/// What was played by which program, for those who must know the version. When that was stands in `played.json` alone, since two
-/// plays leave the same page.
+/// Returns the versions, for readers who must reproduce the run. Its date is in `played.json` only, so that two plays leave the
+/// same page.
 fn foot(run: &Run<'_>) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
     html! {

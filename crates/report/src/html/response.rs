@@ -1,4 +1,4 @@
-//! The section of a run with chirps: gain, phase and offset over frequency.
+//! The section on a run with chirps: gain, phase and offset over frequency.
 
 use judge::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_responses};
 use maud::{Markup, html};
@@ -7,10 +7,10 @@ use crate::plot::{Colour, Plot, Shape};
 use crate::run::RunLoop;
 use crate::unit::shown_unit;
 
-/// A curve over frequency: its title, its unit, and what it shows.
+/// Curve over frequency: its title, its unit, and its value at a point.
 type Curve = (&'static str, &'static str, fn(&FrequencyPoint) -> f64);
 
-/// Stands for the unit of the loop.
+/// Placeholder for the unit of the loop.
 const OWN_UNIT: &str = "position";
 
 const CURVES: [Curve; 3] = [

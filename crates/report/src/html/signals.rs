@@ -1,4 +1,4 @@
-//! The section with the plots over time: the position first, then all else.
+//! The section with the plots over time: the position first, then all others.
 
 use dbc::names::WIRE_TEMPERATURE;
 use maud::{Markup, html};
@@ -13,11 +13,11 @@ use judge::SETTLING_BAND;
 use platform::series::Series;
 use recording::timeline::{Column, Timeline};
 
-/// Steps and disturbances that get a plot of their own; and so many sines.
+/// Largest number of steps and disturbances with plots of their own, and of such sines.
 const CLOSE_UPS_MAX: usize = 4;
-/// A judged sine of a larger share of the run can be seen in the plot of all of it.
+/// Largest share of the run for a close-up of a judged sine; a longer one can be seen in the plot of the whole run.
 const SINE_SHARE_MAX: f64 = 0.1;
-/// What is seen of a step: before it, and at most after it.
+/// Times in a close-up before the event, and at most after it.
 const BEFORE_SECONDS: f64 = 0.1;
 const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
@@ -82,7 +82,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     }
 }
 
-/// What the coloured patches behind the curves are; nothing where there are none.
+/// Describes the coloured patches behind the curves; `None` if there are none.
 fn patches_in_words(own: &ControlLoop) -> Option<String> {
     let trial = &own.trial;
     let has_steps = !trial.judged_steps().is_empty();
@@ -100,7 +100,7 @@ fn patches_in_words(own: &ControlLoop) -> Option<String> {
     (!words.is_empty()).then(|| words.join(" "))
 }
 
-/// The terms of the sliding-mode laws; the other shipped laws have none of them.
+/// Plots the terms of the sliding-mode laws; the other shipped laws have none of them.
 fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
     let mut sliding = of_signals(
         timeline,
@@ -129,12 +129,12 @@ fn of_the_sliding_mode(timeline: &Timeline) -> [Plot<'_>; 2] {
             ),
         ],
     );
-    // Their first values, far from the set-point, can be a thousand times the later ones.
+    // The first values, far from the set-point, can be a thousand times the later ones.
     (sliding.extent, parts.extent) = (Extent::Typical, Extent::Typical);
     [sliding, parts]
 }
 
-/// The terms of a law from outside, each by itself.
+/// Plots the terms of a custom law, each by itself.
 fn of_own_terms<'a>(
     timeline: &'a Timeline,
     own: &'a ControlLoop,
@@ -147,7 +147,7 @@ fn of_own_terms<'a>(
     })
 }
 
-/// The SMA actuator's own signals, with what a controller believes of them.
+/// Plots the SMA actuator's own signals, with the controller's estimates of them.
 fn of_the_wire(timeline: &Timeline) -> [Plot<'_>; 2] {
     let temperature = of_signals(
         timeline,
@@ -178,7 +178,7 @@ fn of_the_wire(timeline: &Timeline) -> [Plot<'_>; 2] {
     [temperature, fraction]
 }
 
-/// The own signals of any other plant, each by itself.
+/// Plots the own signals of any other plant, each by itself.
 fn of_another_plant<'a>(
     timeline: &'a Timeline,
     own: &'a ControlLoop,
@@ -239,11 +239,11 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     plot
 }
 
-/// What is judged of a run, as a stretch of time with a title.
+/// Judged stretch of time: title, begin and end.
 type Stretch = (String, f64, f64);
 
-/// The position round each step and each disturbance, and in the judged periods of sines in a long run; and how many more of
-/// them there are.
+/// Plots the position at each step and each disturbance, and in the judged periods of sines in a long run. Also returns the
+/// number of stretches that are left out.
 fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
     let end = run.timeline.end_seconds();
     let reached = |stretches: Vec<Stretch>| {
@@ -264,7 +264,7 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
     (plots.collect(), left_out.iter().sum())
 }
 
-/// Steps and disturbances.
+/// Returns the stretches of steps and disturbances.
 fn sudden(trial: &Trial) -> Vec<Stretch> {
     let symbol = shown_unit(trial.wiring.feedback.measurand.unit.symbol());
     let steps = trial.judged_steps().into_iter().map(|step| {
@@ -285,7 +285,7 @@ fn sudden(trial: &Trial) -> Vec<Stretch> {
     steps.chain(disturbances).map(before).collect()
 }
 
-/// Sines whose judged periods are too short a part of the run to be seen in it.
+/// Returns the sines whose judged periods are too short a part of the run to be seen in it.
 fn sines(trial: &Trial) -> Vec<Stretch> {
     let share =
         |window: Window| (window.until_seconds - window.from_seconds) / trial.run.duration_seconds;
@@ -311,7 +311,7 @@ fn settling_band(step: &JudgedStep) -> Patch {
 
 fn disturbances(trial: &Trial) -> Vec<Patch> {
     let windows = trial.disturbance_windows();
-    // A load stays until the next one; it is marked where it changes.
+    // A load stays until the next one; the patch marks the change.
     let patches = windows.iter().map(|disturbance| {
         let window = disturbance.window;
         stretch("span", window.from_seconds, window.until_seconds, trial)
@@ -319,7 +319,7 @@ fn disturbances(trial: &Trial) -> Vec<Patch> {
     patches.collect()
 }
 
-/// Faults from their beginning on; those of the boot are over when the scenario begins.
+/// Returns patches for faults, from their begin on; faults of the boot are over when the scenario begins.
 fn faults(own: &ControlLoop) -> Vec<Patch> {
     let trial = &own.trial;
     let patches = own.faults().filter_map(|fault| {
@@ -329,7 +329,7 @@ fn faults(own: &ControlLoop) -> Vec<Patch> {
     patches.collect()
 }
 
-/// A stretch of time that can be seen, however short it is.
+/// Returns a patch for a stretch of time, wide enough to be seen.
 fn stretch(class: &'static str, from_seconds: f64, until_seconds: f64, trial: &Trial) -> Patch {
     let seen_seconds = 0.003 * trial.run.duration_seconds;
     Patch {
@@ -339,7 +339,7 @@ fn stretch(class: &'static str, from_seconds: f64, until_seconds: f64, trial: &T
     }
 }
 
-/// A column that the run has.
+/// Returns a column that the run uses.
 fn used<'a>(timeline: &'a Timeline, name: &str) -> Option<&'a Column> {
     timeline.column(name).filter(|column| column.is_used())
 }
@@ -359,7 +359,7 @@ fn of_signals<'a>(
     plot
 }
 
-/// Draws a signal: as points where it has a sample in few cycles only, which its label says.
+/// Draws a signal: as points if it has a sample in few cycles only, which its label says.
 fn draw<'a>(
     plot: &mut Plot<'a>,
     timeline: &'a Timeline,
@@ -381,20 +381,20 @@ fn draw<'a>(
     );
 }
 
-/// How often a signal has a new value.
+/// Sampling of a signal.
 #[derive(Debug, PartialEq)]
 enum Sampling {
     EachCycle,
-    /// In each so many cycles, with none between them.
+    /// A value in every n-th cycle, with none between them.
     Few(usize),
-    /// The same, held between them.
+    /// A value in every n-th cycle, held between them.
     Held(usize),
 }
 
-/// Changes of a signal that say how often it is sampled.
+/// Number of changes of a signal that determine its sampling.
 pub(super) const CHANGES: usize = 64;
 
-/// Looks at the first changes of a signal; those of a signal that hardly changes say nothing.
+/// Determines the sampling from the first changes of a signal. A signal with few changes counts as sampled in each cycle.
 fn sampling(values: &[f64]) -> Sampling {
     let values = &values[..values.len().min(1 << 20)];
     let is_finite = |row: &usize| values[*row].is_finite();
@@ -410,8 +410,8 @@ fn sampling(values: &[f64]) -> Sampling {
     }
 }
 
-/// Cycles of which the distances between all these rows are multiples; none where that is each cycle, or where they are too few
-/// to say so.
+/// Returns the number of cycles of which all distances between these rows are multiples; `None` if that is 1, or if there are too
+/// few rows.
 pub(super) fn common_distance(rows: &[usize]) -> Option<usize> {
     let apart = rows.array_windows().map(|[from, to]| to.abs_diff(*from));
     let cycles = apart.fold(0, greatest_divisor);
@@ -426,8 +426,8 @@ fn greatest_divisor(a: usize, b: usize) -> usize {
     }
 }
 
-/// The values of a column from its first row that is one. A node that computes nothing yet sends 0, which holds for some
-/// cycles of the scenario.
+/// Returns the first row with a value of a column, and the values from there on. A node that has not computed anything yet sends
+/// 0, which holds for some cycles of the scenario.
 fn first_sent(column: &Column) -> (usize, &[f64]) {
     const NOTHING_YET_CYCLES: usize = 20;
     let values = &column.values[..];
@@ -441,7 +441,7 @@ fn first_sent(column: &Column) -> (usize, &[f64]) {
     (first, &values[first..])
 }
 
-/// ξ over the temperature: the loop that makes the wire hard to control.
+/// Plots ξ over the temperature: the hysteresis that makes the wire hard to control.
 fn hysteresis(timeline: &Timeline) -> Plot<'_> {
     let mut plot = Plot::over_time("Hysteresis", "ξ");
     plot.x_label = "wire temperature (°C)";
@@ -496,7 +496,7 @@ mod tests {
         assert_eq!(sampling(&few), Sampling::Few(10));
         assert_eq!(sampling(&held), Sampling::Held(10));
         assert_eq!(sampling(&step), Sampling::EachCycle);
-        // Lost samples are gaps, not a rate.
+        // Lost samples are gaps and do not change the rate.
         let lossy = rows(|row| {
             if row % 97 == 5 {
                 f64::NAN

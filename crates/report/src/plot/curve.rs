@@ -1,20 +1,20 @@
-//! What a plot consists of: curves, what stands behind them, and what its height stands for.
+//! Elements of a plot: curves, the patches behind them, and the extent of the height.
 
-/// Places at which two curves are compared.
+/// Number of places at which two curves are compared.
 const LOOKED_AT: u32 = 400;
 
-/// One of the colours that the style sheet defines.
+/// Colour from the style sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Colour {
-    /// What is wanted.
+    /// Colour of a wanted value.
     Wanted,
-    /// What is measured.
+    /// Colour of a measured value.
     Measured,
-    /// What is true, known only in emulation.
+    /// Colour of a true value, which is known in emulation only.
     True,
-    /// What the controller estimates or makes of it.
+    /// Colour of a value that the controller estimates or derives.
     Estimated,
-    /// The n-th of several runs.
+    /// Colour of the n-th of several runs.
     Run(usize),
 }
 
@@ -34,30 +34,30 @@ impl Colour {
     }
 }
 
-/// How the points of a curve are joined.
+/// Way in which the points of a curve are joined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shape {
-    /// Over time: x grows.
+    /// Line over time: x grows.
     Line,
-    /// Over time, broken: for what is wanted.
+    /// Dashed line over time, for wanted values.
     Dashed,
-    /// In a plane: x goes to and fro.
+    /// Path in a plane: x may grow and fall.
     Path,
-    /// In a plane, broken: for what is wanted.
+    /// Dashed path in a plane, for wanted values.
     DashedPath,
-    /// An area down to the lower edge.
+    /// Area down to the lower edge.
     Area,
-    /// Over time, not joined: between them nothing is known.
+    /// Points over time, not joined, since values between them are unknown.
     Points,
 }
 
 impl Shape {
-    /// Whether it is in a plane.
+    /// Returns whether the shape is in a plane.
     pub(super) fn is_path(self) -> bool {
         matches!(self, Self::Path | Self::DashedPath)
     }
 
-    /// The class of the style sheet that tells it from a line.
+    /// Returns the class of the style sheet that distinguishes the shape from a line.
     pub(crate) fn class(self) -> Option<&'static str> {
         match self {
             Self::Dashed | Self::DashedPath => Some("dashed"),
@@ -68,7 +68,7 @@ impl Shape {
     }
 }
 
-/// A curve of a plot.
+/// Curve of a plot.
 pub struct PlotCurve<'a> {
     pub label: String,
     pub colour: Colour,
@@ -78,13 +78,13 @@ pub struct PlotCurve<'a> {
 }
 
 impl PlotCurve<'_> {
-    /// The value at a place of the horizontal axis; none before the first one, and where it is not finite.
+    /// Returns the value at a place of the horizontal axis; `None` before the first point, and if the value is not finite.
     fn value_at(&self, x: f64) -> Option<f64> {
         let place = self.x.partition_point(|own| *own <= x).checked_sub(1)?;
         self.y.get(place).copied().filter(|y| y.is_finite())
     }
 
-    /// Whether the curve runs over another for most of a stretch of x, so near that it hides it.
+    /// Returns whether the curve covers another for most of a stretch of x, so near that it hides it.
     pub(super) fn hides(&self, other: &Self, (from, until): (f64, f64), near: f64) -> bool {
         let is_line = |shape| matches!(shape, Shape::Line | Shape::Dashed);
         if !is_line(self.shape) || !is_line(other.shape) {
@@ -99,7 +99,7 @@ impl PlotCurve<'_> {
         2 * near > all
     }
 
-    /// The points that a stretch of x shows. In the plane all are shown.
+    /// Returns the points in a stretch of x, or all points of a path in the plane.
     pub(super) fn within(&self, stretch: Option<(f64, f64)>) -> (&[f64], &[f64]) {
         match stretch {
             Some((from, until)) if !self.shape.is_path() => {
@@ -112,28 +112,28 @@ impl PlotCurve<'_> {
     }
 }
 
-/// A rectangle behind the curves; infinite sides reach the edge.
+/// Rectangle behind the curves; infinite sides reach the edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
     /// Class in the style sheet.
     pub class: &'static str,
-    /// From left to right.
+    /// Left and right edge.
     pub x: (f64, f64),
-    /// From bottom to top.
+    /// Lower and upper edge.
     pub y: (f64, f64),
 }
 
-/// What the height of a plot stands for.
+/// Range of the values that the height of a plot shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
-    /// Everything.
+    /// All values.
     All,
-    /// Everything, and 0.
+    /// All values, and 0.
     FromZero,
-    /// Nearly everything: rare peaks that would press the rest flat are cut, and the caption says so.
+    /// Nearly all values: rare peaks that would flatten the rest are cut, which the caption says.
     Typical,
-    /// Everything; the values are decimal logarithms.
+    /// All values, which are decimal logarithms.
     Logarithmic,
-    /// Everything, and as much in both directions: a circle is round.
+    /// All values, with the same scale in both directions: a circle is round.
     Plane,
 }

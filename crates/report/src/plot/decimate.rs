@@ -1,23 +1,24 @@
-//! Leaves out the points of a curve that nobody can see, so that a page stays small however long the run was.
+//! Leaves out the points of a curve that cannot be seen, so that a page stays small for a run of any length.
 
 use platform::series::{give_back, passing};
 
 use super::range::{NOTHING, extended, finite_range};
 use super::scale::{DrawingScale, SIDE};
 
-/// Points that are joined, in whole units of the drawing.
+/// Joined points, in whole units of the drawing.
 pub(super) type Polyline = Vec<(i32, i32)>;
 
 /// Width of a pixel column in units of the drawing.
 const COLUMN: i32 = 80;
 
-/// So many gaps within a pixel column, which nobody can tell apart, are drawn. Of more the page would grow with the run.
+/// Largest number of gaps that are drawn within a pixel column. More cannot be distinguished, and would let the page grow with
+/// the run.
 const GAPS_MAX: usize = 4;
 
-/// Width and height of a cell of a path in the plane.
+/// Width and height of a cell for a path in the plane.
 const CELL: (i32, i32) = (80, 256);
 
-/// A curve over time: of each pixel column the first, the lowest, the highest and the last point. A point that is not
+/// Returns a curve over time: the first, the lowest, the highest and the last point of each pixel column. A point that is not
 /// finite interrupts it.
 pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> Vec<Polyline> {
     let mut lines = Vec::new();
@@ -26,7 +27,7 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> V
         let until = column_end(scale.along(*first));
         let inside = passing(x).take_while(|x| scale.along(**x) < until);
         let Some(last) = inside.count().checked_sub(1) else {
-            // The first point is nowhere.
+            // The first point has no place.
             end(&mut line, &mut lines);
             (x, y) = (&x[1..], &y[1..]);
             continue;
@@ -48,7 +49,7 @@ pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> V
     lines
 }
 
-/// Single samples over time: of each pixel column the first, the lowest, the highest and the last of them.
+/// Returns single samples over time: the first, the lowest, the highest and the last one of each pixel column.
 pub(super) fn points(x: &[f64], y: &[f64], scale: &DrawingScale) -> Polyline {
     let mut points = Polyline::new();
     let mut column = Vec::new();
@@ -69,7 +70,7 @@ pub(super) fn points(x: &[f64], y: &[f64], scale: &DrawingScale) -> Polyline {
     points
 }
 
-/// The first, the lowest, the highest and the last of some points, each once and in their order.
+/// Returns the first, the lowest, the highest and the last of some points, each once and in their order.
 fn extremes(points: &[(i32, i32)]) -> impl Iterator<Item = (i32, i32)> {
     let places = || 0..points.len();
     let by_height = |place: &usize| points[*place].1;
@@ -84,7 +85,7 @@ fn extremes(points: &[(i32, i32)]) -> impl Iterator<Item = (i32, i32)> {
     found.into_iter().map(|place| points[place])
 }
 
-/// A path in the plane. Where it passes a second time, it is not drawn again.
+/// Returns a path in the plane. Places that it passes a second time are not drawn again.
 pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     let mut lines = Vec::new();
     let mut line = Polyline::new();
@@ -92,7 +93,7 @@ pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     let mut last = None;
     let mut before = None;
     for point in points {
-        // What is held for several cycles is the same point for all of them.
+        // A value that is held for several cycles is the same point in all of them.
         if before.replace(point) == Some(point) {
             continue;
         }
@@ -120,12 +121,12 @@ pub(super) fn path(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
     lines
 }
 
-/// Where the pixel column of a place ends: from there on, whole units belong to the next.
+/// Returns the end of the pixel column of a place: from there on, whole units belong to the next.
 fn column_end(place: f64) -> f64 {
     f64::from((nearest(place) / COLUMN + 1) * COLUMN) - 0.5
 }
 
-/// The points of one pixel column.
+/// Points of one pixel column.
 struct PixelColumn<'a> {
     x: &'a [f64],
     y: &'a [f64],
@@ -133,7 +134,7 @@ struct PixelColumn<'a> {
 }
 
 impl<'a> PixelColumn<'a> {
-    /// What lies between points that are not finite.
+    /// Returns the parts between points that are not finite.
     fn parts(&self) -> impl Iterator<Item = Self> {
         let mut x = self.x;
         self.y.split(|y| !y.is_finite()).map(move |y| {
@@ -186,14 +187,14 @@ impl<'a> PixelColumn<'a> {
         }
     }
 
-    /// The points are not looked at again soon.
+    /// Gives the memory of the points back, since they are not needed again soon.
     fn give_back(&self) {
         give_back(self.x);
         give_back(self.y);
     }
 
     /// Draws the first, the lowest, the highest and the last point; the first and the last one must be finite. A point between
-    /// them that is not has height 0, so it is taken at most for one that is there too.
+    /// them that is not finite has height 0, so it can only replace a point at that height.
     fn draw(&self, (low, high): (f64, f64), line: &mut Polyline) {
         let height = |y: f64| nearest(self.scale.down(y));
         let point = |place: usize| {
@@ -214,7 +215,7 @@ impl<'a> PixelColumn<'a> {
     }
 }
 
-/// Appends a point, unless it is where the line is already; a straight level stretch needs its ends only.
+/// Appends a point, unless the line is there already. Of a level stretch only the ends are kept.
 fn push(line: &mut Polyline, point: (i32, i32)) {
     match line[..] {
         [.., last] if last == point => {}
@@ -232,12 +233,12 @@ fn end(line: &mut Polyline, lines: &mut Vec<Polyline>) {
     }
 }
 
-/// The nearest whole units; nothing for what is not finite.
+/// Returns the nearest whole units; `None` for a point that is not finite.
 fn whole((x, y): (f64, f64)) -> Option<(i32, i32)> {
     (x.is_finite() && y.is_finite()).then(|| (nearest(x), nearest(y)))
 }
 
-/// The nearest whole unit.
+/// Returns the nearest whole unit.
 fn nearest(value: f64) -> i32 {
     let value = value.clamp(-1e9, 1e9);
     #[expect(
@@ -252,7 +253,7 @@ fn cell((x, y): (i32, i32)) -> (i32, i32) {
     (x / CELL.0, y / CELL.1)
 }
 
-/// Which cells of the drawing a path has passed.
+/// Cells of the drawing that a path has passed.
 struct Passed(Vec<bool>);
 
 impl Passed {
@@ -287,7 +288,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A drawing whose units are those of the values.
+    /// Drawing with the units of the values.
     const UNITS: DrawingScale = DrawingScale {
         x: 0.0,
         y: 0.0,
@@ -308,7 +309,8 @@ mod tests {
                 (f64::from(10 * row), if row % 3 == 1 { y } else { f64::NAN })
             })
             .unzip();
-        // Of the rows 1, 4 and 7 no more than the two ends are needed; 13 is the lowest of 10, 13.
+        // The ends of the rows 1, 4 and 7 are their extremes, so they suffice; 13 is the lowest of 10 and 13, since the heights
+        // point down.
         let expected = [1, 4, 7, 10, 13, 16, 19, 22, 25, 28];
         let expected = expected.map(|row| (10 * row, if row == 13 { 900 } else { row }));
         let found = points(&x, &y, &UNITS);
@@ -378,7 +380,7 @@ mod tests {
                 (f64::from(sample) * 4.0, y)
             })
         };
-        // Of three pixels the middle one has the gaps.
+        // The middle one of three pixels has the gaps.
         let inside = decimated(points(|sample| {
             (22..34).contains(&sample) && sample % 2 == 0
         }));

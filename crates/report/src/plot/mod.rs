@@ -1,8 +1,8 @@
-//! Plots for the HTML pages: curves as SVG that stretches to the width of its place, axes as text of constant size.
+//! Plots for the HTML pages: curves as SVG that stretches to the available width, axes as text of constant size.
 //!
-//! A [`Plot`] is curves of values. `view` chooses the values at its edges and draws between them: `range` says which values
-//! those are, `ticks` labels them, `scale` turns values into units of the drawing, and `decimate` leaves out the points that
-//! nobody can see. `plots.js` reads the samples from the curves that are drawn, so a page has no other data.
+//! A [`Plot`] is curves of values. `view` chooses the values at its edges and draws between them: `range` finds those values,
+//! `ticks` labels them, `scale` turns values into units of the drawing, and `decimate` leaves out the points that cannot be seen.
+//! `plots.js` reads the samples from the drawn curves, so a page has no other data.
 
 mod curve;
 mod decimate;
@@ -20,43 +20,43 @@ use crate::unit::shown_unit;
 pub use curve::{Colour, Extent, Patch, PlotCurve, Shape};
 pub(crate) use scale::SIDE;
 
-/// Part of the height within which two curves are drawn over each other.
+/// Part of the height within which two curves cover each other.
 const HIDDEN_WITHIN: f64 = 0.006;
 
-/// A plot.
+/// Plot of curves.
 pub struct Plot<'a> {
-    /// What it shows.
+    /// Title above the plot.
     pub title: String,
-    /// The unit of the height; empty for numbers without one.
+    /// Unit of the height; empty for numbers without one.
     pub y_unit: &'a str,
-    /// What stands below the horizontal axis.
+    /// Label below the horizontal axis.
     pub x_label: &'a str,
-    /// What the height stands for.
+    /// Range of the values that the height shows.
     pub extent: Extent,
     pub curves: Vec<PlotCurve<'a>>,
-    /// What stands behind the curves.
+    /// Rectangles behind the curves.
     pub patches: Vec<Patch>,
-    /// The stretch of x that is shown; all of it when absent.
+    /// Stretch of x that is shown; `None` for all of it.
     pub x_range: Option<(f64, f64)>,
-    /// Words on single points, which are shown when a reader points at them.
+    /// Notes on single points, which appear when a reader points at them.
     pub notes: Vec<(f64, f64, String)>,
 }
 
-/// What is drawn of a plot: the same on a page and in a picture.
+/// Drawing of a plot, which is the same on a page and in a picture.
 pub struct PlotDrawing {
     /// Grid, patches and curves, in the drawing's own units.
     pub content: Markup,
-    /// Labels at per cent from the left.
+    /// Labels, each at a percentage from the left.
     pub x_labels: Vec<(f64, String)>,
-    /// Labels at per cent from the top.
+    /// Labels, each at a percentage from the top.
     pub y_labels: Vec<(f64, String)>,
-    /// The classes of each curve.
+    /// Classes of each curve.
     pub classes: Vec<String>,
     view: View,
 }
 
 impl<'a> Plot<'a> {
-    /// A plot over time without curves.
+    /// Returns a plot over time without curves.
     pub fn over_time(title: impl Into<String>, y_unit: &'a str) -> Self {
         Self {
             title: title.into(),
@@ -91,7 +91,7 @@ impl<'a> Plot<'a> {
         }
     }
 
-    /// The plot as a figure; nothing when it has no curve.
+    /// Returns the plot as a figure; empty if it has no curve.
     pub fn render(&self) -> Markup {
         if self.curves.is_empty() {
             return html! {};
@@ -160,7 +160,7 @@ impl<'a> Plot<'a> {
         }
     }
 
-    /// The classes of each curve: one that hides others is dashed, so that they are seen through it.
+    /// Returns the classes of each curve. A curve that hides others is dashed, so that they can be seen through it.
     fn classes(&self, view: &View) -> Vec<String> {
         let near = HIDDEN_WITHIN * (view.y.1 - view.y.0);
         let class = |(number, curve): (usize, &PlotCurve<'_>)| {
@@ -185,7 +185,7 @@ impl<'a> Plot<'a> {
 }
 
 impl PlotDrawing {
-    /// The values at the left, the right, the lower and the upper edge.
+    /// Returns the values at the left, the right, the lower and the upper edge.
     fn edges(&self) -> String {
         let ((left, right), (bottom, top)) = (self.view.x, self.view.y);
         format!("{left} {right} {bottom} {top}")

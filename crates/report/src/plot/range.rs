@@ -1,13 +1,13 @@
-//! Which values a plot reaches from and to.
+//! The range of the values in a plot.
 
 use std::cmp::Ordering;
 
 use platform::series::blocks;
 
-/// The range of no values.
+/// Range of no values.
 pub(super) const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
-/// A range with the finite ones of these values in it.
+/// Extends a range by the finite ones of some values.
 pub(super) fn extended(range: (f64, f64), values: &[f64]) -> (f64, f64) {
     let within = |(low, high): (f64, f64), part: (f64, f64)| (low.min(part.0), high.max(part.1));
     let of_part = |range: (f64, f64), values: &[f64]| {
@@ -17,11 +17,11 @@ pub(super) fn extended(range: (f64, f64), values: &[f64]) -> (f64, f64) {
         let finite = values.iter().filter(|value| value.is_finite());
         finite.fold(range, |range, value| within(range, (*value, *value)))
     };
-    // Values that are not finite are rare, and look like their neighbours.
+    // Values that are not finite are rare, so few chunks take a second pass.
     blocks(values).fold(range, |range, block| block.chunks(256).fold(range, of_part))
 }
 
-/// A range that can be drawn: nothing becomes 0 to 1, and a constant gets room above and below.
+/// Returns a range that can be drawn: an empty one becomes 0 to 1, and a constant gets room above and below.
 pub(super) fn with_room((low, high): (f64, f64)) -> (f64, f64) {
     if low > high {
         return (0.0, 1.0);
@@ -34,13 +34,13 @@ pub(super) fn with_room((low, high): (f64, f64)) -> (f64, f64) {
     (low, high)
 }
 
-/// The range of all but the rarest values with room round it, where the whole range is much more than that.
+/// Returns the range of all values except the rarest, with room around it, if the whole range is much larger.
 pub(super) fn typical(mut values: Vec<f64>, whole: (f64, f64)) -> (f64, f64) {
     let tail = values.len() / 40;
     if tail == 0 {
         return whole;
     }
-    // They are finite, so the plain comparison does.
+    // The values are finite, so the plain comparison suffices.
     let order = |left: &f64, right: &f64| left.partial_cmp(right).unwrap_or(Ordering::Equal);
     let (_, low, _) = values.select_nth_unstable_by(tail, order);
     let low = *low;
@@ -59,9 +59,9 @@ pub(super) fn typical(mut values: Vec<f64>, whole: (f64, f64)) -> (f64, f64) {
     }
 }
 
-/// The least and the greatest of some values; nothing unless there are some and all are finite.
+/// Returns the least and the greatest of some values; `None` unless there are some and all are finite.
 pub(super) fn finite_range(values: &[f64]) -> Option<(f64, f64)> {
-    // Two at a time, as the processor takes them.
+    // The processor takes two values at a time.
     let (mut low, mut high, mut sum) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0.0; 2]);
     let mut take = |lane: usize, value: f64| {
         low[lane] = if value < low[lane] { value } else { low[lane] };
@@ -70,7 +70,7 @@ pub(super) fn finite_range(values: &[f64]) -> Option<(f64, f64)> {
         } else {
             high[lane]
         };
-        // Once not finite, it stays so.
+        // A sum that is not finite stays so.
         sum[lane] += value;
     };
     for block in blocks(values) {

@@ -1,10 +1,10 @@
-//! The drawing's own units, and the way from values to them.
+//! The drawing's own units, and the conversion of values to them.
 
-/// Width and height of the drawing in its own units; it is stretched to the place that the page gives it. They are so many
-/// since the page's script reads values from the curves.
+/// Width and height of the drawing in its own units; it is stretched to its place on the page. They are large since the page's
+/// script reads values from the curves.
 pub(crate) const SIDE: f64 = 64_000.0;
 
-/// From values to the drawing's units, by way of the upper left corner.
+/// Conversion from values to the drawing's units, from the upper left corner on.
 pub(super) struct DrawingScale {
     pub(super) x: f64,
     pub(super) y: f64,
@@ -13,12 +13,12 @@ pub(super) struct DrawingScale {
 }
 
 impl DrawingScale {
-    /// Units from the left.
+    /// Converts x to units from the left.
     pub(super) fn along(&self, x: f64) -> f64 {
         (x - self.x) * self.right
     }
 
-    /// Units from the top.
+    /// Converts y to units from the top.
     pub(super) fn down(&self, y: f64) -> f64 {
         (y - self.y) * self.down
     }

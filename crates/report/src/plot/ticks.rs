@@ -1,11 +1,11 @@
 //! Round values on an axis, with their labels.
 
-/// Ticks on an axis, about.
+/// Approximate number of ticks on an axis.
 const TICKS: f64 = 6.0;
-/// So many characters has a label that has room beside the next one.
+/// Largest number of characters of a label that has room next to another.
 const LABEL_CHARACTERS_MAX: usize = 7;
 
-/// Round values in a range, with their labels.
+/// Returns round values in a range, with their labels.
 pub(super) fn ticks((low, high): (f64, f64)) -> Vec<(f64, String)> {
     let rough = (high - low) / TICKS;
     let exponent = libm::floor(libm::log10(rough));
@@ -35,14 +35,14 @@ pub(super) fn ticks((low, high): (f64, f64)) -> Vec<(f64, String)> {
     ticks
 }
 
-/// Labels beside each other that have room: of long ones every other.
+/// Returns labels that have room next to each other: every second one if they are long.
 pub(super) fn apart(ticks: Vec<(f64, String)>) -> Vec<(f64, String)> {
     let is_long = |(_, label): &(f64, String)| label.chars().count() > LABEL_CHARACTERS_MAX;
     let step = if ticks.iter().any(is_long) { 2 } else { 1 };
     ticks.into_iter().step_by(step).collect()
 }
 
-/// A power of ten makes a large number short, but not one that differs from the next in its last digits.
+/// Writes a label. A power of ten makes a large number short, but not one that differs from the next in its last digits.
 fn label(value: f64, step: f64, decimals: usize) -> String {
     if value.abs() >= 1e5 && step >= 1e4 {
         return format!("{value:e}").replace('-', "−");
@@ -50,7 +50,7 @@ fn label(value: f64, step: f64, decimals: usize) -> String {
     format!("{value:.decimals$}").replace('-', "−")
 }
 
-/// Powers of ten in a range of logarithms.
+/// Returns the powers of ten in a range of logarithms.
 pub(super) fn decades((low, high): (f64, f64)) -> Vec<(f64, String)> {
     let powers = (0..12)
         .map(f64::from)

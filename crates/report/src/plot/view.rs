@@ -1,4 +1,4 @@
-//! Which values are at the edges of a drawing, and what is drawn between them.
+//! Edges of a drawing, and the elements between them.
 
 use std::fmt::Write;
 
@@ -9,12 +9,12 @@ use super::decimate::{self, Polyline};
 use super::range::{NOTHING, extended, typical, with_room};
 use super::scale::{DrawingScale, SIDE};
 
-/// Free room above and below the curves, by the height.
+/// Free room above and below the curves, relative to the height.
 const MARGIN: f64 = 0.05;
-/// Of so many values it is looked which are typical.
+/// Largest number of values from which the typical range is found.
 const TYPICAL_MAX: usize = 1 << 20;
 
-/// Which values are at the edges.
+/// Values at the edges.
 pub(super) struct View {
     pub(super) x: (f64, f64),
     pub(super) y: (f64, f64),
@@ -23,7 +23,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// The edges that show all that is to be seen of the curves, in a stretch of x if one is wanted.
+    /// Returns the edges that show everything of the curves, in a stretch of x if one is given.
     pub(super) fn new(
         curves: &[PlotCurve<'_>],
         patches: &[Patch],
@@ -48,10 +48,10 @@ impl View {
                 ((low - margin, high + margin), false)
             }
             Extent::FromZero => (with_margin_above(extended(range, &[0.0])), false),
-            // Of a plane both ranges have been found.
+            // Both ranges of a plane are known already.
             Extent::Logarithmic | Extent::Plane => (with_margin_above(range), false),
             Extent::Typical => {
-                // Of a long run every second, third … value says what is typical; its extremes are known.
+                // In a long run every second, third … value determines the typical range; the extremes are known.
                 let stride = shown().map(<[f64]>::len).sum::<usize>() / TYPICAL_MAX + 1;
                 let values = shown().flat_map(|values| passing(values).step_by(stride));
                 let finite = values.copied().filter(|y| y.is_finite());
@@ -62,7 +62,7 @@ impl View {
         Self { x, y, is_cut }
     }
 
-    /// The edges of a square that shows everything.
+    /// Returns the edges of a square that shows everything.
     fn of_plane(curves: &[PlotCurve<'_>]) -> Self {
         let all = |values: for<'c> fn(&PlotCurve<'c>) -> &'c [f64]| {
             with_room(curves.iter().map(values).fold(NOTHING, extended))
@@ -80,22 +80,23 @@ impl View {
         }
     }
 
-    /// Per cent from the left.
+    /// Returns the percentage from the left.
     pub(super) fn along(&self, x: f64) -> f64 {
         100.0 * (x - self.x.0) / (self.x.1 - self.x.0)
     }
 
-    /// Per cent from the bottom.
+    /// Returns the percentage from the bottom.
     pub(super) fn up(&self, y: f64) -> f64 {
         100.0 * (y - self.y.0) / (self.y.1 - self.y.0)
     }
 
-    /// A point in the drawing's units.
+    /// Returns a point in the drawing's units.
     pub(super) fn place(&self, x: f64, y: f64) -> (f64, f64) {
         self.scale().place(x, y)
     }
 
-    /// The way from values to units of the drawing. It is computed once for all points of a curve, since divisions are slow.
+    /// Returns the conversion from values to units of the drawing. It is computed once for all points of a curve, since divisions
+    /// are slow.
     fn scale(&self) -> DrawingScale {
         let right = SIDE / (self.x.1 - self.x.0);
         let down = SIDE / (self.y.0 - self.y.1);
@@ -134,7 +135,7 @@ impl View {
         )
     }
 
-    /// A curve as an element of the drawing. It is over so many others that it would hide.
+    /// Returns a curve as an element of the drawing.
     pub(super) fn curve(&self, curve: &PlotCurve<'_>, class: &str) -> String {
         let (x, y) = curve.within(Some(self.x));
         let scale = self.scale();
@@ -154,7 +155,7 @@ impl View {
     }
 }
 
-/// From the least to the greatest x of the curves.
+/// Returns the range from the least to the greatest x of the curves.
 fn all_x(curves: &[PlotCurve<'_>]) -> (f64, f64) {
     curves
         .iter()
@@ -167,13 +168,14 @@ fn all_x(curves: &[PlotCurve<'_>]) -> (f64, f64) {
         })
 }
 
-/// A range that can be drawn, with room above it.
+/// Returns a range that can be drawn, with room above it.
 fn with_margin_above(range: (f64, f64)) -> (f64, f64) {
     let (low, high) = with_room(range);
     (low, high + (high - low) * MARGIN)
 }
 
-/// The commands of an SVG path, in steps from point to point; with `close`, each down to the lower edge and back.
+/// Returns the commands of an SVG path, in steps from point to point; with `close`, each line continues down to the lower edge
+/// and back.
 fn path_data(lines: &[Polyline], close: bool) -> String {
     let mut data = String::new();
     for line in lines {
@@ -197,7 +199,7 @@ fn path_data(lines: &[Polyline], close: bool) -> String {
     data
 }
 
-/// The commands of an SVG path that draws each point as a dot.
+/// Returns the commands of an SVG path that draws each point as a dot.
 fn points_data(points: &[(i32, i32)]) -> String {
     let mut data = String::new();
     if let Some((x, y)) = points.first() {
@@ -210,7 +212,7 @@ fn points_data(points: &[(i32, i32)]) -> String {
     data
 }
 
-/// A step from point to point; a minus sign parts two numbers too.
+/// Writes a step from point to point; a minus sign separates two numbers, too.
 fn push_step(data: &mut String, before: &str, from: (i32, i32), to: (i32, i32)) {
     let (right, down) = (to.0 - from.0, to.1 - from.1);
     let before = if before == " " && right < 0 {

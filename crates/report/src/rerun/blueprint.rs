@@ -1,6 +1,6 @@
-//! The layout that the viewer opens the recording with.
+//! The layout with which the viewer opens the recording.
 //!
-//! Logged as raw archetypes, since the SDK's typed layout cannot yet link time axes or place legends.
+//! It is logged as raw archetypes, since the SDK's typed layout cannot yet link time axes or place legends.
 
 use std::collections::BTreeSet;
 
@@ -27,22 +27,22 @@ use plan::ControlLoop;
 
 type Result<T> = std::result::Result<T, RerunError>;
 
-/// What the viewer does with the time at first.
+/// State of the viewer's time at the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Play {
-    /// It stands still.
+    /// The time stands still.
     Paused,
-    /// It follows the run.
+    /// The time follows the run.
     Following,
 }
 
-/// What there is to see of a loop.
+/// Page of a loop in the layout.
 pub(crate) struct Page<'a> {
     pub(super) own: &'a ControlLoop,
     pub(super) groups: BTreeSet<&'a str>,
 }
 
-/// Sends the layout: of several loops each has a tab, behind those of what several of them do together.
+/// Sends the layout: with several loops each has a tab, after the tabs of contours.
 pub(super) fn send(
     output: &mut dyn Output,
     pages: &[Page<'_>],
@@ -67,7 +67,7 @@ pub(super) fn send(
     output.send_message(show.into())
 }
 
-/// A view or container, and its share of the room.
+/// View or container, and its share of the room.
 struct Place {
     id: Uuid,
     path: String,
@@ -77,7 +77,7 @@ struct Place {
 struct Layout<'a> {
     output: &'a mut dyn Output,
     store: StoreId,
-    /// The loop's, where there are several.
+    /// Folder of the loop; empty if there is only one.
     folder: &'a str,
     play: Play,
     places: u8,
@@ -105,7 +105,7 @@ impl<'a> Layout<'a> {
         self.viewport(&root)
     }
 
-    /// All that is seen of a loop.
+    /// Adds all views of a loop.
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
@@ -172,7 +172,7 @@ impl<'a> Layout<'a> {
         self.container(ContainerKind::Horizontal, columns, 1.0)
     }
 
-    /// Signals of one group over time; the time axes of all plots move together.
+    /// Adds a plot of one group over time; the time axes of all plots move together.
     fn plot(&mut self, title: &str, group: &str, share: f32) -> Result<Place> {
         let place = self.view("TimeSeries", title, group, share)?;
         self.log(
@@ -186,7 +186,7 @@ impl<'a> Layout<'a> {
         Ok(place)
     }
 
-    /// Time, level and text; the path would be the same in each row.
+    /// Adds a list of events with level and text. The path is left out, since it would be the same in each row.
     fn event_log(&mut self, group: &str, share: f32) -> Result<Place> {
         let place = self.view("TextLog", "Events", group, share)?;
         let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body].map(|kind| {
@@ -207,7 +207,7 @@ impl<'a> Layout<'a> {
         self.drawing(title, groups::HYSTERESIS, [across, down], share)
     }
 
-    /// A drawing in the plane, from the least to the largest coordinate, across and down.
+    /// Adds a drawing in the plane. The bounds are the least and the largest coordinate, across and down.
     fn drawing(
         &mut self,
         title: &str,
@@ -231,13 +231,13 @@ impl<'a> Layout<'a> {
             .with_display_name(title)
             .with_space_origin(self.origin(group));
         self.log(&path, &view)?;
-        // Without it the viewer shows nothing.
+        // Without contents the viewer shows nothing.
         let contents = ViewContents::new([QueryExpression("$origin/**".into())]);
         self.log(&format!("{path}/ViewContents"), &contents)?;
         Ok(Place { id, path, share })
     }
 
-    /// Where the entities of a group are.
+    /// Returns the path of a group's entities.
     fn origin(&self, group: &str) -> String {
         match self.folder {
             "" => format!("/{group}"),
@@ -298,7 +298,7 @@ impl<'a> Layout<'a> {
         self.output.send_message(message)
     }
 
-    /// Any names do that differ.
+    /// Returns a new id; any distinct ids will do.
     fn next_id(&mut self) -> Uuid {
         self.places += 1;
         let mut bytes = *b"canrig layout 00";

@@ -1,4 +1,4 @@
-//! How punctual the cycles were and how busy the bus, from the stamps of the recording.
+//! Punctuality of the cycles and load of the bus, from the stamps of the recording.
 
 use dbc::SignalMissing;
 use std::mem;
@@ -13,18 +13,18 @@ use recording::latency::{CycleReader, CycleStage};
 use recording::log::Stamped;
 use scenario::Trial;
 
-/// Stretch of time over which a load is a mean, and of which a long run logs the extremes. It is longer where there would be more
-/// stretches than the viewer can hold.
+/// Shortest stretch of time over which a load is averaged, and of which a long run logs the extremes. Stretches are longer if
+/// there would be more of them than the viewer can hold.
 const STRETCH_SECONDS: f64 = 0.1;
-/// So many stretches has a run at most: ten hours have all of 0.1 s.
+/// Largest number of stretches in a run: ten hours with stretches of 0.1 s.
 const STRETCHES_MAX: f64 = 360_000.0;
 
-/// How much time of a long run has its extremes logged.
+/// Returns the length of the stretches of which a long run logs the extremes.
 pub(super) fn stretch_seconds(trial: &Trial) -> f64 {
     (trial.run.duration_seconds / STRETCHES_MAX).max(STRETCH_SECONDS)
 }
 
-/// The signals in the group [`groups::TIMING`], with their names in the legend and their colours.
+/// Signals in the group [`groups::TIMING`], with their names in the legend and their colours.
 const TIMING: [(&str, &str, [u8; 3]); 3] = [
     (
         "sync_lateness_microseconds",
@@ -43,14 +43,14 @@ const TIMING: [(&str, &str, [u8; 3]); 3] = [
     ),
 ];
 
-/// What the stamps say of one cycle.
+/// Times of one cycle, from the stamps.
 struct Cycle {
     moment: Moment,
-    /// As [`TIMING`]; NaN of what was not heard.
+    /// Times in the order of [`TIMING`]; NaN if the frame did not come.
     microseconds: [f64; 3],
 }
 
-/// What the stamps say, cycle by cycle.
+/// Reader of the times and the load, cycle by cycle, from the stamps.
 pub(crate) struct BusReader {
     cycle: CycleReader,
     period: Duration,
@@ -63,12 +63,12 @@ pub(crate) struct BusReader {
     stretch_end: Duration,
     bits: u32,
     loads: Vec<(Moment, f64)>,
-    /// Of the cycles of each stretch, only the largest times are kept.
+    /// Whether only the largest times among the cycles of each stretch are kept.
     is_thinned: bool,
 }
 
 impl BusReader {
-    /// A reader that has heard nothing.
+    /// Returns a reader before the first frame.
     ///
     /// # Errors
     /// The database lacks a signal.
@@ -95,7 +95,7 @@ impl BusReader {
         })
     }
 
-    /// Reads every frame of the bus, in order; the scenario time of its cycle.
+    /// Reads every frame of the bus, in order; returns the scenario time of its cycle.
     pub(crate) fn observe(&mut self, stamped: &Stamped) -> f64 {
         let time = self.cycle.on_frame(stamped).filter(|time| *time < self.end);
         let Some(time) = time else {
@@ -112,7 +112,7 @@ impl BusReader {
         self.now.seconds
     }
 
-    /// Sets one of [`TIMING`] of this cycle, whose beginning may have been logged.
+    /// Sets one of the [`TIMING`] values of this cycle, the begin of which may have been logged already.
     fn set(&mut self, place: usize, microseconds: f64) {
         if self.cycles.is_empty() {
             self.push_cycle();
@@ -140,7 +140,7 @@ impl BusReader {
         self.set(0, lateness.round());
     }
 
-    /// Where cycles are thinned, puts the latest into the one before, if both are of one stretch.
+    /// Merges the latest cycle into the one before if cycles are thinned and both are of one stretch.
     fn thin(&mut self) {
         let stretch_seconds = self.stretch_seconds;
         let stretch = |cycle: &Cycle| (cycle.moment.seconds / stretch_seconds).floor();
@@ -170,10 +170,10 @@ impl BusReader {
         self.bits += bits;
     }
 
-    /// Logs what there is since the last time.
+    /// Logs the cycles and loads since the last time.
     pub(super) fn log(&mut self, output: &mut dyn Output) -> Result<(), RerunError> {
         let cycles = mem::take(&mut self.cycles);
-        // Most cycles have a row of each timing, so the times are made once.
+        // Most cycles have a row of each timing, so the times are computed once.
         let all = times::columns(cycles.iter().map(|cycle| cycle.moment));
         for (place, (name, ..)) in TIMING.into_iter().enumerate() {
             let is_heard = |cycle: &&Cycle| !cycle.microseconds[place].is_nan();
@@ -197,7 +197,7 @@ impl BusReader {
     }
 }
 
-/// The first whole nanosecond that is not before.
+/// Returns the first whole nanosecond that is not before a time.
 fn first_from(seconds: f64) -> Duration {
     let nearest = Duration::from_secs_f64(seconds);
     if nearest.as_secs_f64() < seconds {
@@ -209,7 +209,7 @@ fn first_from(seconds: f64) -> Duration {
 
 const LOAD: &str = "bus/load_percent";
 
-/// Names and colours.
+/// Logs names and colours.
 pub(super) fn log_styles(output: &mut dyn Output) -> Result<(), RerunError> {
     for (name, label, colour) in TIMING {
         send_static(

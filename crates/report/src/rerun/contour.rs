@@ -1,5 +1,5 @@
 //! Two loops in the plane, one over the other: the paths of their set-points and of their positions, and a point that moves with
-//! the time.
+//! time.
 
 use std::mem;
 
@@ -17,18 +17,18 @@ use crate::shown_unit;
 use platform::series::Series;
 use recording::timeline::Timeline;
 
-/// A point of a path nearer to the one before than this cannot be seen.
+/// Least distance of two points in a path; a smaller one cannot be seen.
 const STEP_MILLIMETRES: f64 = 0.02;
-/// Points that are kept of a path in a long run; of a longer one every other is left out.
+/// Largest number of points in the path of a long run; every second point of a longer path is left out.
 const POINTS_MAX: usize = 20_000;
-/// Free room round the paths, by their size.
+/// Free room around the paths, relative to their size.
 const MARGIN: f64 = 0.1;
 
-/// What the layout shows of it.
+/// View of a contour in the layout.
 pub(super) struct Plane {
     pub(super) title: String,
     pub(super) group: String,
-    /// From the least to the largest coordinate, across and down.
+    /// Least and largest coordinate, across and down.
     pub(super) bounds: [[f64; 2]; 2],
 }
 
@@ -111,7 +111,7 @@ fn log_plane(
     }))
 }
 
-/// Logs where the point was, and forgets it.
+/// Logs the past positions of the point, and clears them.
 fn log_moves(
     output: &mut dyn Output,
     entity: &str,
@@ -131,7 +131,7 @@ type Point = [f64; 2];
 struct Path {
     points: Vec<(usize, Point)>,
     last: Option<(usize, Point)>,
-    /// So many rows lie between two points at least.
+    /// Least number of rows between two points.
     pause_rows: usize,
 }
 
@@ -144,7 +144,7 @@ impl Path {
         }
     }
 
-    /// Adds a point, unless it is where the last one was.
+    /// Adds a point, unless it is at the place of the last one.
     fn add(&mut self, row: usize, point: Point) {
         let is_new = self.last.is_none_or(|(before, last)| {
             let [right, up] = [point[0] - last[0], point[1] - last[1]];
@@ -156,7 +156,7 @@ impl Path {
         }
     }
 
-    /// Leaves out every other point of a path that has become too long.
+    /// Leaves out every second point of a path that has become too long.
     fn thin(&mut self) {
         if self.points.len() <= POINTS_MAX {
             return;
@@ -169,7 +169,7 @@ impl Path {
     }
 }
 
-/// The viewer's second coordinate points down.
+/// Converts a point to the viewer's coordinates, of which the second one points down.
 #[expect(clippy::cast_possible_truncation, reason = "for the eye")]
 fn place([across, up]: Point) -> [f32; 2] {
     [across as f32, -up as f32]

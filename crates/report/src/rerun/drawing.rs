@@ -1,4 +1,4 @@
-//! The rig as a drawing, in millimetres: the wire over its cooling element, the pulleys, the load and where it should be.
+//! The rig as a drawing, in millimetres: the wire over its cooling element, the pulleys, the load and its target.
 
 use std::f64::consts::TAU;
 
@@ -13,30 +13,30 @@ use super::times::{self, Moment};
 use super::{RerunError, groups};
 use recording::timeline::Timeline;
 
-/// From the wire's cold end to the pulleys.
+/// Distance from the wire's cold end to the pulleys.
 const GAP: f64 = 12.0;
-/// From the pulleys' axle to the load at position 0.
+/// Distance from the pulleys' axle to the load at position 0.
 const CORD: f64 = 105.0;
 /// Half the load's width and height.
 const LOAD: [f64; 2] = [17.0, 11.0];
-/// Corners of a drawn circle.
+/// Number of corners of a drawn circle.
 const CORNERS: u32 = 48;
-/// A movement or a change of temperature below this cannot be seen.
+/// Least change of position or temperature that can be seen.
 const STEP_MILLIMETRES: f64 = 0.1;
 const STEP_CELSIUS: f64 = 0.5;
-/// So many poses go out at once: each has a hundred numbers, which are copied several times on their way.
+/// Largest number of poses that are sent at once: each has a hundred numbers, which are copied several times on their way.
 const POSES_MAX: usize = 1 << 11;
-/// Temperatures and their colours, with straight lines between.
+/// Colours of temperatures, which are interpolated linearly.
 const COLOURS: [(f64, [f64; 3]); 4] = [
     (20.0, [80.0, 130.0, 220.0]),
     (50.0, [230.0, 190.0, 90.0]),
     (75.0, [240.0, 110.0, 30.0]),
     (100.0, [255.0, 50.0, 30.0]),
 ];
-/// The truth where there is an emulator, else the observer's.
+/// Signals of the temperature: the true one of an emulator, else the observer's.
 const TEMPERATURES: [&str; 2] = ["wire_temperature_celsius", "estimated_temperature_celsius"];
 
-/// What of a row can be seen.
+/// Visible values of a row.
 #[derive(Clone, Copy)]
 struct Pose {
     moment: Moment,
@@ -45,18 +45,18 @@ struct Pose {
     celsius: f64,
 }
 
-/// The drawing.
+/// Drawing of the rig.
 pub(super) struct Drawing {
     wire: f64,
     inner: f64,
     outer: f64,
     last: Option<Pose>,
-    /// So much time lies between two poses at least.
+    /// Least time between two poses.
     pause_seconds: f64,
 }
 
 impl Drawing {
-    /// The actuator's drawing; other plants have none.
+    /// Returns the actuator's drawing; `None` for other plants.
     fn new(trial: &Trial) -> Option<Self> {
         let mechanics = trial.plant.actuator()?.mechanics;
         let is_length = trial.wiring.feedback.measurand.unit == Unit::Millimetres;
@@ -69,7 +69,7 @@ impl Drawing {
         })
     }
 
-    /// Draws what stands still.
+    /// Draws the static parts.
     pub(super) fn draw(
         output: &mut dyn Output,
         trial: &Trial,
@@ -117,7 +117,7 @@ impl Drawing {
         Ok(Some(rig))
     }
 
-    /// Draws what moves in a piece of the run.
+    /// Draws the moving parts in a piece of the run.
     pub(super) fn log(
         &mut self,
         output: &mut dyn Output,
@@ -166,7 +166,7 @@ impl Drawing {
         send("rig/load", load.columns_of_unit_batches()?.collect())
     }
 
-    /// The rows that look different from the ones before.
+    /// Returns the rows that look different from the ones before.
     fn new_poses(&mut self, timeline: &Timeline) -> Vec<Pose> {
         let celsius = TEMPERATURES
             .iter()
@@ -199,23 +199,23 @@ impl Drawing {
         poses
     }
 
-    /// The pulleys' axle: the wire pulls at the top of the inner one.
+    /// Returns the pulleys' axle: the wire pulls at the top of the inner one.
     fn axle(&self) -> [f64; 2] {
         [self.wire + GAP, self.inner]
     }
 
-    /// The wire's moving end; the load moves further by the ratio of the pulleys.
+    /// Returns the wire's moving end; the load moves further by the ratio of the pulleys.
     fn joint(&self, pose: &Pose) -> f64 {
         self.wire - pose.position * self.inner / self.outer
     }
 
-    /// The middle of the load, which hangs from the outer pulley.
+    /// Returns the middle of the load, which hangs from the outer pulley.
     fn load(&self, position: f64) -> [f64; 2] {
         let [right, down] = self.axle();
         [right + self.outer, down + CORD + LOAD[1] - position]
     }
 
-    /// Where the upper edge of the load should be.
+    /// Returns the target of the load's upper edge.
     fn target(&self, set_point: f64) -> Vec<[f32; 2]> {
         if set_point.is_nan() {
             return Vec::new();
@@ -227,7 +227,7 @@ impl Drawing {
             .to_vec()
     }
 
-    /// A line across the outer pulley, which turns with it.
+    /// Returns a line across the outer pulley, which turns with it.
     fn spoke(&self, position: f64) -> Vec<[f32; 2]> {
         let angle = position / self.outer;
         let (across, up) = (self.outer * libm::cos(angle), self.outer * libm::sin(angle));
@@ -251,7 +251,7 @@ impl Drawing {
     }
 }
 
-/// What the view must show: from the least to the largest coordinate, across and down.
+/// Returns the bounds of the view: least and largest coordinate, across and down.
 pub(super) fn bounds(trial: &Trial) -> Option<[[f64; 2]; 2]> {
     let rig = Drawing::new(trial)?;
     let [right, down] = rig.load(0.0);
@@ -276,7 +276,7 @@ fn place(right: f64, down: f64) -> [f32; 2] {
     [right as f32, down as f32]
 }
 
-/// A number with its unit; nothing where there is none.
+/// Writes a number with its unit; empty for NaN.
 fn with_unit(value: f64, decimals: usize, unit: &str) -> String {
     if value.is_nan() {
         String::new()
@@ -285,7 +285,7 @@ fn with_unit(value: f64, decimals: usize, unit: &str) -> String {
     }
 }
 
-/// The colour of the wire at a temperature.
+/// Returns the colour of the wire at a temperature.
 fn colour(celsius: f64) -> Color {
     let mut colour = COLOURS[0].1;
     for pair in COLOURS.windows(2) {

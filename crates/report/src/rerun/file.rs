@@ -1,4 +1,4 @@
-//! `run.rrd` as a place where a recording goes.
+//! `run.rrd` as an output of a recording.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -10,15 +10,15 @@ use re_sdk::log::{Chunk, LogMsg};
 use super::RerunError;
 use super::output::{Output, begin};
 
-/// A recording on its way to the disk. It is not compressed: compression would halve the file, and would cost more than
-/// all other parts of it. No stream of the SDK lies between, since its threads and queues serve those who may not wait.
+/// Writer of a recording to the disk. It does not compress: compression would halve the file, and would cost more than all other
+/// parts of it. It does not use a stream of the SDK, whose threads and queues serve callers that may not wait.
 pub(super) struct RecordingFile {
     store: StoreId,
     encoder: Encoder<BufWriter<File>>,
 }
 
 impl RecordingFile {
-    /// A file that holds nothing but which recording it is.
+    /// Begins a file with nothing but the id of its recording.
     pub(super) fn begin(file: File, store: StoreId) -> Result<Self, RerunError> {
         let file = BufWriter::new(file);
         let version = re_sdk::build_info().version;

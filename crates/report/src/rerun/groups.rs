@@ -1,4 +1,4 @@
-//! Which signals are drawn together, and how.
+//! Groups of signals that are drawn together, and their styles.
 
 use re_sdk_types::archetypes::SeriesLines;
 use re_sdk_types::components::InterpolationMode;
@@ -11,31 +11,30 @@ use scenario::Trial;
 use crate::{shown_unit, title};
 use plan::ControlLoop;
 
-/// How a signal is drawn.
+/// Style of a signal.
 #[derive(Clone, Copy)]
 pub(super) struct Style<'a> {
-    /// The first part of its path; a view shows a whole group.
+    /// First part of the path; a view shows a whole group.
     pub(super) group: &'a str,
-    /// Its name in the legend.
+    /// Name in the legend.
     pub(super) label: &'a str,
-    /// Its colour.
     pub(super) colour: [u8; 3],
     is_drawn_when_zero: bool,
 }
 
-/// The group of the position of the loop.
+/// Group of the position of the loop.
 const POSITION: &str = "position";
-/// The group of signals that no view shows.
+/// Group of signals that no view shows.
 pub(super) const OTHER: &str = "other";
-/// The group of what the stamps say of each cycle.
+/// Group of the times of each cycle, from the stamps.
 pub(super) const TIMING: &str = "timing";
-/// The groups that only some runs have.
+/// Groups that only some runs have.
 pub(super) const DISTURBANCE: &str = "disturbance";
 pub(super) const SLIDING_VARIABLE: &str = "sliding_variable";
 pub(super) const LAW: &str = "law";
 pub(super) const MOTOR_SPEED: &str = "motor_speed";
 pub(super) const SPRING_FORCE: &str = "spring_force";
-/// The loop of fraction over temperature.
+/// Group of the hysteresis of fraction over temperature.
 pub(super) const HYSTERESIS: &str = "hysteresis";
 
 // Colours that people with any colour vision distinguish (Okabe and Ito), light enough for a dark viewer.
@@ -46,7 +45,7 @@ pub(super) const PINK: [u8; 3] = [204, 121, 167];
 const YELLOW: [u8; 3] = [240, 228, 66];
 pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
-/// Signals by the beginning of their names.
+/// Styles of signals, by the beginning of their names.
 const STYLES: [(&str, Style<'static>); 21] = [
     ("set_point_", always(POSITION, "set-point", ORANGE)),
     ("position_", always(POSITION, "measured", SKY)),
@@ -107,7 +106,8 @@ const fn always<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a
     }
 }
 
-/// Nodes send 0 for what they do not have: a law without an observer has no estimates.
+/// Returns the style of a signal that is drawn only if it is used. Nodes send 0 for values that they do not have: a law without
+/// an observer has no estimates.
 const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'a> {
     Style {
         group,
@@ -117,13 +117,13 @@ const fn if_used<'a>(group: &'a str, label: &'a str, colour: [u8; 3]) -> Style<'
     }
 }
 
-/// A signal of a plant or a law that is drawn nowhere else: a group and a view of its own.
+/// Signal of a plant or a law with a group and a view of its own, since no other view draws it.
 pub(super) struct OwnView<'a> {
     pub(super) title: String,
     pub(super) style: Style<'a>,
 }
 
-/// The signals of a scenario's plant and law that need views of their own.
+/// Returns the signals of a scenario's plant and law that need views of their own.
 pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
     let Trial {
         plant, controller, ..
@@ -131,7 +131,7 @@ pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
     let has_view = |name: &str| known(name).is_some_and(|style| style.group != POSITION);
     let signals = own
         .plant_signals()
-        // A position that the loop does not follow is no second line beside its own.
+        // A position that the loop does not follow is no second line next to the loop's own.
         .filter(|it| plant.own.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
     let terms = own
@@ -139,7 +139,7 @@ pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
         .filter(|_| controller.own.is_some())
         .map(|it| (it, "law", PINK));
     let shipped = Database::shipped();
-    // What is called like a shipped signal is drawn with it.
+    // A signal with the name of a shipped one is drawn with it.
     let own = signals
         .chain(terms)
         .filter(|(it, ..)| !shipped.has_signal(&it.name));
@@ -161,7 +161,7 @@ fn known(name: &str) -> Option<Style<'static>> {
     known.map(|(_, style)| *style)
 }
 
-/// The style of a signal; those that no view shows are in the group [`OTHER`].
+/// Returns the style of a signal; signals that no view shows are in the group [`OTHER`].
 pub(super) fn style<'a>(
     name: &str,
     is_used: impl FnOnce() -> bool,
@@ -174,12 +174,12 @@ pub(super) fn style<'a>(
     drawn.unwrap_or(always(OTHER, "", GREY))
 }
 
-/// Whether a node sends a signal in earnest.
+/// Returns whether a node sends other values than 0.
 pub(super) fn is_used(values: &[f64]) -> bool {
     passing(values).any(|value| value.abs() > 0.0)
 }
 
-/// The groups that a run will have, before anything was heard of it.
+/// Returns the groups that a run will have, before its first frame.
 pub(super) fn expected(own: &ControlLoop) -> BTreeSet<&str> {
     let scenario = &own.trial;
     let mut groups = BTreeSet::new();
@@ -203,12 +203,12 @@ pub(super) fn expected(own: &ControlLoop) -> BTreeSet<&str> {
     groups
 }
 
-/// How a signal is drawn.
+/// Returns the style of a line.
 pub(super) fn line(label: &str, colour: [u8; 3]) -> SeriesLines {
     held().with_names([label]).with_colors([colour])
 }
 
-/// A signal holds between its rows.
+/// Returns the style of a signal that holds between its rows.
 pub(super) fn held() -> SeriesLines {
     SeriesLines::new().with_interpolation_mode(InterpolationMode::StepAfter)
 }

@@ -1,7 +1,7 @@
-//! Martensite fraction over temperature: the loop that makes the wire hard to control.
+//! Martensite fraction over temperature: the hysteresis that makes the wire hard to control.
 //!
-//! The viewer has no plot of one signal over another, so the plot is drawn: a frame with its numbers, the whole path,
-//! and a point that moves with the time.
+//! The viewer has no plot of one signal over another, so the plot is drawn: a frame with its numbers, the whole path, and a point
+//! that moves with time.
 
 use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 use re_sdk_types::components::Radius;
@@ -12,7 +12,7 @@ use super::{RerunError, groups};
 use platform::series::Series;
 use recording::timeline::Timeline;
 
-/// The signals (temperature, fraction): the truth where there is an emulator, else the observer's.
+/// Pairs of signals (temperature, fraction): the true ones of an emulator, else the observer's.
 const PAIRS: [(&str, &str); 2] = [
     ("wire_temperature_celsius", "martensite_fraction"),
     (
@@ -23,18 +23,18 @@ const PAIRS: [(&str, &str); 2] = [
 /// Size of the drawing; the viewer's y axis points down.
 pub(super) const WIDTH: f64 = 160.0;
 pub(super) const HEIGHT: f64 = 100.0;
-/// A point of the path nearer to the one before than this cannot be seen.
+/// Least distance of two points in the path; a smaller one cannot be seen.
 const STEP: f64 = 0.25;
-/// Points that are kept of a path; of a longer one every other is left out.
+/// Largest number of points in the path; every second point of a longer path is left out.
 const POINTS_MAX: usize = 20_000;
-/// How often the path of a run that goes on is drawn anew.
+/// Time between two drawings of the path while a run is played.
 const PATH_PERIOD_SECONDS: f64 = 0.5;
-/// Grid lines are at multiples of the first of these that needs no more than so many steps.
+/// Distances of grid lines. An axis has the first of these that needs no more than the largest number of steps.
 const GRID_CELSIUS: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0];
 const GRID_FRACTION: [f64; 5] = [0.01, 0.02, 0.05, 0.1, 0.2];
 const GRID_STEPS_MAX: u32 = 6;
 
-/// A point of the path.
+/// Point of the path.
 #[derive(Clone, Copy)]
 struct Point {
     moment: Moment,
@@ -48,7 +48,7 @@ impl Point {
     }
 }
 
-/// The path so far, and the frame that holds it.
+/// Path so far, and the frame that holds it.
 #[derive(Default)]
 pub(super) struct Hysteresis {
     celsius: Span,
@@ -57,12 +57,12 @@ pub(super) struct Hysteresis {
     points: Vec<Point>,
     is_path_old: bool,
     drawn_at_seconds: f64,
-    /// So much time lies between two points at least.
+    /// Least time between two points.
     pause_seconds: f64,
 }
 
 impl Hysteresis {
-    /// A path without points.
+    /// Returns a path without points.
     pub(super) fn new(pause_seconds: f64) -> Self {
         Self {
             pause_seconds,
@@ -70,12 +70,12 @@ impl Hysteresis {
         }
     }
 
-    /// Whether anything is drawn.
+    /// Returns whether anything is drawn.
     pub(super) fn is_there(&self) -> bool {
         self.frame.is_some()
     }
 
-    /// Draws what a piece of the run adds.
+    /// Draws the additions of a piece of the run.
     pub(super) fn log(
         &mut self,
         output: &mut dyn Output,
@@ -96,7 +96,7 @@ impl Hysteresis {
         if is_new_frame {
             frame.log(output)?;
         }
-        // In another frame everything is in another place.
+        // A new frame moves every point.
         let first = if is_new_frame { 0 } else { self.points.len() };
         let mut last = self.points.last().map(|point| point.place(frame));
         let mut next_seconds = (self.points.last()).map_or(f64::NEG_INFINITY, |point| {
@@ -131,7 +131,7 @@ impl Hysteresis {
         Ok(())
     }
 
-    /// Widens the axes to the values; `true` when the frame is another now.
+    /// Widens the axes to the values; returns `true` if the frame has changed.
     fn widen<'a>(&mut self, values: impl Iterator<Item = (&'a f64, &'a f64)>) -> bool {
         for (celsius, fraction) in values {
             self.celsius.include(*celsius);
@@ -147,7 +147,7 @@ impl Hysteresis {
         is_new
     }
 
-    /// Draws the whole path, which stands still while the point moves along it, unless it is drawn.
+    /// Draws the whole path, which stands still while the point moves along it, unless it is drawn already.
     pub(super) fn log_path(&mut self, output: &mut dyn Output) -> Result<(), RerunError> {
         let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
             return Ok(());
@@ -168,7 +168,7 @@ impl Hysteresis {
     }
 }
 
-/// The point that moves with the time.
+/// Logs the point that moves with time.
 fn log_now(output: &mut dyn Output, frame: &Frame, points: &[Point]) -> Result<(), RerunError> {
     if points.is_empty() {
         return Ok(());
@@ -183,7 +183,7 @@ fn log_now(output: &mut dyn Output, frame: &Frame, points: &[Point]) -> Result<(
     )
 }
 
-/// How the point looks.
+/// Logs the look of the point.
 pub(super) fn log_style(output: &mut dyn Output) -> Result<(), RerunError> {
     let look = Points2D::update_fields()
         .with_colors([groups::ORANGE])
@@ -204,13 +204,13 @@ fn signals(timeline: &Timeline) -> Option<(&Series<f64>, &Series<f64>)> {
             .iter()
             .zip(fraction)
             .any(|(t, f)| t.is_finite() && f.is_finite());
-        // Nodes send 0 for what they do not have.
+        // Nodes send 0 for values that they do not have.
         let is_used = is_there && groups::is_used(temperature);
         is_used.then_some((temperature, fraction))
     })
 }
 
-/// From the least to the largest value so far.
+/// Range from the least to the largest value so far.
 struct Span {
     low: f64,
     high: f64,
@@ -232,7 +232,7 @@ impl Span {
     }
 }
 
-/// One axis of the frame: whole grid lines around all values.
+/// Axis of the frame: whole grid lines around all values.
 #[derive(PartialEq)]
 struct Axis {
     low: f64,
@@ -241,12 +241,12 @@ struct Axis {
 }
 
 impl Axis {
-    /// `None` when there are no values.
+    /// Returns an axis around the values; `None` if there are none.
     fn new(span: &Span, steps: &[f64]) -> Option<Self> {
         let &Span { low, high } = span;
         let axes = steps.iter().map(|&step| {
             let first = (low / step).floor();
-            // A value on a line does not need the next one.
+            // A value on a line does not need the next line.
             let count = ((high / step - 1e-9).ceil() - first).max(1.0);
             #[expect(
                 clippy::cast_possible_truncation,
@@ -264,7 +264,7 @@ impl Axis {
         fitting.next()
     }
 
-    /// Where a value lies: 0 at the low end, 1 at the high end.
+    /// Returns the place of a value: 0 at the low end, 1 at the high end.
     fn part(&self, value: f64) -> f64 {
         (value - self.low) / (self.step * f64::from(self.steps))
     }
@@ -274,7 +274,7 @@ impl Axis {
     }
 }
 
-/// From °C and fraction to the drawing.
+/// Conversion from °C and fraction to the drawing.
 #[derive(PartialEq)]
 struct Frame {
     celsius: Axis,
@@ -282,7 +282,7 @@ struct Frame {
 }
 
 impl Frame {
-    /// A place by the parts of the axes.
+    /// Returns a place by its parts of the axes.
     #[expect(clippy::cast_possible_truncation, reason = "for the eye")]
     fn at(right: f64, up: f64) -> [f32; 2] {
         [(right * WIDTH) as f32, ((1.0 - up) * HEIGHT) as f32]

@@ -1,4 +1,4 @@
-//! Where a recording goes, in chunks: rows of one entity.
+//! Outputs of a recording, which take chunks: rows of one entity.
 
 use plan::ControlLoop;
 use re_sdk::external::re_log_types::{SetStoreInfo, StoreInfo};
@@ -10,12 +10,12 @@ use re_sdk_types::archetypes::Scalars;
 
 use super::{APPLICATION, RerunError};
 
-/// A file, or a viewer.
+/// Output of a recording: a file or a viewer.
 pub(crate) trait Output {
     /// Writes rows of one entity of the recording.
     fn send(&mut self, chunk: Chunk) -> Result<(), RerunError>;
 
-    /// Writes a message that is not of the recording itself.
+    /// Writes a message that does not belong to the recording itself.
     fn send_message(&mut self, message: LogMsg) -> Result<(), RerunError>;
 }
 
@@ -31,14 +31,14 @@ impl Output for RecordingStream {
     }
 }
 
-/// An output for one of several loops, whose entities are in a folder of the loop's name.
+/// Output for one of several loops, whose entities are in a folder with the loop's name.
 pub(crate) struct Folder<'a> {
     output: &'a mut dyn Output,
     name: Option<&'a str>,
 }
 
 impl<'a> Folder<'a> {
-    /// For the only loop it is the output itself.
+    /// Returns the output of a loop; for the only loop it is the output itself.
     pub(crate) fn of_loop(output: &'a mut dyn Output, own: &'a ControlLoop) -> Self {
         let name = Some(own.name()).filter(|name| !name.is_empty());
         Self { output, name }
@@ -59,7 +59,7 @@ impl Output for Folder<'_> {
     }
 }
 
-/// The first message of a recording or a layout.
+/// Returns the first message of a recording or a layout.
 pub(super) fn begin(store_id: StoreId) -> LogMsg {
     let info = StoreInfo {
         store_id,
@@ -69,7 +69,7 @@ pub(super) fn begin(store_id: StoreId) -> LogMsg {
     SetStoreInfo { row_id, info }.into()
 }
 
-/// Sends what never changes of an entity.
+/// Sends the constant properties of an entity.
 pub(super) fn send_static(
     output: &mut dyn Output,
     path: impl Into<EntityPath>,

@@ -28,42 +28,42 @@ use recording::events::{Event, Events, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 
-/// A signal that changes in fewer than one of so many rows has rows only where it changes.
+/// Ratio of rows to changes above which a signal has rows only where it changes.
 const CHANGES_SELDOM: usize = 4;
 
-/// How much of a run is known when its signals are logged.
+/// Part of a run that is known when its signals are logged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Known {
-    /// Everything: it is logged at once.
+    /// Whole run, which is logged at once.
     Whole,
-    /// What has happened so far: more pieces follow.
+    /// Run so far, which more pieces follow.
     SoFar,
-    /// A piece of a long run: of each stretch of time only the extremes are logged.
+    /// Piece of a long run, of which only the extremes in each stretch of time are logged.
     Thinned,
 }
 
-/// A run on its way to a file or a viewer.
+/// Log of a run for a file or a viewer.
 pub(crate) struct Recording<'o, 'a> {
     output: &'o mut dyn Output,
     own: &'a ControlLoop,
     trial: &'a Trial,
     known: Known,
     hysteresis: Hysteresis,
-    /// None where the plant is no SMA actuator.
+    /// Drawing of the rig; `None` if the plant is no SMA actuator.
     drawing: Option<Drawing>,
-    /// Signals that were sent in earnest so far.
+    /// Signals with other values than 0 so far.
     used: BTreeSet<String>,
-    /// Paths that have their names and colours.
+    /// Paths with names and colours.
     styled: BTreeSet<String>,
     groups: BTreeSet<&'a str>,
-    /// The views of what only this plant and this law have.
+    /// Views of the signals that only this plant and this law have.
     own_views: Vec<OwnView<'a>>,
     /// Time of the last row or event.
     end_seconds: f64,
 }
 
 impl<'o, 'a> Recording<'o, 'a> {
-    /// A recording with nothing in it but what never changes.
+    /// Begins a recording with the constant properties.
     pub(crate) fn begin(
         output: &'o mut dyn Output,
         own: &'a ControlLoop,
@@ -92,7 +92,6 @@ impl<'o, 'a> Recording<'o, 'a> {
         })
     }
 
-    /// Logs a piece of the run.
     pub(crate) fn log(
         &mut self,
         timeline: &Timeline,
@@ -114,7 +113,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         bus.log(self.output)
     }
 
-    /// The end of a loop, at a time: what there is to see of it.
+    /// Ends a loop; returns its page of the layout, and the time of its end.
     pub(crate) fn end(mut self) -> Result<(Page<'a>, f64), RerunError> {
         self.hysteresis.log_path(self.output)?;
         if self.hysteresis.is_there() {
@@ -127,7 +126,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         Ok((page, self.end_seconds))
     }
 
-    /// Set-point, error, disturbances and all signals of the bus.
+    /// Logs set-point, error, disturbances and all signals of the bus.
     fn log_signals(&mut self, timeline: &Timeline) -> Result<(), RerunError> {
         let samples = timeline
             .set_point_millimetres
@@ -153,7 +152,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             .map(|column| (column.name.as_str(), &*column.values));
         let stretch = timeline.cycles_in(stretch_seconds(trial));
         let stretch = usize::try_from(stretch).unwrap_or(usize::MAX);
-        // Most signals have the same rows, so the times are made once.
+        // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in own.into_iter().chain(columns) {
             let style = self.style(timeline.measurand.as_position(name), values);
@@ -182,7 +181,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         groups::style(name, is_used, &self.own_views)
     }
 
-    /// One signal as an entity of its group.
+    /// Logs a signal as an entity of its group.
     fn log_signal(
         &mut self,
         name: &str,
@@ -205,7 +204,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         send_scalars(self.output, path, times, picked(values, rows.numbers()))
     }
 
-    /// The band that each judged step must settle in, as far as the piece goes.
+    /// Logs the band in which each judged step must settle, as far as the piece reaches.
     fn log_settling_bands(&mut self, timeline: &Timeline) -> Result<(), RerunError> {
         let Some(begin) = timeline.time_seconds.first() else {
             return Ok(());
@@ -237,7 +236,7 @@ impl<'o, 'a> Recording<'o, 'a> {
     }
 }
 
-/// The end of a run, at a time: the verdict as a page, as the last event, and as the recording's properties.
+/// Logs the verdict at the end of a run: as a page, as the last event, and as properties of the recording.
 pub(crate) fn log_verdict(
     output: &mut dyn Output,
     plan: &Plan,
@@ -264,7 +263,7 @@ pub(crate) fn log_verdict(
     send_static(output, path, &properties)
 }
 
-/// What happened.
+/// Logs the events with their levels.
 fn log_events(
     output: &mut dyn Output,
     period_seconds: f64,
@@ -284,7 +283,7 @@ fn log_events(
     send_rows(output, "events", times::columns(moments), rows)
 }
 
-/// The verdict as Markdown.
+/// Returns the verdict as Markdown.
 fn page(verdict: &Verdict) -> String {
     let mut text = format!("**{}: {}**\n", verdict.scenario, verdict.outcome.word());
     if let Some(reason) = &verdict.reason {
@@ -307,7 +306,7 @@ fn page(verdict: &Verdict) -> String {
     text
 }
 
-/// What the scenario asks of the disturbance node, per row; NaN where it never asks.
+/// Returns the commands of the scenario to the disturbance node, per row; NaN if it has none.
 fn asked(
     trial: &Trial,
     timeline: &Timeline,
@@ -328,12 +327,12 @@ fn asked(
     timeline.time_seconds.iter().map(at).collect()
 }
 
-/// The rows to write of a signal. Those without a value are left out.
+/// Rows of a signal to write. Rows without a value are left out.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Rows {
-    /// All others.
+    /// All rows with a value.
     All(Vec<usize>),
-    /// Those in which it changes, and the last.
+    /// Rows in which the value changes, and the last row.
     Changes(Vec<usize>),
 }
 
@@ -362,7 +361,7 @@ impl Rows {
         Self::Changes(changes)
     }
 
-    /// The least and the largest value of so many rows each, where they are not those before.
+    /// Returns the rows with the least and the largest value in each part of `count` rows, if these differ from those before.
     pub(super) fn extremes(values: &[f64], count: usize) -> Self {
         let mut rows: Vec<usize> = Vec::new();
         let (mut held, mut last) = (f64::NAN, None);
@@ -390,8 +389,8 @@ impl Rows {
         }
     }
 
-    /// Where many rows fall on one pixel, the viewer draws their extremes and holds the largest until the next row. So
-    /// what waits long for its next row must be drawn as it is.
+    /// Sets the drawing of a signal. If many rows fall on one pixel, the viewer draws their extremes and holds the largest until
+    /// the next row. A signal with long pauses between its rows must be drawn unchanged.
     fn drawn(&self, look: SeriesLines) -> SeriesLines {
         match self {
             Self::All(_) => look,

@@ -1,4 +1,4 @@
-//! The file is read back with the SDK's own reader and held to the timeline.
+//! Reads the file back with the SDK's own reader and compares it with the timeline.
 
 use judge::verdict::Verdict;
 use std::collections::BTreeMap;
@@ -27,7 +27,7 @@ use recording::log::Stamped;
 use recording::timeline;
 use scenario::Trial;
 
-/// The cycle in which the drive of the made-up run is silent.
+/// Cycle in which the drive of the made-up run is silent.
 const SILENT: u64 = 70;
 
 /// Run time in nanoseconds, cycle, value.
@@ -41,7 +41,7 @@ fn plan() -> Plan {
     Plan::new(scenario, &Catalogue::shipped())
 }
 
-/// 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
+/// Returns 300 cycles of frames: a position that moves in coarse steps, a temperature that moves in every cycle.
 fn made_up_run() -> (Frames, Vec<Timeline>, Verdict) {
     let database = Database::shipped();
     let message = |name: &str, signals: &[(&str, f64)]| {
@@ -83,7 +83,7 @@ fn made_up_run() -> (Frames, Vec<Timeline>, Verdict) {
     (frames.into(), timelines, verdict)
 }
 
-/// All chunks of the recording itself, without the layout.
+/// Returns all chunks of the recording itself, without the layout.
 fn chunks(path: &Path) -> Vec<Chunk> {
     let file = BufReader::new(File::open(path).unwrap());
     let mut chunks = Vec::new();
@@ -97,7 +97,7 @@ fn chunks(path: &Path) -> Vec<Chunk> {
     chunks
 }
 
-/// The scalars of a recording by path.
+/// Returns the scalars of a recording by path.
 fn scalars(path: &Path) -> BTreeMap<String, Vec<Row>> {
     let mut series: BTreeMap<String, Vec<Row>> = BTreeMap::new();
     let component = Scalars::descriptor_scalars().component;
@@ -130,7 +130,7 @@ fn scalars(path: &Path) -> BTreeMap<String, Vec<Row>> {
     series
 }
 
-/// The value that the viewer shows in a cycle.
+/// Returns the value that the viewer shows in a cycle.
 fn held(rows: &[Row], cycle: u64) -> Option<f64> {
     let cycle = i64::try_from(cycle).unwrap();
     rows.iter()
@@ -212,7 +212,7 @@ fn a_signal_that_seldom_changes_or_is_not_drawn_has_rows_where_it_changes_and_th
         Rows::Changes(vec![1, 5, 15])
     );
     assert_eq!(drawn(&[nan; 9]), Rows::Changes(Vec::new()));
-    // Of a run that goes on it is not known what it will do.
+    // The further course of a run that is still played is unknown.
     let so_far = Rows::new(&[1.0; 9], "position", Known::SoFar);
     assert_eq!(so_far, Rows::All((0..9).collect()));
     let other = |values: &[f64]| Rows::new(values, groups::OTHER, Known::SoFar);
@@ -280,14 +280,14 @@ fn the_file_is_complete_or_not_there() {
     let nowhere = folder.path().join("missing").join("run.rrd");
     let written = write(&nowhere, &run(&plan(), &frames, &timelines, &verdict));
     assert!(written.is_err());
-    // Where the new one cannot grow beside it, since its name would be too long, the old one stays.
+    // If the new file cannot be made, since its temporary name would be too long, the old one stays.
     let path = folder.path().join("r".repeat(250));
     fs::write(&path, &bytes).unwrap();
     let written = write(&path, &run(&plan(), &frames, &timelines, &verdict));
     assert!(written.is_err() && fs::read(&path).unwrap() == bytes);
 }
 
-/// A peak of one row is there, a value that holds is there once, and its last row says until when.
+/// A peak of one row is kept, a constant value appears once, and its last row marks its end.
 #[test]
 fn of_a_long_run_the_extremes_of_each_stretch_are_kept() {
     let mut values = vec![f64::NAN; 10];

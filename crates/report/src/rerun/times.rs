@@ -5,24 +5,24 @@ use re_sdk::log::TimeColumn;
 
 use recording::timeline::Timeline;
 
-/// Scenario time.
+/// Name of the timeline of scenario time.
 pub(super) const RUN_TIME: &str = "run_time";
-/// Number of the cycle since scenario time 0.
+/// Name of the timeline of cycles since scenario time 0.
 pub(super) const CYCLE: &str = "cycle";
 
-/// A time on both timelines.
+/// Time on both timelines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Moment {
     pub(super) seconds: f64,
     pub(super) cycle: i64,
 }
 
-/// The time of a row.
+/// Returns the time of a row.
 pub(super) fn moment(timeline: &Timeline, row: usize) -> Moment {
     at_cycle(timeline.time_seconds[row], timeline.cycle[row])
 }
 
-/// The times of all rows.
+/// Returns the times of all rows.
 pub(super) fn moments(timeline: &Timeline) -> impl Iterator<Item = Moment> + Clone {
     let cycles = timeline.cycle.iter();
     let times = timeline.time_seconds.iter().zip(cycles);
@@ -36,7 +36,8 @@ fn at_cycle(seconds: f64, cycle: u64) -> Moment {
     }
 }
 
-/// The time of a row that is the first of its kind: what it shows is shown from the first event on.
+/// Returns the time of a row that is the first of its kind: the first event, if that is earlier, so that the row is shown from
+/// there on.
 pub(super) fn first_moment(timeline: &Timeline, here: Moment) -> Moment {
     match timeline.events.first() {
         Some(event) if event.time_seconds < here.seconds => {
@@ -46,7 +47,7 @@ pub(super) fn first_moment(timeline: &Timeline, here: Moment) -> Moment {
     }
 }
 
-/// A time that may lie before the first cycle or within one.
+/// Returns a time that may lie before the first cycle or within one.
 pub(super) fn moment_at(seconds: f64, period_seconds: f64) -> Moment {
     Moment {
         seconds,
@@ -54,7 +55,7 @@ pub(super) fn moment_at(seconds: f64, period_seconds: f64) -> Moment {
     }
 }
 
-/// Both timelines at some times.
+/// Returns both timelines at some times.
 pub(super) fn columns(moments: impl Iterator<Item = Moment> + Clone) -> [TimeColumn; 2] {
     let nanoseconds = moments
         .clone()
@@ -65,7 +66,7 @@ pub(super) fn columns(moments: impl Iterator<Item = Moment> + Clone) -> [TimeCol
     ]
 }
 
-/// Both timelines at some rows.
+/// Returns both timelines at some rows.
 pub(super) fn at_rows(timeline: &Timeline, rows: &[usize]) -> [TimeColumn; 2] {
     let seconds = picked(&timeline.time_seconds, rows);
     let cycles = picked(&timeline.cycle, rows);

@@ -1,11 +1,11 @@
-//! Where a viewer listens.
+//! The address of a viewer.
 
 use std::fmt;
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::str::FromStr;
 use std::time::Duration;
 
-/// How long a viewer may take to accept a connection.
+/// Longest time that a viewer may take to accept a connection.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Host and port of a viewer.
@@ -16,7 +16,7 @@ pub struct ViewerAddress {
 }
 
 impl ViewerAddress {
-    /// A port of this machine that no other can reach.
+    /// Returns a port of this machine, which other machines cannot reach.
     #[must_use]
     pub fn loopback(port: u16) -> Self {
         Self {
@@ -25,22 +25,22 @@ impl ViewerAddress {
         }
     }
 
-    /// The port.
+    /// Returns the port.
     #[must_use]
     pub fn port(&self) -> u16 {
         self.port
     }
 
-    /// The address as the viewer itself writes it.
+    /// Returns the address as the viewer itself writes it.
     #[must_use]
     pub fn url(&self) -> String {
         format!("rerun+http://{self}/proxy")
     }
 
-    /// Whether somebody listens there; else why not.
+    /// Checks whether a viewer listens at the address.
     ///
     /// # Errors
-    /// Nobody does.
+    /// No viewer listens there.
     pub fn answers(&self) -> Result<(), String> {
         let connected = self.sockets().and_then(|sockets| {
             let mut last = Err(format!("{} has no address", self.host));

@@ -1,4 +1,4 @@
-//! The thread that shows a run in a viewer, and may hang on it.
+//! The thread that shows a run in a viewer, on which it may hang.
 
 use dbc::SignalMissing;
 use std::sync::mpsc::{self, Receiver};
@@ -20,14 +20,14 @@ use recording::log::Stamped;
 use recording::timeline::TimelineReader;
 use scenario::Trial;
 
-/// How often what was heard is sent.
+/// Time between two pieces that are sent.
 const PIECE_PERIOD: Duration = Duration::from_millis(100);
-/// Frames that one piece may hold, so that what is on its way to the viewer is bounded.
+/// Largest number of frames in one piece, which bounds the data on the way to the viewer.
 const PIECE_FRAMES_MAX: usize = 20_000;
-/// How long one wait for the viewer lasts before it is looked whether it is still there.
+/// Longest single wait for the viewer, after which its presence is checked.
 const FLUSH_PATIENCE: Duration = Duration::from_secs(1);
 
-/// Why a viewer does not show the run any more.
+/// Reason why a viewer no longer shows the run.
 #[derive(Debug, thiserror::Error)]
 enum LiveError {
     #[error(transparent)]
@@ -41,7 +41,7 @@ enum LiveError {
 }
 
 impl Show {
-    /// Begins to show a run; its frames go into the queue.
+    /// Begins to show a run, whose frames go into the queue.
     pub(super) fn start(
         address: &ViewerAddress,
         plan: &Plan,
@@ -55,13 +55,13 @@ impl Show {
             scheduling::step_back();
             let shown = connect(&url, &plan.shared.run.name).and_then(|stream| {
                 let shown = follow(stream.clone(), &plan, frames, &judged);
-                // What it is dropped for would have to be sent first, to somebody who takes nothing.
+                // Dropping the stream would first send its data, which the viewer does not take.
                 if shown.is_err() {
                     std::mem::forget(stream);
                 }
                 shown
             });
-            // Nobody may wait for it any more.
+            // The receiver may no longer be waiting.
             let _ = end.send(shown.map_err(|error| error.to_string()));
         });
         let show = Self {
@@ -74,12 +74,12 @@ impl Show {
     }
 }
 
-/// Each run is a recording of its own, also when it is played twice.
+/// Connects to a viewer. Each run is a recording of its own, also if it is played twice.
 fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
     let stream = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true)
         .recording_name(name)
-        // Each piece is flushed, so the SDK need not look for rows on its own account.
+        // Each piece is flushed, so the SDK need not look for rows by itself.
         .batcher_config(ChunkBatcherConfig {
             flush_tick: PIECE_PERIOD,
             ..ChunkBatcherConfig::DEFAULT
@@ -89,7 +89,7 @@ fn connect(url: &str, name: &str) -> Result<RecordingStream, LiveError> {
     Ok(stream)
 }
 
-/// A loop on its way to the viewer.
+/// Loop on its way to the viewer.
 struct Shown<'o, 'a> {
     trial: &'a Trial,
     reader: TimelineReader,
@@ -116,7 +116,7 @@ impl<'o, 'a> Shown<'o, 'a> {
         self.bus.observe(stamped);
     }
 
-    /// Logs what came since the last time.
+    /// Logs the frames since the last time.
     fn log(&mut self, is_last: bool) -> Result<(), LiveError> {
         let piece = if is_last {
             self.reader.take_rest(self.trial)?
@@ -127,14 +127,14 @@ impl<'o, 'a> Shown<'o, 'a> {
     }
 }
 
-/// Logs pieces until the run's end of the ring is dropped, then the verdict. Of several loops each has a folder.
+/// Logs pieces until the run drops its end of the ring, then the verdict. With several loops each has a folder.
 fn follow(
     stream: RecordingStream,
     plan: &Plan,
     mut frames: Consumer<Stamped>,
     judged: &Receiver<Verdict>,
 ) -> Result<(), LiveError> {
-    // Other handles of the same stream.
+    // The outputs are further handles of the same stream.
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let folders = outputs.iter_mut().zip(&plan.loops);
     let mut folders = Vec::from_iter(folders.map(|(output, own)| Folder::of_loop(output, own)));
@@ -169,7 +169,7 @@ fn follow(
     flush(&stream)
 }
 
-/// Waits until the viewer has everything: no more than a piece is ever on the way, however slow or paused the viewer is.
+/// Waits until the viewer has everything: no more than one piece is ever on the way, however slow or paused the viewer is.
 fn flush(stream: &RecordingStream) -> Result<(), LiveError> {
     loop {
         match stream.flush_with_timeout(FLUSH_PATIENCE) {

@@ -1,8 +1,8 @@
-//! A Rerun viewer that shows the run while it goes on.
+//! A Rerun viewer that shows a run while it is played.
 //!
-//! The run does not depend on it: frames go through a ring of bounded size ([`recording::frame_queue`]) to a thread of their own,
-//! which logs in pieces of a tenth of a second and waits for the viewer after each. Frames for a viewer that does not keep up are dropped; at the
-//! run's end the viewer has [`END_PATIENCE`] for what is still on the way.
+//! The run does not depend on the viewer: frames go through a ring of bounded size ([`recording::frame_queue`]) to a separate
+//! thread, which logs pieces of a tenth of a second and waits for the viewer after each. Frames for a viewer that is too slow are
+//! dropped. At the run's end the viewer has [`END_PATIENCE`] for the data that is still on the way.
 //!
 //! That thread spends 6 µs a cycle on ten signals in real time (measured: 21 µs for 38 signals and the drawings, on two
 //! busy processors), and 1 µs when a recording is replayed at once, since its pieces are larger then.
@@ -21,17 +21,18 @@ use judge::verdict::Verdict;
 use plan::Plan;
 use recording::frame_queue::{DroppedFrames, FrameQueue, WhenFull};
 
-/// How long a run waits at its end for a viewer that takes nothing.
+/// Longest time that a run waits at its end for a viewer that takes nothing.
 pub const END_PATIENCE: Duration = Duration::from_secs(2);
 
-/// The viewers of a command.
+/// Viewers of a command.
 #[derive(Debug, Default)]
 pub struct Viewers {
     addresses: Vec<ViewerAddress>,
 }
 
 impl Viewers {
-    /// Opens a viewer, finds the one at an address, or both; and why one cannot be had. The run goes on without them.
+    /// Opens a viewer, finds the one at an address, or both. Also returns the reasons why one is missing. The run continues
+    /// without missing ones.
     #[must_use]
     pub fn open(opens_one: bool, connect: Option<&ViewerAddress>) -> (Self, Vec<String>) {
         let mut viewers = Self::default();
@@ -52,13 +53,13 @@ impl Viewers {
         (viewers, refused)
     }
 
-    /// Whether there is one.
+    /// Returns whether there is no viewer.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.addresses.is_empty()
     }
 
-    /// Begins to show a run with all its loops in each viewer: where its frames go, and how to end.
+    /// Begins to show a run with all its loops in each viewer. Returns the queues for its frames, and the handle to end with.
     #[must_use]
     #[cfg(feature = "rerun")]
     pub fn show(&self, plan: &Plan, when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
@@ -70,7 +71,7 @@ impl Viewers {
         (queues, Shows(shows))
     }
 
-    /// Without the SDK there are no viewers.
+    /// Returns nothing, since there are no viewers without the SDK.
     #[must_use]
     #[cfg(not(feature = "rerun"))]
     pub fn show(&self, _plan: &Plan, _when_full: WhenFull) -> (Vec<FrameQueue>, Shows) {
@@ -78,13 +79,13 @@ impl Viewers {
     }
 }
 
-/// A run in all viewers.
+/// Run in all viewers.
 #[derive(Debug, Default)]
 pub struct Shows(Vec<Show>);
 
 impl Shows {
-    /// Shows the verdict too and waits for the viewers as long as the patience lasts; what they did not get, in words. One
-    /// that takes nothing any more is shown no further run.
+    /// Shows the verdict and waits for the viewers until the patience ends. Returns texts on the data that viewers missed. A
+    /// viewer that takes nothing any more is shown no further run.
     #[must_use]
     pub fn end(self, verdict: &Verdict, viewers: &mut Viewers) -> Vec<String> {
         for show in &self.0 {
@@ -111,18 +112,18 @@ impl Shows {
     }
 }
 
-/// A run in one viewer.
+/// Run in one viewer.
 #[derive(Debug)]
 struct Show {
     address: ViewerAddress,
     dropped: DroppedFrames,
     verdict: Sender<Verdict>,
-    /// How the thread ended; it may hang on a viewer that is paused, so it is not joined.
+    /// End of the thread, which is not joined, since it may hang on a paused viewer.
     ended: Receiver<Result<(), String>>,
 }
 
 impl Show {
-    /// Waits for the viewer; why it took no more, in words that follow on its address.
+    /// Waits for the viewer; returns the reason why it took no more, as a text to follow its address.
     fn ended(&self) -> Result<(), String> {
         match self.ended.recv_timeout(END_PATIENCE) {
             Ok(shown) => shown.map_err(|error| format!("was lost: {error}")),

@@ -1,4 +1,4 @@
-//! Opens a viewer as a program of its own.
+//! Opens a viewer as a separate program.
 
 use std::io;
 use std::os::unix::process::CommandExt;
@@ -10,20 +10,20 @@ use platform::scheduling;
 
 use super::address::ViewerAddress;
 
-/// How to get the viewer.
+/// Command that installs the viewer.
 const INSTALL: &str = "pip install rerun-sdk==0.36.3";
-/// What viewer and server keep of a run; of a longer one they drop the oldest. Else they take three quarters of the memory, which
-/// the bench needs too.
+/// Largest memory of the viewer and of the server for a run; they drop the oldest data of a longer one. Without a limit they take
+/// three quarters of the memory, which the bench needs, too.
 const MEMORY_MAX: &str = "1GB";
 const SERVER_MEMORY_MAX: &str = "250MB";
-/// The viewer's own port.
+/// Default port of the viewer.
 const PORT: u16 = 9876;
-/// How long the viewer may take until it listens.
+/// Longest time until the viewer listens.
 const START_PATIENCE: Duration = Duration::from_secs(30);
-/// How often it is looked whether it does.
+/// Time between two checks whether the viewer listens.
 const LOOK_PERIOD: Duration = Duration::from_millis(100);
 
-/// The viewer that is open on its own port, or a new one.
+/// Returns the viewer that is open on its default port, or opens a new one.
 pub(super) fn open() -> Result<ViewerAddress, String> {
     let address = ViewerAddress::loopback(PORT);
     if address.answers().is_ok() {
@@ -53,7 +53,7 @@ pub(super) fn open() -> Result<ViewerAddress, String> {
     Ok(address)
 }
 
-/// Starts the viewer on loopback only. It stays when the run ends, and steps back where processors are scarce.
+/// Starts the viewer on loopback only. It stays when the run ends, and yields when processors are scarce.
 fn start(address: &ViewerAddress) -> io::Result<Child> {
     let mut command = Command::new("rerun");
     command

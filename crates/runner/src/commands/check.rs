@@ -1,4 +1,4 @@
-//! `canrig check`: scenario and rig files, without playing them.
+//! `canrig check`: checks scenario and rig files, without playing them.
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,7 @@ pub struct CheckArgs {
     pub values: ValueArgs,
 }
 
-/// Checks the files and says of each whether it is valid.
+/// Checks the files and prints for each whether it is valid.
 #[must_use]
 pub fn check(args: &CheckArgs) -> Exit {
     let paths = match scenario_files(&args.scenarios, |_| true) {
@@ -51,12 +51,12 @@ pub fn check(args: &CheckArgs) -> Exit {
     worst
 }
 
-/// A valid scenario or rig file.
+/// Valid scenario or rig file.
 struct Valid {
     name: String,
-    /// What of a rig file is allowed and may not be meant.
+    /// Remarks on a rig file: allowed entries that may be mistakes.
     notes: Vec<String>,
-    /// What the nodes of a rig file send.
+    /// Traffic of a rig file's nodes.
     bus: Option<BusBudget>,
 }
 
@@ -85,7 +85,7 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
     })
 }
 
-/// What is on the bus in a cycle, and whether it fits.
+/// Describes the traffic in a cycle, and whether it fits.
 fn arithmetic(bus: &BusBudget) -> String {
     let mut table = empty_table(["node", "sends", "bits", "comes in"]);
     for share in &bus.shares {

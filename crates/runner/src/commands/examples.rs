@@ -1,4 +1,4 @@
-//! `canrig examples`: the scenarios and rig files that ship, listed, shown, or copied.
+//! `canrig examples`: lists, shows or copies the scenarios and rig files that ship.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ fn named(name: &str) -> Result<ShippedFile, String> {
     })
 }
 
-/// What a file is, for people: the name in it, or whose it is.
+/// Returns the title of a file: the name in it, or the file to which it belongs.
 fn title(file: &ShippedFile) -> String {
     let document: Table = file.text.parse().unwrap_or_default();
     let name = document.get("name").and_then(toml::Value::as_str);
@@ -71,7 +71,7 @@ fn title(file: &ShippedFile) -> String {
     }
 }
 
-/// The files, and those that they name: rig files and tables.
+/// Returns the files and those that they name: rig files and tables.
 fn with_what_they_name(chosen: &[ShippedFile]) -> Vec<ShippedFile> {
     let is_named = |file: &ShippedFile| chosen.iter().any(|one| one == file || one.names(file));
     files().filter(is_named).collect()
@@ -97,10 +97,10 @@ fn copied(folder: &Path, files: &[ShippedFile]) -> Exit {
     }
 }
 
-/// Copies files, and beside them the schemas that their first lines name. A schema that is there already is as good.
+/// Copies files, and next to them the schemas that their first lines name. An existing schema is kept.
 fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)> {
     for ShippedFile { place, text } in files {
-        // In the repository the rig file lies elsewhere.
+        // In the repository the rig file lies in another place.
         let text = text.replacen("../../scenarios/rig_schema.json", "../rig_schema.json", 1);
         write(&folder.join(place), &text)?;
     }
@@ -116,7 +116,7 @@ fn copy(folder: &Path, files: &[ShippedFile]) -> Result<(), (PathBuf, io::Error)
     Ok(())
 }
 
-/// Writes a file that is not there yet.
+/// Writes a file that does not exist yet.
 fn write(path: &Path, text: &str) -> Result<(), (PathBuf, io::Error)> {
     let written = write_new(path, |file| file.write_all(text.as_bytes()));
     written.map_err(|error| (path.to_owned(), error))

@@ -1,4 +1,4 @@
-//! `canrig export`: a recording in another program's format.
+//! `canrig export`: writes a recording in another program's format.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -54,7 +54,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// How often frames or cycles are gone through: to read them, and to decode or write them.
+    /// Returns the number of passes over frames or cycles: to read, and to decode or write them.
     fn ways(self) -> u64 {
         match self {
             Self::Events | Self::Asc | Self::Frames => 2,
@@ -96,15 +96,15 @@ pub fn export(args: &ExportArgs) -> Exit {
     exit
 }
 
-/// Whether nothing is written on a terminal, where a bar would stand in between.
+/// Returns whether a bar may be drawn, since nothing is written on the terminal.
 fn is_silent(args: &ExportArgs) -> bool {
     args.output.is_some() || !io::stdout().is_terminal()
 }
 
-/// Writes a recording to an output that has a buffer.
+/// Function that writes a recording to a buffered output.
 type Conversion<'a> = Box<dyn FnOnce(&mut (dyn Write + Send)) -> io::Result<()> + 'a>;
 
-/// How a recording is written, after all that may be wrong with it was found.
+/// Returns the function that writes a recording, after all checks of the recording.
 fn conversion<'a>(
     args: &ExportArgs,
     recorded: &'a Recorded,
@@ -157,7 +157,7 @@ fn frame_table<'a>(
     })
 }
 
-/// When scenario time began, on the clock of the frames; their own time 0 if it never did.
+/// Returns the begin of scenario time on the clock of the frames; 0 on that clock if the scenario never began.
 fn zero(recorded: &Recorded) -> Result<Duration, SignalMissing> {
     let mut clock = recorded.plan.scenario_clock()?;
     let mut frames = recorded.log.frames.iter();

@@ -1,4 +1,4 @@
-//! The subcommands about scenarios and their recordings: of each the arguments, what it does, and its pages.
+//! The subcommands on scenarios and their recordings: each with its arguments, its work, and its pages.
 
 pub mod check;
 pub mod compare;

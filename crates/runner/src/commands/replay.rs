@@ -1,4 +1,4 @@
-//! `canrig replay`: a recording judged again.
+//! `canrig replay`: judges a recording again.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -16,10 +16,10 @@ use recording::session::with_limits;
 use report::terminal;
 use worlds::catalogue::catalogue;
 
-/// Frames go to a viewer no earlier than this before their time.
+/// Longest time by which frames go to a viewer before their time.
 const AHEAD_MAX: Duration = Duration::from_millis(10);
 
-/// The frames are read, decoded and judged.
+/// Number of passes over the frames: to read, to decode and to judge them.
 const WAYS: u64 = 3;
 
 /// Arguments of `replay`.
@@ -44,7 +44,7 @@ pub struct ReplayArgs {
     pub speed: f64,
 }
 
-/// A factor on time.
+/// Parses a factor on time.
 fn speed(text: &str) -> Result<f64, String> {
     let factor: f64 = text.parse().map_err(|_| "a number is expected, or inf")?;
     if factor >= 1e-3 {
@@ -91,7 +91,7 @@ fn judged(args: &ReplayArgs, bar: &WorkBar) -> Result<(Recorded, Verdict), Recor
     Ok((recorded, verdict))
 }
 
-/// Plays the recording into the viewers, as fast as was asked for.
+/// Plays the recording into the viewers, at the speed of the command line.
 fn show(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     let (mut viewers, refused) = args.viewer.open();
     report_all(&refused);
@@ -143,7 +143,7 @@ fn report(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
     }
 }
 
-/// What the verdict of the run said.
+/// Compares the new verdict with that of the run, as a text.
 fn against(stored: &Verdict, verdict: &Verdict) -> String {
     if stored == verdict {
         return "the same verdict as that of the run".to_owned();

@@ -1,4 +1,4 @@
-//! `canrig report`: pages made again from run folders.
+//! `canrig report`: makes pages again from run folders.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use recording::timeline::Timeline;
 use report::{Run, html, overview};
 use worlds::catalogue::catalogue;
 
-/// The frames are read, decoded, judged, and gone through for the page of a loop.
+/// Number of passes over the frames: to read, to decode and to judge them, and for the page of a loop.
 const WAYS: u64 = 4;
 
 /// Arguments of `report`.
@@ -30,7 +30,7 @@ pub struct ReportArgs {
     pub output: Option<PathBuf>,
 }
 
-/// Makes the page of each run, and one of all of them where `--output` says where.
+/// Makes the page of each run, and one of all of them at the place of `--output`.
 #[must_use]
 pub fn report(args: &ReportArgs) -> Exit {
     let folders = opened(&args.runs);
@@ -106,7 +106,7 @@ fn together(runs: &[(Recorded, Vec<Timeline>, Verdict)], output: &Path) -> Strin
             page: link(output, &recorded.path.join(file::REPORT)),
             timelines,
             verdict,
-            // One that is damaged is refused by what needs it.
+            // A damaged record is left to the commands that need it.
             played: PlayRecord::read(&recorded.path)
                 .ok()
                 .flatten()

@@ -1,4 +1,4 @@
-//! `canrig run`: scenarios with controller and plant as processes on a CAN bus.
+//! `canrig run`: plays scenarios with controller and plant as processes on a CAN bus.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -25,7 +25,7 @@ use worlds::{
     BusChoice, BusPlace, End, Played, RunBus, Vigil, WorldError, choose_bus, processes, real_time,
 };
 
-/// What `--dry-run` is for.
+/// Error of `--dry-run` without an external drive.
 const NOTHING_TO_CHECK: &str = "--dry-run checks a drive that canrig does not emulate: name it with --external, or its rig file with --rig";
 
 /// Arguments of `run`.
@@ -63,7 +63,7 @@ pub enum ClockChoice {
     Lockstep,
 }
 
-/// Plays the scenarios, or makes the pre-flight alone; the worst exit of all.
+/// Plays the scenarios, or makes the pre-flight alone; returns the worst exit of all.
 #[must_use]
 pub fn run(args: &RunArgs) -> Exit {
     let listener = args.play.listener();
@@ -78,12 +78,12 @@ pub fn run(args: &RunArgs) -> Exit {
     play_all(&args.play, &testbed, &*listener)
 }
 
-/// The testbed of a command: on which bus, by which clock, with whose nodes.
+/// Testbed of a command: its bus, its clock, and the owners of its nodes.
 struct RunTestbed<'a> {
     bus: RunBus,
-    /// Held until the command ends.
+    /// Place on the bus, held until the command ends.
     _place: BusPlace,
-    /// Between two scenarios.
+    /// Vigil between two scenarios.
     vigil: Cell<Option<Vigil>>,
     clock: ClockChoice,
     guests: GuestArgs,
@@ -115,7 +115,7 @@ impl<'a> RunTestbed<'a> {
         self.listener.on_event(&RunEvent::Note(text));
     }
 
-    /// What a reader of the output must know of all runs.
+    /// Prints the bus and the clock of all runs.
     fn announce(&self) {
         let clock = match self.clock {
             ClockChoice::RealTime => "real time",
@@ -129,7 +129,8 @@ impl<'a> RunTestbed<'a> {
         }
     }
 
-    /// Tools find the only embedded bus by themselves; of several, and of a private one, each has its address.
+    /// Prints the address of an embedded or a private bus. Tools find the only embedded bus by themselves; several ones, and a
+    /// private one, need the address.
     fn announce_address(&self, address: &BusAddress) {
         if matches!(address, BusAddress::Embedded(_) | BusAddress::Private(_)) {
             self.note(format!("bus address: {address}"));
@@ -140,7 +141,7 @@ impl<'a> RunTestbed<'a> {
         self.listener.on_event(&RunEvent::Preflight(step));
     }
 
-    /// Opens the bus, makes the pre-flight of a drive that is external, and plays the scenario.
+    /// Opens the bus, makes the pre-flight of an external drive, and plays the scenario.
     fn in_real_time(
         &self,
         plan: &Plan,
@@ -161,7 +162,7 @@ impl<'a> RunTestbed<'a> {
         };
         let address = line.address().clone();
         line.close(capture)?;
-        // Where a controller may have been lost, its silence is what takes the current away.
+        // If a controller may have been lost, its silence takes the current away.
         let is_orderly =
             matches!(&ended, Ok(played) if played.end == End::Completed) && !plan.has_faults();
         if is_orderly {
@@ -170,7 +171,8 @@ impl<'a> RunTestbed<'a> {
         ended
     }
 
-    /// Until the next scenario, on a bus that outlives this one. What is wrong with that bus is for the next scenario to say.
+    /// Keeps the place of the manager until the next scenario, on a bus that outlives this one. The next scenario reports errors
+    /// of that bus.
     fn keep_place(&self, plan: &Plan, address: &BusAddress) {
         let is_ours = |one: &ControlLoop| one.is_ours(Part::Controller);
         let is_manager = plan.loops.iter().all(is_ours);
@@ -192,7 +194,7 @@ impl<'a> RunTestbed<'a> {
         (self.preflight).make(plan, parent, &self.bus, line, watch, &report)
     }
 
-    /// The pre-flight of the first scenario, which stands for all: they share rig and bus.
+    /// Makes the pre-flight of the first scenario, which counts for all: they share rig and bus.
     fn dry_run(&self, args: &RunArgs) -> Exit {
         let paths = match scenario_files(&args.play.scenarios, is_scenario) {
             Ok(paths) => paths,
@@ -235,7 +237,7 @@ impl<'a> RunTestbed<'a> {
 }
 
 impl Testbed for RunTestbed<'_> {
-    /// A drive that failed its pre-flight is led by nobody.
+    /// Returns whether the drive failed its pre-flight, so that no scenario may lead it.
     fn is_over(&self) -> bool {
         self.preflight.has_failed()
     }
@@ -285,7 +287,7 @@ impl Testbed for RunTestbed<'_> {
     }
 }
 
-/// Faults of the bus need the modelled one; no real bus delays or loses frames on demand.
+/// Refuses faults of the bus on a real one, which cannot delay or lose frames on demand.
 fn admits(faults: &Faults, bus: &RunBus, clock: ClockChoice) -> Result<(), String> {
     let is_modelled = clock == ClockChoice::Lockstep && matches!(bus, RunBus::Embedded { .. });
     let first = faults.in_group(Group::Bus).next().filter(|_| !is_modelled);
@@ -298,7 +300,7 @@ fn admits(faults: &Faults, bus: &RunBus, clock: ClockChoice) -> Result<(), Strin
     ))
 }
 
-/// Why the nodes will run without real-time priority; found out on a thread that ends at once.
+/// Returns the reason why the nodes will run without real-time priority. It is found out on a thread that ends at once.
 fn refused_priority() -> Option<String> {
     let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
     asked

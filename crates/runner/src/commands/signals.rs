@@ -1,4 +1,5 @@
-//! `canrig signals`: what a scenario, a recording or canrig's built-in drive and controller put on the bus, by the names that `[expect]` takes.
+//! `canrig signals`: lists the signals of a scenario, a recording, or canrig's built-in drive and controller, by the names that
+//! `[expect]` takes.
 
 use std::path::{Path, PathBuf};
 
@@ -13,9 +14,9 @@ use plan::{ControlLoop, Plan};
 use report::terminal;
 use worlds::catalogue::catalogue;
 
-/// Limits from here on are shown with a power of ten.
+/// Least limit that is shown with a power of ten.
 const DIGITS_SHOWN_BELOW: f64 = 1e15;
-/// Signals with more named values than this show their range only; `--json` has all names.
+/// Largest number of named values that are shown for a signal. Others show their range only; `--json` has all names.
 const LABELS_SHOWN_MAX: usize = 4;
 
 /// Arguments of `signals`.
@@ -33,17 +34,17 @@ pub struct SignalsArgs {
     pub json: bool,
 }
 
-/// One signal as it is listed.
+/// Signal in the list.
 #[derive(Debug, Serialize)]
 struct ListedSignal<'a> {
-    /// The loop in whose `[[expect.LOOP.signal]]` the name stands; none where there is one loop, or where all have it.
+    /// Loop in whose `[[expect.LOOP.signal]]` the name may be; `None` if there is one loop, or if all have the signal.
     #[serde(rename = "loop", skip_serializing_if = "Option::is_none")]
     of_loop: Option<&'a str>,
-    /// The name that no other signal has: `message.signal`.
+    /// Unique name of the signal: `message.signal`.
     path: String,
     signal: String,
     unit: &'a str,
-    /// The node.
+    /// Node that sends the signal.
     #[serde(skip_serializing_if = "Option::is_none")]
     sender: Option<&'a str>,
     message: &'a str,
@@ -51,7 +52,7 @@ struct ListedSignal<'a> {
     minimum: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     maximum: Option<f64>,
-    /// Values that have a name, each with its name.
+    /// Named values, each with its name.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     values: Vec<(f64, &'a str)>,
 }
@@ -76,7 +77,7 @@ impl<'a> ListedSignal<'a> {
         }
     }
 
-    /// Whether a text is in what names it, in capitals or not.
+    /// Returns whether one of the signal's names contains a text, ignoring case.
     fn has(&self, text: &str) -> bool {
         let words = [
             self.path.as_str(),
@@ -89,7 +90,7 @@ impl<'a> ListedSignal<'a> {
         words.iter().any(|word| word.to_lowercase().contains(&text))
     }
 
-    /// From the smallest value to the largest, or the few values that it has, with their names.
+    /// Returns the smallest and the largest value, or the few values that the signal has, with their names.
     fn range(&self) -> String {
         if (1..=LABELS_SHOWN_MAX).contains(&self.values.len()) {
             let values: Vec<String> = self
@@ -108,7 +109,7 @@ impl<'a> ListedSignal<'a> {
     }
 }
 
-/// The ends of a floating-point number's range have 39 digits, of which nobody needs more than some.
+/// Writes a limit. The range of floating-point numbers has ends with 39 digits, of which some suffice.
 fn in_words(limit: f64) -> String {
     if limit.abs() < DIGITS_SHOWN_BELOW {
         limit.to_string()
@@ -140,8 +141,8 @@ pub fn signals(args: &SignalsArgs) -> Exit {
     }
 }
 
-/// The plan of a run folder or of a scenario. The signals that a scenario names need not be there: whoever looks for the right
-/// name has a wrong one in the file.
+/// Returns the plan of a run folder or of a scenario. Signals in the scenario's checks need not exist: a user who looks for the
+/// right name has a wrong one in the file.
 fn plan_of(source: &Path) -> Result<Plan, RecordedError> {
     if source.is_dir() {
         require_run(source)?;
@@ -151,7 +152,8 @@ fn plan_of(source: &Path) -> Result<Plan, RecordedError> {
     plan.map_err(|error| RecordedError::Scenario(Box::new(error)))
 }
 
-/// Every signal that a frame carries, in the order of the identifiers, loop by loop: first those that belong to no single loop.
+/// Returns every signal in a frame, in the order of the identifiers, loop by loop; the signals that belong to no single loop come
+/// first.
 fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSignal<'a>> {
     let owner = |message: &Message| loops.iter().find(|one| one.owns(&message.name));
     let messages = || database.messages().iter();

@@ -1,4 +1,4 @@
-//! `canrig simulate`: scenarios in one process and virtual time.
+//! `canrig simulate`: plays scenarios in one process and virtual time.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -28,7 +28,7 @@ pub struct SimulateArgs {
     pub twice: bool,
 }
 
-/// Plays the scenarios; the worst exit of all.
+/// Plays the scenarios and returns the worst exit of all.
 #[must_use]
 pub fn simulate(args: &SimulateArgs) -> Exit {
     let listener = args.play.listener();
@@ -48,17 +48,17 @@ pub fn simulate(args: &SimulateArgs) -> Exit {
     }
 }
 
-/// All of canrig's nodes in this process, on a modelled bus.
+/// Testbed with all of canrig's nodes in this process, on a modelled bus.
 struct OneProcess<'a> {
     guests: &'a GuestArgs,
     listener: &'a dyn Listener,
     is_twice: bool,
-    /// Two plays of a scenario were not the same.
+    /// Whether two plays of a scenario differed.
     has_difference: Cell<bool>,
 }
 
 impl OneProcess<'_> {
-    /// Plays once more what was played, and says whether the frames are the same.
+    /// Plays the plan once more, and prints whether the frames are the same.
     fn compare(&self, plan: &Plan, first: &Capture<'_>) -> Result<(), WorldError> {
         let clock = plan.scenario_clock()?;
         let mut second = Capture::in_memory(clock, first.watch());
@@ -84,7 +84,7 @@ impl OneProcess<'_> {
     }
 }
 
-/// The first frame in which two plays differ, with its sender and its time; none if they are the same.
+/// Describes the first frame in which two plays differ, with its sender and its time; `None` if they are the same.
 fn difference(plan: &Plan, first: &Capture<'_>, second: &Capture<'_>) -> Option<String> {
     let (one, other) = (first.frames(), second.frames());
     let same = one

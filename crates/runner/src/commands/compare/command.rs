@@ -1,4 +1,4 @@
-//! The command.
+//! The command `canrig compare`.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ use judge::comparison::{
 use scenario::metrics::is_of_traffic;
 use worlds::catalogue::catalogue;
 
-/// The frames are read, decoded and judged.
+/// Number of passes over the frames of a run: to read, to decode and to judge them.
 const WAYS: u64 = 3;
 
 /// Arguments of `compare`.
@@ -47,7 +47,7 @@ pub struct CompareArgs {
     pub json: bool,
 }
 
-/// A time from 0 to 10 s.
+/// Parses a time from 0 to 10 s.
 fn milliseconds(text: &str) -> Result<f64, String> {
     let value: f64 = text
         .parse()
@@ -59,7 +59,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Compares two recordings; exit code 0 when they agree, 1 when they diverge.
+/// Compares two recordings; the exit code is 0 if they agree, 1 if they diverge.
 #[must_use]
 pub fn compare(args: &CompareArgs) -> Exit {
     let bar = WorkBar::new(2 * WAYS + SIGNAL_WAYS, true);
@@ -90,7 +90,7 @@ pub fn compare(args: &CompareArgs) -> Exit {
     }
 }
 
-/// Why nothing was compared.
+/// Reason why nothing was compared.
 enum CompareError {
     Recorded(RecordedError),
     NoSuchName(UnknownName),
@@ -103,7 +103,7 @@ impl<E: Into<RecordedError>> From<E> for CompareError {
 }
 
 impl CompareError {
-    /// Prints why; the exit code of that.
+    /// Prints the reason and returns its exit code.
     fn print(self) -> Exit {
         match self {
             Self::Recorded(error) => refuse(error),
@@ -168,7 +168,7 @@ fn compared<'a>(
     Ok((comparison, page))
 }
 
-/// Leaves out the metrics of the traffic, which say how the clock went: a run in virtual time misses nothing.
+/// Removes the metrics of the traffic, which depend on the clock: a run in virtual time misses nothing.
 fn leave_timing_out(comparison: &mut Comparison) {
     let whole = comparison.remarks.is_empty();
     let own = |name: &str| name.rsplit('.').next().is_some_and(is_of_traffic);

@@ -1,4 +1,4 @@
-//! `canrig compare`: where two runs diverge.
+//! `canrig compare`: finds where two runs diverge.
 
 mod command;
 mod page;

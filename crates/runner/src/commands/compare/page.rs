@@ -1,4 +1,4 @@
-//! What two runs differ in: as a table for the terminal and as a page with plots.
+//! Differences between two runs: as a table for the terminal and as a page with plots.
 
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
@@ -10,14 +10,14 @@ use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
 use report::terminal;
 
-/// Signals that the terminal shows; the page shows all.
+/// Largest number of signals on the terminal; the page shows all.
 const ROWS_MAX: usize = 8;
-/// Signals that are plotted, besides positions and currents.
+/// Largest number of plotted signals, in addition to positions and currents.
 const PLOTS_MAX: usize = 12;
-/// Stretches of one signal that are marked; more of them look like one.
+/// Largest number of marked stretches of one signal; more of them look like one.
 const MARKED_MAX: usize = 200;
 
-/// The comparison for people at a terminal.
+/// Returns the comparison as a text for the terminal.
 #[must_use]
 pub(super) fn to_text(comparison: &Comparison) -> String {
     let mut signals = terminal::empty_table([
@@ -89,7 +89,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
     text + summary(comparison).as_str()
 }
 
-/// The outcome in one line.
+/// Returns the outcome in one line.
 fn summary(comparison: &Comparison) -> String {
     if comparison.agrees {
         return format!("the runs agree in all {} cycles", comparison.shared_cycles);
@@ -108,7 +108,7 @@ fn optional(value: Option<f64>) -> String {
     value.map_or("–".to_owned(), terminal::significant)
 }
 
-/// The value of a metric in one of the runs: a number, or yes or no.
+/// Returns the value of a metric in one of the runs: a number, or yes or no.
 fn value(metric: &MetricDifference, value: Option<f64>) -> String {
     value.map_or("–".to_owned(), |value| {
         terminal::value(&metric.name, value)
@@ -121,7 +121,7 @@ fn from(signal: &SignalDifference) -> String {
         .map_or(String::new(), |time| format!("{time:.3} s"))
 }
 
-/// Nothing for a signal that comes neither earlier nor later.
+/// Returns the lag of a signal; empty if it comes neither earlier nor later.
 fn lag(signal: &SignalDifference) -> String {
     match signal.lag_seconds {
         Some(lag) if lag != 0.0 => format!("{lag:.3} s"),
@@ -141,17 +141,17 @@ fn result(agrees: bool) -> Cell {
     }
 }
 
-/// What is compared, and how.
+/// Comparison of two runs, with its parameters.
 pub(super) struct Compared<'a> {
     pub(super) comparison: &'a Comparison,
-    /// The paths of A and B.
+    /// Paths of A and B.
     pub(super) names: [String; 2],
     pub(super) runs: [&'a [Timeline]; 2],
-    /// By how much a value of B may come earlier or later.
+    /// Time by which a value of B may come earlier or later.
     pub(super) time_tolerance_seconds: f64,
 }
 
-/// The comparison as a page.
+/// Returns the comparison as a page.
 #[must_use]
 pub(super) fn to_html(compared: &Compared<'_>) -> String {
     let comparison = compared.comparison;
@@ -182,7 +182,8 @@ fn milliseconds(seconds: f64) -> String {
     terminal::significant(1e3 * seconds)
 }
 
-/// Positions and currents first, then what diverges most and what else counts and differs; beside each signal the difference.
+/// Plots positions and currents first, then the signals that diverge most, and other judged signals that differ. Each signal is
+/// next to its difference.
 fn plots(compared: &Compared<'_>) -> Vec<Markup> {
     let comparison = compared.comparison;
     let names = compared.runs[0].iter().flat_map(|timeline| {
@@ -227,7 +228,8 @@ fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2], marked: &[Patch]) -
     plot.render()
 }
 
-/// How far B is from the values of A a little before and after, at the cycles of A: with its sign, and 0 where it is among them.
+/// Returns the distances of B from the values of A a little before and after, at the cycles of A: with their signs, and 0 if B is
+/// among these values.
 fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64>, Series<f64>) {
     let [a_values, b_values] = compared.runs.map(|run| values(run, signal));
     let [a, b] = compared.runs.map(|run| &run[0]);
@@ -254,7 +256,7 @@ fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64
     )
 }
 
-/// Rows before and after that count as the same time.
+/// Returns the number of rows before and after that count as the same time.
 fn reach(seconds: f64, period_seconds: f64) -> usize {
     let rows = (seconds / period_seconds + 1e-6).floor().clamp(0.0, 1000.0);
     #[expect(
@@ -279,7 +281,7 @@ fn difference_plot(
     plot.render()
 }
 
-/// What lies behind the curves where a signal is beyond its tolerance; of one that diverges nothing else.
+/// Returns patches for the stretches in which a signal that diverges is beyond its tolerance; empty for other signals.
 fn stretches(signal: &SignalDifference, rows: &[f64], differences: &[f64]) -> Vec<Patch> {
     let (Some(tolerance), false) = (signal.tolerance, signal.agrees()) else {
         return Vec::new();
