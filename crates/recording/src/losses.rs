@@ -35,7 +35,6 @@ struct Watched {
     heartbeat_of: Option<Part>,
     /// Whether it carries the temperature of the plant; its loss has no consequence.
     is_temperature: bool,
-    is_heartbeat: bool,
     period: Duration,
     limit: Duration,
     /// Scenario time of the last one.
@@ -50,7 +49,8 @@ impl Watched {
 
     /// Returns the heartbeat that was lost from the last one until a scenario time.
     fn lost(&self, back_seconds: f64) -> Option<LostHeartbeat> {
-        let last = self.last?;
+        // A heartbeat that was never heard in the scenario is not missed.
+        let last = self.last.filter(|last| !last.is_zero())?;
         Some(LostHeartbeat {
             node: self.heartbeat_of?,
             due_seconds: self.due(last).as_secs_f64(),
@@ -109,7 +109,6 @@ impl LossReader {
             let watched = Watched {
                 heartbeat_of,
                 is_temperature: what.is_empty(),
-                is_heartbeat: limit.is_none(),
                 what,
                 period,
                 limit: limit.unwrap_or(HEARTBEATS_MAX * period),
@@ -139,11 +138,6 @@ impl LossReader {
         let Some(watched) = self.watched.get_mut(frame.raw_id()) else {
             return;
         };
-        // A boot-up says nothing of heartbeats: a node that sends none is not missed.
-        let is_boot_up = watched.is_heartbeat && frame.data() == [0];
-        if is_boot_up && watched.last.is_none() {
-            return;
-        }
         let last = *watched.last.get_or_insert_default();
         if time.saturating_sub(last) > watched.limit {
             if watched.is_temperature {
