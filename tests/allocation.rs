@@ -1,5 +1,5 @@
-//! What is counted by allocations: the real nodes make none in their cycle (SYNC, PDOs, heartbeats, the law and the physics), and
-//! what is too much is refused after work that grows as it does.
+//! Tests that count allocations. The real nodes make none in their cycle (SYNC, PDOs, heartbeats, the law and the
+//! physics), and the work until an oversized file is refused grows linearly.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -18,7 +18,7 @@ const SYNC: u16 = 0x080;
 const COMMAND: u16 = 0x210;
 const FEEDBACK: u16 = 0x190;
 
-/// A node with the allocations of its calls.
+/// A node with the number of its allocations.
 struct Counted<N> {
     node: N,
     allocations: u64,
@@ -32,7 +32,7 @@ impl<N: Node> Counted<N> {
         }
     }
 
-    /// Calls the node and takes what it sends.
+    /// Calls the node and takes its frames.
     fn call(&mut self, bus: &mut VecDeque<CanFrame>, call: impl FnOnce(&mut N)) {
         let before = allocations();
         call(&mut self.node);
@@ -66,7 +66,7 @@ impl World {
                     .unwrap(),
             ),
             now: Duration::ZERO,
-            // The bus itself must not count.
+            // The bus itself must not allocate.
             to_controller: VecDeque::with_capacity(4096),
             to_rig: VecDeque::with_capacity(4096),
             frames: [0; 3],
@@ -150,7 +150,7 @@ fn the_cycle_of_controller_and_rig_allocates_nothing() {
     assert_eq!(ended, started, "allocations of controller and rig");
 }
 
-/// Allocations until a rig file with so many entries in each of its tables is refused.
+/// Returns the allocations until a rig file with this number of entries in each of its tables is refused.
 fn allocations_to_refuse(entries: usize) -> u64 {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scenario.toml");

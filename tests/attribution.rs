@@ -1,5 +1,5 @@
-//! Whose doing it was: recordings of controllers, drives and masters that misbehave, and of machines that stand still, judged again. They
-//! are made by `tests/system`; what must be found stands in `tests/data/attribution/cases.txt`.
+//! Tests of the attribution: recordings of misbehaving controllers, drives and masters, and of host stalls, are judged
+//! again. `tests/system` makes them; the expected attributions are in `tests/data/attribution/cases.txt`.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,11 +10,11 @@ use serde_json::Value;
 
 use crate::support::{output, root};
 
-/// All recordings together, compressed.
+/// Largest size of all recordings together, compressed.
 const BYTES_MAX: usize = 300_000;
-/// In `cases.txt` in place of what is not held.
+/// Placeholder in `cases.txt` for a value that is not checked.
 const ANY: &str = "*";
-/// In place of what there is not.
+/// Placeholder in `cases.txt` for an absent value.
 const ABSENT: &str = "-";
 
 /// Outcome, the node that the cause is attributed to, and its duty.
@@ -26,7 +26,7 @@ struct Case {
 }
 
 impl Case {
-    /// `NAME OUTCOME NODE DUTY`
+    /// Parses `NAME OUTCOME NODE DUTY`.
     fn parse(line: &str) -> Self {
         let words = Vec::from_iter(line.split_whitespace().map(str::to_owned));
         let [name, outcome, node, duty] =
@@ -49,7 +49,7 @@ fn cases() -> Vec<Case> {
     lines.map(Case::parse).collect()
 }
 
-/// Writes the recordings into a folder, each into one of its own; their names.
+/// Unpacks each recording into its own folder below `folder`; returns their names.
 fn unpack(folder: &Path) -> BTreeSet<String> {
     let archive = fs::read(root().join("tests/data/attribution/cases.zst")).unwrap();
     assert!(archive.len() <= BYTES_MAX, "{} bytes", archive.len());
@@ -65,7 +65,7 @@ fn unpack(folder: &Path) -> BTreeSet<String> {
     cases
 }
 
-/// What a recording is found to show.
+/// Returns the attribution of a recording.
 fn found(run: &Path) -> Attribution {
     let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let (code, stdout, stderr) = output(replay.args(["replay", "--json"]).arg(run));

@@ -15,14 +15,14 @@ use toml::Table;
 
 use crate::support::{canrig, output, root};
 
-/// The pages beside the book.
+/// Pages outside the book.
 const PAGES: [&str; 4] = [
     "README.md",
     "ARCHITECTURE.md",
     "CONTRIBUTING.md",
     "CHANGELOG.md",
 ];
-/// What a path in a page begins with.
+/// Prefixes of paths in a page.
 const FOLDERS: [&str; 12] = [
     ".ci/",
     "benches/",
@@ -37,10 +37,10 @@ const FOLDERS: [&str; 12] = [
     "scenarios/",
     "tests/",
 ];
-/// What stands for something else in a path or a command.
+/// Placeholders in paths and commands.
 const PLACEHOLDERS: [&str; 6] = ["…", "*", "<", "NAME", "{", "[RUN"];
-/// Blocks of TOML that only a plant or law from outside makes whole: those of `your-plant.md` and `your-law.md`, and the library and the
-/// FMU of `laws-in-any-language.md`.
+/// Number of blocks of TOML that need a custom plant or law: those of `your-plant.md` and `your-law.md`, and the
+/// library and the FMU of `laws-in-any-language.md`.
 const OWN_BLOCKS: usize = 7;
 
 struct Page {
@@ -48,7 +48,7 @@ struct Page {
     text: String,
 }
 
-/// A block of code with the words behind its fence.
+/// A block of code with the text after its fence.
 struct Block<'a> {
     info: &'a str,
     text: String,
@@ -60,7 +60,7 @@ impl Page {
         Self { path, text }
     }
 
-    /// The blocks of code, and the lines that are none.
+    /// Returns the blocks of code, and the other lines.
     fn parts(&self) -> (Vec<Block<'_>>, Vec<&str>) {
         let (mut blocks, mut prose) = (Vec::new(), Vec::new());
         let mut lines = self.text.lines();
@@ -80,7 +80,7 @@ impl Page {
         self.parts().0
     }
 
-    /// What stands between backticks in a line of text.
+    /// Returns the texts between backticks in the other lines.
     fn code_spans(&self) -> Vec<&str> {
         let (_, prose) = self.parts();
         let spans = prose.into_iter().filter(|line| !line.starts_with("    "));
@@ -89,10 +89,10 @@ impl Page {
             .collect()
     }
 
-    /// The targets of the links and pictures.
+    /// Returns the targets of the links and pictures.
     fn links(&self) -> Vec<&str> {
         let (_, prose) = self.parts();
-        // In Markdown, and of pictures in HTML, which has one for narrow screens besides.
+        // Pictures may be in Markdown, or in HTML, which also has one for narrow screens.
         let starts = [("](", ')'), ("src=\"", '"'), ("srcset=\"", '"')];
         let links = prose.into_iter().flat_map(|line| {
             starts.into_iter().flat_map(move |(start, end)| {
@@ -103,7 +103,7 @@ impl Page {
         links.collect()
     }
 
-    /// The names by which links find headings, as mdBook and GitHub make them.
+    /// Returns the anchors of headings, as mdBook and GitHub make them.
     fn anchors(&self) -> BTreeSet<String> {
         let (_, prose) = self.parts();
         let headings = prose.into_iter().filter(|line| line.starts_with('#'));
@@ -215,7 +215,7 @@ fn every_cited_erratum_is_on_its_page() {
     assert!(count > 20, "{count} citations");
 }
 
-/// All files below a folder.
+/// Returns all files below a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder)
         .unwrap()
@@ -251,11 +251,11 @@ fn every_path_is_there() {
     assert!(count > 80, "{count} paths");
 }
 
-/// A snippet that is a part of a scenario, put into a whole one.
+/// Merges a snippet, which is a part of a scenario, into a complete one.
 fn merged(base: &str, part: &str) -> String {
     let text = fs::read_to_string(root().join(base)).unwrap();
     let mut whole: Table = text.parse().unwrap();
-    // Its limits are no part of what the snippet shows.
+    // The limits are not a part of the snippet.
     whole.remove("expect");
     merge(&mut whole, part.parse().unwrap());
     whole.to_string()
@@ -273,7 +273,7 @@ fn merge(whole: &mut Table, part: Table) {
     }
 }
 
-/// Loads a file as `canrig check` does, beside the files that snippets name.
+/// Loads a file as `canrig check` does, next to the files that snippets name.
 fn load(folder: &Path, text: &str) -> Result<(), String> {
     let path = folder.join("snippet.toml");
     fs::write(&path, text).unwrap();
@@ -292,7 +292,7 @@ fn miette_text(error: impl std::fmt::Debug) -> String {
     format!("{error:?}")
 }
 
-/// The FMU of the motor with this library in it.
+/// Writes the FMU of the motor with this library.
 fn motor_fmu(folder: &Path, library: &[u8]) {
     let shipped = fmu_plants::shipped();
     let motor = { shipped.iter() }.find(|exported| exported.name() == "dc_motor");
@@ -301,10 +301,10 @@ fn motor_fmu(folder: &Path, library: &[u8]) {
     write_fmu(file, &model, Version::Three, library).unwrap();
 }
 
-/// The motor behind its drive, as the page has it.
+/// The motor behind its drive, as on the page.
 #[test]
 fn the_motor_from_another_tool_passes() {
-    // Cargo makes the library beside the tests, which name it among what they depend on.
+    // Cargo builds the library next to the tests, which depend on it.
     let library = std::env::current_exe().unwrap();
     let library = fs::read(library.with_file_name("libcanrig_plants.so")).unwrap();
     let folder = tempfile::tempdir().unwrap();
@@ -396,7 +396,8 @@ fn every_scenario_loads() {
     assert_eq!(own, OWN_BLOCKS);
 }
 
-/// The commands of canrig on a page: in blocks of a shell, behind the prompt where there is output, and in README's table.
+/// Returns the commands of canrig on a page: in shell blocks, after the prompt if the block has output, and in README's
+/// table.
 fn commands(page: &Page) -> Vec<String> {
     let mut commands = Vec::new();
     for block in page.blocks() {
@@ -415,7 +416,7 @@ fn commands(page: &Page) -> Vec<String> {
     commands
 }
 
-/// The words of a command of canrig; none of another program's.
+/// Returns the words of a command of canrig; `None` for another program.
 fn words(command: &str) -> Option<Vec<&str>> {
     let command = command.split(['#', '>', '|']).next()?.trim();
     let rest = command
@@ -448,7 +449,7 @@ fn every_command_parses() {
     assert!(count > 50, "{count} commands");
 }
 
-/// Each command that there is has its section in the reference.
+/// Each command has a section in the reference.
 #[test]
 fn every_command_is_described() {
     let page = Page::read(root().join("docs/reference/commands.md"));
@@ -463,7 +464,7 @@ fn every_command_is_described() {
     }
 }
 
-/// Each error code that a node may send stands on its page.
+/// Each error code that a node may send is on its page.
 #[test]
 fn every_emergency_is_described() {
     let page = Page::read(root().join("docs/reference/emergencies.md"));
@@ -479,7 +480,7 @@ fn every_emergency_is_described() {
     }
 }
 
-/// What the page says of an example, as its recording gives it.
+/// Checks the exit code and the values of an example, as the page states them.
 #[track_caller]
 fn check(example: &str, exit: i32, expected: &[(&str, f64)]) {
     let place = root().join("docs/examples/metrics").join(example);
@@ -493,7 +494,7 @@ fn check(example: &str, exit: i32, expected: &[(&str, f64)]) {
     for (name, value) in expected {
         let metric = metrics.iter().find(|metric| metric["name"] == *name);
         let measured = metric.and_then(|metric| metric["value"].as_f64());
-        // As many digits as the page shows.
+        // The page shows this number of digits.
         let is_same =
             measured.is_some_and(|measured| (measured - value).abs() <= 5e-4 * value.abs());
         assert!(is_same, "{example}: {name} is {measured:?} and not {value}");

@@ -1,4 +1,4 @@
-//! Checks on any signal, as a user meets them: refused when wrong, judged alike in every world, never silently passed.
+//! Checks on any signal: refused if wrong, judged alike in every world, never silently passed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ const PLAYED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"checked\"\nse
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\n\
     [[fault.node.crash]]\nfrom_seconds = 0.6\nnode = \"controller\"\n\n";
 
-/// One check of each kind, and events in their order; all are met.
+/// One check of each kind, and events in their order; all of them pass.
 const MET: &str = "[[expect.signal]]\nname = \"Current actual value\"\nuntil_seconds = 0.6\nstays = { min = 0.0, max = 1.0 }\n\
     rate_per_second = { max = 1000.0 }\n\n\
     [[expect.signal]]\nname = \"drive_tpdo1.position_millimetres\"\nreaches = { min = 9.9 }\n\n\
@@ -29,7 +29,7 @@ fn write(folder: &Path, checks: &str, course: Option<&Path>) -> PathBuf {
     path
 }
 
-/// A run without checks, up to the crash: what a later one is held against.
+/// Plays a scenario without checks up to the crash, as the reference for a later run.
 fn golden(folder: &Path) -> PathBuf {
     let runs = folder.join("golden");
     let path = write(folder, "", None);
@@ -74,7 +74,7 @@ fn checks_are_judged_alike_in_one_process_in_three_and_again() {
     assert!(simulated.contains("\"at_seconds\""), "{simulated}");
 }
 
-/// Each check in a version that cannot be met, and what is said of it.
+/// Each kind of check fails in an impossible version, with its message.
 #[test]
 fn every_check_can_fail_and_says_when() {
     let folder = tempfile::tempdir().unwrap();
@@ -170,7 +170,7 @@ fn every_signal_is_listed_with_unit_sender_message_and_range() {
     );
 }
 
-/// Each name is listed with the loop in whose `[[expect.LOOP.signal]]` it stands, and is found there.
+/// Each name is listed with the loop of its `[[expect.LOOP.signal]]`, and is found there.
 #[test]
 fn the_signals_of_several_loops_are_listed_by_loop() {
     let scenario = root().join("scenarios/two_axes_circle.toml");
@@ -190,7 +190,8 @@ fn the_signals_of_several_loops_are_listed_by_loop() {
     assert!(table.contains("In [[expect.LOOP.signal]] write"), "{table}");
 }
 
-/// A scenario with a wrong name is the one whose author needs the list; a run's frames are those of its `frames.dbc`.
+/// The list also works for a scenario with a wrong name, whose author needs it most. A run's frames are those of its
+/// `frames.dbc`.
 #[test]
 fn the_signals_of_a_scenario_and_of_a_run_are_listed() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Exit codes and messages as a user meets them.
+//! Exit codes and messages of the command line.
 
 use std::fs;
 use std::process::Command;
@@ -56,7 +56,7 @@ fn the_current_of_a_recording_plays_again_to_the_same_motion() {
     let (closed, open) = (positions(&closed), positions(&only_run(&open)));
     assert!(closed.iter().any(|position| position.starts_with("35.")));
     assert_eq!(closed, open);
-    // Through processes of their own, which read the tables of the run folder.
+    // The run in several processes reads the tables of the run folder.
     let bus = folder.path().join("bus");
     let arguments = ["--clock", "lockstep"];
     let (code, stdout, stderr) = output(canrig(&bus, "run").arg(&again).args(arguments));
@@ -139,7 +139,7 @@ fn all_shipped_scenarios_are_valid() {
     assert!(stdout.lines().count() >= 8, "{stdout}");
 }
 
-/// Limits on real time are for idle machines; they stay out of what CI plays everywhere.
+/// Limits on real time need idle machines, so they are not in the scenarios that CI plays everywhere.
 #[test]
 fn limits_on_time_are_kept_apart() {
     let has_timing = |path: &std::path::Path| {
@@ -162,7 +162,7 @@ fn limits_on_time_are_kept_apart() {
     assert!(!others.iter().any(|path| has_timing(path)));
 }
 
-/// Whoever runs the tests has what the README's commands need, and seldom the rest.
+/// Every machine that runs the tests has the requirements of the README's commands, but usually not the optional ones.
 #[test]
 fn the_doctor_passes_where_only_what_is_optional_is_missing() {
     let folder = tempfile::tempdir().unwrap();
@@ -226,7 +226,7 @@ fn a_scenario_that_ships_is_found_by_its_name_from_anywhere() {
     let (code, _, stderr) = play("motor_stepp");
     assert_eq!(code, Some(3));
     assert!(stderr.contains("did you mean `motor_step`?"), "{stderr}");
-    // A file of this name comes first.
+    // A file of this name has priority.
     fs::write(folder.path().join("step"), "schema = 7\n").unwrap();
     let (code, _, stderr) = play("step");
     assert_eq!(code, Some(3));
@@ -244,7 +244,7 @@ fn a_rig_that_ships_is_found_by_its_name() {
         stdout.starts_with("rigs/rig: valid (rig: actuator on can0)\n"),
         "{stdout}"
     );
-    // A real drive keeps its own time: the rig is read first, and the clock refused then.
+    // A real drive keeps its own time: the rig is read first, and then the clock is refused.
     let play = |rig| {
         let mut run = canrig(&folder.path().join("runs"), "run");
         run.args(["step", "--clock", "lockstep", "--rig", rig])

@@ -1,4 +1,4 @@
-//! The matrix of requirements: which play of a scenario counts, and what a sweep and torture say.
+//! The matrix of requirements: the play of a scenario that counts, and the results of a sweep and torture.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,14 +6,14 @@ use std::process::Command;
 
 use crate::support::{canrig, only_run, output};
 
-/// The command line and what it prints.
+/// Runs `canrig coverage`; returns exit code and output.
 fn coverage(arguments: &[&str], folders: &[&Path]) -> (Option<i32>, String, String) {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     canrig.arg("coverage").args(arguments).args(folders);
     output(canrig.env("NO_COLOR", "1"))
 }
 
-/// A short scenario that tests REQ-1 by a limit on its current; 0.0 A is missed.
+/// Writes a short scenario that tests REQ-1 by a limit on its current; 0.0 A makes it fail.
 fn scenario_file(folder: &Path, current_amperes_max: f64) -> PathBuf {
     let path = folder.join("hold.toml");
     let text = format!(
@@ -26,7 +26,7 @@ fn scenario_file(folder: &Path, current_amperes_max: f64) -> PathBuf {
     path
 }
 
-/// Plays a scenario; the new folder below `runs`.
+/// Plays a scenario; returns the new folder below `runs`.
 fn played(runs: &Path, command: &str, arguments: &[&str], scenario: &Path) -> PathBuf {
     let before = if runs.exists() {
         crate::support::runs(runs)
@@ -39,7 +39,7 @@ fn played(runs: &Path, command: &str, arguments: &[&str], scenario: &Path) -> Pa
     new.next().unwrap()
 }
 
-/// The line of the table about a test.
+/// Returns the line of a test in the table.
 fn row<'a>(stdout: &'a str, test: &str) -> &'a str {
     let mut lines = stdout.lines();
     let line = lines.find(|line| line.contains(test));
@@ -82,7 +82,7 @@ fn the_latest_play_of_a_scenario_counts_and_is_shown_with_its_date_and_program()
     assert_eq!(test["plays"], 2, "{stdout}");
     assert_eq!(test["version"], env!("CARGO_PKG_VERSION"), "{stdout}");
 
-    // The dates outlive a copy, and so does what they say.
+    // The dates and the result survive a copy.
     let copy = folder.path().join("copy");
     let copied = Command::new("cp")
         .arg("-r")
@@ -93,7 +93,7 @@ fn the_latest_play_of_a_scenario_counts_and_is_shown_with_its_date_and_program()
     assert_eq!(coverage(&[], &[&met, &copy]).0, Some(0));
     let again = play(0.0);
     assert_eq!(coverage(&[], &[&again, &met]).0, Some(1));
-    // Of plays whose dates nobody knows, the worst counts.
+    // Without dates, the worst play counts.
     for run in [&met, &missed] {
         fs::remove_file(run.join("played.json")).unwrap();
     }
@@ -161,7 +161,7 @@ fn a_sweep_counts_by_its_worst_run_and_one_that_lacks_runs_is_incomplete() {
         row(&stdout, "hold (sweep)").contains("incomplete"),
         "{stdout}"
     );
-    // A part is not the whole, and what is merged of all parts is the latest.
+    // A part does not replace the whole; the merged result of all parts is the latest.
     let parts = folder.path().join("parts");
     let part = |part: &str| played(&parts, "sweep", &["--shard", part], &swept);
     let [first, second] = ["1/2", "2/2"].map(part);

@@ -1,5 +1,5 @@
-//! What the data sheets promise is what the nodes do: every object of every EDS that ships, asked over SDO. The promises
-//! are those of the file: its keys, and its comments where they list values.
+//! Tests of the promises in data sheets: every object of every EDS that ships is accessed over SDO. The promises are
+//! the keys of the file, and the values that its comments list.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -16,15 +16,15 @@ use crate::support::scenario;
 
 const START: u8 = 1;
 const RESET_NODE: u8 = 129;
-/// Bit 31 of a COB-ID: out of use.
+/// Bit 31 of a COB-ID: the PDO is disabled.
 const OUT_OF_USE: u32 = 1 << 31;
-/// An entry of it that holds no error cannot be read (CiA 301, 7.5.2.4).
+/// Object whose entries without an error cannot be read (CiA 301, 7.5.2.4).
 const ERROR_FIELD: u16 = 0x1003;
 const PDO_PARAMETERS: [RangeInclusive<u16>; 2] = [0x1400..=0x15FF, 0x1800..=0x19FF];
 const PDO_MAPPINGS: [RangeInclusive<u16>; 2] = [0x1600..=0x17FF, 0x1A00..=0x1BFF];
-/// From a mapping to its parameters.
+/// Offset from a mapping to its parameters.
 const MAPPING_OFFSET: u16 = 0x200;
-/// A range with more values is tried at its ends only.
+/// Largest range that is tried completely; of larger ranges only the ends are tried.
 const VALUES_MAX: i128 = 512;
 
 /// A data sheet and the node that it describes.
@@ -52,7 +52,7 @@ impl Sheet {
         self.dictionary.entries()
     }
 
-    /// The node after power-on, in Pre-operational.
+    /// Returns the node after power-on, in Pre-operational.
     fn node(&self) -> Bench {
         let scenario = Trial::load(&scenario("step.toml")).unwrap();
         let node: Box<dyn Node> = match self.node_id {
@@ -74,8 +74,8 @@ impl Sheet {
         bench
     }
 
-    /// The node in the NMT state in which its manager writes an object: communication is configured in Pre-operational,
-    /// the application's objects serve in Operational.
+    /// Returns the node in the NMT state in which its manager writes an object: communication is configured in
+    /// Pre-operational, the application's objects are written in Operational.
     fn node_for(&self, entry: &Entry) -> Bench {
         let mut bench = self.node();
         if entry.index >= 0x2000 {
@@ -84,26 +84,26 @@ impl Sheet {
         bench
     }
 
-    /// The comment above a sub-object's section, or above its object's.
+    /// Returns the comment above a sub-object's section, or above its object's.
     fn comment(&self, entry: &Entry) -> String {
         let comments = comments(self.text);
         let (index, sub_index) = (entry.index, entry.sub_index);
         let own = comments.get(&format!("{index:04X}sub{sub_index:X}"));
         let of_object = comments.get(&format!("{index:04X}"));
-        // What is said of an ARRAY or RECORD is not about the number of its entries.
+        // A comment on an ARRAY or RECORD does not describe the number of its entries.
         let is_count = sub_index == 0 && self.dictionary.find(index, 1).is_ok();
         let found = own.or(of_object.filter(|_| !is_count));
         found.cloned().unwrap_or_default()
     }
 
-    /// The first PDO of a kind, where the node has one: its parameters.
+    /// Returns the parameters of the first PDO of a kind, if the node has one.
     fn first_pdo(&self, parameters: &RangeInclusive<u16>) -> Option<u16> {
         let index = *parameters.start();
         self.dictionary.find(index, 1).is_ok().then_some(index)
     }
 }
 
-/// Comments by the section that follows them.
+/// Returns the comments by the section that follows them.
 fn comments(text: &str) -> BTreeMap<String, String> {
     let mut comments = BTreeMap::new();
     let mut comment = String::new();
@@ -170,7 +170,7 @@ impl Bench {
         self.transfer(client).map(drop)
     }
 
-    /// Takes a PDO out of use, and its objects out of its mapping, as CiA 301 asks for before they are changed.
+    /// Disables a PDO, and clears its mapping, as CiA 301 requires before they are changed.
     fn take_apart(&mut self, parameters: u16, with_mapping: bool) {
         let cob_id = self.read(parameters, 1).unwrap();
         let cob_id = u32::from_le_bytes(cob_id.try_into().unwrap()) | OUT_OF_USE;
@@ -180,7 +180,7 @@ impl Bench {
         }
     }
 
-    /// Does what must be done before an object may be written.
+    /// Prepares the node for a write to an object.
     fn prepare(&mut self, entry: &Entry) {
         let is_in = |ranges: &[RangeInclusive<u16>; 2]| {
             ranges.iter().any(|range| range.contains(&entry.index))
@@ -194,7 +194,7 @@ impl Bench {
     }
 }
 
-/// What is written to an object, and what then happens.
+/// Values to write to an object, with the expected results.
 #[derive(Debug, Default)]
 struct Promises {
     accepted: BTreeSet<i128>,
@@ -202,7 +202,7 @@ struct Promises {
 }
 
 impl Promises {
-    /// The promises of an object that may be written and has a numeric type.
+    /// Returns the promises of a writable object with a numeric type.
     fn of(entry: &Entry, comment: &str) -> Self {
         let mut promises = Self::default();
         let default = integer(entry.data_type, &entry.default);
@@ -241,7 +241,7 @@ impl Promises {
     }
 }
 
-/// The values that a comment lists, as "0: none, 2 to 4: some".
+/// Returns the values that a comment lists, as "0: none, 2 to 4: some".
 fn listed_values(comment: &str) -> BTreeSet<i128> {
     let mut values = BTreeSet::new();
     for item in comment.split(", ").flat_map(|item| item.split(['.', ';'])) {
@@ -261,7 +261,7 @@ fn listed_values(comment: &str) -> BTreeSet<i128> {
     values
 }
 
-/// The values that a comment excepts, as "1 is refused".
+/// Returns the values that a comment excepts, as "1 is refused".
 fn refused_values(comment: &str) -> Vec<i128> {
     let parts = comment.split(" is refused");
     let numbers = parts.map(|part| part.rsplit(' ').next()?.parse().ok());
@@ -273,7 +273,7 @@ fn integer(data_type: DataType, bytes: &[u8]) -> i128 {
     data_type.rank(bytes)
 }
 
-/// A value in a type, where it fits.
+/// Returns a value in a type, if it fits.
 fn bytes(data_type: DataType, value: i128) -> Option<Vec<u8>> {
     let size = data_type.size_bytes()?;
     let bytes = value.to_le_bytes()[..size].to_vec();
@@ -293,7 +293,7 @@ fn at(sheet: &Sheet, entry: &Entry) -> String {
     )
 }
 
-/// Runs a check on every object of every node, and makes one list of what is wrong.
+/// Runs a check on every object of every node, and reports all errors together.
 fn for_every_object(check: impl Fn(&Sheet, &Entry) -> Result<(), String>) {
     let mut wrong = Vec::new();
     let mut count = 0;
@@ -429,7 +429,7 @@ fn every_object_refuses_values_of_another_length() {
 #[test]
 fn reset_node_restores_every_object() {
     for_every_object(|sheet, entry| {
-        // The error field takes nothing but 0, and a controller that is reset by others enters that as an error.
+        // The error field accepts only 0, and a controller that is reset by others records that as an error.
         if !entry.access.is_writable() || entry.index == ERROR_FIELD {
             return Ok(());
         }
@@ -493,7 +493,7 @@ fn every_object_is_mapped_where_its_data_sheet_says_so() {
     });
 }
 
-/// The lists in the comments are read, so that a test of them tests something.
+/// The parser of the lists in the comments works, so the tests of them are not empty.
 #[test]
 fn comments_list_values() {
     let listed = |comment: &str| Vec::from_iter(listed_values(comment));

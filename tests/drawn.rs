@@ -26,7 +26,7 @@ impl Draw {
         all[self.below(all.len())].clone()
     }
 
-    /// The text in half of the cases, else nothing.
+    /// Returns the text in half of the cases, else an empty one.
     fn maybe<'t>(&mut self, text: &'t str) -> &'t str {
         self.one_of(&[text, ""])
     }
@@ -35,7 +35,7 @@ impl Draw {
 /// A model of a plant.
 struct Plant {
     name: &'static str,
-    /// Inputs, each for a drive. Those of an FMU are drawn, as its outputs.
+    /// Inputs, each for one drive. Those of an FMU are drawn, as are its outputs.
     inputs: &'static [&'static str],
     outputs: &'static [&'static str],
     parameters: &'static [&'static str],
@@ -115,7 +115,7 @@ pub(crate) struct Axis {
     is_external: bool,
 }
 
-/// A rig file, and what is in it.
+/// Draws a rig file; returns its text and its contents.
 pub(crate) fn rig(draw: &mut Draw) -> (String, Vec<Axis>) {
     let axes = Vec::from_iter((0..=draw.below(3)).map(|number| Axis::new(draw, number)));
     let period = draw.one_of(&["10", "10.3", "12.7", "6.6"]);
@@ -129,13 +129,13 @@ pub(crate) fn rig(draw: &mut Draw) -> (String, Vec<Axis>) {
     (head + &tables.collect::<String>(), axes)
 }
 
-/// A scenario on a rig.
+/// Draws a scenario on a rig.
 pub(crate) fn scenario(draw: &mut Draw, axes: &[Axis], rig_file: &str) -> String {
     let mut text =
         format!("schema = 1\nrig = \"{rig_file}\"\nname = \"drawn\"\nduration_seconds = 9\n");
     text += draw.maybe("[bus]\nsync_period_milliseconds = 20.3\n");
     for axis in axes {
-        // The only loop may be named.
+        // The only loop may be named, too.
         let is_named = axes.len() > 1 || draw.below(2) == 0;
         let below = if is_named {
             format!(".{}", axis.name)
@@ -182,7 +182,7 @@ impl Axis {
             command: Command::of_port(unit_in(&inputs[0])).unwrap(),
         };
         let can_be_external = inputs.len() == 1 && measurand.command == Command::Current;
-        // Some begin or end like limits.
+        // Some names begin or end like limits.
         let name = draw.one_of(&["loop_N", "hunting_N", "axis_N_max"]);
         Self {
             number,
@@ -199,7 +199,7 @@ impl Axis {
         format!("drive_{}_{place}", self.number)
     }
 
-    /// Its part of a rig file.
+    /// Draws the tables of the axis in a rig file.
     fn tables(&self, draw: &mut Draw) -> String {
         let (number, output) = (self.number, &self.output);
         let Measurand {
@@ -255,7 +255,7 @@ impl Axis {
             let law = draw.one_of(&["sliding_mode", "sliding_mode_paper"]);
             return format!("[controller{below}.{law}.nominal_model]\nload_kilograms = 0.05\n");
         }
-        // Gains are by any unit of the quantity.
+        // Gains may be per any unit of the quantity.
         let units = known_units().filter(|by| conversion(unit.of_laws(), by).is_some());
         let by = Measurand {
             unit: Unit::Own(draw.one_of(&Vec::from_iter(units)).to_owned()),
@@ -355,7 +355,7 @@ impl Axis {
         }
     }
 
-    /// Other values for its part of the rig.
+    /// Draws other values for the axis.
     fn values(&self, draw: &mut Draw) -> String {
         let (number, drive) = (self.number, self.drive(0));
         let parameter = draw.one_of(self.plant.parameters);

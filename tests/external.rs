@@ -1,4 +1,4 @@
-//! Nodes that canrig does not start: ours, started by hand, stand for somebody else's.
+//! Nodes that canrig does not start. Nodes of canrig, started by hand, represent foreign ones.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -16,8 +16,8 @@ const FAN: &str =
     "[[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 2.0\n";
 const DEVIATION: &str = "maximum_deviation_millimetres = { max = 60.0 }\n";
 
-/// A warm hold that no busy machine bends, with limits on the wire's temperature and on a disturbance that nothing exceeds: 1 A
-/// for ever heats the wire to 138 °C.
+/// Returns a warm hold that a busy machine does not disturb. Its limits on the wire's temperature and on a disturbance
+/// are never exceeded: a permanent current of 1 A heats the wire to 138 °C.
 fn scenario_text() -> String {
     format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"swapped\"\nduration_seconds = 3.0\n{CYCLE}\
@@ -26,7 +26,7 @@ fn scenario_text() -> String {
     )
 }
 
-/// The same for the rig of [`rig_file`], which has a cycle of its own and no fan.
+/// Returns the same for the rig of [`rig_file`], which has its own cycle and no fan.
 fn text_for_rig() -> String {
     let without = |text: String, part: &str| text.replace(part, "");
     [CYCLE, FAN, DEVIATION]
@@ -37,14 +37,14 @@ fn text_for_rig() -> String {
 /// A run that expects a node on its embedded bus.
 pub(crate) struct Run {
     pub(crate) canrig: Started,
-    /// What it prints.
+    /// Its standard output.
     lines: BufReader<std::process::ChildStdout>,
     pub(crate) address: String,
     pub(crate) scenario: PathBuf,
     pub(crate) runs: PathBuf,
 }
 
-/// A rig file for the emulator as the drive, whose load may rise so far.
+/// Writes a rig file for the emulator as the drive, with this limit of the position.
 fn rig_file(folder: &Path, position_max: f64) -> PathBuf {
     let path = folder.join("emulated.toml");
     let drive = format!(
@@ -56,13 +56,13 @@ fn rig_file(folder: &Path, position_max: f64) -> PathBuf {
 }
 
 impl Run {
-    /// Without the part of the pre-flight that takes longest, which `preflight` is about.
+    /// Begins a run without the longest part of the pre-flight, which `preflight` tests.
     fn expecting(folder: &Path, external: &str) -> Self {
         let arguments = ["--external", external, "--no-heating"];
         Self::of(&scenario_text(), folder, &arguments)
     }
 
-    /// On the rig of [`rig_file`]. Our nodes, which stand for somebody else's, know nothing of it.
+    /// Begins a run on the rig of [`rig_file`]. The nodes that represent foreign ones do not know it.
     fn on_rig(folder: &Path, position_max: f64, more: &[&str]) -> Self {
         let rig = rig_file(folder, position_max);
         let arguments = ["--rig", rig.to_str().unwrap(), "--no-heating"];
@@ -104,14 +104,14 @@ impl Run {
         start(&self.address, role, &self.scenario)
     }
 
-    /// Exit code, what was printed, and the run's folder.
+    /// Returns exit code, output, and folder of the run.
     pub(crate) fn end(self) -> (Option<i32>, String, PathBuf) {
         let runs = self.runs.clone();
         let (code, text) = self.printed();
         (code, text, only_run(&runs))
     }
 
-    /// The same beside one of our nodes, which stops after it.
+    /// Returns the same, next to a node of canrig that stops afterwards.
     pub(crate) fn end_beside(self, role: &str) -> (Option<i32>, String, PathBuf) {
         let node = self.start(role);
         let ended = self.end();
@@ -119,7 +119,7 @@ impl Run {
         ended
     }
 
-    /// Exit code, and what was printed.
+    /// Returns exit code and output.
     pub(crate) fn printed(mut self) -> (Option<i32>, String) {
         let mut text = String::new();
         self.lines.read_to_string(&mut text).unwrap();
@@ -129,7 +129,7 @@ impl Run {
     }
 }
 
-/// Starts one of our nodes by hand; it stops when its standard input ends.
+/// Starts a node of canrig by hand; it stops when its standard input ends.
 pub(crate) fn start(address: &str, role: &str, scenario: &Path) -> Child {
     let mut node = Command::new(env!("CARGO_BIN_EXE_canrig"));
     node.args(["node", role, "--bus", address, "--scenario"]);
@@ -156,7 +156,7 @@ fn metric<'a>(verdict: &'a serde_json::Value, name: &str) -> &'a serde_json::Val
     found.unwrap_or_else(|| panic!("no {name} in {verdict}"))
 }
 
-/// Another look at the recording leaves undecided what was undecided.
+/// A replay leaves undecided results undecided.
 fn replays_undecided_again(run: &Path) {
     let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let (code, text, stderr) = output(replay.arg("replay").arg(run));
@@ -167,7 +167,7 @@ fn replays_undecided_again(run: &Path) {
     );
 }
 
-/// The number of cells of a column that hold a value; 0 where there is no such column.
+/// Returns the number of cells of a column that hold a value; 0 if there is no such column.
 fn values(run: &Path, column: &str) -> usize {
     let table = fs::read_to_string(run.join("signals.csv")).unwrap();
     let place = |line: &str| line.split(',').position(|name| name == column);
@@ -186,7 +186,7 @@ fn beside_an_external_drive_nothing_is_guessed_and_a_limit_that_nobody_publishes
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let run = Run::expecting(folder.path(), "drive");
-        // The emulator publishes temperatures, which must not be taken for those of the drive that it stands for.
+        // The emulator publishes temperatures, which must not count as those of the foreign drive.
         let (code, text, run) = run.end_beside("plant-emulator");
         assert_eq!(code, Some(5), "{text}");
         assert!(
@@ -210,7 +210,7 @@ fn beside_an_external_drive_nothing_is_guessed_and_a_limit_that_nobody_publishes
         );
         let page = fs::read_to_string(run.join("report.html")).unwrap();
         assert!(page.contains("are not available: the drive is external"));
-        // No command for a fan that is not there.
+        // There is no command for a missing fan.
         assert!(
             !fs::read_to_string(run.join("bus.log"))
                 .unwrap()
@@ -227,7 +227,7 @@ fn an_external_controller_is_judged_like_ours() {
         let folder = tempfile::tempdir().unwrap();
         let run = Run::expecting(folder.path(), "controller");
         let (code, text, run) = run.end_beside("controller");
-        // Beside a busy machine's 5 there is nothing that a hold could miss.
+        // A hold cannot miss anything else than the 5 of a busy machine.
         assert!(matches!(code, Some(0 | 5)), "{code:?}\n{text}");
         let verdict = verdict(&run);
         assert_eq!(verdict["external"], serde_json::json!(["controller"]));
@@ -268,7 +268,7 @@ fn what_cannot_be_external_is_refused() {
 fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
-        // At such a cycle the law overshoots by far.
+        // With such a cycle the law overshoots by far.
         let run = Run::on_rig(folder.path(), 70.0, &[]);
         let (code, text, run) = run.end_beside("plant-emulator");
         assert_eq!(code, Some(5), "{text}");
@@ -277,7 +277,7 @@ fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
             "{text}"
         );
         assert_eq!(verdict(&run)["external"], serde_json::json!(["drive"]));
-        // 3 s at the 50 ms of the rig file.
+        // The run lasts 3 s with the 50 ms of the rig file.
         let rows = values(&run, "position_millimetres");
         assert!((55..=60).contains(&rows), "{rows}");
         replays_undecided_again(&run);
@@ -293,7 +293,7 @@ fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
         let low =
             text_for_rig().replace("position_millimetres = 10.0", "position_millimetres = 5.0");
         let run = Run::of(&low, folder.path(), &arguments);
-        // They know of no rig file; the controller heads for 10 mm, at a cycle of its own.
+        // The nodes do not know the rig file; the controller moves to 10 mm, with its own cycle.
         let elsewhere = folder.path().join("elsewhere.toml");
         fs::write(&elsewhere, scenario_text()).unwrap();
         let drive = start(&run.address, "plant-emulator", &elsewhere);
@@ -314,7 +314,7 @@ fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
     });
 }
 
-/// A run that a node ended: failed, with who and when in the verdict, for CI, on the page and in a replay.
+/// Asserts that a node failed the run: its name and the time are in the verdict, for CI, on the page and in a replay.
 fn is_failed_by(node: &str, what: &str, run: &Path) {
     let verdict = verdict(run);
     assert_eq!(verdict["outcome"], "fail", "{verdict}");
@@ -358,14 +358,14 @@ fn a_foreign_controller_that_dies_fails_the_run() {
         let missed = metric(&verdict(&run), "missed_cycles_percent")["value"].as_f64();
         assert!(missed > Some(70.0), "{missed:?}");
         let log = fs::read_to_string(run.join("bus.log")).unwrap();
-        // Without SYNC it sends no position: that it left Operational, with its emergency, says that no current flows.
+        // Without SYNC it sends no position. Its emergency, after leaving Operational, shows that no current flows.
         assert!(log.contains(" 090#3081"), "no emergency:\n{log}");
         let last = log.lines().rfind(|line| line.contains(" 710#")).unwrap();
         assert!(!last.ends_with("#05"), "{last}");
     });
 }
 
-/// One that sends SYNC and nothing else; and none at all.
+/// A controller that sends only SYNC, and a missing one.
 #[test]
 fn a_controller_that_enables_nothing_and_one_that_is_not_there_fail_the_run() {
     let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
@@ -377,7 +377,7 @@ fn a_controller_that_enables_nothing_and_one_that_is_not_there_fail_the_run() {
         scope.spawn(|| {
             let mut bus = platform::open(&address, &[]).unwrap();
             while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
-                // The bus ends before this does.
+                // The bus ends before this thread does.
                 let _ = bus.send(&canopen::CanFrame::new(0x080, &[]));
                 std::thread::sleep(Duration::from_millis(100));
             }
@@ -457,7 +457,7 @@ fn rig_files_are_checked_like_scenarios() {
     );
 }
 
-/// Cut to 11 bits it would be another PDO's, so no bench could serve it.
+/// An identifier cut to 11 bits would belong to another PDO, so no bench could support it.
 #[test]
 fn a_rigs_eds_with_a_pdo_identifier_of_29_bits_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -487,7 +487,7 @@ fn a_set_point_that_the_rig_may_not_reach_is_refused_before_current_flows() {
     assert!(stderr.contains(expected), "{stderr}");
 }
 
-/// The text of a rig with one real drive of these keys, its loop, and a cycle of so many milliseconds.
+/// Returns the text of a rig with one real drive of these keys, its loop, and a cycle of this length.
 pub(crate) fn rig_of_a_drive(sync_period_milliseconds: f64, drive: &str) -> String {
     format!(
         "schema = 1\nname = \"emulated\"\n[bus]\nsync_period_milliseconds = {sync_period_milliseconds:?}\n\

@@ -1,4 +1,4 @@
-//! Faults on purpose: the catalogue, what each fault comes to under each law, and the same bytes in every world.
+//! Deliberate faults: the catalogue, the result of each fault under each law, and the same bytes in every world.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -15,7 +15,7 @@ use crate::support::{
     canrig, only_run, output, root, scenario, short_scenario, unhurried_scenario,
 };
 
-/// The files of the catalogue, in order.
+/// Returns the files of the catalogue, in order.
 fn catalogue() -> Vec<PathBuf> {
     let entries = fs::read_dir(scenario("faults")).unwrap();
     let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
@@ -31,7 +31,7 @@ fn campaign() -> Campaign {
     Campaign::on_all_cores(false)
 }
 
-/// `every_shipped_scenario_passes` judges these too; here their expectations are held to be about faults.
+/// `every_shipped_scenario_passes` judges these too; this test requires that their expectations concern faults.
 #[test]
 fn every_case_of_the_catalogue_demands_a_reaction() {
     let catalogue = catalogue();
@@ -52,7 +52,7 @@ fn every_case_of_the_catalogue_demands_a_reaction() {
     }
 }
 
-/// Without its faults no case of the catalogue passes that expects something to happen: the expectations can fail.
+/// Without its faults no case of the catalogue passes that expects an event: the expectations can fail.
 #[test]
 fn a_reaction_that_does_not_come_fails() {
     let is_safe_wanted =
@@ -77,7 +77,7 @@ fn a_reaction_that_does_not_come_fails() {
     }
 }
 
-/// What a run came to, in one cell each: time to current 0, time to recovery, highest temperature.
+/// Returns the result of a run as cells: time to current 0, time to recovery, highest temperature.
 fn cells(played: &CampaignRun<'_>) -> String {
     let metric = |name: &str| {
         let metrics = played.verdict.metrics.iter();
@@ -99,7 +99,7 @@ fn cells(played: &CampaignRun<'_>) -> String {
 
 const LAWS: [&str; 3] = ["sliding_mode", "sliding_mode_paper", "pid"];
 
-/// The table law × fault, which a reviewer reads in a minute. `UPDATE_SNAPSHOTS=1` writes it anew.
+/// The table law × fault can be reviewed in a minute. `UPDATE_SNAPSHOTS=1` writes it anew.
 #[test]
 fn each_law_meets_each_fault_as_in_the_table() {
     let mut scenarios = Vec::new();
@@ -168,7 +168,7 @@ fn faults_leave_the_same_bytes_in_one_process_and_in_three() {
     }
 }
 
-/// In real time the controller's process is killed; the run goes on and shows that the drive takes the current away.
+/// In real time the controller's process is killed; the run continues and shows that the drive removes the current.
 #[test]
 fn a_crash_in_real_time_is_a_kill() {
     in_real_time(|| {
@@ -210,7 +210,7 @@ fn a_fault_that_a_world_cannot_play_is_refused() {
     );
 }
 
-/// The controller takes the current from all loops, so what one of them then misses is no node's doing.
+/// The controller removes the current from all loops, so a failure of another loop is not attributed to a node.
 #[test]
 fn a_fault_of_one_loop_explains_what_another_misses() {
     let folder = tempfile::tempdir().unwrap();
@@ -229,7 +229,7 @@ fn a_fault_of_one_loop_explains_what_another_misses() {
     assert_eq!(code, Some(0), "{stdout}\n{stderr}");
 }
 
-/// Plays a scenario of the joint with two wires with one of its tables changed; its log.
+/// Plays a scenario of the joint with two wires with a change to it; returns its log.
 #[track_caller]
 fn log_of_the_joint(name: &str, change: impl Fn(&str) -> String) -> String {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! The processes that load FMUs: what becomes of a run when one is killed or too slow, and what is left of them.
+//! The processes that load FMUs: the result of a run when one is killed or too slow, and the remains.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,8 @@ use crate::processes::{Run, is_gone, last_command};
 use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output};
 
-/// A steady current on a cart of these start values, with so long a cycle that its nodes do not lose each other on a busy machine.
+/// Writes a steady current on a cart with these start values. The cycle is so long that the nodes do not lose each
+/// other on a busy machine.
 fn steady(folder: &Path, duration_seconds: f64, mode: u32, from_seconds: f64) -> PathBuf {
     let path = cart(folder, "");
     let rig = folder.join("rigs/cart.toml");
@@ -28,14 +29,14 @@ fn steady(folder: &Path, duration_seconds: f64, mode: u32, from_seconds: f64) ->
     path
 }
 
-/// The fields of a process's `stat` from its state on.
+/// Returns the fields of a process's `stat` from its state on.
 fn stat(number: i32) -> Option<Vec<String>> {
     let stat = fs::read_to_string(format!("/proc/{number}/stat")).ok()?;
     let (_, fields) = stat.rsplit_once(')')?;
     Some(fields.split_whitespace().map(str::to_owned).collect())
 }
 
-/// The process that a process started; it is to be one.
+/// Returns the only child of a process.
 fn child(of: Pid) -> Option<Pid> {
     let of = of.as_raw_nonzero().to_string();
     let processes = fs::read_dir("/proc").unwrap().flatten();
@@ -44,38 +45,38 @@ fn child(of: Pid) -> Option<Pid> {
     Pid::from_raw(number)
 }
 
-/// The process that has the FMU of another one loaded.
+/// Returns the process with the FMU of another process.
 fn worker_of(process: Pid) -> Pid {
     wait_for("the worker", || child(process).is_some());
     child(process).unwrap()
 }
 
-/// Policy and priority of a process: 1 is SCHED_FIFO.
+/// Returns policy and priority of a process: 1 is SCHED_FIFO.
 fn scheduling(process: Pid) -> [i32; 2] {
     let stat = stat(process.as_raw_nonzero().get()).unwrap();
     [&stat[38], &stat[37]].map(|field| field.parse().unwrap())
 }
 
-/// What unpacked FMUs left.
+/// Returns the remains of unpacked FMUs.
 fn left(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
     names.collect()
 }
 
-/// What was printed, without its lines.
+/// Returns a text without its line ends.
 fn flat(text: &str) -> String {
     Vec::from_iter(text.split_whitespace()).join(" ")
 }
 
-/// The emulator's process of a run, and the one that has the FMU loaded.
+/// Returns the emulator's process of a run, and its worker.
 fn emulator_and_worker(run: &Run) -> (Pid, Pid) {
     wait_for("the emulator", || run.find_node("plant-emulator").is_some());
     let emulator = run.node("plant-emulator");
     (emulator, worker_of(emulator))
 }
 
-/// The run says which FMU of which plant it was and how it ended, and leaves neither process, nor current, nor file.
+/// Asserts that the run names the FMU, its plant and its end, and leaves no process, no current and no file.
 fn is_named_and_nothing_stays(run: Run, worker: Pid) {
     let nodes = ["controller", "plant-emulator"].map(|node| run.node(node));
     kill_process(worker, Signal::KILL).unwrap();
@@ -99,7 +100,7 @@ fn is_named_and_nothing_stays(run: Run, worker: Pid) {
 #[test]
 fn a_worker_killed_in_lockstep_is_named_and_nothing_stays() {
     let folder = tempfile::tempdir().unwrap();
-    // It stops by itself, so that there is time; virtual time has none.
+    // The FMU stops its worker by itself, which leaves time to act; virtual time leaves none.
     let steady = steady(folder.path(), 10.0, 8, 4.0);
     let run = Run::begin(&steady, "lockstep");
     let (_, worker) = emulator_and_worker(&run);
@@ -115,7 +116,7 @@ fn a_worker_killed_in_real_time_is_named_and_nothing_stays() {
         let steady = steady(folder.path(), 20.0, 0, 0.0);
         let run = Run::start(&steady, "real-time");
         let (emulator, worker) = emulator_and_worker(&run);
-        // It is as urgent as the node that waits for it, where the system permits that, but holds up no other one.
+        // It is as urgent as the node that waits for it, if the system permits that, but delays no other one.
         let [policy, priority] = scheduling(emulator);
         let expected = [policy, (priority - 1).max(0)];
         assert_eq!(scheduling(worker), expected);
@@ -123,7 +124,7 @@ fn a_worker_killed_in_real_time_is_named_and_nothing_stays() {
     });
 }
 
-/// A step takes 30 ms, and a cycle 20. On a busy machine the controller may give the drive up.
+/// A step takes 30 ms, and a cycle 20. On a busy machine the controller may give up the drive.
 #[test]
 fn an_fmu_that_is_too_slow_in_real_time_fails_its_run_and_its_drive_is_named() {
     in_real_time(|| {
@@ -139,7 +140,8 @@ fn an_fmu_that_is_too_slow_in_real_time_fails_its_run_and_its_drive_is_named() {
     });
 }
 
-/// A simulation of the cart that hangs at once, so that there is time, with what is temporary in a folder; its worker is there.
+/// Starts a simulation of the cart that hangs at once, which leaves time to act, with its temporary files in a folder;
+/// returns it with its worker.
 fn hanging(folder: &Path, name: &str) -> (Started, Pid) {
     let mut canrig = canrig(&folder.join(name), "simulate");
     canrig
@@ -166,7 +168,7 @@ fn a_worker_ends_with_who_started_it_and_a_killed_one_costs_the_run() {
     kill_process(id, Signal::KILL).unwrap();
     wait_for("the worker's end", || test_kill_process(worker).is_err());
     drop(bench);
-    // Nobody was there to remove what was unpacked; whoever unpacks next does it.
+    // No process was left to remove the unpacked files; the next one that unpacks does it.
     assert_eq!(left(&temporary).len(), 1);
     let (bench, worker) = hanging(folder.path(), "worker");
     kill_process(worker, Signal::KILL).unwrap();
@@ -177,7 +179,7 @@ fn a_worker_ends_with_who_started_it_and_a_killed_one_costs_the_run() {
     assert_eq!(left(&temporary), [""; 0]);
 }
 
-/// The bench lives on, but knows of no folder of its node.
+/// The bench continues, but does not know the folder of its node.
 #[test]
 fn what_a_killed_emulator_unpacked_is_removed_by_the_next_one() {
     let folder = tempfile::tempdir().unwrap();
@@ -198,7 +200,7 @@ fn what_a_killed_emulator_unpacked_is_removed_by_the_next_one() {
     assert_eq!(left(&runtime), [""; 0]);
 }
 
-/// A cycle takes 30 ms: what was recorded is on the disk soon, and the user's wish to stop is heard.
+/// A cycle takes 30 ms: the recorded part is on the disk soon, and a signal of the user is handled.
 #[test]
 fn a_slow_plant_in_lockstep_holds_up_neither_the_log_nor_a_signal() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! `canrig fmu`: what it tells and refuses; and FMUs as plants behind drives. What becomes of their processes is in
-//! `fmu_workers.rs`. That FMUs of other makers play is shown by `tests/fmu/run`, beside FMPy.
+//! `canrig fmu`, with its output and its errors, and FMUs as plants behind drives. `fmu_workers.rs` tests their
+//! processes. `tests/fmu/run` shows that FMUs of other tools play, in comparison with FMPy.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ fn fmu(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     output(&mut canrig)
 }
 
-/// The FMU of the motor, with a library that nobody could load.
+/// Writes the FMU of the motor, with a library that cannot be loaded.
 pub(crate) fn motor(folder: &Path, version: Version) {
     let shipped = fmu_plants::shipped();
     let motor = { shipped.iter() }.find(|exported| exported.name() == "dc_motor");
@@ -80,7 +80,7 @@ fn a_plant_that_does_not_ship_is_not_exported() {
     assert_eq!(code, Some(2));
 }
 
-/// Lock-step in processes.
+/// Arguments for lock-step in processes.
 const LOCKSTEP: [&str; 4] = ["--clock", "lockstep", "--bus", "embedded"];
 
 const RIG: &str = r#"
@@ -131,7 +131,8 @@ name = "speed_metres_per_second"
 stays = { min = -2.0, max = 2.0 }
 "#;
 
-/// The FMU of the cart, its rig file in a folder below the scenario's, and the scenario; `marker` makes another FMU of the same model.
+/// Writes the FMU of the cart, its rig file in a folder below the scenario's, and the scenario; `marker` makes another
+/// FMU of the same model.
 pub(crate) fn cart(folder: &Path, marker: &str) -> PathBuf {
     let library = folder.join("cart.so");
     let mut compiler = Command::new("cc");
@@ -149,7 +150,7 @@ pub(crate) fn cart(folder: &Path, marker: &str) -> PathBuf {
     path
 }
 
-/// The FMU of the cart with this library in it.
+/// Writes the FMU of the cart with this library.
 fn write_cart(folder: &Path, marker: &str, library: &[u8]) {
     write_cart_with(folder, marker, library, "A");
 }
@@ -222,7 +223,7 @@ fn an_fmu_plays_behind_a_drive_in_one_process_and_in_several_and_is_replayed_wit
         "{signals}"
     );
     let before = fs::read(alone.join("verdict.json")).unwrap();
-    // The folder plays again, until the FMU is another one.
+    // The folder can be played again, until the FMU is replaced.
     let again = folder.path().join("again");
     let (code, stdout, stderr) =
         output(canrig(&again, "simulate").arg(alone.join("scenario.toml")));
@@ -329,7 +330,7 @@ fn an_amplifier_of_48_volts_moves_a_plant_as_one_of_an_ampere_does() {
         ],
     );
     let read = |run: &Path, file: &str| fs::read_to_string(run.join(file)).unwrap();
-    // Thousandths of the rated value are the same ones, so the frames are.
+    // Thousandths of the rated value are equal, so the frames are.
     let commands = |run: &Path| {
         let log = read(run, "bus.log");
         let is_command = |line: &&str| line.contains(" 210#");
@@ -356,7 +357,7 @@ fn an_amplifier_of_48_volts_moves_a_plant_as_one_of_an_ampere_does() {
     names_of_a_current_are_refused(folder.path());
 }
 
-/// In a loop that commands a voltage, with the right ones.
+/// Asserts that names of a current are refused in a loop that commands a voltage, with a hint at the right ones.
 fn names_of_a_current_are_refused(folder: &Path) {
     let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap();
     for (wrong, right) in [
@@ -387,7 +388,8 @@ fn names_of_a_current_are_refused(folder: &Path) {
     }
 }
 
-/// Whether a current was commanded, and the last command took it away: the drive of the plant that failed is not heard any more.
+/// Asserts that a current was commanded, and that the last command removed it. The drive of the failed plant is silent
+/// by then.
 pub(crate) fn is_without_current(run: &Path) {
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
     let is_current = |line: &str| line.contains(" 210#0F00") && !line.ends_with("0000");
@@ -398,7 +400,7 @@ pub(crate) fn is_without_current(run: &Path) {
     assert!(!after.contains(" 190#"), "{after}");
 }
 
-/// What it did, as the run says it.
+/// The run reports the misbehaviour of the FMU.
 #[test]
 fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
     let folder = tempfile::tempdir().unwrap();
@@ -469,7 +471,7 @@ fn an_fmu_that_misbehaves_costs_its_run_in_one_process_and_in_several() {
         };
         assert!(log("simulate") == log("run"), "{mode}");
     }
-    // It refuses long steps and gets short ones.
+    // The FMU refuses long steps and gets short ones.
     let runs = folder.path().join("discards");
     let set = ["--set", "plant.cart.start.mode=1"];
     let (code, stdout, stderr) = output(canrig(&runs, "simulate").arg(&step).args(set));
@@ -518,7 +520,7 @@ fn a_swept_value_that_the_fmu_does_not_take_is_found_before_any_run() {
         }
         assert!(!runs.exists(), "{sweep}");
     }
-    // A distribution without ends draws some that are not played.
+    // A distribution without bounds draws some values that are not played.
     swept("draws = 6\n[[sweep.normal]]\nKEY\nmean = 2.4\nstandard_deviation = 5.0");
     output(canrig(&runs, "sweep").arg(&step));
     let table = fs::read_to_string(only_run(&runs).join("runs.csv")).unwrap();
@@ -547,7 +549,7 @@ fn a_library_for_another_platform_or_machine_is_refused_before_anything_moves() 
     };
     let lockstep = [&["run"][..], &LOCKSTEP[..]].concat();
     let worlds = [&["simulate"][..], &lockstep[..]];
-    // The library says what it is for in two bytes: 243 is RISC-V.
+    // Two bytes of the library are its machine: 243 is RISC-V.
     let mut library = fs::read(folder.path().join("cart.so")).unwrap();
     library[18..20].copy_from_slice(&243_u16.to_le_bytes());
     write_cart(folder.path(), "", &library);
@@ -555,7 +557,7 @@ fn a_library_for_another_platform_or_machine_is_refused_before_anything_moves() 
         let said = "its library cannot be loaded: it is for RISC-V, and this is ";
         refused(world, said, "");
     }
-    // The names in a zip file are plain.
+    // Names in a zip file are uncompressed.
     let here = Version::Two.platform();
     let elsewhere = &"riscv64-linux"[..here.len()];
     let path = folder.path().join("rigs/cart.fmu");
@@ -570,7 +572,7 @@ fn a_library_for_another_platform_or_machine_is_refused_before_anything_moves() 
     }
 }
 
-/// A text without spaces, ends of lines and margins: lines of an error are broken anywhere.
+/// Returns a text without spaces, line ends and margins: lines of an error may be broken anywhere.
 fn without_layout(text: &str) -> String {
     text.split_whitespace().collect::<String>().replace('│', "")
 }
@@ -712,7 +714,7 @@ fn a_parameter_of_an_fmu_is_swept_and_no_row_of_another_fmu_counts() {
     different.sort();
     different.dedup();
     assert_eq!(different.len(), 4, "{table}");
-    // The same FMU: all rows are there. Another one: another folder.
+    // With the same FMU all rows are reused. Another FMU has another folder.
     play("runs");
     assert_eq!(runs(&folder_of("runs")).len(), 1);
     cart(folder.path(), "another one");

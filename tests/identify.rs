@@ -1,4 +1,4 @@
-//! Identification against emulated truths, as a user does it: record, identify, play again.
+//! Identification against emulated truths: record, identify, play again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use crate::support::{canrig, only_run, output, scenario};
 const SIX: &str = "C,h,As,Af,Ms,Mf";
 const NOISE_OF_ONE_STEP: &str = "\n[node.drive.sensor]\nnoise_rms = 0.05859375\n";
 
-/// A scenario played, and the folder that it lies in.
+/// A played scenario, with its folder.
 struct Recording {
     /// Kept for its lifetime.
     _folder: TempDir,
@@ -52,13 +52,13 @@ fn excitation_text() -> String {
     fs::read_to_string(scenario("identify_excitation.toml")).unwrap()
 }
 
-/// The rich excitation of the nominal plant without noise.
+/// Returns the rich excitation of the nominal plant without noise.
 fn excitation() -> &'static Recording {
     static RECORDING: OnceLock<Recording> = OnceLock::new();
     RECORDING.get_or_init(|| Recording::of(&excitation_text()))
 }
 
-/// A current step to `amperes`: short, and with or without motion.
+/// Returns a current step to `amperes`: short, and with or without motion.
 fn step_text(amperes: f64, duration_seconds: f64) -> String {
     format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"step of current\"\nduration_seconds = {duration_seconds:.1}\n\n\
@@ -78,7 +78,7 @@ fn search_from(fit: &Fit<'_>, start: &Sma) -> Solution {
     search::search(fit, &fit.values_of(start), &|_, _| {}).unwrap()
 }
 
-/// Relative errors against a plant, by parameter.
+/// Returns relative errors against a plant, by parameter.
 fn errors(fit: &Fit<'_>, values: &[f64], truth: &Sma) -> Vec<(&'static Parameter, f64)> {
     let truth = fit.values_of(truth);
     let errors = values
@@ -88,7 +88,7 @@ fn errors(fit: &Fit<'_>, values: &[f64], truth: &Sma) -> Vec<(&'static Parameter
     fit.parameters.iter().copied().zip(errors).collect()
 }
 
-/// PAPER, "identification": C and the temperatures within 1 %.
+/// Asserts PAPER, "identification": C and the temperatures within 1 %.
 fn assert_on_target(fit: &Fit<'_>, values: &[f64], convection_tolerance: f64) {
     for (parameter, error) in errors(fit, values, &Sma::default()) {
         let tolerance = if parameter.symbol == "h" {
@@ -148,7 +148,7 @@ fn noise_of_one_step_leaves_the_six_on_target() {
     );
 }
 
-/// Uniform in [0, 1), by Knuth's linear congruential generator.
+/// Draws from [0, 1) uniformly, by Knuth's linear congruential generator.
 fn uniform(state: &mut u64) -> f64 {
     *state = state
         .wrapping_mul(6_364_136_223_846_793_005)
@@ -159,7 +159,7 @@ fn uniform(state: &mut u64) -> f64 {
 #[test]
 fn all_of_20_random_starts_end_at_the_same_optimum() {
     let measurements = [excitation().measurement()];
-    // Coarse integration is enough to see where a search ends.
+    // Coarse integration is enough to see the end of a search.
     let fit = fit(&measurements, SIX).coarse();
     let mut state = 20;
     let mut draw = || -> Vec<f64> {
@@ -194,7 +194,7 @@ fn all_of_20_random_starts_end_at_the_same_optimum() {
     assert!((1..20).contains(&never_lifted), "{never_lifted}");
 }
 
-/// PAPER I1. Even from the truth itself the search walks along the valley.
+/// PAPER I1. Even from the truth itself the search moves along the valley.
 #[test]
 fn the_papers_ramp_alone_does_not_determine_the_six_and_the_report_says_so() {
     let measurements =
@@ -254,7 +254,7 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
         summary.contains("THE MODEL DOES NOT EXPLAIN THE DATA"),
         "{summary}"
     );
-    // With the right law the same recording gives the plant.
+    // With the right law the same recording identifies the plant.
     let known = measurements[0].own.trial.plant.actuator().unwrap();
     let right = Fit::new(&measurements, parameter::parse_list(SIX).unwrap(), known).coarse();
     let found = search_from(&right, &start);
@@ -262,7 +262,7 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
     assert!(found.statistics.explains(), "{}", found.statistics.misfit());
 }
 
-/// The excitation of another plant, measured with noise.
+/// Plays the excitation of another plant, measured with noise.
 fn excitation_of(plant: &Sma, seed: u64) -> Recording {
     let noise = "\n[node.drive.sensor]\nnoise_rms = 0.03\n";
     Recording::of(&format!(
@@ -271,7 +271,7 @@ fn excitation_of(plant: &Sma, seed: u64) -> Recording {
     ))
 }
 
-/// A scenario on another plant.
+/// Returns a scenario on another plant.
 fn text_of(text: &str, plant: &Sma) -> String {
     format!("{text}\n{}", plant.to_file_text("wire").unwrap())
 }
@@ -310,7 +310,7 @@ fn a_truth_with_twice_the_damping_ends_in_1_and_damping_and_stiffness_can_be_sou
     assert!(part("EA").abs() < 0.02, "{}", part("EA"));
 }
 
-/// Whether the model with the best values near the truth explains the data.
+/// Returns whether the model with the best values near the truth explains the data.
 fn is_explained(known: &Sma, truth: &Sma, seed: u64) -> bool {
     let measurements = [excitation_of(truth, seed).measurement()];
     let fit = Fit::new(
@@ -352,7 +352,7 @@ fn of_20_true_models_one_at_most_is_flagged_and_a_tenth_more_damping_is_each_tim
     }
 }
 
-/// Settling time in seconds and overshoot in per cent of the warm step on a plant.
+/// Returns settling time in seconds and overshoot in per cent of the warm step on a plant.
 fn warm_step(folder: &Path, truth: &Sma, model: Option<&str>) -> (f64, f64) {
     let text = fs::read_to_string(scenario("step.toml")).unwrap();
     let text = text_of(&text, truth);
@@ -375,7 +375,7 @@ fn warm_step(folder: &Path, truth: &Sma, model: Option<&str>) -> (f64, f64) {
     (value("settling_time_seconds"), value("overshoot_percent"))
 }
 
-/// One excitation run calibrates the controller: the same plant again, with the model that identification wrote.
+/// One excitation run calibrates the controller: the same plant is played again, with the identified model.
 #[test]
 fn the_controller_takes_the_model_that_identification_found() {
     let mut truth = Sma::default();
@@ -397,7 +397,7 @@ fn the_controller_takes_the_model_that_identification_found() {
     let folder = tempfile::tempdir().unwrap();
     let results = folder.path().join("identified");
     let mut command = canrig(&results, "identify");
-    // The resistance cannot be told from temperatures and losses; its share is in the values of these.
+    // The resistance cannot be separated from temperatures and losses; its effect is in their values.
     let parameters = ["--parameters", "C,h,As,Af,Ms,Mf,c,EA,mL"];
     let (code, stdout, _) = output(command.arg(&recording.run).args(parameters));
     assert_eq!(code, Some(0), "{stdout}");
@@ -433,7 +433,7 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     let run = &excitation().run;
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("measured.log");
-    // Another interface, and the direction that candump writes behind the data.
+    // The log has another interface, and the direction that candump writes after the data.
     let text = fs::read_to_string(run.join("bus.log")).unwrap();
     fs::write(&log, text.replace(" can0 ", " vcan7 ")).unwrap();
     let database = Database::shipped();
@@ -448,7 +448,7 @@ fn a_candump_log_serves_as_well_as_a_run_folder() {
     assert!(fault.contains("--scenario"), "{fault}");
 }
 
-/// What `identify` says about a run folder, and that it ends in 3.
+/// Returns the message of `identify` about a run folder, which must end in exit code 3.
 fn complaint(run: &Path, arguments: &[&str]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let (code, _, stderr) = output(canrig(folder.path(), "identify").arg(run).args(arguments));
@@ -483,7 +483,7 @@ fn a_recording_without_motion_is_refused() {
 fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     let recording = Recording::of(&step_text(0.8, 4.0));
     let emulated = recording.measurement();
-    // The same drive as if it measured no current and its sensor were of another kind.
+    // The same drive without a measured current and with another kind of sensor.
     let drive = "current = { object = \"\" }\nposition = { resolution = 0.025 }\n\
         limits = { current_amperes = 1.0, min = -1.0, max = 59.5, rate_max = 1e4 }";
     let rig = crate::external::rig_of_a_drive(1.0, drive);
@@ -491,7 +491,7 @@ fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
     let silent = recording.measurement();
     assert!((silent.sensor_step_metres() - 25e-6).abs() < 1e-12);
     assert!(silent.sensor.span >= 59.5);
-    // The commands show when which current flowed, to the cycle.
+    // The commands determine the current over time, to the cycle.
     assert_eq!(silent.positions_metres, emulated.positions_metres);
     let pairs = silent
         .currents_amperes
@@ -550,7 +550,7 @@ fn a_recording_with_the_wrong_dbc_is_refused() {
         fs::write(&path, change(dbc::SMA_ACTUATOR)).unwrap();
         complaint(&recording.run, &["--dbc", path.to_str().unwrap()])
     };
-    // The drive's message under another identifier, with another name, with another scale.
+    // The drive's message has another identifier, then another name, then another scale.
     let message = with("identifier.dbc", &|text| text.replace(" 400 ", " 401 "));
     assert!(
         message.contains("is drive_tpdo1 (0x191)") && message.contains("right DBC?"),

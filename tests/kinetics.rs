@@ -1,4 +1,4 @@
-//! Wires that remember the turns of their temperature, as a user meets them.
+//! Wires that remember the turns of their temperature.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::support::{canrig, output, scenario};
 /// Currents that hold the wire at some 75, 55, 65, 55 and 75 °C, each for 6 s: a loop within a loop.
 const CURRENTS: [f64; 5] = [0.697, 0.569, 0.636, 0.569, 0.697];
 
-/// `ξ` at 65 and at 75 °C, lowest and highest, in the second half of the last two loops.
+/// Returns the limits of `ξ` at 65 and at 75 °C, lowest and highest, in the second half of the last two loops.
 fn limits(kinetics: &str) -> [[f64; 2]; 2] {
     match kinetics {
         "paper" => [[0.470, 0.480], [0.250, 0.300]],
@@ -17,7 +17,7 @@ fn limits(kinetics: &str) -> [[f64; 2]; 2] {
     }
 }
 
-/// Whether a run with one kinetics is within the limits of one.
+/// Returns whether a run with one kinetics is within the limits of one.
 fn passes(folder: &Path, kinetics: &str, limits_of: &str) -> bool {
     let recorded = "[node.drive]\nrecord = [\"martensite_fraction\", \"turns_not_remembered\"]";
     let rig = fs::read_to_string(scenario("rigs/sma_actuator.toml")).unwrap();
@@ -61,7 +61,8 @@ fn each_kinetics_is_judged_by_its_own_loops() {
     }
 }
 
-/// The laws that ship are not told. On these wires a step overshoots more than its own limit of 0.6 %, which the paper's meets.
+/// The shipped laws do not know the kinetics. On these wires a step overshoots beyond its own limit of 0.6 %, which it
+/// meets on the paper's.
 #[test]
 fn the_laws_that_ship_lead_wires_that_remember() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What the controller knows: of the plant nothing but the positions that the drive sends.
+//! The controller's knowledge of the plant: only the positions that the drive sends.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,7 +24,7 @@ const FEEDBACK: u16 = 0x190;
 #[test]
 fn the_controller_knows_of_the_wire_what_its_positions_show() {
     let compared = compared(SMA_ACTUATOR);
-    // What has no part in a cold wire's first second: the plastic law, and cooling.
+    // The plastic law and cooling have no effect on the first second of a cold wire.
     assert!(compared.diverging >= 15, "{compared:?}");
     assert!(compared.after_truth >= 5, "{compared:?}");
 }
@@ -36,16 +36,17 @@ fn the_controller_knows_of_the_motor_what_its_positions_show() {
     assert!(compared.after_truth >= 1, "{compared:?}");
 }
 
-/// How the runs with another parameter differ from that with none.
+/// Differences between the run without a changed parameter and those with one.
 #[derive(Debug, Default)]
 struct Compared {
-    /// Parameters that the position shows.
+    /// Number of parameters that the position shows.
     diverging: usize,
-    /// Those of them that something else on the bus showed before, which the controller must not read.
+    /// Number of these that another signal on the bus showed earlier, which the controller must not read.
     after_truth: usize,
 }
 
-/// Changes each parameter of the plant by itself. Up to the first position that differs, the controller sends the same.
+/// Changes each parameter of the plant by itself. Up to the first different position the controller must send the same
+/// frames.
 #[track_caller]
 fn compared(text: &str) -> Compared {
     let folder = tempfile::tempdir().unwrap();
@@ -78,7 +79,7 @@ fn compared(text: &str) -> Compared {
     compared
 }
 
-/// The tables of the plant and of its drive's sensor and amplifier, with all that the files leave out.
+/// Returns the tables of the plant and of its drive's sensor and amplifier, with all defaults.
 fn plant(folder: &Path, text: &str) -> Table {
     let path = folder.join("plant.toml");
     fs::write(&path, text).unwrap();
@@ -93,7 +94,7 @@ fn plant(folder: &Path, text: &str) -> Table {
     };
     let of_sensor = [("max", sensor.span), ("noise_rms", sensor.noise_rms)];
     let mut drive = part("sensor", numbers(&of_sensor, sensor.resolution_bits));
-    // What the drive can be commanded is known to who commands it.
+    // The command range of the drive is known to the controller.
     let of_amplifier = numbers(&[], amplifier.resolution_bits);
     drive.extend(part("amplifier", of_amplifier));
     let plants = match &scenario.plant.dc_motor {
@@ -111,7 +112,7 @@ fn text_on(document: &Table, plant: &Table) -> String {
     toml::to_string(&document).unwrap()
 }
 
-/// All numbers of a table, by their paths.
+/// Returns all numbers of a table, by their paths.
 fn parameters(table: &Table, before: &str) -> BTreeMap<String, Value> {
     let of_value = |(key, value): (&String, &Value)| match value {
         Value::Table(below) => parameters(below, &format!("{before}{key}.")),
@@ -139,7 +140,7 @@ fn changed(value: &Value, factor: f64) -> Value {
     }
 }
 
-/// What was on the bus; nothing if the plant makes no sense.
+/// Returns the frames on the bus; `None` if the plant is invalid.
 fn frames(folder: &Path, name: &str, text: &str) -> Option<Vec<Stamped>> {
     let path = folder.join(format!("{name}.toml"));
     fs::write(&path, text).unwrap();
@@ -152,7 +153,7 @@ fn frames(folder: &Path, name: &str, text: &str) -> Option<Vec<Stamped>> {
     })
 }
 
-/// When the first frame of these identifiers differs.
+/// Returns the time at which the first frame of these identifiers differs.
 fn first_difference(
     one: &[Stamped],
     other: &[Stamped],

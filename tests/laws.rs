@@ -1,4 +1,4 @@
-//! Laws that a program plays: the same in every world, what becomes of a run when one breaks, and what is left of it.
+//! Laws that a program plays: equal in every world, the result of a run when one fails, and the remains.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,19 +16,19 @@ use crate::processes::{is_gone, last_command};
 use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, only_run, output, root, runs};
 
-/// A PID of the book.
+/// Returns the path of an example of the book.
 fn example(name: &str) -> PathBuf {
     root().join("docs/examples").join(name)
 }
 
-/// The program beside the Python package of this checkout.
+/// Returns the program with the Python package of this checkout.
 fn with_python(folder: &Path, command: &str) -> Command {
     let mut canrig = canrig(folder, command);
     canrig.env("PYTHONPATH", root().join("python"));
     canrig
 }
 
-/// Plays a scenario; the exit code, what was said without its lines, and its only run.
+/// Plays a scenario; returns the exit code, the output without line ends, and its only run.
 fn played(scenario: &Path, runs: &Path, arguments: &[&str]) -> (Option<i32>, String, PathBuf) {
     let mut canrig = with_python(runs, arguments[0]);
     let (code, stdout, stderr) = output(canrig.arg(scenario).args(&arguments[1..]));
@@ -40,7 +40,7 @@ const SIMULATED: &[&str] = &["simulate", "--quiet"];
 const IN_LOCKSTEP: &[&str] = &["run", "--quiet", "--clock", "lockstep"];
 const IN_REAL_TIME: &[&str] = &["run", "--bus", "embedded"];
 
-/// There was a current, and the last command is none.
+/// Asserts that a current was commanded, and that the last command removed it.
 pub(crate) fn is_without_current(run: &Path) {
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
     let is_current = |line: &str| line.contains(" 210#0F00") && !line.ends_with("0000");
@@ -49,7 +49,8 @@ pub(crate) fn is_without_current(run: &Path) {
     assert!(last.ends_with("0000"), "{last}");
 }
 
-/// What plays the protocol by hand: `take` a seat, `step` gives the number and the values of the next STEP, `answer` answers it.
+/// A manual player of the protocol: `take` a seat, `step` gives the number and the values of the next STEP, `answer`
+/// answers it.
 const SEAT: &str = r#"
 import os, socket, struct, sys, time
 HEADER = struct.Struct("<BBHIQ")
@@ -77,7 +78,8 @@ def play(steps=1 << 40):
         answer(step()[0], 0.2)
 "#;
 
-/// A scenario whose law is a program that does this, with so long a cycle that its nodes do not lose each other on a busy machine.
+/// Writes a scenario whose law is a program with these statements. The cycle is so long that the nodes do not lose each
+/// other on a busy machine.
 fn law_that(folder: &Path, does: &str) -> PathBuf {
     fs::write(folder.join("seat.py"), SEAT).unwrap();
     fs::write(
@@ -135,7 +137,7 @@ fn a_pid_in_python_plays_in_real_time() {
     });
 }
 
-/// The gains of the book's PID, for both.
+/// Returns the gains of the book's PID, for both.
 fn gains() -> scenario::controller::Pid {
     let text = fs::read_to_string(example("pid_in_python.toml")).unwrap();
     let scenario: toml::Table = text.parse().unwrap();
@@ -143,7 +145,7 @@ fn gains() -> scenario::controller::Pid {
     gains.try_into().unwrap()
 }
 
-/// The other end of a seat, by itself: starts a command, plays rows of what is read to it, and prints its first output of each.
+/// The other end of a seat: starts a command, plays rows of input to it, and prints its first output of each.
 const PLAYER: &str = r#"
 import json, os, socket, struct, subprocess, sys, tempfile
 HEADER = struct.Struct("<BBHIQ")
@@ -169,7 +171,7 @@ with tempfile.TemporaryDirectory() as folder:
     sys.exit(law.wait())
 "#;
 
-/// Position and set-point in metres, of each cycle of 10 s under the PID in Rust.
+/// Returns position and set-point in metres, of each cycle of 10 s under the PID in Rust.
 fn recorded(folder: &Path) -> Vec<[f64; 2]> {
     let text = fs::read_to_string(in_rust(folder)).unwrap();
     let long = folder.join("long.toml");
@@ -194,10 +196,10 @@ fn recorded(folder: &Path) -> Vec<[f64; 2]> {
     rows.map(read).collect()
 }
 
-/// A range within which the recorded steps wind a PID up that does not know it.
+/// A range within which the recorded steps wind up a PID without anti-windup.
 const RANGE: [f64; 2] = [-0.4, 0.4];
 
-/// The currents of the PID in Rust before they are limited.
+/// Returns the currents of the PID in Rust before they are limited.
 fn by_rust(rows: &[[f64; 2]]) -> Vec<f64> {
     let range = CurrentRange {
         min: RANGE[0],
@@ -368,12 +370,12 @@ fn nothing_is_started_by_what_plays_nothing() {
     canrig(&[Path::new("replay"), &run]);
     canrig(&[Path::new("compare"), &run, &run]);
     assert!(!place("started").exists());
-    // What was recorded is judged where the program is not.
+    // The recording is judged without the program.
     fs::remove_file(place("law.py")).unwrap();
     canrig(&[Path::new("replay"), &run]);
 }
 
-/// What a program does, and what is said of it.
+/// Statements of a program, and the resulting message.
 const HOSTILE: [(&str, &str); 16] = [
     ("sys.exit(3)", "`python3 law.py` exited with code 3"),
     (
@@ -436,7 +438,7 @@ const HOSTILE: [(&str, &str); 16] = [
     ("take()\nplay(50)\nos.abort()", "was ended by signal 6"),
 ];
 
-/// Number of processes that run in a folder.
+/// Returns the number of processes whose working directory is a folder.
 pub(crate) fn processes_in(folder: &Path) -> usize {
     let folder = folder.canonicalize().unwrap();
     let processes = fs::read_dir("/proc").unwrap().flatten();
@@ -513,7 +515,8 @@ fn a_program_that_breaks_in_real_time_is_named_and_the_current_is_off() {
     }
 }
 
-/// Answers of a law that takes longer than a cycle of 20 ms when a condition on the number of the cycle holds.
+/// Returns the statements of a law that takes longer than a cycle of 20 ms if a condition on the number of the cycle
+/// holds.
 fn slow_when(condition: &str) -> String {
     format!(
         "take()\nwhile True:\n    number = step()[0]\n    if {condition}: time.sleep(0.025)\n    answer(number, 0.2)"
@@ -538,7 +541,7 @@ fn a_late_answer_commands_nothing_in_its_cycle_and_the_run_goes_on() {
         let missed = missed.find(|(name, _)| name == "missed_commands_percent");
         assert!(missed.unwrap().1 >= 8.0, "{said}");
         is_without_current(&run);
-        // Virtual time knows no late answer.
+        // In virtual time no answer is late.
         let (code, said, _) = played(&law, &folder.path().join("simulated"), SIMULATED);
         assert_eq!(code, Some(0), "{said}");
     });
@@ -557,7 +560,7 @@ fn a_law_that_is_always_late_is_given_up() {
     });
 }
 
-/// Two processes that want no end, the second in a session of its own; their numbers are in a file.
+/// Two processes that refuse to end, the second in its own session; their numbers are in a file.
 const STUBBORN: &str = "
 import signal
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -582,7 +585,7 @@ pub(crate) fn numbers(folder: &Path) -> Vec<Process> {
 #[test]
 fn a_program_that_wants_no_end_is_ended_with_all_that_it_started() {
     let folder = tempfile::tempdir().unwrap();
-    // It does not answer any more behind the end of the scenario.
+    // It no longer answers after the end of the scenario.
     let law = law_that(
         folder.path(),
         &STUBBORN.replace("range(100)", "range(10 ** 9)"),
@@ -631,7 +634,7 @@ fn a_killed_canrig_leaves_no_program() {
 #[test]
 fn what_a_program_prints_is_kept_up_to_a_limit_and_holds_up_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    // Written at once: a program has ten seconds for each answer.
+    // The output is written at once: a program has ten seconds for each answer.
     let does = "import sys\ntake()\nsys.stdout.write(''.join(f'a line of output {number}\\n' for number in range(1_000_000)))\nplay()";
     let law = law_that(folder.path(), does);
     let (code, said, run) = played(&law, &folder.path().join("runs"), IN_LOCKSTEP);
@@ -721,7 +724,7 @@ fn a_program_from_elsewhere_and_ports_that_are_none_are_refused() {
     }
 }
 
-/// The shared library of a C file.
+/// Compiles a C file to a shared library.
 fn compiled(source: &str, library: &Path) {
     let mut compiler = Command::new("cc");
     compiler.args(["-O2", "-Wall", "-Werror", "-shared", "-fPIC", "-I"]);
@@ -730,7 +733,7 @@ fn compiled(source: &str, library: &Path) {
     assert_eq!(code, Some(0), "{error}");
 }
 
-/// The PID in C as an FMU.
+/// Writes the PID in C as an FMU.
 fn write_pid_fmu(file: &Path, version: Version, library: &Path) {
     let variable = |name: &str, unit, role| ModelVariable {
         name: name.to_owned(),
@@ -767,7 +770,7 @@ fn write_pid_fmu(file: &Path, version: Version, library: &Path) {
     write_fmu(file, &model, version, &fs::read(library).unwrap()).unwrap();
 }
 
-/// The scenario of the PID in Python with another table of its law.
+/// Writes the scenario of the PID in Python with another table of its law.
 fn scenario_of(folder: &Path, name: &str, table: &str) -> PathBuf {
     let text = fs::read_to_string(example("pid_in_python.toml")).unwrap();
     let (before, rest) = text.split_once("[controller.program]").unwrap();
@@ -780,7 +783,7 @@ fn scenario_of(folder: &Path, name: &str, table: &str) -> PathBuf {
 const GAINS_OF_FMU: &str = "[controller.fmu.parameters]\nkp = 64.8\nki = 489.0\nkd = 3.74\nweight = 0.377\npole = 500.0\n\
     low_amperes = -1.5\nhigh_amperes = 1.5\n";
 
-/// The PID in C as a library and as FMUs of both versions, in this order.
+/// Writes the PID in C as a library and as FMUs of both versions, in this order.
 fn in_c(folder: &Path) -> [PathBuf; 3] {
     compiled("docs/examples/pid.c", &folder.join("pid.so"));
     compiled("tests/fmu/pid.c", &folder.join("fmu.so"));
@@ -811,7 +814,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
     ]
 }
 
-/// The scenario of the PID in Python with the one in Rust.
+/// Writes the scenario of the PID in Python with the one in Rust.
 fn in_rust(folder: &Path) -> PathBuf {
     let gains = toml::to_string(&gains()).unwrap();
     scenario_of(folder, "rust.toml", &format!("[controller.pid]\n{gains}"))

@@ -1,4 +1,4 @@
-//! Virtual time: every scenario judged, and the same bytes in every world.
+//! Virtual time: every scenario is judged, and has the same bytes in every world.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -14,7 +14,7 @@ use crate::net::judged_again;
 use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, root, runs, scenario};
 
-/// The files that must be the same to the byte.
+/// Files that must be equal to the byte.
 const DETERMINED: [&str; 5] = [
     "bus.log",
     "signals.csv",
@@ -30,16 +30,16 @@ fn contents(run: &Path) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// Members of `verdict.json` that say who judged and not what came out: no line depends on them.
+/// Members of `verdict.json` that identify the judge and are not results: no line depends on them.
 const LEFT_OUT: [&str; 2] = ["version", "identity"];
 
 /// The columns of the file of hashes, before the scenario's name.
 const HASHED: [&str; 3] = ["bus.log", "signals.csv", "verdict.json"];
 
-/// Every scenario, and of each in the file of hashes the very bytes that the bus carried, that were decoded of it and that were
-/// judged: who means to leave the runs as they are leaves that file as it is. Each scenario has a line there, and each line a
-/// scenario. Who means to change a run, or adds a scenario, writes the file anew and looks at its difference:
-/// `UPDATE_SNAPSHOTS=1 cargo test --release -p canrig --test tests every_shipped_scenario_passes`.
+/// Every scenario passes, and leaves the bytes in the file of hashes: of the frames on the bus, of the decoded signals
+/// and of the verdict. A change that keeps the runs leaves that file as it is. Each scenario has a line there, and each
+/// line a scenario. After a deliberate change to a run, or with a new scenario, write the file anew and review its
+/// difference: `UPDATE_SNAPSHOTS=1 cargo test --release -p canrig --test tests every_shipped_scenario_passes`.
 #[test]
 fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -75,7 +75,7 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
     }
 }
 
-/// A run's scenario and the hashes of its recording and verdict.
+/// Returns the scenario of a run with the hashes of its recording and verdict.
 fn line_of(run: &Path) -> String {
     let scenario = fs::read_to_string(run.join("scenario.toml")).unwrap();
     let scenario: toml::Table = scenario.parse().unwrap();
@@ -96,13 +96,13 @@ fn line_of(run: &Path) -> String {
     format!("{}  {name}\n", HASHED.map(hash).join(" "))
 }
 
-/// A JSON object as canrig prints it, without some of its members. No line keeps the comma at its end, since the last member
-/// has none, whichever that is.
+/// Returns a JSON object in canrig's format without some of its members. Commas at line ends are removed, since the
+/// last member has none, whichever it is.
 fn without_members(json: &str, left_out: &[&str]) -> String {
     let mut is_kept = true;
     let mut kept = String::new();
     for line in json.lines() {
-        // A member begins two spaces deep with its key; what is in it is deeper or a bracket.
+        // A member begins with its key two spaces deep; its content is deeper or a bracket.
         if let Some(member) = line.strip_prefix("  \"") {
             let key = member.split_once("\": ").map(|(key, _)| key);
             is_kept = key.is_none_or(|key| !left_out.contains(&key));
@@ -115,7 +115,7 @@ fn without_members(json: &str, left_out: &[&str]) -> String {
     kept
 }
 
-/// What differs between two files of hashes, each scenario by its name.
+/// Returns the differences of two files of hashes, by the names of the scenarios.
 fn changes(committed: &str, now: &str) -> Vec<String> {
     let [committed, now] = [committed, now].map(by_name);
     let names: BTreeSet<_> = committed.keys().chain(now.keys()).collect();
@@ -132,7 +132,7 @@ fn changes(committed: &str, now: &str) -> Vec<String> {
     names.into_iter().filter_map(change).collect()
 }
 
-/// The hashes of each scenario.
+/// Returns the hashes of each scenario.
 fn by_name(lines: &str) -> BTreeMap<&str, [&str; HASHED.len()]> {
     let mut by_name = BTreeMap::new();
     for line in lines.lines() {
@@ -213,7 +213,7 @@ fn one_process_twice_and_three_processes_leave_the_same_bytes() {
     }
 }
 
-/// The plan of a scenario.
+/// Returns the plan of a scenario.
 fn plan(path: &Path) -> Plan {
     Plan::load(path, worlds::catalogue::catalogue()).unwrap()
 }
@@ -239,7 +239,7 @@ fn the_recording_alone_gives_the_same_verdict() {
     );
 }
 
-/// Controller and plant as the nodes promise nothing: asked at every event, never let ahead.
+/// A node without promises: it is asked at every event, and never runs ahead.
 struct Asked<'a>(platform::lockstep::Local<'a>);
 
 impl platform::lockstep::Participant for Asked<'_> {
@@ -280,7 +280,7 @@ impl platform::lockstep::Participant for Asked<'_> {
     }
 }
 
-/// Plant emulator, canrig's own node and controller in their places.
+/// Returns the roles of plant emulator, canrig's own node and controller.
 fn roles<'a, P: Participant>(plan: &Plan, participants: &'a mut [P; 3]) -> Vec<Role<'a>> {
     let [plant_emulator, bench, controller] = participants;
     vec![
@@ -350,7 +350,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     }
 }
 
-/// The determined files of a simulated scenario, with the C library's CPU features masked or not.
+/// Returns the determined files of a simulated scenario, with the C library's CPU features masked or not.
 fn simulated(scenario: &Path, tunables: Option<&str>) -> Vec<Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let mut canrig = canrig(folder.path(), "simulate");
@@ -362,7 +362,7 @@ fn simulated(scenario: &Path, tunables: Option<&str>) -> Vec<Vec<u8>> {
     contents(&only_run(folder.path()))
 }
 
-/// glibc chooses its mathematical functions by the CPU; with FMA they give other bits.
+/// glibc chooses its mathematical functions by the CPU; with FMA they have other bits.
 #[test]
 fn another_cpu_leaves_the_same_bytes() {
     let masked = "glibc.cpu.hwcaps=-FMA,-AVX2,-AVX512F,-FMA_Usable,-AVX2_Usable,-AVX512F_Usable";
@@ -384,7 +384,7 @@ fn two_drives_on_one_plant_leave_the_same_bytes_as_processes() {
     is_alike_in_processes(&scenario("sma_pair_step.toml"));
 }
 
-/// The fault finds its process, and messages its name.
+/// The fault finds its process by its name, and messages have that name.
 #[test]
 fn a_controller_with_another_name_is_a_process_of_that_name() {
     let folder = tempfile::tempdir().unwrap();
@@ -461,7 +461,7 @@ fn a_loaded_machine_changes_nothing() {
     assert!(contents(&only_run(&runs)) == idle);
 }
 
-/// Time does not go on before each listener has its frame, however long one sleeps.
+/// Time does not advance before each listener has its frame, however long one sleeps.
 #[test]
 fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     use recording::capture::Watch;
@@ -502,7 +502,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     assert!(runs[0] == runs[1]);
 }
 
-/// What listens to the frames of a run, and sleeps now and then.
+/// A listener to the frames of a run that sleeps now and then.
 struct Sleeper {
     sleeps: bool,
     calls: u32,
@@ -548,14 +548,14 @@ fn a_bus_that_cannot_carry_its_frames_is_refused() {
     let runs = folder.path().join("runs");
     let (code, _, stderr) = output(canrig(&runs, "simulate").arg(&path));
     assert_eq!(code, Some(3), "{stderr}");
-    // 1 kHz needs some 410 bits a cycle; 125 are there.
+    // 1 kHz needs some 410 bits a cycle; 125 are available.
     for said in [
         "do not fit between two SYNCs",
         "sync_period_milliseconds = ",
     ] {
         assert!(stderr.contains(said), "{stderr}");
     }
-    // Eight times the bit rate carries it.
+    // Eight times the bit rate is sufficient.
     fs::write(&path, text.replace("125", "1000")).unwrap();
     let (code, stdout, _) = output(canrig(&folder.path().join("fast"), "simulate").arg(&path));
     assert_eq!(code, Some(0), "{stdout}");

@@ -10,7 +10,7 @@ use recording::frames::Log;
 
 use crate::support::{self, canrig, only_run, output, scenario};
 
-/// What a process may hold at most.
+/// Largest memory of a process.
 const KILOBYTES_MAX: u64 = 200_000;
 
 fn tool(arguments: &[&str], paths: &[&Path]) -> (Option<i32>, String, String) {
@@ -18,7 +18,7 @@ fn tool(arguments: &[&str], paths: &[&Path]) -> (Option<i32>, String, String) {
     output(canrig.args(arguments).args(paths).env("NO_COLOR", "1"))
 }
 
-/// The run of a scenario whose files are compressed if it lasts longer than so many seconds.
+/// Simulates a scenario; its files are compressed if it lasts longer than `compress_above` seconds.
 fn simulated(runs: &Path, scenario: &Path, compress_above: &str) -> PathBuf {
     let mut canrig = canrig(runs, "simulate");
     canrig.arg("--compress-above").arg(compress_above);
@@ -27,7 +27,7 @@ fn simulated(runs: &Path, scenario: &Path, compress_above: &str) -> PathBuf {
     only_run(runs)
 }
 
-/// A sine of one second without limits.
+/// Writes a sine of one second without limits.
 fn sine(folder: &Path, duration_seconds: u32) -> PathBuf {
     let path = folder.join("sine.toml");
     let text = format!(
@@ -117,7 +117,7 @@ fn a_long_run_that_was_killed_is_read_to_its_last_second() {
     assert_eq!(tool(&["report"], &[&only_run(&runs)]).0, Some(0));
 }
 
-/// Starts a command, and does something to it once there is a file; its exit code and what it printed.
+/// Starts a command, and calls `act` once a file exists; returns the exit code and the output.
 fn meanwhile(command: &mut Command, file: &Path, act: impl FnOnce()) -> (Option<i32>, String) {
     let command = command.stdout(Stdio::null()).stderr(Stdio::piped());
     let mut process = command.spawn().unwrap();
@@ -131,7 +131,8 @@ fn meanwhile(command: &mut Command, file: &Path, act: impl FnOnce()) -> (Option<
     (output.status.code(), stderr)
 }
 
-/// Starts a command, and does something while it cannot go on, since nobody takes what it prints; its exit code, and what it printed.
+/// Starts a command, and calls `act` while the command is blocked because its output is not read; returns the exit code
+/// and the output.
 fn held_up(command: &mut Command, act: impl FnOnce()) -> (Option<i32>, Vec<u8>, String) {
     let command = command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut process = command.spawn().unwrap();
@@ -145,7 +146,7 @@ fn held_up(command: &mut Command, act: impl FnOnce()) -> (Option<i32>, Vec<u8>, 
     (output.status.code(), text, stderr)
 }
 
-/// A run of two minutes, and its compressed log.
+/// Plays a run of two minutes; returns it with its compressed log.
 fn with_long_log(folder: &Path) -> (PathBuf, PathBuf) {
     let source = sine(folder, 120);
     let run = simulated(&folder.join("runs"), &source, "10");
@@ -172,7 +173,7 @@ fn a_log_is_read_to_its_end_by_whoever_opened_it() {
     fs::write(&log, &kept).unwrap();
     let (_, untouched, _) = export(&|| ());
     assert!(removed == untouched);
-    // Before and behind the place where it is read, and in between.
+    // The cuts are before and after the place that is being read, and in between.
     for bytes in [0, 1000, kept.len() / 2, kept.len() - 1000] {
         fs::write(&log, &kept).unwrap();
         let (code, _, error) = export(&|| cut(&log, bytes));
@@ -182,7 +183,7 @@ fn a_log_is_read_to_its_end_by_whoever_opened_it() {
     }
 }
 
-/// Whether it was cut before it was read again is by chance.
+/// It is random whether the log was cut before it was read again.
 #[test]
 fn of_a_log_that_is_cut_meanwhile_no_half_file_is_left() {
     let folder = tempfile::tempdir().unwrap();
@@ -217,7 +218,7 @@ fn a_run_whose_folder_is_removed_has_no_verdict() {
     }
 }
 
-/// Whatever bit is damaged, nobody is blamed for what is missing, and no other value comes of it.
+/// With any damaged bit, missing data are not attributed to a node, and no value changes.
 #[test]
 fn of_a_damaged_long_run_nothing_is_judged() {
     let folder = tempfile::tempdir().unwrap();
@@ -243,7 +244,7 @@ fn of_a_damaged_long_run_nothing_is_judged() {
         assert!(matches!(code, Some(4 | 5)), "{part}: {text}{error}");
         assert!(error.contains("are damaged: "), "{part}: {error}");
         let changed = table(&run);
-        // A row without a position has what was sent before.
+        // A row without a position has the values that were sent before.
         let changed = changed.lines().filter_map(|line| line.split_once(','));
         let heard = changed.filter(|(_, row)| !row.contains(",,"));
         let others = heard.filter(|(cycle, row)| rows.get(cycle) != Some(row));
@@ -251,7 +252,7 @@ fn of_a_damaged_long_run_nothing_is_judged() {
     }
 }
 
-/// The most that a command held, in kilobytes.
+/// Returns the largest memory of a command, in kilobytes.
 fn most_held(command: &mut Command) -> u64 {
     let mut process = command.stdout(Stdio::null()).spawn().unwrap();
     let status = format!("/proc/{}/status", process.id());
@@ -267,7 +268,7 @@ fn most_held(command: &mut Command) -> u64 {
     most
 }
 
-/// Ten minutes hold 600 MB where everything is in memory.
+/// Ten minutes would take 600 MB if everything were in memory.
 #[test]
 fn a_long_run_stays_out_of_memory() {
     let folder = tempfile::tempdir().unwrap();

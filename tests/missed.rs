@@ -1,5 +1,5 @@
-//! Frames that are missing, and what excuses them: runs are simulated, frames are taken from their recordings, and what remains is
-//! judged as a run with nodes that are somebody else's.
+//! Missing frames and their excuses: runs are simulated, frames are removed from their recordings, and the rest is
+//! judged as a run with foreign nodes.
 
 use campaigns::campaign::{Campaign, of_one_loop};
 use judge::verdict::{Outcome, Verdict};
@@ -17,7 +17,7 @@ const POSITION: u16 = 0x190;
 const COMMAND: u16 = 0x210;
 const CONTROLLER_EMERGENCY: u16 = 0x081;
 
-/// From 0 to the end, and none of them touches a frame.
+/// Faults from 0 to the end; none of them affects a frame.
 const NOISE: &str = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnoise_millimetres_rms = 0.01\n";
 const SLOW: &str = "[[fault.node.slow_cycle]]\nfrom_seconds = 0.0\nnode = \"controller\"\ndelay_milliseconds = 0.1\n";
 
@@ -34,7 +34,7 @@ fn fault(kind: &str, node: &str, from_seconds: f64) -> String {
     format!("[[fault.node.{kind}]]\nfrom_seconds = {from_seconds:.2}\nnode = \"{node}\"\n")
 }
 
-/// What was on the bus of a run.
+/// Returns the frames of a run.
 fn played(faults: &str) -> Vec<Stamped> {
     let campaign = Campaign::on_all_cores(false);
     let frames = campaign.play([of_one_loop(scenario(faults))].into_iter(), |played| {
@@ -43,7 +43,7 @@ fn played(faults: &str) -> Vec<Stamped> {
     frames.unwrap().remove(0).unwrap()
 }
 
-/// The same without some of the frames with an identifier, by the number of the SYNC before them.
+/// Returns the frames without some of those with an identifier, chosen by the number of the SYNC before them.
 fn without(frames: &[Stamped], ids: &[u16], is_missing: impl Fn(u32) -> bool) -> Vec<Stamped> {
     let mut number = 0;
     let kept = frames.iter().filter(|stamped| {
@@ -54,7 +54,7 @@ fn without(frames: &[Stamped], ids: &[u16], is_missing: impl Fn(u32) -> bool) ->
     kept.copied().collect()
 }
 
-/// What is judged of frames by a scenario with these faults, beside a node that is somebody else's.
+/// Judges frames by a scenario with these faults, with a foreign node.
 fn judged(frames: &[Stamped], text: &str, external: &str) -> Verdict {
     let plan = Plan::new(scenario(text), &Catalogue::shipped());
     let plan = plan.recorded_external(&[external.to_owned()]);
@@ -86,7 +86,7 @@ fn noise_excuses_no_controller() {
     let lost = verdict.losses.iter();
     let mut lost = lost.filter(|loss| loss.contains("no SYNC from the controller from here on"));
     assert!(lost.next().is_some(), "{:?}", verdict.losses);
-    // Where the controller is killed on purpose, that is why.
+    // A deliberate kill of the controller explains it.
     let crash = fault("crash", "controller", 3.0);
     passes(&judged(&killed, &format!("{NOISE}{crash}"), DRIVE));
     let all = [SYNC, POSITION, COMMAND];
@@ -103,12 +103,12 @@ fn a_controller_that_is_a_little_slow_excuses_no_drive() {
     passes(&judged(&sound, SLOW, DRIVE));
     for kind in ["crash", "hang"] {
         let dead = played(&format!("{SLOW}{}", fault(kind, "drive", 3.0)));
-        // The controller gives up, and that is not its doing.
+        // The controller gives up, which is not attributed to it.
         fails(&judged(&dead, SLOW, DRIVE), "drive: no position in 50.0");
     }
     let third = without(&sound, &[POSITION], |number| number % 3 == 0);
     fails(&judged(&third, SLOW, DRIVE), "drive: no position in 33.3");
-    // A fault of the controller is none of the drive's, however slow it is.
+    // A fault of the controller does not excuse the drive, however slow it is.
     let slower = SLOW.replace("0.1", "0.6");
     fails(
         &judged(&third, &slower, DRIVE),
@@ -143,7 +143,7 @@ fn a_fault_of_the_bus_excuses_the_station_that_it_names() {
     }
 }
 
-/// A controller that gives up for a fault says so in an EMCY; without one nothing explains its silence.
+/// A controller that gives up because of a fault reports it in an EMCY; without one its silence is unexplained.
 #[test]
 fn a_controller_that_gives_up_for_a_fault_says_so() {
     let jump = "[[fault.sensor.offset]]\nfrom_seconds = 3.0\noffset_millimetres = 20.0\n";
@@ -154,7 +154,7 @@ fn a_controller_that_gives_up_for_a_fault_says_so() {
         &judged(&silent, jump, CONTROLLER),
         "controller: no SYNC in 4",
     );
-    // Not for a fault that it cannot notice.
+    // A fault that it cannot notice is no excuse.
     fails(
         &judged(&gives_up, SLOW, CONTROLLER),
         "controller: no SYNC in 4",
@@ -178,7 +178,7 @@ fn a_node_that_is_silent_at_the_end_fails_the_run() {
     let verdict = judged(&killed(5.95), NOISE, CONTROLLER);
     // 50 cycles of 6000 are 0.83 %.
     fails(&verdict, "controller: no SYNC from 5.9");
-    // 0.02 s are no silence.
+    // A pause of 0.02 s is no silence.
     passes(&judged(&killed(5.985), NOISE, CONTROLLER));
 }
 
@@ -215,7 +215,7 @@ fn commands_that_do_not_come_fail_a_controller_under_test() {
         verdict.losses,
         ["2.000 s loss: no command from the controller from here on"]
     );
-    // Of canrig's own controller it is reported.
+    // For canrig's own controller it is only reported.
     let own = judged(&silent, LIMITS, DRIVE);
     assert!(row(&own).is_some_and(|row| row.value > Some(66.0) && row.passed.is_none()));
     let limited = format!("{LIMITS}missed_commands_percent = {{ max = 70.0 }}\n");

@@ -1,12 +1,12 @@
-//! Mistakes in TOML text, drawn by a seed. What is drawn hangs on the lines themselves and not on their places, so a line more
-//! in a file leaves most of its mutants as they were.
+//! Mistakes in TOML text, drawn by a seed. They depend on the lines themselves and not on their numbers, so a new line
+//! in a file leaves most of its mutants unchanged.
 
 use sha2::{Digest, Sha256};
 
 /// One draw; `seed` names it.
 struct Dice<'a> {
     seed: String,
-    /// The words of the file.
+    /// Words of the file.
     words: Vec<&'a str>,
 }
 
@@ -23,7 +23,7 @@ impl Dice<'_> {
     }
 }
 
-/// What a mistake is made in.
+/// Piece of a text that contains a mistake.
 #[derive(Clone, Copy, PartialEq)]
 enum Piece {
     Line,
@@ -31,7 +31,7 @@ enum Piece {
     Table,
 }
 
-/// A mistake in a piece; none where it cannot be made.
+/// A mistake in a piece; `None` if it is not applicable.
 type Edit = fn(&str, &Dice) -> Option<String>;
 
 const EDITS: [(Piece, Edit); 17] = [
@@ -75,7 +75,7 @@ const EDITS: [(Piece, Edit); 17] = [
     }),
 ];
 
-/// What may stand in place of a number.
+/// Replacements of a number.
 const NUMBERS: [fn(f64) -> f64; 7] = [
     |number| number * 1000.0,
     |number| number / 1000.0,
@@ -86,10 +86,10 @@ const NUMBERS: [fn(f64) -> f64; 7] = [
     |_| f64::INFINITY,
 ];
 
-/// What may stand in place of any value.
+/// Replacements of any value.
 const VALUES: [&str; 6] = ["[]", "{}", "\"\"", "true", "\"seven\"", "7"];
 
-/// What may stand in place of the beginning of a unit.
+/// Replacements of the beginning of a unit.
 const UNITS: [(&str, &str); 3] = [
     ("millimetre", "degree"),
     ("metre", "degree"),
@@ -111,7 +111,7 @@ fn another_value(line: &str, dice: &Dice) -> Option<String> {
     Some(format!("{key} = {value}"))
 }
 
-/// Another word of the file in place of one, or another unit in its place.
+/// Replaces a word by another word of the file, or by another unit.
 fn another_word(line: &str, dice: &Dice) -> Option<String> {
     word(line, dice, |word| {
         let unit = UNITS.iter().find(|(unit, _)| word.contains(unit));
@@ -130,7 +130,7 @@ fn is_in_word(character: char) -> bool {
     character.is_ascii_alphanumeric() || character == '_'
 }
 
-/// A piece with one of its tokens changed.
+/// Changes one token of a piece.
 fn token(
     piece: &str,
     dice: &Dice,
@@ -151,7 +151,7 @@ fn token(
     Some([&piece[..*begin], new, &piece[*end..]].concat())
 }
 
-/// A line with another number, or another node-ID.
+/// Changes a number, or a node-ID.
 fn another_number(line: &str, dice: &Dice) -> Option<String> {
     let drawn = NUMBERS.iter().enumerate();
     let (_, change) = drawn.min_by_key(|(place, _)| dice.roll(&place.to_string()))?;
@@ -177,14 +177,14 @@ fn is_word(text: &str) -> bool {
     text.len() > 1 && text.starts_with(|first: char| first.is_ascii_lowercase())
 }
 
-/// A piece with one of its words changed: of a key, a header, or a name in quotes.
+/// Changes one word of a piece: of a key, a header, or a name in quotes.
 fn word(piece: &str, dice: &Dice, change: impl Fn(&str) -> Option<String>) -> Option<String> {
     token(piece, dice, is_in_word, |text| {
         is_word(text).then(|| change(text))?
     })
 }
 
-/// The pieces of a text; together they are the text.
+/// Returns the pieces of a text; together they are the text.
 fn pieces(text: &str, piece: Piece) -> Vec<&str> {
     if piece == Piece::Line {
         return text.split_inclusive('\n').collect();
@@ -204,7 +204,7 @@ fn is_code(line: &&str) -> bool {
     !line.starts_with('#') && !line.trim().is_empty()
 }
 
-/// A text with a mistake in it, and which one.
+/// Returns a text with a mistake, and the description of the mistake.
 pub(crate) fn mutant(text: &str, seed: &str) -> (String, String) {
     let lines = text.lines().filter(is_code);
     let words = lines.flat_map(|line| line.split(|character| !is_in_word(character)));

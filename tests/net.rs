@@ -1,5 +1,5 @@
-//! The second net under a change that changes no behaviour: what the first one, `every_shipped_scenario_passes`, does not hold.
-//! What came out is held line by line in `tests/data/net/*.txt`, and written anew by
+//! The second net for changes that keep the behaviour: it covers what the first one, `every_shipped_scenario_passes`,
+//! does not. The expected results are in `tests/data/net/*.txt`, line by line, and are written anew by
 //! `UPDATE_SNAPSHOTS=1 cargo test --release -p canrig --test tests net`.
 
 use std::collections::BTreeSet;
@@ -36,7 +36,7 @@ mod my_plant;
 /// Folder of the net in the checkout.
 const NET: &str = "tests/data/net";
 
-/// The program without colours, with paths from a folder.
+/// Runs the program without colours, with paths relative to a folder.
 fn program(folder: &Path, words: &[&str]) -> (Option<i32>, String, String) {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let plain = canrig
@@ -55,7 +55,7 @@ fn hash(bytes: impl AsRef<[u8]>) -> String {
     digits.collect()
 }
 
-/// Lines that differ from those of a stored file; those of one subject stand together.
+/// Returns the lines that differ from those of a stored file, grouped by subject.
 fn changes(name: &str, now: &[String]) -> Vec<String> {
     let path = root().join(NET).join(name);
     let text = now.join("\n") + "\n";
@@ -85,7 +85,7 @@ fn hold(name: &str, now: &[String]) {
     );
 }
 
-/// Folders whose scenarios and rig files mistakes are made in.
+/// Folders with scenarios and rig files for the mutator.
 pub(crate) const MUTATED: [&str; 7] = [
     "crates/worlds/tests/data",
     "docs/examples",
@@ -96,7 +96,7 @@ pub(crate) const MUTATED: [&str; 7] = [
     "tests/oracle",
 ];
 
-/// Copies what a scenario can name, with its folders; the TOML files among it.
+/// Copies the files that a scenario can name, with their folders; lists the TOML files.
 pub(crate) fn copy_files(from: &Path, to: &Path, copied: &mut Vec<PathBuf>) {
     fs::create_dir_all(to).unwrap();
     let mut paths = Vec::from_iter(
@@ -122,7 +122,7 @@ pub(crate) fn copy_files(from: &Path, to: &Path, copied: &mut Vec<PathBuf>) {
     }
 }
 
-/// The problems of a report on one line.
+/// Returns the problems of a report on one line.
 fn problems(report: &str) -> String {
     let mut problems: Vec<String> = Vec::new();
     for line in report.lines() {
@@ -138,7 +138,7 @@ fn problems(report: &str) -> String {
     problems.join("; ")
 }
 
-/// What `check` says of a file with a mistake in it, and of a scenario that names the file.
+/// Returns the output of `check` on a file with a mistake, and on a scenario that names the file.
 fn report_on(folder: &Path, file: &str, user: Option<&String>) -> (String, String) {
     let words = Vec::from_iter(["check", file].into_iter().chain(user.map(String::as_str)));
     let (code, stdout, stderr) = program(folder, &words);
@@ -153,7 +153,7 @@ fn report_on(folder: &Path, file: &str, user: Option<&String>) -> (String, Strin
     (kind, format!("{stdout}{stderr}"))
 }
 
-/// The report on each of some 300 files with a mistake: its hash, and in words which problems it has.
+/// The report on each of some 300 files with a mistake is unchanged: its hash, and its problems as text.
 #[test]
 fn reports_on_mistakes_are_those_of_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -175,7 +175,7 @@ fn reports_on_mistakes_are_those_of_before() {
         };
         let user = files.iter().zip(&texts).find(is_user);
         let user = user.map(|(path, _)| name_of(path));
-        // The cases of the catalogue of faults are much alike.
+        // The cases of the catalogue of faults are similar.
         let mutants = if file.contains("/faults/") { 1 } else { 5 };
         for number in 1..=mutants {
             let (changed, told) = mutant(text, &format!("{file} {number}"));
@@ -222,10 +222,10 @@ const PLAYED: [&str; 10] = [
     "tests/oracle/four_drives.toml",
 ];
 
-/// Scenarios that cannot be played without their hardware.
+/// Scenarios that need their hardware.
 const NOT_PLAYED: [&str; 1] = ["tests/foreign/two_drives.toml"];
 
-/// The members of a verdict, each on a line, and of lists each element. Who judged is left out.
+/// Returns the members of a verdict, one per line; each element of a list has its own line. The judge is left out.
 fn verdict_lines(name: &str, verdict: &str) -> Vec<String> {
     let verdict: Value = serde_json::from_str(verdict).unwrap();
     let mut lines = Vec::new();
@@ -248,7 +248,7 @@ fn verdict_lines(name: &str, verdict: &str) -> Vec<String> {
     lines
 }
 
-/// What `canrig signals` lists of a run or a scenario, each signal on a line.
+/// Returns the output of `canrig signals` for a run or a scenario, one signal per line.
 fn signal_lines(name: &str, source: &Path) -> Vec<String> {
     let (code, stdout, stderr) = program(&root(), &["signals", "--json", utf8(source)]);
     assert_eq!(code, Some(0), "{stderr}");
@@ -274,7 +274,7 @@ fn signal_lines(name: &str, source: &Path) -> Vec<String> {
     signals.iter().map(line).collect()
 }
 
-/// The verdict of a run, which its recording gives again to the byte.
+/// Returns the verdict of a run. A replay must give the same bytes.
 #[track_caller]
 pub(crate) fn judged_again(run: &Path) -> String {
     let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
@@ -287,7 +287,7 @@ pub(crate) fn judged_again(run: &Path) -> String {
     verdict
 }
 
-/// What is held of a run.
+/// Returns the stored lines of a run.
 fn run_lines(name: &str, run: &Path) -> Vec<String> {
     let verdict = judged_again(run);
     let files = ["bus.log", "signals.csv"].map(|file| {
@@ -298,7 +298,7 @@ fn run_lines(name: &str, run: &Path) -> Vec<String> {
     [&files[..], &verdict, &signal_lines(name, run)].concat()
 }
 
-/// The lines of a scenario that is simulated.
+/// Simulates a scenario; returns its lines.
 fn simulated(folder: &Path, scenario: &Path) -> Vec<String> {
     let name = utf8(Path::new(scenario.file_stem().unwrap()));
     let runs = folder.join("runs").join(name);
@@ -313,10 +313,10 @@ struct Outside {
     simulate: SimulateArgs,
 }
 
-/// The variable with the folder for the runs and the scenario of a bench from outside.
+/// Variable with the folder for the runs and the scenario of a custom bench.
 const OUTSIDE: &str = "CANRIG_NET_OUTSIDE";
 
-/// A bench with a law and a plant from outside: they are registered once in a process, before any file is read.
+/// Plays a bench with a custom law and plant. They are registered once in a process, before any file is read.
 #[test]
 #[ignore = "a process of `rigs_are_played_as_before`"]
 fn simulate_outside() {
@@ -329,7 +329,7 @@ fn simulate_outside() {
     let _ = simulate(&Outside::parse_from(words).simulate);
 }
 
-/// The lines of a scenario that `canrig new` writes with a law or a plant.
+/// Simulates a scenario that `canrig new` writes with a law or a plant; returns its lines.
 fn simulated_outside(folder: &Path, name: &str, kind: &[&str]) -> Vec<String> {
     let path = folder.join(name);
     let words = [&["new"], kind, &[name, "--path", utf8(&path)]].concat();
@@ -351,7 +351,7 @@ fn simulated_outside(folder: &Path, name: &str, kind: &[&str]) -> Vec<String> {
     run_lines(name, &only_run(&runs))
 }
 
-/// What a dozen rigs leave on the bus, how they are judged, now and again from their recordings, and which signals they have.
+/// A dozen rigs leave the stored frames, verdicts (of the run and of its replay) and signals.
 #[test]
 fn rigs_are_played_as_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -382,7 +382,7 @@ fn rigs_are_played_as_before() {
     hold("rigs.txt", &lines);
 }
 
-/// The rows of three sweeps: over a rig with several loops, a fault and a plant, and gains of which some are refused.
+/// The rows of three sweeps: over a rig with several loops, a fault and a plant, and gains with some refused values.
 #[test]
 fn rows_of_sweeps_are_those_of_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -397,7 +397,7 @@ fn rows_of_sweeps_are_those_of_before() {
         let columns = table.headers().unwrap().clone();
         for row in table.records() {
             let row = row.unwrap();
-            // The name of a case is made of its file.
+            // The name of a case contains that of its file.
             let cells = columns
                 .iter()
                 .zip(&row)
@@ -411,8 +411,8 @@ fn rows_of_sweeps_are_those_of_before() {
     hold("sweeps.txt", &lines);
 }
 
-/// The numbers of recordings of earlier versions, of real drives and of other controllers: run folders where there is a rig file
-/// for them, else logs with their scenarios.
+/// The numbers of recordings of earlier versions, of real drives and of other controllers. They are run folders if
+/// there is a rig file for them, else logs with their scenarios.
 #[test]
 fn stored_logs_have_the_numbers_of_before() {
     let logs = root().join(NET).join("logs");
@@ -449,7 +449,7 @@ fn stored_logs_have_the_numbers_of_before() {
     hold("logs.txt", &lines);
 }
 
-/// The name of one loop is that of another one and of a service.
+/// One loop has the name of another one and of a service.
 #[test]
 fn loops_whose_names_begin_alike_are_judged_again() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! The pre-flight of an external drive, for which the emulator stands: each check passes, and fails where something is
-//! wrong. What no emulated drive does is in the unit tests of `crates/worlds/src/preflight`.
+//! The pre-flight of an external drive, with the emulator in its place: each check passes, and fails if its condition
+//! is violated. The unit tests of `crates/worlds/src/preflight` cover behaviour that the emulated drive lacks.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::external::{Run, start, stop};
 use crate::real_time::{in_real_time, wait_for};
 
-/// A scenario for bench and emulator; the emulator's has faults that the bench does not know of.
+/// Returns a scenario for bench and emulator; the emulator's has faults that the bench does not know.
 fn scenario_text(faults: &str) -> String {
     let seconds = if faults.is_empty() { 1 } else { 10 };
     format!(
@@ -18,8 +18,9 @@ fn scenario_text(faults: &str) -> String {
     )
 }
 
-/// A rig whose drive is the emulator, with limits, a ramp and patience that make a test quick; `drive` are more keys of the drive.
-/// Heated faster, the load flies on for 35 mm after the quick stop, close to the limit.
+/// Writes a rig whose drive is the emulator, with limits, a ramp and patience that make a test quick; `drive` are
+/// further keys of the drive. With faster heating the load continues for 35 mm after the quick stop, close to the
+/// limit.
 fn rig_file(folder: &Path, drive: &str, bring_up_seconds: f64) -> PathBuf {
     let path = folder.join("emulated.toml");
     let drive = format!(
@@ -32,7 +33,7 @@ fn rig_file(folder: &Path, drive: &str, bring_up_seconds: f64) -> PathBuf {
     path
 }
 
-/// Exit code and output of a pre-flight alone, of a drive that a rig file describes so and that has these faults.
+/// Returns exit code and output of a pre-flight without a scenario, of a drive with these keys and faults.
 fn flown(drive: &str, faults: &str) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().unwrap();
     flown_in(folder.path(), drive, faults)
@@ -54,7 +55,7 @@ fn dry_run(folder: &Path, rig: &Path) -> Run {
     Run::of(&scenario_text(""), folder, &arguments)
 }
 
-/// A drive that failed its pre-flight is not led through the next scenario.
+/// After a failed pre-flight the next scenario is not played.
 #[test]
 fn nothing_is_played_after_a_pre_flight_that_failed() {
     in_real_time(|| {
@@ -70,7 +71,7 @@ fn nothing_is_played_after_a_pre_flight_that_failed() {
     });
 }
 
-/// The last check is the one that failed, and says so.
+/// Asserts that the last check is the failed one, with its message.
 fn fails((code, text): (Option<i32>, String), line: &str) {
     assert_eq!(code, Some(3), "{text}");
     let checks: Vec<&str> = text.lines().filter(|line| line.starts_with("  ")).collect();
@@ -105,7 +106,7 @@ fn every_check_passes_on_the_emulator() {
         for line in passed {
             assert!(text.contains(line), "{line} is not in\n{text}");
         }
-        // That was all.
+        // There is no further output.
         assert!(!text.contains("metric"), "{text}");
     });
 }
@@ -184,7 +185,7 @@ fn another_drive_and_objects_that_it_has_not_are_reported() {
 #[test]
 fn an_object_that_the_drive_does_not_map_is_reported() {
     in_real_time(|| {
-        // It is there, of the right kind and writable, but in no PDO.
+        // It exists, has the right kind and is writable, but is in no PDO.
         let other = flown("current = { object = \"0x1017\" }", "");
         fails(
             other,
@@ -231,7 +232,7 @@ fn a_limit_of_the_rig_holds_under_the_ramp_too() {
         // 0x6064 is the position in micrometres, so 30 mm are reported as 60 mm.
         let drive = "position = { increments_per_unit = 500.0, resolution = 10.0 }";
         let other = flown(drive, "");
-        // No motion is seen, so the load rises on until the limit.
+        // No motion is seen, so the load rises until the limit.
         fails(
             other,
             "direction     canrig stopped the drive: limit of the rig: the position is ",
@@ -243,7 +244,7 @@ fn a_limit_of_the_rig_holds_under_the_ramp_too() {
 fn ctrl_c_under_the_ramp_takes_the_current_away() {
     in_real_time(|| {
         let folder = tempfile::tempdir().unwrap();
-        // Motion that is never reached.
+        // This motion is never reached.
         let rig = rig_file(folder.path(), "position = { resolution = 10.0 }", 20.0);
         let run = dry_run(folder.path(), &rig);
         let drive = run.start("plant-emulator");
@@ -254,7 +255,7 @@ fn ctrl_c_under_the_ramp_takes_the_current_away() {
                 .last()
                 .unwrap_or_default()
         };
-        // A command of 256 mA or more while the drive is enabled.
+        // This is a command of 256 mA or more while the drive is enabled.
         let is_heated = |log: &str| {
             log.lines()
                 .any(|line| line.contains(" 210#0F00") && !line.ends_with("00"))
@@ -273,7 +274,7 @@ fn ctrl_c_under_the_ramp_takes_the_current_away() {
     });
 }
 
-/// The emulated press stands for somebody else's: its loop is in degrees.
+/// The emulated press represents a foreign one: its loop is in degrees.
 #[test]
 fn a_drive_in_degrees_is_flown_in_degrees() {
     in_real_time(|| {

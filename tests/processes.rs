@@ -1,4 +1,4 @@
-//! The bench with real processes: what is left when one of them is killed.
+//! The bench with real processes: the remains when one of them is killed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::support::{canrig, only_run, output, scenario, unhurried_scenario};
 
 const NODES: [&str; 2] = ["controller", "plant-emulator"];
 
-/// A run in real time that goes on for some seconds.
+/// A run in real time that lasts some seconds.
 pub(crate) struct Run {
     canrig: Started,
     folder: tempfile::TempDir,
@@ -29,7 +29,7 @@ impl Run {
     pub(crate) fn begin(scenario: &Path, clock: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let by_itself = canrig(folder.path(), "run");
-        // Whoever runs the tests may have signals ignored.
+        // The caller of the tests may have signals ignored.
         let mut canrig = Command::new("env");
         let canrig = canrig
             .arg("--default-signal=INT,HUP,QUIT")
@@ -37,7 +37,7 @@ impl Run {
             .args(by_itself.get_args())
             .arg(scenario)
             .args(["--bus", "embedded", "--clock", clock]);
-        // The embedded bus and what is temporary lie in a folder of its own, so that a test sees what is left there.
+        // The embedded bus and the temporary files are in their own folder, so a test sees the remains there.
         let runtime = folder.path().join("runtime");
         fs::create_dir(&runtime).unwrap();
         let canrig = canrig
@@ -62,7 +62,7 @@ impl Run {
         entries.into_iter().find(|path| !path.ends_with("runtime"))
     }
 
-    /// Where its bus is, and what is temporary.
+    /// Returns the folder of its bus and of its temporary files.
     pub(crate) fn runtime(&self) -> PathBuf {
         self.folder.path().join("runtime")
     }
@@ -73,14 +73,14 @@ impl Run {
             .unwrap_or_default()
     }
 
-    /// Whether a current was commanded: RPDO1 of the drive with a target that is not 0.
+    /// Returns whether a current was commanded: RPDO1 of the drive with a target that is not 0.
     fn has_heated(&self) -> bool {
         self.log()
             .lines()
             .any(|line| line.contains(" 210#0F00") && !line.ends_with("0000"))
     }
 
-    /// The process of a node.
+    /// Returns the process of a node.
     pub(crate) fn node(&self, name: &str) -> Pid {
         self.find_node(name).expect("the node runs")
     }
@@ -107,7 +107,7 @@ impl Run {
 }
 
 pub(crate) fn is_gone(pid: Pid) -> bool {
-    // A zombie without a parent to collect it counts as gone.
+    // A zombie without a parent to collect it counts as ended.
     let stat =
         fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).unwrap_or_default();
     test_kill_process(pid).is_err() || stat.contains(") Z ")
@@ -128,7 +128,7 @@ fn verdict(folder: &Path) -> serde_json::Value {
     serde_json::from_str(&fs::read_to_string(run.join("verdict.json")).unwrap()).unwrap()
 }
 
-/// A node that is killed ends the run, which says who it was.
+/// Asserts that a killed node ends the run, which names it.
 fn is_named_and_nothing_stays(victim: &str, scenario: &str, clock: &str) {
     let run = Run::start(&crate::support::scenario(scenario), clock);
     let nodes = NODES.map(|node| run.node(node));
@@ -155,8 +155,9 @@ fn a_node_killed_in_lockstep_is_named_and_nothing_stays() {
     }
 }
 
-/// A rig of so many drives, each with a motor and a loop of its own, under a steady current. Its cycle is so long that its
-/// nodes do not lose each other on a busy machine; `added` is more of the scenario for each drive, as `NODE`.
+/// Writes a rig of `count` drives, each with its own motor and loop, under a steady current. Its cycle is so long that
+/// its nodes do not lose each other on a busy machine; `added` is further text of the scenario for each drive, with
+/// `NODE` for its name.
 fn several_drives(folder: &Path, count: u8, added: &str) -> (PathBuf, Vec<(String, u8)>) {
     let drives = (0..count).map(|number| (format!("drive_{number}"), 0x10 + 2 * number));
     let drives = Vec::from_iter(drives);
@@ -190,11 +191,11 @@ fn plant_of(drive: &str) -> String {
     drive.replace("drive", "motor")
 }
 
-/// With a fault to come, each plant says what current flows, whatever becomes of its drive.
+/// A future fault, with which each plant publishes its current in any state of its drive.
 const FAULT_TO_COME: &str =
     "[[fault.sensor.noise]]\nfrom_seconds = 19.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.01\n";
 
-/// The current that flowed last, as the plant of a drive says.
+/// Returns the last current by the plant of a drive.
 fn last_current(log: &str, one: &plan::ControlLoop) -> f64 {
     let truth = one.message(&one.nodes.drive, "truth").unwrap();
     let current = truth.handle(truth.signal("plant_current_amperes").unwrap());
@@ -209,13 +210,13 @@ fn last_current(log: &str, one: &plan::ControlLoop) -> f64 {
     currents.next().expect("the plant said it")
 }
 
-/// A process of several drives that is killed once current flows ends the run, which names it once; no current is left in any
-/// plant that lives on.
+/// Asserts that a process of several drives that is killed while current flows ends the run, which names it once, and
+/// that no current remains in any surviving plant.
 fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     let folder = tempfile::tempdir().unwrap();
     let (scenario, drives) = several_drives(folder.path(), count, FAULT_TO_COME);
     if clock == "lockstep" {
-        // Virtual time is fast, and is to go on when the process is killed; the log of a longer run is compressed.
+        // Virtual time is fast, and must still run when the process is killed; the log of a longer run is compressed.
         let text = fs::read_to_string(&scenario).unwrap();
         let long = text.replace("duration_seconds = 20.0", "duration_seconds = 590.0");
         fs::write(&scenario, long).unwrap();
@@ -246,22 +247,22 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
         if plant_of(drive) != victim {
             assert_eq!(last_current(&log, one), 0.0, "{drive} after {victim}");
         }
-        // A drive that died with its emulator says nothing.
+        // A drive that ended with its emulator reports nothing.
         let is_off = (plant_of(drive) != victim).then_some(true);
         let row = format!("{}.drive_off", one.name());
         assert_eq!(row_passed(&verdict, &row), is_off, "{row} after {victim}");
     }
 }
 
-/// Whether a row of a verdict passed; none where it is not judged.
+/// Returns whether a row of a verdict passed; `None` if it is not judged.
 fn row_passed(verdict: &serde_json::Value, name: &str) -> Option<bool> {
     let mut rows = verdict["metrics"].as_array().unwrap().iter();
     let row = rows.find(|row| row["name"] == name).expect(name);
     row["passed"].as_bool()
 }
 
-/// The controller of four drives dies: the recording shows that each drive is off by its own watches, and a replay of one that is not
-/// fails.
+/// Kills the controller of four drives. The recording shows that each drive is off by its own watches, and a replay
+/// with one that is not fails.
 fn drives_are_off_by_themselves(clock: &str) {
     let folder = tempfile::tempdir().unwrap();
     let (scenario, drives) = several_drives(folder.path(), 4, "");
@@ -294,7 +295,7 @@ fn drives_are_off_by_themselves(clock: &str) {
     assert!(told.contains("drive_1: on 0."), "{told}");
 }
 
-/// The drive of one loop dies: it is the cause, and the other loop is judged by what came until then.
+/// Kills the drive of one loop. It is the cause, and the other loop is judged up to that time.
 fn other_loops_are_not_judged(clock: &str) {
     let folder = tempfile::tempdir().unwrap();
     let (scenario, _) = several_drives(folder.path(), 2, "");
@@ -395,7 +396,7 @@ fn a_killed_bench_of_several_drives_leaves_no_process_and_no_socket() {
     }
 }
 
-/// A drive that hangs, as the rig file calls it, is why the run ends: the controller gives it up.
+/// A hanging drive ends the run, which has its name in the rig file: the controller gives it up.
 #[test]
 fn a_silent_drive_of_several_is_named() {
     in_real_time(|| {
@@ -404,7 +405,7 @@ fn a_silent_drive_of_several_is_named() {
         let run = Run::start(&scenario, "real-time");
         kill_process(run.node("motor_1"), Signal::STOP).unwrap();
         let (code, text, folder) = run.end();
-        // What stands still is canrig's own process: it is named, and proves nothing of the drive.
+        // The stopped process belongs to canrig: it is named, but does not fail the drive.
         assert_eq!(code, Some(5), "{text}");
         let end = &verdict(folder.path())["ended_early"];
         assert_eq!(end["node"], "drive_1", "{end}");
@@ -414,7 +415,7 @@ fn a_silent_drive_of_several_is_named() {
     });
 }
 
-/// A machine that stands still, as a virtual one that is paused: what is missed then is not the nodes' doing.
+/// A host stall, as of a paused virtual machine: failures during it are not attributed to the nodes.
 #[test]
 fn a_machine_that_stands_still_leaves_the_run_open_and_a_replay_agrees() {
     in_real_time(is_open_after_a_stop);
@@ -460,7 +461,7 @@ fn is_open_after_a_stop() {
         again.contains("the same verdict as that of the run"),
         "{again}"
     );
-    // Without the evidence nobody but the nodes can have left the cycles out.
+    // Without the evidence only the nodes can have left out the cycles.
     fs::remove_file(run.join("stalls.csv")).unwrap();
     let mut replay = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let (code, again, stderr) = output(replay.arg("replay").arg(&run));
@@ -523,7 +524,7 @@ fn real_time_on_the_embedded_bus_is_recorded_whole() {
         let runs = folder.path().join("runs");
         let (code, stdout, stderr) =
             output(canrig(&runs, "run").args(["--bus", "embedded"]).arg(short));
-        // On a busy machine the timing may decide nothing; then the program says so.
+        // On a busy machine the timing may leave the result undecided; the program then reports it.
         assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
         let run = only_run(&runs);
         for name in [
@@ -552,7 +553,7 @@ fn real_time_on_the_embedded_bus_is_recorded_whole() {
 
 #[test]
 fn a_node_by_hand_needs_no_bench() {
-    // Without a drive the controller gives up in its own words.
+    // Without a drive the controller gives up with its own message.
     let output = Command::new(env!("CARGO_BIN_EXE_canrig"))
         .args([
             "node",

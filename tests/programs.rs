@@ -1,4 +1,5 @@
-//! Nodes that programs play: the same in every world, how often they are asked, what becomes of a run when one breaks, and what is left.
+//! Nodes that programs play: equal in every world, the number of requests, the result of a run when one fails, and the
+//! remains.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,7 @@ const SIMULATED: &[&str] = &["simulate", "--quiet"];
 const IN_LOCKSTEP: &[&str] = &["run", "--quiet", "--clock", "lockstep"];
 const IN_REAL_TIME: &[&str] = &["run", "--bus", "embedded"];
 
-/// Plays a scenario; the exit code, what was said without its lines, and its only run.
+/// Plays a scenario; returns the exit code, the output without line ends, and its only run.
 fn played(scenario: &Path, runs: &Path, arguments: &[&str]) -> (Option<i32>, String, PathBuf) {
     let mut canrig = canrig(runs, arguments[0]);
     let (code, stdout, stderr) = output(canrig.arg(scenario).args(&arguments[1..]));
@@ -23,7 +24,7 @@ fn played(scenario: &Path, runs: &Path, arguments: &[&str]) -> (Option<i32>, Str
     (code, said, only_run(runs))
 }
 
-/// What `canrig new controller` writes, in a folder of that name; its scenario.
+/// Runs `canrig new controller` into a folder of that name; returns its scenario.
 fn new_controller(folder: &Path, language: &str) -> PathBuf {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     canrig.args(["new", "controller", language, "--language", language]);
@@ -32,7 +33,7 @@ fn new_controller(folder: &Path, language: &str) -> PathBuf {
     folder.join(language).join(format!("{language}.toml"))
 }
 
-/// The controller in C with its header changed, compiled.
+/// Compiles the controller in C with a change to its header.
 fn compile(folder: &Path, change: impl Fn(String) -> String) {
     let header = fs::read_to_string(root().join("include/canrig.h")).unwrap();
     fs::write(folder.join("canrig.h"), change(header)).unwrap();
@@ -77,7 +78,7 @@ fn a_controller_in_c_and_one_in_python_leave_the_same_bytes_in_both_worlds() {
         verdicts.extend(first);
     }
     drop(busy);
-    // Both control alike: what differs is rounding.
+    // Both control alike; the difference is rounding.
     let settled = |files: &[Vec<u8>; 3]| {
         let verdict: serde_json::Value = serde_json::from_slice(&files[2]).unwrap();
         assert_eq!(verdict["external"][0], "controller", "{verdict}");
@@ -124,7 +125,7 @@ fn an_interpreter_behind_a_link_is_started_by_the_link() {
     assert!((stdout + &stderr).contains(&format!("starts `{}", interpreter.display())));
 }
 
-/// The files of `tests/data/programs`: a drive and a fan in Python, and a scenario for both.
+/// Copies the files of `tests/data/programs`: a drive and a fan in Python, and a scenario for both.
 fn drive_and_fan(folder: &Path) -> PathBuf {
     let data = root().join("tests/data/programs");
     for entry in fs::read_dir(data).unwrap() {
@@ -150,7 +151,7 @@ fn a_drive_and_an_io_node_may_be_programs() {
         assert_eq!(code, Some(0), "{said}");
         let set = String::from_utf8(read(&run, "fan.log")).unwrap();
         let set = Vec::from_iter(set.lines().filter_map(|line| line.split_once(' ')));
-        // A factor of 5 and of 1, in thousandths.
+        // These are factors of 5 and of 1, in thousandths.
         assert_eq!(
             set.iter().map(|one| one.1).collect::<Vec<_>>(),
             ["88130000", "e8030000"]
@@ -187,13 +188,14 @@ fn a_program_that_leaves_the_limits_of_its_drive_is_stopped() {
     assert_eq!(logs[0], logs[1]);
 }
 
-/// Each frame of a log: identifier and data.
+/// Returns each frame of a log: identifier and data.
 fn frames(log: &str) -> impl Iterator<Item = (&str, &str)> {
     let words = log.lines().filter_map(|line| line.rsplit(' ').next());
     words.filter_map(|word| word.split_once('#'))
 }
 
-/// A controller that takes the set-point from frames when it sends the SYNC behind them is the one that computes it from its part.
+/// A controller that takes the set-point from frames while it sends the SYNC after them gives the same run as one that
+/// computes it from its part.
 #[test]
 fn the_bench_tells_the_set_point_of_the_next_sync() {
     let folder = tempfile::tempdir().unwrap();
@@ -232,7 +234,7 @@ fn the_bench_tells_the_set_point_of_the_next_sync() {
     let count = |log: &str, wanted: &str| frames(log).filter(|(id, _)| *id == wanted).count();
     let syncs = count(&computed, "080");
     assert!(count(&computed, "301").abs_diff(syncs) <= 1, "{syncs}");
-    // 10 and 35 mm, each without a rate.
+    // The set-points are 10 and 35 mm, each without a rate.
     let is_told = |(id, data): (&str, &str)| {
         id != "301" || ["0000204100000000", "00000C4200000000"].contains(&data)
     };
@@ -256,7 +258,7 @@ fn the_bench_tells_the_set_point_of_the_next_sync() {
     assert!(listed.contains("bench_set_point"), "{listed}");
 }
 
-/// Questions for each SYNC that a controller in C answers with its header changed.
+/// Returns the requests for each SYNC to a controller in C with a change to its header.
 fn questions_a_cycle(change: impl Fn(String) -> String) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let scenario = new_controller(folder.path(), "c");
@@ -348,7 +350,7 @@ fn a_program_of_the_command_line_takes_the_place_of_the_law() {
             let files = ["bus.log", "verdict.json"].map(|name| read(&run, name));
             assert!(*first.get_or_insert_with(|| files.clone()) == files);
         }
-        // The folder can be judged, and played again, where it is.
+        // The folder can be judged, and played again, in its place.
         let (code, stdout, stderr) = output(
             Command::new(env!("CARGO_BIN_EXE_canrig"))
                 .arg("replay")
@@ -449,8 +451,8 @@ fn a_node_that_does_not_come_is_named() {
     assert!(run.join("report.html").exists());
 }
 
-/// What plays the protocol by hand: `take` a seat, `ask` gives the number, the end and the frames of the next grant, `answer` answers it;
-/// `play` leads the drive, with a current, for so many grants.
+/// A manual player of the protocol: `take` a seat, `ask` gives the number, the end and the frames of the next grant,
+/// `answer` answers it; `play` leads the drive, with a current, for a number of grants.
 const SEAT: &str = r#"
 import os, signal, socket, struct, sys, time
 HEADER = struct.Struct("<BBHIQ")
@@ -521,7 +523,8 @@ def enabled():
     play(700)
 "#;
 
-/// A scenario whose controller is a program that does this, with so long a cycle that its nodes do not lose each other on a busy machine.
+/// Writes a scenario whose controller is a program with these statements. The cycle is so long that the nodes do not
+/// lose each other on a busy machine.
 fn controller_that(folder: &Path, does: &str) -> PathBuf {
     fs::write(folder.join("seat.py"), SEAT).unwrap();
     fs::write(
@@ -553,7 +556,7 @@ fn the_leader_of_these_tests_leads() {
     assert!(log.lines().count() > current);
 }
 
-/// What a program does, and what is said of it.
+/// Statements of a program, and the resulting message.
 const HOSTILE: [(&str, &str); 27] = [
     ("sys.exit(3)", "exited with code 3"),
     (
@@ -656,7 +659,7 @@ const HOSTILE: [(&str, &str); 27] = [
     ),
 ];
 
-/// What is amiss after a run of a hostile program, if anything.
+/// Returns the errors after a run of a hostile program.
 fn amiss(node: &Path, said: &str, world: &[&str]) -> Vec<String> {
     let folder = node.parent().unwrap();
     let (code, text, run) = played(node, &folder.join(world[0]), world);
@@ -688,7 +691,7 @@ fn a_program_that_breaks_is_named_and_the_folder_is_complete() {
         let folder = folder.path().join(number.to_string());
         fs::create_dir(&folder).unwrap();
         let node = controller_that(&folder, does);
-        // One in four in the other world, too.
+        // One in four runs in the other world, too.
         let worlds = [SIMULATED, IN_LOCKSTEP];
         for world in &worlds[..1 + usize::from(number % 4 == 0)] {
             let amiss = amiss(&node, said, world);
@@ -715,7 +718,7 @@ fn a_program_that_reads_nothing_is_named_after_its_patience() {
     }
 }
 
-/// Two processes that want no end, the second in a session of its own; their numbers are in a file.
+/// Two processes that refuse to end, the second in its own session; their numbers are in a file.
 const STUBBORN: &str = "
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 numbers = open('numbers', 'w')

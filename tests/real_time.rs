@@ -1,5 +1,5 @@
-//! Tests in real time on machines that stand still now and then: a virtual machine that is held up for 60 ms loses its drive,
-//! as it should. What fails beside such a stall proves nothing and is tried again; what fails without one fails.
+//! Tests in real time on machines with occasional host stalls: a virtual machine that is held up for 60 ms loses its
+//! drive, as it should. A failure during such a stall proves nothing and is tried again; a failure without one counts.
 
 use std::ops::{Deref, DerefMut};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -12,20 +12,21 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use crate::support::output;
 
-/// What the most patient nodes here hardly notice: a controller gives its drive up after 20 cycles, 20 ms at the least.
+/// Stall that the most patient nodes here hardly notice: a controller gives up its drive after 20 cycles, at least
+/// 20 ms.
 const STALL: Duration = Duration::from_millis(15);
 const ATTEMPTS: u32 = 10;
-/// Patience that only ends a hang.
+/// Time limit that only ends a hang.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Runs the body of a test, again if it panics while the machine stands still.
+/// Runs the body of a test, again if it panics during a host stall.
 pub(crate) fn in_real_time(test: impl Fn()) {
     if let Err(panic) = while_time_flows(|| catch_unwind(AssertUnwindSafe(&test))) {
         resume_unwind(panic);
     }
 }
 
-/// Does something, again while it fails and the machine stood still meanwhile. It may not panic.
+/// Runs `attempt`, again while it fails during a host stall. It must not panic.
 #[expect(clippy::print_stdout, reason = "shown with a test that fails")]
 pub(crate) fn while_time_flows<E>(mut attempt: impl FnMut() -> Result<(), E>) -> Result<(), E> {
     for _ in 1..ATTEMPTS {
@@ -38,7 +39,7 @@ pub(crate) fn while_time_flows<E>(mut attempt: impl FnMut() -> Result<(), E>) ->
     attempt()
 }
 
-/// What something comes to, and for how long a processor did not run who only sleeps.
+/// Returns the result of `work`, and the longest time for which a processor did not run a thread that only sleeps.
 fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let processors = sched_getaffinity(None).expect("a process may ask for its processors");
     let is_over = &AtomicBool::new(false);
@@ -60,7 +61,7 @@ fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
 fn longest_stall(processor: usize, is_over: &AtomicBool) -> Duration {
     let mut here = CpuSet::new();
     here.set(processor);
-    // Refused, it watches where it is.
+    // If this is refused, the thread watches on its own processor.
     let _ = sched_setaffinity(None, &here);
     let mut longest = Duration::ZERO;
     while !is_over.load(Ordering::Relaxed) {
@@ -71,7 +72,7 @@ fn longest_stall(processor: usize, is_over: &AtomicBool) -> Duration {
     longest
 }
 
-/// Waits until something has happened.
+/// Waits until a condition holds.
 pub(crate) fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
     let start = Instant::now();
     while !condition() {
@@ -82,7 +83,7 @@ pub(crate) fn wait_for(what: &str, mut condition: impl FnMut() -> bool) {
     }
 }
 
-/// As [`output`], of a command that might wait for ever: such a one is ended, with the code 124.
+/// Works as [`output`], for a command that may wait for ever: it is ended, with the code 124.
 pub(crate) fn soon(command: &mut Command) -> (Option<i32>, String, String) {
     let mut bounded = Command::new("timeout");
     bounded.arg(PATIENCE.as_secs().to_string());
@@ -96,7 +97,7 @@ pub(crate) fn soon(command: &mut Command) -> (Option<i32>, String, String) {
     output(&mut bounded)
 }
 
-/// A process that does not outlive a test that fails.
+/// A process that does not outlive a failing test.
 pub(crate) struct Started(Option<Child>);
 
 impl Started {
@@ -104,7 +105,7 @@ impl Started {
         Self(Some(child))
     }
 
-    /// Waits for its own end; what it printed.
+    /// Waits for its own end; returns its output.
     pub(crate) fn ended(mut self) -> Output {
         let child = self.0.take().expect("it is taken out here only");
         child.wait_with_output().expect("a child can be waited for")

@@ -1,4 +1,4 @@
-//! Recordings after the run: judged again, compared, handed on.
+//! Recordings after the run: judged again, compared, exported.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use runner::recorded::Recorded;
 use crate::real_time::in_real_time;
 use crate::support::{canrig, only_run, output, scenario, short_scenario, unhurried_scenario};
 
-/// The program with a command that makes no runs.
+/// Runs the program with a command that makes no runs.
 fn tool(arguments: &[&str]) -> (Option<i32>, String, String) {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     output(canrig.args(arguments).env("NO_COLOR", "1"))
@@ -46,12 +46,12 @@ fn a_recording_gives_its_verdict_again_to_the_byte() {
     );
 }
 
-/// The table of a plant that no bench has; the frames are those of the motor.
+/// Table of a plant that no bench has; the frames are those of the motor.
 const STRANGE_PLANT: &str = "[plant.motor.my_motor]\nwindings = \"two\"\n";
-/// What is said where the plant must be known.
+/// Message of a command that needs to know the plant.
 const UNKNOWN_PLANT: &str = "unknown plant model `my_motor`";
 
-/// A run of the DC motor whose rig file then says that it was another plant.
+/// Plays the DC motor, and then changes its rig file to an unknown plant.
 fn run_of_a_strange_plant(folder: &Path) -> PathBuf {
     let place = tempfile::tempdir().unwrap();
     let played = fs::read_to_string(scenario("rigs/dc_motor.toml")).unwrap();
@@ -109,7 +109,7 @@ fn a_recording_of_a_plant_from_outside_is_read_by_its_own_files() {
     let refused = tool(&["identify", text(&run), "--output", text(folder.path())]);
     assert_eq!(refused.0, Some(3));
     assert!(refused.2.contains("its plant is `my_motor`"), "{refused:?}");
-    // What is to be played must be known.
+    // A plant must be known to be played.
     for command in ["check", "simulate"] {
         let (code, _, stderr) = tool(&[command, text(&limits)]);
         assert_eq!(code, Some(3));
@@ -193,7 +193,7 @@ fn a_recording_is_held_against_other_limits() {
     );
 }
 
-/// Limits are those of the loops that the recording has, each by its name.
+/// Limits apply to the loops of the recording, each by its name.
 #[test]
 fn a_recording_of_several_loops_is_held_against_the_limits_of_each() {
     let folder = tempfile::tempdir().unwrap();
@@ -222,7 +222,7 @@ fn a_recording_of_several_loops_is_held_against_the_limits_of_each() {
     );
 }
 
-/// As other recorders write logs: another interface, times of a clock, whatever else is on the bus.
+/// A log as other recorders write it: with another interface, times of a clock, and further frames on the bus.
 #[test]
 fn a_foreign_log_needs_its_scenario_only() {
     let folder = tempfile::tempdir().unwrap();
@@ -247,14 +247,14 @@ fn a_foreign_log_needs_its_scenario_only() {
         text(&played),
     ]);
     assert_eq!(code, Some(0), "{stderr}");
-    // Nobody says which program recorded a log.
+    // A log does not contain the program that recorded it.
     let json = |text: &str| serde_json::from_str::<serde_json::Value>(text).unwrap();
     let mut stored = json(&fs::read_to_string(run.join("verdict.json")).unwrap());
     stored.as_object_mut().unwrap().remove("identity").unwrap();
     assert_eq!(json(&stdout), stored);
 }
 
-/// What a killed run or a full disk leaves.
+/// The remains of a killed run or a full disk.
 #[test]
 fn a_cut_recording_is_judged_up_to_the_cut() {
     let folder = tempfile::tempdir().unwrap();
@@ -277,7 +277,7 @@ fn a_cut_recording_is_judged_up_to_the_cut() {
     assert!(page.contains("incomplete") && page.contains("Hysteresis"));
 }
 
-/// Every 20th position is removed from a recording in virtual time: nobody but the drive can have left it out.
+/// Every 20th position is removed from a recording in virtual time: only the drive can have left it out.
 #[test]
 fn a_drive_that_leaves_positions_out_fails() {
     let folder = tempfile::tempdir().unwrap();
@@ -299,7 +299,7 @@ fn a_drive_that_leaves_positions_out_fails() {
     assert!(!stdout.contains("busy"), "{stdout}");
 }
 
-/// A disk that has lost a line: what was in it is not known, and so nothing passes.
+/// A disk has lost a line: its content is unknown, so the recording does not pass.
 #[test]
 fn a_strange_line_is_named_and_its_recording_does_not_pass() {
     let folder = tempfile::tempdir().unwrap();
@@ -319,7 +319,7 @@ fn a_strange_line_is_named_and_its_recording_does_not_pass() {
         stdout.contains(reason) && stderr.contains(reason),
         "{stdout}{stderr}"
     );
-    // How the nodes stop after the scenario's end is not judged.
+    // The stop of the nodes after the scenario's end is not judged.
     let (code, stdout, stderr) = with_strange(lines.len() - 1);
     assert_eq!(code, Some(0), "{stdout}{stderr}");
     let reason = format!("line {}: not a line", lines.len() - 1);
@@ -361,7 +361,7 @@ fn two_runs_of_one_scenario_agree_and_of_two_do_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("stronger.toml");
     let text_of = fs::read_to_string(scenario("step.toml")).unwrap();
-    // A plant that is not the one of the other run: the load is heavier.
+    // The plant is not that of the other run: its load is heavier.
     fs::write(
         &path,
         text_of.replace(

@@ -1,5 +1,4 @@
-//! The pages that a run leaves, and those made from run folders. What a browser shows of them is looked at in
-//! `tests/browser`.
+//! The pages of a run, and those made from run folders. `tests/browser` tests them in a browser.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +6,7 @@ use std::process::Command;
 
 use crate::support::{canrig, only_run, output, scenario, short_scenario};
 
-/// The elements of a page, after a look at its script: it is that of the plots alone, and nothing is loaded.
+/// Returns the elements of a page, after a check of its script: only that of the plots, which loads nothing.
 pub(crate) fn elements(page: &str) -> &str {
     assert_eq!(page.matches("<script").count(), 1);
     assert!(page.contains("default-src 'none'; img-src data:;"));
@@ -17,13 +16,13 @@ pub(crate) fn elements(page: &str) -> &str {
     page.split_once("<script>").expect("a script").0
 }
 
-/// The program with a command that makes no runs.
+/// Runs the program with a command that makes no runs.
 fn tool(arguments: &[&str], paths: &[&Path]) -> (Option<i32>, String, String) {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     output(canrig.args(arguments).args(paths).env("NO_COLOR", "1"))
 }
 
-/// A page without the places at which its names may be broken.
+/// Reads a page without the marks for breaks in names.
 fn unbroken(page: &Path) -> String {
     fs::read_to_string(page).unwrap().replace("<wbr>", "")
 }
@@ -90,7 +89,7 @@ fn a_page_holds_the_whole_run_and_loads_nothing() {
     }
     let shown = elements(&page);
     assert!(!shown.contains("NaN") && !shown.contains("inf\""));
-    // An axis and its curve for every plot, and every plot with a point at least.
+    // Every plot has an axis and its curve, and at least one point.
     assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
     assert!(page.matches("<svg").count() >= 12);
 }
@@ -130,7 +129,7 @@ fn several_runs_are_compared_on_one_page() {
             "{page}"
         );
     }
-    // The scenarios by their names; their folders only where two are of one scenario.
+    // Scenarios have their names; their folders appear only if two have the same scenario.
     assert!(page.contains(">25 mm step from a warm hold</a>"), "{page}");
     assert!(!page.contains("<div class=\"soft\">25-mm-step"), "{page}");
     let head = page
@@ -143,10 +142,10 @@ fn several_runs_are_compared_on_one_page() {
     let names: Vec<&str> = head.split("<th class=\"number\">").skip(1).collect();
     assert!(names.len() <= 8, "{head}");
     assert!(names[0].starts_with("settling_time_seconds"), "{head}");
-    // The fan scenario limits it, nobody limits the other.
+    // The fan scenario limits the first metric; the second one has no limit.
     let place = |name: &str| page.find(&format!(">{name}</th>")).unwrap();
     assert!(place("recovery_time_seconds") < place("tracking_error_millimetres_rms"));
-    // No run has one, as there is no sine.
+    // No run has this metric, as there is no sine.
     assert!(!page.contains("sine_gain</th>"));
 }
 
@@ -269,7 +268,7 @@ fn what_cannot_be_read_of_a_log_is_said_on_the_page_of_the_rest() {
     assert!(unbroken(&run.join("report.html")).contains("the log breaks off ("));
 }
 
-/// A run that was killed before there was a log has a verdict that says so.
+/// A run that was killed before its log existed has a verdict that reports it.
 #[test]
 fn a_run_that_has_ended_and_lost_its_log_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -293,7 +292,7 @@ fn a_run_that_has_ended_and_lost_its_log_is_refused() {
     assert_eq!(tool(&["replay"], &[&run]).0, Some(4));
 }
 
-/// Nodes send 0 for what they do not have.
+/// Nodes send 0 for signals that they lack.
 #[test]
 fn a_page_draws_no_signal_that_the_run_does_not_have() {
     let folder = tempfile::tempdir().unwrap();
@@ -315,7 +314,7 @@ fn a_page_draws_no_signal_that_the_run_does_not_have() {
     assert!(parts.iter().all(|part| !page.contains(part)));
 }
 
-/// Two wires turn one joint: the second drive has no set-point, and nothing steps.
+/// Two wires turn one joint: the second drive has no set-point, and there is no step.
 #[test]
 fn a_page_explains_what_it_shows_in_the_unit_of_its_loop() {
     let folder = tempfile::tempdir().unwrap();
@@ -325,13 +324,13 @@ fn a_page_explains_what_it_shows_in_the_unit_of_its_loop() {
     assert!(first.contains("<strong>Error</strong> (deg)") && !second.contains(">Error<"));
     assert!(disturbed.contains("Yellow: a disturbance acts."));
     assert!(!disturbed.contains("Green: settling band"));
-    // It is drawn with what was measured.
+    // The truth is drawn in the same plot as the measurement.
     assert!(!disturbed.contains("Position of the load before the sensor"));
     let steps = page("sma_pair_step.toml");
     assert_eq!(steps.matches("Green: settling band of a step.").count(), 1);
     assert!(!steps.contains("Yellow: a disturbance acts."));
     assert!(!steps.contains("Violet"));
-    // Each loop shows when the drive of one of them is lost.
+    // Each loop shows the loss of the drive of one loop.
     let lost = page("sma_pair_drive_lost.toml");
     assert_eq!(lost.matches("Violet: a fault acts").count(), 2);
     assert!(lost.contains("class=\"fault\""));

@@ -1,11 +1,11 @@
-//! The paper's experiments, with reduced counts. What a browser shows of the page is looked at in `tests/browser`.
+//! The paper's experiments, with reduced counts. `tests/browser` tests the page in a browser.
 
 use std::fs;
 
 use crate::report::elements;
 use crate::support::{canrig, only_run, output};
 
-/// What a reader looks for in the table of the headlines: the quantity and of what.
+/// Required headlines: the quantity and its run.
 const HEADLINES: [(&str, &str); 9] = [
     ("settling_time_seconds", "sliding_mode_paper"),
     ("settling_time_seconds", "sliding_mode, another plant"),
@@ -24,7 +24,7 @@ const HEADLINES: [(&str, &str); 9] = [
     ("conduction_watts_per_metre_kelvin", "from the ramp alone"),
 ];
 
-/// Every experiment with the fewest runs, numbers and figures that it must have.
+/// Every experiment with its smallest number of runs, numbers and figures.
 const EXPERIMENTS: [(&str, usize, usize, usize); 21] = [
     ("hysteresis", 1, 2, 1),
     ("martensite", 0, 0, 1),
@@ -95,7 +95,7 @@ fn every_experiment_is_played_and_every_target_is_met() {
         let row = format!("{name}</td><td data-name=\"of\">{of}</td>");
         assert!(summary.contains(&row), "{row}");
     }
-    // A law that knows its plant number for number says so, and the same law on another plant says that too.
+    // A law that knows its plant exactly is marked so, and the same law on another plant is marked otherwise.
     let models = |of: &str| {
         let numbers = found
             .iter()

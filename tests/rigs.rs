@@ -1,4 +1,4 @@
-//! Rig files, and what is played on them, as a user meets them.
+//! Rig files, and scenarios on them.
 
 use std::fs;
 use std::ops::Range;
@@ -15,7 +15,7 @@ fn program(args: &[&str]) -> Command {
     command
 }
 
-/// A rig of two drives with its scenario, as `canrig new rig` writes them.
+/// Writes a rig of two drives with its scenario by `canrig new rig`.
 fn new_rig(folder: &Path) -> PathBuf {
     let rig = folder.join("gantry");
     let (code, stdout, stderr) = output(program(&["new", "rig", "gantry", "--path"]).arg(&rig));
@@ -70,7 +70,7 @@ fn a_new_rig_is_checked_with_its_arithmetic_and_its_scenario_passes() {
     assert!((29.0..31.0).contains(&highest), "{highest}");
 }
 
-/// The folders of a scenario's runs that pass: in processes in lock-step, and in one process.
+/// Plays a scenario in processes in lock-step and in one process; returns the folders of the runs, which must pass.
 fn in_both_worlds(folder: &Path, scenario: &Path) -> [PathBuf; 2] {
     let lockstep = ["--clock", "lockstep", "--bus", "embedded"];
     let worlds = [("run", &lockstep[..]), ("simulate", &[])];
@@ -82,7 +82,7 @@ fn in_both_worlds(folder: &Path, scenario: &Path) -> [PathBuf; 2] {
     })
 }
 
-/// One plant, which has no name among processes, and two drives on one plant in one process.
+/// One plant, whose process needs no name, and two drives on one plant in one process.
 #[test]
 fn a_plant_in_a_process_of_its_own_leaves_the_bytes_of_simulate() {
     let folder = tempfile::tempdir().unwrap();
@@ -95,7 +95,7 @@ fn a_plant_in_a_process_of_its_own_leaves_the_bytes_of_simulate() {
     }
 }
 
-/// Also where a check names a signal that each drive has.
+/// The same holds if a check names a signal that each drive has.
 #[test]
 fn a_recording_of_several_drives_gives_its_verdict_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -217,7 +217,7 @@ fn the_rig_that_ships_is_a_rig_file_like_any_other() {
     }
     let verdict = |run: &Path| {
         let mut verdict = verdict(run);
-        // It has the hash of the scenario's file.
+        // The identity contains the hash of the scenario's file.
         verdict.as_object_mut().unwrap().remove("identity");
         verdict
     };
@@ -318,7 +318,7 @@ fn a_mistake_in_a_rig_file_is_said_once_and_of_a_rig() {
 const POSITION_X: &str = " 190#";
 const POSITION_Y: &str = " 192#";
 
-/// Takes frames out of a log, in a stretch of the recording's clock.
+/// Removes frames from a log, in a range of the recording's clock.
 fn silence(run: &Path, frame: &str, stretch: Range<f64>) {
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
     let is_kept = |line: &&str| {
@@ -330,7 +330,7 @@ fn silence(run: &Path, frame: &str, stretch: Range<f64>) {
     fs::write(run.join("bus.log"), kept.join("\n") + "\n").unwrap();
 }
 
-/// Notes that the machine stood still in these stretches of the recording's clock.
+/// Records host stalls in these ranges of the recording's clock.
 fn stall(run: &Path, stretches: &[&str]) {
     let rows = stretches
         .iter()
@@ -339,7 +339,7 @@ fn stall(run: &Path, stretches: &[&str]) {
     fs::write(run.join("stalls.csv"), text).unwrap();
 }
 
-/// The exit code of a run that is judged again, and the row of its longest distance from the path.
+/// Judges a run again; returns the exit code and the row of its longest distance from the path.
 fn contour_again(run: &Path) -> (Option<i32>, Value) {
     let (code, stdout, stderr) = output(program(&["replay", "--json"]).arg(run));
     let verdict: Value = serde_json::from_str(&stdout).expect(&stderr);
@@ -350,7 +350,7 @@ fn contour_again(run: &Path) -> (Option<i32>, Value) {
     (code, row.unwrap().clone())
 }
 
-/// What was not seen does not pass, and what a stall may have done is not judged, unless it was so before.
+/// An unseen contour does not pass, and a possible effect of a stall is not judged, unless it was judged before.
 #[test]
 fn a_contour_is_judged_by_the_rules_of_all_metrics() {
     let folder = tempfile::tempdir().unwrap();
@@ -367,7 +367,7 @@ fn a_contour_is_judged_by_the_rules_of_all_metrics() {
     stall(&run, &["11.990000,12.110000"]);
     let (code, row) = contour_again(&run);
     assert_eq!((code, row.get("passed")), (Some(5), None), "{row}");
-    // An axis that turned round was 0.2 mm beside the circle before.
+    // An axis that reversed was 0.2 mm off the circle before.
     edit(
         &run.join("scenario.toml"),
         "max = { max = 0.3 }",
@@ -379,7 +379,7 @@ fn a_contour_is_judged_by_the_rules_of_all_metrics() {
         (Some(1), &Value::Bool(false)),
         "{row}"
     );
-    // A stall before that explains what comes until the loop is calm again, and no more.
+    // A stall before that explains everything until the loop is calm again, and no more.
     silence(&run, POSITION_X, 3.0..3.01);
     stall(&run, &["2.990000,3.020000", "11.990000,12.110000"]);
     let (code, row) = contour_again(&run);
@@ -448,7 +448,7 @@ name = "true_speed_revolutions_per_minute"
 stays = { min = -300.0, max = 300.0 }
 "#;
 
-/// What is no position has its own name, from the set-point to the page, and is the same in every world.
+/// A quantity other than a position has its own name, from the set-point to the page, and is equal in every world.
 #[test]
 fn a_loop_of_a_speed_is_played_and_judged_under_its_own_names() {
     let folder = tempfile::tempdir().unwrap();
@@ -476,7 +476,7 @@ fn a_loop_of_a_speed_is_played_and_judged_under_its_own_names() {
     assert_eq!(again["metrics"], before["metrics"]);
 }
 
-/// A drive of the motor with this amplifier and sensor, and node-IDs of controller, drive and io node.
+/// Returns a drive of the motor with this amplifier and sensor, and node-IDs of controller, drive and io node.
 fn axis(amplifier: &str, sensor: &str, motor: &str, [controller, drive, io]: [u8; 3]) -> String {
     format!(
         "schema = 1\nname = \"axis\"\n[plant.motor.dc_motor]\n{motor}\n\
@@ -489,7 +489,7 @@ fn axis(amplifier: &str, sensor: &str, motor: &str, [controller, drive, io]: [u8
     )
 }
 
-/// A step of this axis to 20 mm, under a PID whose gains are so many times those of 1 A.
+/// Returns a step of this axis to 20 mm, under a PID with `gain` times the gains of 1 A.
 fn axis_step(unit: &str, per_metre: f64, gain: f64, step: f64) -> String {
     let gain_of = |of_one: f64| of_one * gain;
     let (p, i, d) = (gain_of(60.0), gain_of(200.0), gain_of(1.5));
@@ -528,7 +528,7 @@ fn played_axis(folder: &Path, rig: &str, scenario: &str) -> PathBuf {
 const SENSOR: &str = "unit = \"millimetres\", min = 0.0, max = 60.0, resolution_bits = 16";
 const IDS: [u8; 3] = [1, 0x10, 0x11];
 
-/// The same motor for twenty times the current, with a resistance that heats it as much.
+/// The same motor has twenty times the current, and a resistance with the same heat.
 #[test]
 fn a_drive_of_twenty_amperes_does_with_its_motor_what_one_of_one_ampere_does() {
     let folder = tempfile::tempdir().unwrap();
@@ -585,8 +585,8 @@ fn a_command_that_its_frame_cannot_hold_is_refused_with_the_rated_current_to_wri
     );
 }
 
-/// In millimetres the true position is a float, since no integer of its steps holds ten metres; in metres a count must be finer than
-/// the usual one.
+/// In millimetres the true position is a float, since no integer of its steps holds ten metres; in metres a count must
+/// be finer than the usual one.
 #[test]
 fn an_axis_of_ten_metres_each_way_is_measured_with_24_bits() {
     let folder = tempfile::tempdir().unwrap();
@@ -612,7 +612,8 @@ fn an_axis_of_ten_metres_each_way_is_measured_with_24_bits() {
     );
 }
 
-/// Node-IDs at which the usual identifiers of the second SDO channel, of the truth and of the law's terms are not free.
+/// With these node-IDs the usual identifiers of the second SDO channel, of the truth and of the law's terms are
+/// occupied.
 #[test]
 fn nodes_have_any_node_id_and_no_identifier_twice() {
     let folder = tempfile::tempdir().unwrap();
@@ -646,7 +647,8 @@ fn nodes_have_any_node_id_and_no_identifier_twice() {
     assert!(found.iter().all(|count| *count > 15), "{found:?}");
 }
 
-/// A joint whose loop follows the drive that it does not command, or commands second: by the angle that this one measures.
+/// A joint whose loop follows a drive that it does not command, or commands second, by the angle that this drive
+/// measures.
 #[test]
 fn a_loop_follows_what_another_drive_measures() {
     let folder = tempfile::tempdir().unwrap();
@@ -656,7 +658,7 @@ fn a_loop_follows_what_another_drive_measures() {
     let path = folder.path().join("steps.toml");
     fs::write(&path, &steps).unwrap();
     let feedback = "feedback = \"flexor.position\"";
-    // The sensor of the flexor is useless, and nobody needs it.
+    // The sensor of the flexor is useless, and not used.
     let elsewhere = rig
         .replace(feedback, "feedback = \"extensor.position\"")
         .replace(
@@ -683,7 +685,7 @@ fn a_loop_follows_what_another_drive_measures() {
     let (code, stdout, stderr) = output(program(&["replay"]).arg(&runs[0]));
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 
-    // Where the sensor that it follows is faulty, the truth is judged beside it, as of its own.
+    // If the followed sensor is faulty, the truth is judged as well, as for an own sensor.
     let truth = "true_position_degrees_max";
     for (node, is_followed) in [("extensor", true), ("flexor", false)] {
         let fault = format!(
@@ -700,7 +702,7 @@ fn a_loop_follows_what_another_drive_measures() {
     }
 }
 
-/// One drive pulls against a weight, and what it moves is measured by another one, which gets no current and is in no loop.
+/// One drive pulls against a weight. Its motion is measured by another drive, which gets no current and is in no loop.
 #[test]
 fn a_drive_that_is_only_followed_gets_no_current() {
     let folder = tempfile::tempdir().unwrap();
@@ -727,7 +729,7 @@ fn a_drive_that_is_only_followed_gets_no_current() {
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 }
 
-/// Two motors on one bus, and a third that no drive moves; how the two drives are wired is left open.
+/// Returns a rig of two motors on one bus, and a third that no drive moves; the wiring of the two drives is open.
 fn two_motors_and_a_third([a, b]: [&str; 2], feedback: [&str; 2]) -> String {
     let drive = |name: &str, node_id: u8, moves: &str, measures: &str, more: &str| {
         format!(
@@ -765,7 +767,7 @@ const MOTORS: &str = "schema = 1\nrig = \"rig.toml\"\nname = \"motors\"\nduratio
     [[disturbance.output]]\nname = \"current_milliamperes\"\nat_seconds = 1.0\nvalue = 400.0\n\
     [expect.all]\nsteady_state_error_millimetres = { max = 0.02 }\n";
 
-/// Time and value of each filled cell of a column of `signals.csv`.
+/// Returns time and value of each filled cell of a column of `signals.csv`.
 fn column(run: &Path, name: &str) -> Vec<(String, String)> {
     let signals = fs::read_to_string(run.join("signals.csv")).unwrap();
     let mut lines = signals.lines();
@@ -779,7 +781,7 @@ fn column(run: &Path, name: &str) -> Vec<(String, String)> {
     cells.filter(|(_, cell)| !cell.is_empty()).collect()
 }
 
-/// One drive moves what the other one measures, and the other way round; an io node acts on two plants, two act on one, and a plant
+/// Each drive moves the part that the other one measures. An io node acts on two plants, two act on one, and a plant
 /// that no drive moves is seen in the frames of one.
 #[test]
 fn nodes_are_wired_to_any_plant() {
@@ -802,7 +804,7 @@ fn nodes_are_wired_to_any_plant() {
     };
     let straight = played("straight", ["left", "right"], ["a", "b"]);
     let crossed = played("crossed", ["right", "left"], ["b", "a"]);
-    // The same loops over other wires.
+    // These are the same loops over other wires.
     for name in [
         "a.position_millimetres",
         "b.position_millimetres",
@@ -812,7 +814,7 @@ fn nodes_are_wired_to_any_plant() {
             let cells = column(run, name).into_iter();
             Vec::from_iter(cells.map(|(_, value)| value.parse::<f64>().unwrap()))
         };
-        // Their commands come at other places of the cycle.
+        // Their commands are at other places of the cycle.
         let (one, other) = (values(&straight), values(&crossed));
         let apart = one
             .iter()
@@ -824,7 +826,7 @@ fn nodes_are_wired_to_any_plant() {
             "{name}: {apart}"
         );
     }
-    // The third motor stands until its current flows.
+    // The third motor rests until its current flows.
     let third = column(&straight, "b.third_position_metres");
     let at = |seconds: f64| {
         let mut cells = third
@@ -836,7 +838,7 @@ fn nodes_are_wired_to_any_plant() {
     assert!(at(2.4) > 5e-3, "{}", at(2.4));
 }
 
-/// What two io nodes could be meant by is asked for; what is wired to nothing is refused at its place.
+/// An ambiguous name of two io nodes requires a choice; an unconnected one is refused at its place.
 #[test]
 fn an_output_that_two_io_nodes_have_needs_the_name_of_one() {
     let folder = tempfile::tempdir().unwrap();
@@ -863,7 +865,7 @@ fn an_output_that_two_io_nodes_have_needs_the_name_of_one() {
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 }
 
-/// A number without a unit is measured in percent, or in a word of the rig's own.
+/// A number without a unit is measured in percent, or in a word that the rig defines.
 #[test]
 fn a_number_without_a_unit_has_the_word_of_its_sensor() {
     let folder = tempfile::tempdir().unwrap();
@@ -880,7 +882,7 @@ fn a_number_without_a_unit_has_the_word_of_its_sensor() {
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("rig.toml"), rig(unit, of_one)).unwrap();
         let path = folder.join("heat.toml");
-        // More current makes less martensite, so that only a law with a sign of its own could hold it.
+        // More current gives less martensite, so only a law with its own sign could hold it.
         let text = format!(
             "schema = 1\nrig = \"rig.toml\"\nname = \"heat\"\nduration_seconds = 8.0\n\
              [[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.8\n\

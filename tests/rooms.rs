@@ -1,4 +1,4 @@
-//! The rooms keep apart what ARCHITECTURE.md says they keep apart.
+//! Separation of the rooms, as ARCHITECTURE.md defines it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::support::root;
 
-/// A room, by its package's name, and the rooms that it may depend on. Each stands above all that it names.
+/// A room, by its package's name, and the rooms that it may depend on. Each room comes after those that it names.
 const MAY_DEPEND_ON: [(&str, &[&str]); 21] = [
     ("canopen", &[]),
     ("dbc", &["canopen"]),
@@ -159,9 +159,9 @@ const BEHIND_THE_PLAN: [&str; 9] = [
     "canrig",
 ];
 
-/// The rooms that print: what `runner` has a console for, and the nodes' own programs.
+/// Rooms that may print: `runner` has the console, and the nodes have their own programs.
 const MAY_PRINT: [&str; 4] = ["runner", "campaigns", "paper", "canrig"];
-/// Text that reaches a terminal by itself.
+/// Code that writes to a terminal directly.
 const PRINTS: [&str; 5] = [
     "println!(",
     "eprint!(",
@@ -174,7 +174,7 @@ const PRINTS: [&str; 5] = [
 struct Room {
     name: String,
     folder: PathBuf,
-    /// The packages of the workspace that it names in its manifest, those for tests left out.
+    /// Packages of the workspace in its manifest, without those for tests.
     depends_on: BTreeSet<String>,
 }
 
@@ -182,7 +182,7 @@ fn manifest(path: &Path) -> toml::Table {
     fs::read_to_string(path).unwrap().parse().unwrap()
 }
 
-/// The keys of a manifest's tables, by the package that each means: a key may be another name for it.
+/// Returns the packages of a manifest's table. A key may be another name for its package.
 fn packages(manifest: &toml::Table, section: &str) -> Vec<String> {
     let Some(table) = manifest.get(section).and_then(toml::Value::as_table) else {
         return Vec::new();
@@ -194,7 +194,7 @@ fn packages(manifest: &toml::Table, section: &str) -> Vec<String> {
     table.iter().map(package).collect()
 }
 
-/// The members of the workspace as their manifests say.
+/// Returns the members of the workspace by their manifests.
 fn rooms(root: &Path) -> Vec<Room> {
     let members: Vec<String> = manifest(&root.join("Cargo.toml"))["workspace"]["members"]
         .clone()
@@ -221,7 +221,7 @@ fn rooms(root: &Path) -> Vec<Room> {
     rooms
 }
 
-/// What the manifests have that the table forbids.
+/// Returns the dependencies in the manifests that the table forbids.
 fn forbidden(rooms: &[Room]) -> Vec<String> {
     let allowed: BTreeMap<_, _> = MAY_DEPEND_ON.into_iter().collect();
     let of_room = |room: &Room| {
@@ -239,10 +239,10 @@ fn forbidden(rooms: &[Room]) -> Vec<String> {
     rooms.iter().flat_map(of_room).collect()
 }
 
-/// The member that is a shared library, which the program looks for beside itself.
+/// Member that is a shared library, which the program expects next to itself.
 const SHARED_LIBRARY: &str = "crates/fmu-library";
 
-/// Of several programs `cargo run` takes the only one that its package names as the default.
+/// If there are several programs, `cargo run` takes the default one of the package.
 #[test]
 fn cargo_builds_every_program_and_runs_canrig() {
     let root = root();
@@ -266,7 +266,7 @@ fn each_room_depends_only_on_the_rooms_it_may() {
     let rooms = rooms(&root());
     assert_eq!(rooms.len(), MAY_DEPEND_ON.len(), "a rule without a room");
     assert_eq!(forbidden(&rooms), Vec::<String>::new());
-    // Who depends on nothing at all would make the rules say nothing.
+    // Without any dependencies the rules would be empty.
     let arrows: usize = rooms.iter().map(|room| room.depends_on.len()).sum();
     assert!(arrows > 40, "{arrows} arrows");
 }
@@ -279,7 +279,7 @@ fn a_forbidden_arrow_is_found() {
     assert_eq!(forbidden(&rooms), ["judge must not depend on worlds"]);
 }
 
-/// The table is a stair: no rule names a room that stands above or beside its own, so there is no circle.
+/// The table is ordered: no rule names a later room or its own, so there is no cycle.
 #[test]
 fn no_rule_makes_a_circle() {
     let mut below = BTreeSet::new();
@@ -294,7 +294,7 @@ fn no_rule_makes_a_circle() {
     }
 }
 
-/// All Rust files below a folder, sorted.
+/// Returns all Rust files below a folder, sorted.
 fn sources(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -313,7 +313,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The lines of a file that are code in use: without comments, and without the tests at its end.
+/// Returns the code lines of a file: without comments, and without the tests at its end.
 fn code(text: &str) -> impl Iterator<Item = &str> {
     let tests = ["mod tests", "pub(crate) mod tests"];
     let begins = tests.map(|tests| text.find(&format!("\n#[cfg(test)]\n{tests}")));
@@ -322,7 +322,7 @@ fn code(text: &str) -> impl Iterator<Item = &str> {
     lines.filter(|line| !line.trim_start().starts_with("//"))
 }
 
-/// The lines of a file by which something reaches the terminal.
+/// Returns the lines of a file that print.
 fn prints(text: &str) -> Vec<&str> {
     let is_print = |line: &&str| PRINTS.iter().any(|print| line.contains(print));
     code(text).filter(is_print).collect()
@@ -336,7 +336,7 @@ fn nothing_below_the_runner_prints() {
         .filter(|room| !MAY_PRINT.contains(&room.name.as_str()));
     for room in silent {
         for path in sources(&room.folder.join("src")) {
-            // A node's program says what went wrong on its own standard error.
+            // A node's program reports errors on its own standard error.
             if path.ends_with("src/main.rs") || path.ends_with("tests.rs") {
                 continue;
             }
@@ -352,7 +352,7 @@ fn nothing_below_the_runner_prints() {
 fn only_the_console_and_what_prints_data_open_the_terminal() {
     let allowed = [
         "runner/src/console.rs",
-        // Bytes that a pipe takes: an exported recording, completions, lines of live traffic.
+        // These write bytes for a pipe: an exported recording, completions, lines of live traffic.
         "runner/src/commands/export.rs",
         "canrig/src/manual.rs",
         "canrig/src/tools/monitor.rs",
@@ -382,7 +382,7 @@ fn a_print_below_the_runner_is_found() {
     assert_eq!(prints(harmless), Vec::<&str>::new());
 }
 
-/// Whether any source of a package names something in its code.
+/// Asserts that no source of a package names an item in its code.
 #[track_caller]
 fn must_not_name(package: &str, name: &str, is_excepted: impl Fn(&Path) -> bool) {
     let rooms = rooms(&root());
@@ -428,7 +428,7 @@ fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
     }
 }
 
-/// An FMU is a stranger's program: only the hidden worker process loads it.
+/// The code of an FMU is foreign: only the hidden worker process loads it.
 #[test]
 fn only_workers_load_fmus_and_libraries() {
     for (package, _) in MAY_DEPEND_ON {
@@ -441,7 +441,7 @@ fn only_workers_load_fmus_and_libraries() {
     }
 }
 
-/// Behind the plan a run has loops and nodes, whatever their number and their names.
+/// Behind the plan a run has loops and nodes, of any number and with any names.
 #[test]
 fn behind_the_plan_no_loop_and_no_node_is_another_than_the_others() {
     let one_of_several = [
@@ -460,7 +460,7 @@ fn behind_the_plan_no_loop_and_no_node_is_another_than_the_others() {
         for name in one_of_several {
             must_not_name(package, name, is_test);
         }
-        // A kind of node, a check of the pre-flight, or a table of scenarios.
+        // This is a kind of node, a check of the pre-flight, or a table of scenarios.
         let is_no_node = |path: &Path| {
             let is_test = is_test(path);
             let path = path.to_string_lossy();

@@ -1,4 +1,4 @@
-//! The JSON Schemas are the format: a file that is valid to `canrig check` is valid to an editor.
+//! The JSON Schemas define the format: a file that is valid to `canrig check` is valid to an editor.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Somebody else who leads on the bus of a run: noticed, named, and no reason to pass.
+//! A foreign master on the bus of a run: it is noticed and named, and the run does not pass.
 
 use std::fs;
 use std::path::Path;
@@ -29,7 +29,7 @@ fn join(address: &str) -> Box<dyn Bus> {
     platform::open(&address, &[Filter::ALL]).unwrap()
 }
 
-/// Does something beside a producer of SYNC that knows nothing of the run.
+/// Calls `work` while a foreign producer sends SYNC on the bus.
 fn beside_a_producer<T>(address: &str, work: impl FnOnce() -> T) -> T {
     let is_over = AtomicBool::new(false);
     thread::scope(|scope| {
@@ -121,7 +121,7 @@ fn a_bench_is_heard_during_its_pre_flight_and_its_pause() {
                 let Ok(heard) = heard else { break };
                 waiting += usize::from(heard == Some(CanFrame::new(0x701, &[0x7F])));
             }
-            // 1 s of cooling, and the interview before.
+            // This is 1 s of cooling, and the interview before it.
             assert!(waiting >= 15, "{waiting} heartbeats of a waiting manager");
             ended.join().unwrap()
         });

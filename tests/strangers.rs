@@ -1,5 +1,5 @@
-//! What others leave, send and take: things that are no files, damaged files, outputs that take nothing, signals, and text that
-//! steers a terminal.
+//! Foreign input and output: things that are not files, damaged files, outputs that accept nothing, signals, and text
+//! that controls a terminal.
 
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
@@ -23,7 +23,7 @@ fn make_pipe(path: &Path) {
     assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
 }
 
-/// A short run in a folder.
+/// Simulates a short run in a folder.
 fn simulated(folder: &Path) -> PathBuf {
     let runs = folder.join("runs");
     let scenario = short_scenario(folder, 0.3);
@@ -86,7 +86,7 @@ fn what_is_no_file_is_refused_wherever_a_file_is_read() {
     }
 }
 
-/// Puts a link to a file of somebody else in the place of a file; where it leads.
+/// Replaces a file by a link to a foreign file; returns the target.
 fn link_out(path: &Path, elsewhere: &Path) -> PathBuf {
     let theirs = elsewhere.join(path.file_name().unwrap());
     if path.exists() {
@@ -116,7 +116,7 @@ fn what_a_folder_from_elsewhere_links_to_is_neither_quoted_nor_judged() {
         &["signals", path],
         &["identify", path],
     ];
-    // What some commands do not read, they need not refuse.
+    // A command need not refuse a file that it does not read.
     let of_all = ["scenario.toml", "frames.dbc"];
     let of_some = ["verdict.json", "bus.log", "stalls.csv", "played.json"];
     for name in of_all.into_iter().chain(of_some) {
@@ -151,7 +151,7 @@ fn what_a_folder_from_elsewhere_links_to_is_neither_quoted_nor_judged() {
             fs::rename(theirs, run.join(name)).unwrap();
         }
     }
-    // The run itself may be named by a link, and so may a log.
+    // The run itself may be named by a link, and a log as well.
     let link = folder.path().join("link");
     symlink(&run, &link).unwrap();
     assert_eq!(output(bare(&["replay"]).arg(&link)).0, Some(0));
@@ -209,7 +209,7 @@ fn a_sweep_writes_through_no_link() {
         );
         assert_eq!(fs::read(theirs).unwrap(), b"theirs", "{name}");
     }
-    // What is gone on with, and a folder, are not replaced but refused.
+    // A file to continue, and a folder, are refused, not replaced.
     for name in ["rows.jsonl", "failing"] {
         let path = swept.join(name);
         let theirs = link_out(&path, &elsewhere);
@@ -299,7 +299,7 @@ fn output_that_cannot_be_written_is_no_success() {
     assert!(stderr.contains("/dev/full cannot be written"), "{stderr}");
     assert_eq!(export("/dev/null").0, Some(0));
     assert!(!fs::metadata("/dev/null").unwrap().is_file());
-    // Through a link, which stays one.
+    // A link stays a link.
     let (link, target) = (folder.path().join("link"), folder.path().join("target"));
     fs::write(&target, "old").unwrap();
     symlink(&target, &link).unwrap();
@@ -311,7 +311,7 @@ fn output_that_cannot_be_written_is_no_success() {
     assert_eq!(reader.wait().unwrap().code(), Some(0));
 }
 
-/// The program with no room for files of more than so many kilobytes.
+/// Returns the program with a limit on the size of files, in kilobytes.
 fn limited(kilobytes: u32, words: &[&str]) -> Command {
     limited_program(Path::new(env!("CARGO_BIN_EXE_canrig")), kilobytes, words)
 }
@@ -328,7 +328,7 @@ fn a_limit_on_files_is_an_error_and_what_is_not_whole_is_partial() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = short_scenario(folder.path(), 1.0);
     let runs = folder.path().join("runs");
-    // Less than bus.log, more than what is written before the run.
+    // The limit is less than bus.log, and more than the files before the run.
     let mut simulate = limited(120, &["simulate"]);
     let simulate = simulate.arg("--output").arg(&runs).arg(scenario);
     let (code, _, stderr) = output(simulate);
@@ -342,7 +342,7 @@ fn a_limit_on_files_is_an_error_and_what_is_not_whole_is_partial() {
     }
 }
 
-/// The recording is the largest file, and is done last.
+/// The recording is the largest file, and is completed last.
 #[test]
 fn a_run_whose_recording_cannot_be_written_says_nowhere_that_it_passed() {
     let folder = tempfile::tempdir().unwrap();
@@ -361,7 +361,8 @@ fn a_run_whose_recording_cannot_be_written_says_nowhere_that_it_passed() {
     }
 }
 
-/// The program in a folder, with the library of its plants beside it, where it looks for it; cargo makes that beside the tests.
+/// Copies the program into a folder, with the library of its plants next to it, where it expects it; cargo builds the
+/// library next to the tests.
 fn with_library(folder: &Path) -> PathBuf {
     let program = folder.join("canrig");
     fs::copy(env!("CARGO_BIN_EXE_canrig"), &program).unwrap();
@@ -371,7 +372,7 @@ fn with_library(folder: &Path) -> PathBuf {
     program
 }
 
-/// What takes no time to begin and some to write.
+/// These commands begin quickly, and take some time to write.
 #[test]
 fn a_signal_leaves_nothing_half_written() {
     let folder = tempfile::tempdir().unwrap();
@@ -382,7 +383,7 @@ fn a_signal_leaves_nothing_half_written() {
         let mut export = Command::new(&program);
         let export = export.args(["fmu", "--export", "sma", "--output"]);
         let mut export = export.arg(&place).spawn().unwrap();
-        // On a busy machine all may be over before anybody looks.
+        // On a busy machine the command may have ended before the check.
         let mut ended = None;
         while ended.is_none() && !partial.exists() {
             ended = export.try_wait().unwrap();
@@ -416,7 +417,7 @@ fn an_fmu_that_the_disk_does_not_take_is_named_and_nothing_else_is_printed() {
     assert!(!place.exists());
 }
 
-/// Nobody reads these pipes: who waited for that would wait for ever.
+/// These pipes have no writer: a reader would wait for ever.
 #[test]
 fn a_pipe_in_the_place_of_a_file_of_a_folder_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -480,7 +481,7 @@ fn a_signal_ends_every_command_with_the_code_of_signals() {
     let pipe = folder.path().join("pipe");
     make_pipe(&pipe);
     for signal in [Signal::INT, Signal::TERM, Signal::HUP, Signal::QUIT] {
-        // It waits for somebody who reads the pipe.
+        // The command waits for a reader of the pipe.
         let mut env = Command::new("env");
         env.arg("--default-signal=INT,HUP,QUIT")
             .arg(env!("CARGO_BIN_EXE_canrig"))
@@ -502,13 +503,13 @@ fn a_signal_ends_every_command_with_the_code_of_signals() {
     }
 }
 
-/// Starts a simulation, sends it a signal once it records, and waits for its end; its exit code, and whether its verdict is
-/// that of a whole run.
+/// Starts a simulation, sends it a signal once it records, and waits for its end. Returns its exit code, and whether
+/// its verdict is that of a whole run.
 fn signalled(shell: &str, signal: Signal, duration_seconds: f64) -> (Option<i32>, bool) {
     let folder = tempfile::tempdir().unwrap();
     let scenario = short_scenario(folder.path(), duration_seconds);
     let runs = folder.path().join("runs");
-    // Whoever runs the tests may have signals ignored.
+    // The caller of the tests may have signals ignored.
     let mut sh = Command::new("env");
     sh.args(["--default-signal=INT,HUP,QUIT", "sh"]);
     sh.args(["-c", &format!("{shell} exec \"$@\""), "-"]);
@@ -547,7 +548,8 @@ fn every_signal_that_ends_a_program_ends_a_run_in_order() {
     }
 }
 
-/// Starts two scenarios of such lengths, and sends a signal once the runs below a folder are as far as is asked for; the exit code.
+/// Starts two scenarios of these durations, and sends a signal once the runs below a folder meet a condition; returns
+/// the exit code.
 fn signalled_in_two(
     folder: &Path,
     durations_seconds: [f64; 2],
@@ -594,7 +596,7 @@ fn a_signal_in_the_second_of_two_scenarios_ends_it_in_order() {
     }
 }
 
-/// What was played is judged to its end, and nothing more is played.
+/// The played part is judged completely, and the next scenario is not played.
 #[test]
 fn a_signal_while_the_first_of_two_scenarios_is_judged_ends_both() {
     let folder = tempfile::tempdir().unwrap();
@@ -615,7 +617,7 @@ fn an_ignored_hang_up_stays_ignored() {
     assert_eq!(ended, (Some(0), true));
 }
 
-/// Whether a text would steer a terminal.
+/// Returns whether a text would control a terminal.
 fn steers(text: &str) -> bool {
     let is_bidi = |character: char| matches!(character, '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     let is_steering = |character: char| {
@@ -652,7 +654,7 @@ fn no_text_of_somebody_else_steers_the_terminal() {
         output(&mut bare(&["run", "--bus", EVIL, "x.toml"])),
         output(&mut bare(&["run", "--clock", EVIL, "x.toml"])),
     ];
-    // Colours are not asked for, but wanted.
+    // Colours are not requested by an option, but enabled.
     let mut coloured = bare(&["check"]);
     coloured
         .env_remove("NO_COLOR")

@@ -1,10 +1,10 @@
-//! What several tests need.
+//! Functions for several test files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// The root of the checkout.
+/// Returns the root of the checkout.
 pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .parent()
@@ -12,12 +12,12 @@ pub(crate) fn root() -> PathBuf {
         .to_owned()
 }
 
-/// A shipped scenario.
+/// Returns the path of a shipped scenario.
 pub(crate) fn scenario(name: &str) -> PathBuf {
     root().join("scenarios").join(name)
 }
 
-/// The program, with its runs in `folder`.
+/// Returns the program, with its runs in `folder`.
 pub(crate) fn canrig(folder: &Path, command: &str) -> Command {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     canrig
@@ -28,7 +28,7 @@ pub(crate) fn canrig(folder: &Path, command: &str) -> Command {
     canrig
 }
 
-/// Runs a command to its end.
+/// Runs a command to its end; returns exit code, standard output and standard error.
 pub(crate) fn output(command: &mut Command) -> (Option<i32>, String, String) {
     let Output {
         status,
@@ -42,25 +42,25 @@ pub(crate) fn output(command: &mut Command) -> (Option<i32>, String, String) {
     )
 }
 
-/// The only run folder below a folder.
+/// Returns the only run folder below a folder.
 pub(crate) fn only_run(folder: &Path) -> PathBuf {
     let runs = runs(folder);
     assert_eq!(runs.len(), 1, "{runs:?}");
     runs[0].clone()
 }
 
-/// All runs below a folder.
+/// Returns all runs below a folder.
 pub(crate) fn runs(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap();
     entries.map(|entry| entry.unwrap().path()).collect()
 }
 
-/// A short scenario written into `folder`: a warm hold.
+/// Writes a short scenario into `folder`: a warm hold.
 pub(crate) fn short_scenario(folder: &Path, duration_seconds: f64) -> PathBuf {
     hold_scenario(folder, duration_seconds, 1.0)
 }
 
-/// A warm hold with so much time between SYNCs that its nodes do not lose each other on a slow or busy machine either.
+/// Writes a warm hold with so much time between SYNCs that its nodes do not lose each other on a slow or busy machine.
 pub(crate) fn unhurried_scenario(folder: &Path, duration_seconds: f64) -> PathBuf {
     hold_scenario(folder, duration_seconds, 100.0)
 }

@@ -1,4 +1,4 @@
-//! Sweeps as a user meets them: broken off and gone on with, in parts, with cases that fail, with files that are wrong.
+//! Sweeps: interrupted and continued, in parts, with failing cases, and with invalid files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"swept\"\ndurati
     [expect]\nposition_millimetres_max = { max = 15.0 }\n\n\
     [[expect.signal]]\nname = \"position_millimetres\"\nfollows = { file = \"course.csv\", tolerance = 60.0 }\n\n";
 
-/// The row of the verdict that comes of the demand above.
+/// Row of the verdict for the expectation above.
 const FOLLOWS: &str = "position_millimetres follows course.csv";
 
 const SWEEP: &str = "[sweep]\ndraws = 20\n\n\
@@ -30,7 +30,7 @@ fn file(folder: &Path, sweep: &str) -> PathBuf {
     path
 }
 
-/// The files that must be the same however the sweep came to its end.
+/// Returns the files that must be equal however the sweep ended.
 fn results(folder: &Path) -> Vec<Vec<u8>> {
     let names = ["runs.csv", "runs.parquet", "report.html"];
     names
@@ -38,7 +38,7 @@ fn results(folder: &Path) -> Vec<Vec<u8>> {
         .into()
 }
 
-/// The whole sweep, undisturbed.
+/// Runs the whole sweep without interruption.
 fn whole(folder: &Path, path: &Path) -> PathBuf {
     let runs = folder.join("whole");
     let (code, stdout, stderr) = output(canrig(&runs, "sweep").arg(path));
@@ -84,7 +84,7 @@ fn a_sweep_that_is_killed_goes_on_to_the_same_bytes() {
         "{done} lines: it was not killed on its way"
     );
 
-    // Killed in the middle of a row.
+    // The process was killed in the middle of a row.
     let rows = only_run(&runs).join("rows.jsonl");
     let mut torn = fs::read(&rows).unwrap();
     torn.truncate(torn.len() - 10);
@@ -100,7 +100,7 @@ fn a_sweep_that_is_killed_goes_on_to_the_same_bytes() {
     assert!(stderr.contains(&cut), "{stderr}");
     assert_eq!(results(&only_run(&runs)), undisturbed);
 
-    // Another sweep of the same name has a folder of its own.
+    // Another sweep of the same name has its own folder.
     file(folder.path(), &SWEEP.replace("0.05", "0.06"));
     output(canrig(&runs, "sweep").arg(&path));
     assert_eq!(self::runs(&runs).len(), 2);
@@ -118,7 +118,7 @@ fn damaged_lines_are_named_and_played_again_and_rows_of_others_refused() {
         let mut again = canrig(&folder.path().join("whole"), "sweep");
         output(again.arg(&path).arg("--quiet"))
     };
-    // A byte of the header, and one of a row in the middle.
+    // The damaged bytes are one of the header, and one of a row in the middle.
     let mut bytes = sound.clone().into_bytes();
     let middle = bytes.len() / 2;
     let line = sound[..middle].lines().count();
@@ -139,7 +139,7 @@ fn damaged_lines_are_named_and_played_again_and_rows_of_others_refused() {
     let (code, _, stderr) = again();
     assert_eq!((code, stderr.as_str()), (Some(1), ""));
 
-    // Of many lines the first ten.
+    // The message has the first ten of many lines.
     fs::write(&rows, "notes of somebody else\n".repeat(12)).unwrap();
     let (code, _, stderr) = again();
     assert_eq!(code, Some(1), "{stderr}");
@@ -149,7 +149,7 @@ fn damaged_lines_are_named_and_played_again_and_rows_of_others_refused() {
     );
     assert_eq!(results(&swept), undisturbed);
 
-    // Rows that say that they are of another scenario.
+    // These rows belong to another scenario.
     let other = file(folder.path(), &SWEEP.replace("0.05", "0.06"));
     let others = folder.path().join("other");
     output(canrig(&others, "sweep").arg(other));
@@ -331,7 +331,7 @@ fn a_case_that_fails_does_so_by_itself() {
     let swept = whole(folder.path(), &file(folder.path(), SWEEP));
     let failing = swept.join("failing");
     let mut cases = runs(&failing);
-    // The table that the scenarios name lies beside them.
+    // The table that the scenarios name is in the same folder.
     cases.retain(|path| path.extension().is_some_and(|end| end == "toml"));
     cases.sort();
     let table = fs::read_to_string(swept.join("runs.csv")).unwrap();
@@ -389,7 +389,7 @@ fn what_cannot_be_swept_is_refused() {
     assert!(stderr.contains("has no [sweep] table"), "{stderr}");
     assert!(!output_folder.exists());
 
-    // Half of the draws are below what a load may be.
+    // Half of the draws are below the smallest load.
     let normal = "[sweep]\ndraws = 10\n[[sweep.normal]]\nkey = \"plant.wire.mechanics.load_kilograms\"\n\
         mean = 0.001\nstandard_deviation = 0.001\n";
     let (code, stdout, stderr) = sweep(normal);
@@ -416,7 +416,7 @@ fn other_commands_play_the_scenario_as_it_stands() {
     assert!(stdout.contains("swept, 60 runs in a sweep"), "{stdout}");
 }
 
-/// A part as an engine runs it.
+/// Plays a part as an engine does.
 fn task(parts: &Path, path: &Path, variable: (&str, &str)) -> (Option<i32>, String, String) {
     let mut task = canrig(parts, "sweep");
     let options = [
@@ -440,7 +440,7 @@ fn tasks_of_any_engine_are_parts_and_results_are_success_to_it() {
         ("SLURM_ARRAY_TASK_ID", "1"),
         ("HQ_TASK_ID", "2"),
         ("JOB_COMPLETION_INDEX", "2"),
-        // Once more, and nothing is played.
+        // When it is repeated, nothing is played.
         ("SLURM_ARRAY_TASK_ID", "1"),
     ] {
         let (code, stdout, stderr) = task(&parts, &path, variable);
@@ -473,7 +473,7 @@ fn a_plan_plays_some_runs_and_leaves_nothing() {
         "{last}"
     );
     assert!(!runs.exists());
-    // What it names can be submitted.
+    // The named command can be submitted.
     let words = last.split(' ').skip(2);
     let (code, stdout, stderr) = output(canrig(&runs, "submit").args(words).arg("--dry-run"));
     assert_eq!(code, Some(0), "{stderr}");

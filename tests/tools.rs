@@ -1,4 +1,4 @@
-//! The tools for people who debug nodes, on the embedded bus: beside a running `canrig run`, and on buses of their own.
+//! The tools to debug nodes, on the embedded bus: next to a running `canrig run`, and on buses of their own.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::real_time::{Started, in_real_time, wait_for};
 use crate::support::{canrig, output, scenario, unhurried_scenario};
 
-/// A tool; it finds embedded buses in `runtime` only.
+/// Returns a tool that finds embedded buses in `runtime` only.
 fn tool(runtime: &Path, arguments: &[&str]) -> Command {
     let mut tool = Command::new(env!("CARGO_BIN_EXE_canrig"));
     tool.args(arguments)
@@ -23,7 +23,7 @@ fn tool(runtime: &Path, arguments: &[&str]) -> Command {
     tool
 }
 
-/// A run in real time, with its bus in a folder of its own.
+/// A run in real time, with its bus in its own folder.
 struct Run {
     canrig: Started,
     folder: tempfile::TempDir,
@@ -67,7 +67,7 @@ impl Run {
         output(&mut tool(&self.runtime(), arguments))
     }
 
-    /// Ends it; what it printed, and its whole log.
+    /// Ends the run; returns its output and its whole log.
     fn end(self) -> (String, String) {
         kill_process(Pid::from_child(&self.canrig), Signal::INT).unwrap();
         let Self { canrig, folder } = self;
@@ -81,7 +81,7 @@ impl Run {
     }
 }
 
-/// Frames with this identifier.
+/// Returns the number of frames with this identifier.
 fn frames(log: &str, id: &str) -> usize {
     log.lines()
         .filter(|line| line.contains(&format!(" {id}#")))
@@ -198,14 +198,14 @@ fn tools_join_a_run_and_leave_the_controllers_sdo_channel_alone() {
 
         let (printed, log) = run.end();
         assert!(printed.contains("bus address: embedded:"), "{printed}");
-        // The drive's second channel was used, and nobody but the controller spoke on any default channel of a slave.
+        // The drive's second channel was used, and only the controller used a default channel of a slave.
         assert!(frames(&log, "690") >= 8 && frames(&log, "6D0") >= 8);
         assert_eq!(["610", "590"].map(|id| frames(&log, id)), [request, answer]);
         assert_eq!(frames(&log, "611"), 0);
     });
 }
 
-/// A bus of the test's own, with the plant emulator on it and no manager.
+/// A bus of the test, with the plant emulator on it and no manager.
 struct Bench {
     hub: Hub,
     recorder: Recorder,
@@ -218,7 +218,7 @@ impl Bench {
         Self::of(&scenario("step.toml"), &[], 0x711)
     }
 
-    /// An emulator, once its last node has booted.
+    /// Starts an emulator, and waits until its last node has booted.
     fn of(scenario: &Path, more: &[&str], boot_up: u16) -> Self {
         let (hub, mut recorder) = Hub::start().unwrap();
         let runtime = tempfile::tempdir().unwrap();
@@ -263,14 +263,14 @@ impl Drop for Bench {
     }
 }
 
-/// A bench of two drives, of which one is there.
+/// Two drives in the rig, of which one is present.
 #[test]
 fn nodes_are_known_by_the_names_of_the_rig() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/worlds/tests/data");
     let (two_axes, rig) = (data.join("two_axes.toml"), data.join("two_axes_rig.toml"));
     in_real_time(|| {
         let bench = Bench::of(&two_axes, &["--plant", "gantry_y"], 0x712);
-        // A rig file and a scenario name the same nodes.
+        // A rig file and a scenario have the same nodes.
         for names in [&rig, &two_axes] {
             let names = ["--rig", names.to_str().unwrap()];
             let tool = |arguments: &[&str]| bench.tool(&[arguments, &names].concat());

@@ -1,4 +1,4 @@
-//! What the Rerun viewer gets: the same file of the same run, and nothing that a run would wait for.
+//! Output for the Rerun viewer: the same file for the same run, and no delay of a run.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -13,7 +13,7 @@ use re_sdk::log::{Chunk, LogMsg};
 use crate::real_time::{in_real_time, soon};
 use crate::support::{canrig, only_run, output, scenario, short_scenario};
 
-/// Everything of a recording but the random numbers of its chunks and rows, and which chunks there are.
+/// Returns the chunks of a recording by entity, sorted, without the random numbers of chunks and rows.
 fn decoded(run: &Path) -> BTreeMap<String, Vec<String>> {
     let file = BufReader::new(File::open(run.join("run.rrd")).unwrap());
     let mut entities: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -71,13 +71,13 @@ fn two_runs_are_equal_recordings_once_decoded_in_one_process_or_three() {
     assert_ne!(decoded(&other), first, "the comparison sees differences");
 }
 
-/// Something at a viewer's address that is no good viewer.
+/// States of a viewer's address without a working viewer.
 enum Viewer {
-    /// Nobody listens.
+    /// There is no listener.
     Absent,
-    /// The system accepts connections for it, and it takes nothing, as one that was stopped.
+    /// The system accepts connections for it, and it reads nothing, as if it were stopped.
     Paused(TcpListener),
-    /// It takes what comes for a moment, and is gone.
+    /// It reads for a moment, and ends.
     Killed(std::thread::JoinHandle<()>),
 }
 
@@ -88,7 +88,7 @@ impl Viewer {
         let viewer = match name {
             "paused" => Self::Paused(listener),
             "killed" => Self::Killed(std::thread::spawn(move || {
-                // The first connection is the question whether somebody is there.
+                // The first connection tests whether there is a listener.
                 for _ in 0..2 {
                     let (mut connection, _) = listener.accept().unwrap();
                     connection
@@ -111,7 +111,7 @@ impl Viewer {
     }
 }
 
-/// What a viewer must not change.
+/// Returns the files that a viewer must not change.
 fn result(run: &Path) -> [Vec<u8>; 3] {
     ["bus.log", "signals.csv", "verdict.json"].map(|name| fs::read(run.join(name)).unwrap())
 }
@@ -146,7 +146,7 @@ fn in_real_time_a_paused_viewer_costs_no_frame_and_is_reported() {
         let mut command = canrig(&runs, "run");
         let command = command.args(["--bus", "embedded", "--rerun-connect", &port]);
         let (code, stdout, stderr) = output(command.arg(short));
-        // On a busy machine the timing may decide nothing; then the program says so.
+        // On a busy machine the timing may leave the result undecided; the program then reports it.
         assert!(matches!(code, Some(0 | 5)), "{code:?}\n{stdout}\n{stderr}");
         assert!(!stdout.contains("lost"), "{stdout}");
         assert!(stderr.contains("missed the end of the run"), "{stderr}");
@@ -167,7 +167,7 @@ fn a_viewer_that_is_not_installed_comes_with_how_to_get_it() {
             .env("PATH", folder.path()),
     );
     assert_eq!(code, Some(0), "{stderr}");
-    // Where a viewer is open already, it is used.
+    // An open viewer is used.
     let is_open = std::net::TcpStream::connect("127.0.0.1:9876").is_ok();
     assert!(
         is_open || stderr.contains("pip install rerun-sdk"),

@@ -1,4 +1,4 @@
-//! A bench with plants and laws of somebody else's: every command of canrig, which knows them as it knows the shipped ones.
+//! A bench with custom plants and laws: every command of canrig, which treats them like the shipped ones.
 
 use std::ffi::OsString;
 use std::panic::AssertUnwindSafe;
@@ -17,10 +17,10 @@ use crate::fmu::export::{self, OwnModel};
 use runner::console;
 use runner::exit::Exit;
 
-/// Files, sockets and pipes that a run has open at once, with some to spare.
+/// Number of files, sockets and pipes that a run has open at once, with a reserve.
 const OPEN_FILES: u64 = 64;
 
-/// The program, before it runs.
+/// The program before it runs, with its plants and laws.
 ///
 /// The nodes are processes of the same program, so all of them know the same plants and laws.
 #[derive(Default)]
@@ -31,7 +31,7 @@ pub struct Bench {
     laws: Vec<LawRow>,
 }
 
-/// Why a bench cannot begin: its author's mistake, not its user's.
+/// Reason why a bench cannot begin: a mistake of its author, not of its user.
 #[derive(Debug, thiserror::Error)]
 enum InvalidBench {
     #[error(transparent)]
@@ -41,30 +41,32 @@ enum InvalidBench {
 }
 
 impl Bench {
-    /// canrig with the plants and laws that ship.
+    /// Returns canrig with the plants and laws that ship.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A plant more, which rig files choose by a table `[plant.NAME.MODEL]`, and scenarios without one by `[plant.MODEL]`.
+    /// Adds a plant. Rig files choose it by a table `[plant.NAME.MODEL]`, and scenarios without a rig file by
+    /// `[plant.MODEL]`.
     pub fn plant<P: Plant>(mut self) -> Self {
         self.plants.push(PlantRow::of::<P>());
         self.models.push(fmu_plants::plant::<P>);
         self
     }
 
-    /// A law more, which scenarios choose by a table `[controller.NAME]`, or `[controller.all.NAME]` if it leads all loops of a rig.
+    /// Adds a law. Scenarios choose it by a table `[controller.NAME]`, or `[controller.all.NAME]` if it leads all loops
+    /// of a rig.
     pub fn law<L: Law>(mut self) -> Self {
         self.laws.push(LawRow::of::<L>());
         self
     }
 
-    /// Does what the command line says. A panic ends in exit code 70 and a message, after everything on the stack was
-    /// cleaned up, and so does a plant or a law that cannot be one.
+    /// Executes the command line. A panic ends in exit code 70 and a message, after the stack was unwound. An invalid
+    /// plant or law ends in the same way.
     #[must_use]
     pub fn main(self) -> ExitCode {
         std::panic::set_hook(Box::new(console::print_panic));
-        // What a panic leaves of the bench is dropped with it.
+        // The remains of the bench after a panic are dropped with it.
         let run = AssertUnwindSafe(|| match self.register() {
             Ok(()) => from_command_line(),
             Err(error) => {
@@ -101,7 +103,7 @@ impl Bench {
 }
 
 fn from_command_line() -> Exit {
-    // What is printed of each file is a line, which some CI systems take commands from.
+    // Each file is printed on one line, and some CI systems take commands from the beginning of a line.
     let has_line_end = |word: &OsString| word.as_encoded_bytes().contains(&b'\n');
     if let Some(word) = std::env::args_os().find(has_line_end) {
         return console::usage_error(&format!(
@@ -128,7 +130,7 @@ fn from_command_line() -> Exit {
 }
 
 fn execute(cli: Cli) -> Exit {
-    // Where the signal is not ignored, a limit on files ends the program.
+    // If the signal is not ignored, a limit on the size of files ends the program.
     let _ = platform::stop::take_long_files_as_errors();
     // Without it a signal ends the program too, with another code.
     let _ = platform::stop::end_at_once(Exit::Interrupted.code());

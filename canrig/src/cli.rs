@@ -118,12 +118,12 @@ Exit codes, of the worst run:
 #[derive(Debug, Parser)]
 #[command(version, after_help = EXAMPLES, max_term_width = 100)]
 pub(crate) struct Cli {
-    /// What to do.
+    /// Subcommand to execute.
     #[command(subcommand)]
     pub command: Command,
 }
 
-/// What to do.
+/// Subcommand.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Play scenarios with controller and plant as processes on a CAN bus, and judge them
@@ -220,7 +220,7 @@ pub(crate) enum Command {
     },
 }
 
-/// Does what the command line says.
+/// Executes the subcommand.
 #[must_use]
 pub(crate) fn execute(cli: Cli) -> Exit {
     match cli.command {

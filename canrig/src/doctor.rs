@@ -1,4 +1,4 @@
-//! What of this machine serves a test bench, and the command that repairs what does not.
+//! `canrig doctor`: checks whether this machine suits a test bench, and prints the commands that repair it.
 
 use std::env;
 use std::fs;
@@ -18,14 +18,14 @@ use runner::run::RUNS;
 /// The program that shows recordings.
 const VIEWER: &str = "rerun";
 
-/// One thing that was looked at.
+/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct MachineCheck {
-    /// What.
+    /// Name of the check.
     what: &'static str,
-    /// What was found.
+    /// Result, as text.
     found: String,
-    /// The command that repairs it; none where nothing is amiss.
+    /// Command that repairs it; `None` if nothing is wrong.
     fix: Option<String>,
 }
 
@@ -39,11 +39,10 @@ impl MachineCheck {
     }
 }
 
-/// What serves one purpose.
+/// The checks for one purpose.
 struct Section {
-    /// The purpose.
     heading: &'static str,
-    /// Whether nothing works without it.
+    /// Whether the bench fails to work without it.
     is_needed: bool,
     checks: Vec<MachineCheck>,
 }
@@ -53,7 +52,7 @@ impl Section {
         self.checks.iter().any(|check| check.fix.is_some())
     }
 
-    /// The heading, and a line for each check with the command that repairs it.
+    /// Returns the heading, and a line for each check with the command that repairs it.
     fn in_words(&self, width: usize) -> String {
         let lines: Vec<String> = self
             .checks
@@ -84,7 +83,7 @@ pub(crate) struct DoctorArgs {
     pub strict: bool,
 }
 
-/// Looks at this machine and prints what serves and what does not.
+/// Checks this machine, and prints the results.
 #[must_use]
 pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
     let sections = examine();
@@ -92,7 +91,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Exit {
     exit(&sections, args.strict)
 }
 
-/// Only what everybody needs decides, unless `is_strict`.
+/// Returns the exit code. Optional sections count only if `is_strict`.
 fn exit(sections: &[Section], is_strict: bool) -> Exit {
     let mut deciding = sections.iter().filter(|one| one.is_needed || is_strict);
     if deciding.any(Section::lacks_something) {
@@ -102,7 +101,7 @@ fn exit(sections: &[Section], is_strict: bool) -> Exit {
     }
 }
 
-/// Looks at everything. Asks for memory and makes buses for a moment.
+/// Makes every check. It locks memory and makes buses for a moment.
 fn examine() -> Vec<Section> {
     let needed = |heading, checks| Section {
         heading,
@@ -133,7 +132,7 @@ fn examine() -> Vec<Section> {
     ]
 }
 
-/// The sections, and whether the bench works here.
+/// Returns the text of the sections, with a conclusion on whether the bench works here.
 fn report(sections: &[Section]) -> String {
     let checks = sections.iter().flat_map(|section| &section.checks);
     let width = checks
@@ -162,7 +161,7 @@ fn rust() -> MachineCheck {
     MachineCheck::new("Rust toolchain", found)
 }
 
-/// Whether the second word of a version is this version or a later one.
+/// Returns whether the version in the second word of a text is at least `least`.
 fn is_at_least(version: &str, least: &str) -> bool {
     let numbers = |text: &str| -> Vec<u32> {
         let parts = text.split(['.', '-']).take(2);
@@ -180,7 +179,7 @@ fn c_compiler() -> MachineCheck {
     MachineCheck::new("C compiler", found.ok_or_else(missing))
 }
 
-/// The first line that a program prints; none where there is no such program.
+/// Returns the first line that a program prints; `None` if there is no such program.
 fn first_line(program: &str, argument: &str) -> Option<String> {
     let ran = Command::new(program).arg(argument).output().ok()?;
     let text = String::from_utf8_lossy(&ran.stdout).into_owned();
@@ -236,7 +235,7 @@ fn private_bus() -> MachineCheck {
     )
 }
 
-/// What went wrong, without the advice of the message: the line below has a command.
+/// Returns an error without the advice of the message: the line below has a command.
 fn first_part(error: &impl ToString) -> String {
     let text = error.to_string();
     let ends = ["; ", " (load it with"].map(|advice| text.find(advice));
@@ -245,7 +244,7 @@ fn first_part(error: &impl ToString) -> String {
 }
 
 fn fifo() -> MachineCheck {
-    // On a thread that ends at once, so that nothing else runs with the priority.
+    // The thread ends at once, so no other code runs with the priority.
     let asked = std::thread::spawn(|| scheduling::request_fifo(scheduling::NODE_PRIORITY)).join();
     let found = match asked {
         Ok(Ok(())) => Ok(format!("SCHED_FIFO {} granted", scheduling::NODE_PRIORITY)),
@@ -297,7 +296,7 @@ fn governor() -> MachineCheck {
 }
 
 fn isolation() -> MachineCheck {
-    // Not needed, so never amiss.
+    // Isolation is optional, so it never counts as missing.
     let isolated = setting("/sys/devices/system/cpu/isolated");
     let found = isolated.filter(|cpus| !cpus.is_empty());
     let none = "no CPU is isolated (optional: isolcpus=… on the kernel's command line)";
@@ -314,7 +313,7 @@ fn viewer() -> MachineCheck {
     MachineCheck::new("viewer", found.ok_or(("not in PATH".to_owned(), fix)))
 }
 
-/// The content of a one-line file of the kernel.
+/// Returns the content of a one-line file of the kernel.
 fn setting(path: impl AsRef<Path>) -> Option<String> {
     let text = fs::read_to_string(path).ok()?;
     Some(text.trim().to_owned())
@@ -357,7 +356,7 @@ mod tests {
         assert!(report(&needed).ends_with("Something that is needed is MISSING."));
     }
 
-    /// `modprobe` reads a second module without `-a` as a parameter of the first.
+    /// Without `-a`, `modprobe` reads a second module as a parameter of the first.
     #[test]
     fn several_modules_are_loaded_together() {
         for check in [kernel_can(), private_bus()] {

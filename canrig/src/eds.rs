@@ -13,7 +13,7 @@ use runner::named::plan_of;
 /// Arguments of `eds`.
 #[derive(Args, Debug)]
 pub(crate) struct EdsArgs {
-    /// Whose nodes: a rig file, a scenario, or the folder of a run
+    /// Rig file, scenario or folder of a run with the nodes
     #[arg(value_name = "RIG")]
     pub rig: PathBuf,
     /// Write the files to this folder; nothing is overwritten
@@ -21,7 +21,7 @@ pub(crate) struct EdsArgs {
     pub to: PathBuf,
 }
 
-/// Writes the EDS of each node, and prints which it wrote.
+/// Writes the EDS of each node, and prints the names of the files.
 #[must_use]
 pub(crate) fn eds(args: &EdsArgs) -> Exit {
     let plan = match plan_of(&args.rig) {

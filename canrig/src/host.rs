@@ -54,7 +54,7 @@ pub(crate) enum Role {
     PlantEmulator,
 }
 
-/// Where a node lives.
+/// Bus and channel of a node.
 #[derive(Args, Debug)]
 pub(crate) struct HostArgs {
     /// The bus, such as `can0` or `embedded:/path`; in lock-step only where frames cross a real bus
@@ -65,24 +65,24 @@ pub(crate) struct HostArgs {
     pub lockstep: Option<i32>,
 }
 
-/// Why a node's process ends before it is asked to, and the exit code by which the bench knows whose doing it is.
+/// Reason why a node's process ends early. The exit code tells the bench which part has caused it.
 struct Failure {
     exit: Exit,
     reason: String,
 }
 
 impl Failure {
-    /// The node cannot be set up, so nothing begins.
+    /// The node cannot be set up, so the run does not begin.
     fn of_plan(error: impl ToString) -> Self {
         Self::new(Exit::CannotStart, error)
     }
 
-    /// A file is not valid: all that is wrong in it.
+    /// A file is not valid; the reason lists every error in it.
     fn of_file(error: ScenarioError) -> Self {
         Self::new(Exit::CannotStart, without_colours(&error))
     }
 
-    /// The node can do nothing for it.
+    /// The bus or the system failed, not the node.
     fn of_bus(error: impl ToString) -> Self {
         Self::new(Exit::BenchFailed, error)
     }
@@ -107,12 +107,12 @@ impl From<RunError> for Failure {
     }
 }
 
-/// The plan that this node has a part in.
+/// Reads the plan of the scenario.
 fn plan_of(args: &NodeArgs) -> Result<Plan, Failure> {
     Plan::load(&args.scenario, catalogue()).map_err(Failure::of_file)
 }
 
-/// The controller's process.
+/// Makes the controller.
 fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failure> {
     let plan = plan_of(args)?;
     let views = controller_views(&plan);
@@ -130,7 +130,7 @@ fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn N
     faulty_controller(make, &plan, is_of_process(args)).map_err(Failure::of_plan)
 }
 
-/// What happens to a process in real time is done to it from outside.
+/// Returns whether the bench causes a fault from outside the process, as it does with crash and hang in real time.
 fn is_of_process(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
     let is_real_time = args.host.lockstep.is_none();
     move |kind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
@@ -148,12 +148,12 @@ fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
     plant_emulator(&plan, plant).map_err(Failure::of_plan)
 }
 
-/// Runs one node as this process: what the hidden subcommand `node` does.
+/// Runs one node as this process, for the hidden subcommand `node`.
 #[must_use]
 pub(crate) fn host(args: &NodeArgs) -> Exit {
     let is_real_time = args.host.lockstep.is_none();
-    // Before the node: the worker of an FMU gets a priority where this thread has one. And before the bus: who enters a private one
-    // loses the right to the priority, but not the priority.
+    // Before the node: the worker of an FMU gets a priority if this thread has one. And before the bus: a process that
+    // enters a private one loses the right to the priority, but not the priority.
     let fifo = is_real_time.then(|| scheduling::request_fifo(scheduling::NODE_PRIORITY));
     let late = Arc::default();
     let hosted = match args.role {
@@ -169,10 +169,10 @@ pub(crate) fn host(args: &NodeArgs) -> Exit {
     }
 }
 
-/// Whether the node's thread got its priority; none in virtual time.
+/// Whether the node's thread got its priority; `None` in virtual time.
 type Fifo = Option<Result<(), scheduling::Refused>>;
 
-/// What the bench receives at the end.
+/// Returns the report that the bench receives at the end.
 fn node_report(report: &RunReport, scheduling: &Scheduling, late: &AtomicU64) -> NodeReport {
     NodeReport {
         ticks: report.ticks,

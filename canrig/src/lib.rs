@@ -1,13 +1,14 @@
 //! canrig: a hardware-in-the-loop test bench over CAN, and its command line.
 //!
-//! Comes in: the words of the command line, and the plants and laws that a [`Bench`] from outside registers. Goes out: what
-//! the command prints, and its exit code. Each subcommand stands with its arguments and its `run` in one file, here or in
-//! the crates `runner`, `campaigns` and `paper`; `cli` only lists them.
+//! Inputs are the arguments of the command line, and the plants and laws that a [`Bench`] from outside registers.
+//! Outputs are the printed text and the exit code. Each subcommand has one file with its arguments and its `run`, here
+//! or in the crates `runner`, `campaigns` and `paper`; `cli` only lists them.
 //!
-//! Here are the tools on a bus (`tools`), what an FMU says of itself (`fmu`), the look at the machine (`doctor`), the new crate of a plant or law (`new`), the
-//! completions and manual pages (`manual`), and the node as a process of its own (`host`), which a run starts.
+//! This crate has the tools on a bus (`tools`), the description of an FMU (`fmu`), the check of the machine (`doctor`),
+//! the new crate of a plant or law (`new`), the completions and manual pages (`manual`), and the node as a process of
+//! its own (`host`), which a run starts.
 //!
-//! What it does not know: how a run is played, recorded, judged and reported.
+//! The crate does not know how a run is played, recorded, judged and reported.
 
 pub mod bench;
 mod cli;
@@ -22,7 +23,7 @@ mod tools;
 
 pub use bench::Bench;
 
-/// The command line, for what checks commands that stand in pages.
+/// Returns the command line, for checks of the commands in the book.
 #[doc(hidden)]
 #[must_use]
 pub fn command() -> clap::Command {

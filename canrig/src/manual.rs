@@ -36,7 +36,7 @@ pub(crate) fn completions(args: &CompletionsArgs, command_line: &mut Command) ->
     Exit::Pass
 }
 
-/// Writes the pages of a command and of those below it.
+/// Writes the pages of a command and of its subcommands.
 fn write_pages(command: Command, folder: &Path) -> io::Result<()> {
     let below = command
         .get_subcommands()
@@ -50,7 +50,7 @@ fn write_pages(command: Command, folder: &Path) -> io::Result<()> {
     })
 }
 
-/// Writes `canrig.1` and a page for each command into a folder, which is made where it is missing.
+/// Writes `canrig.1` and a page for each command into a folder, which is made if it is missing.
 #[must_use]
 pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
     let folder = &args.folder;

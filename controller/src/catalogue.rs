@@ -1,4 +1,5 @@
-//! The laws that scenarios can choose, by name: those of [`laws`](crate::laws), and those that a bench of somebody else's brings.
+//! The laws that scenarios can choose, by name: the shipped ones in [`laws`](crate::laws), and the custom ones of a
+//! bench.
 
 use std::sync::OnceLock;
 
@@ -16,18 +17,18 @@ use crate::laws::SHIPPED;
 use crate::process_law;
 use crate::terms::described;
 
-/// A law that a scenario can choose by the table that has its name.
+/// A law that a scenario can choose by the table with its name.
 #[derive(Clone, Copy)]
 pub struct LawRow {
     name: &'static str,
     table: fn() -> OwnTable,
     make: fn(&Controller, &Wiring) -> Result<AnyLaw, LawError>,
-    /// The ports of a law of one loop, by the parameters that an empty table stands for; `None` where some must be given.
+    /// Ports of a law of one loop with its default parameters; `None` if some parameters have no default.
     ports: fn() -> Option<Ports>,
 }
 
 impl LawRow {
-    /// The law `L`.
+    /// Returns the row of the law `L`.
     #[must_use]
     pub const fn of<L: Law>() -> Self {
         Self {
@@ -45,43 +46,43 @@ impl LawRow {
     }
 }
 
-/// Why a `[controller]` table selects no law.
+/// Reason why a `[controller]` table selects no law.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum LawError {
-    /// No table or several.
+    /// The table holds no law or several.
     #[error("the [controller] table must hold exactly one law, found {0}")]
     NotExactlyOne(usize),
-    /// A law that nobody registered.
+    /// The law is unknown.
     #[error("there is no control law `{0}`")]
     Unknown(String),
-    /// The table of a law is that of another one.
+    /// The parameters do not fit the law.
     #[error("controller: {0}")]
     Parameters(#[from] toml::de::Error),
 }
 
-/// Why a law from outside cannot be registered.
+/// Reason why a custom law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum InvalidOwnLaw {
-    /// Its table cannot be one.
+    /// Its table is invalid.
     #[error(transparent)]
     Table(#[from] InvalidOwn),
-    /// Its ports stand for nothing, or it has too many terms.
+    /// A port has no meaning, or there are too many terms.
     #[error("the law `{law}`: {wrong}")]
     Port {
-        /// The law.
+        /// Name of the law.
         law: &'static str,
-        /// What is wrong.
+        /// The error.
         wrong: WrongPort,
     },
 }
 
 static OWN: OnceLock<Vec<LawRow>> = OnceLock::new();
 
-/// Registers the laws from outside, once and before any scenario is read, and those that ship and that the format of scenarios does not
-/// have.
+/// Registers the custom laws, once and before any scenario is read. It also registers the shipped laws that are not in
+/// the format of scenarios.
 ///
 /// # Errors
-/// One of them has a name, parameters or ports that it cannot have.
+/// A law has an invalid name, parameters or ports.
 pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidOwnLaw> {
     laws.iter().try_for_each(check)?;
     let shipped = SHIPPED.iter().filter(|row| !is_of_format(row.name));
@@ -94,7 +95,7 @@ pub fn register_laws(laws: Vec<LawRow>) -> Result<(), InvalidOwnLaw> {
         .map_err(|_| InvalidOwnLaw::Table(InvalidOwn::RegisteredAlready))
 }
 
-/// Whether the bus can carry what a law of one loop writes.
+/// Checks whether the bus can carry the outputs of a law of one loop.
 fn check(row: &LawRow) -> Result<(), InvalidOwnLaw> {
     let Some(ports) = (row.ports)() else {
         return Ok(());
@@ -106,7 +107,7 @@ fn check(row: &LawRow) -> Result<(), InvalidOwnLaw> {
     checked.map_err(|wrong| InvalidOwnLaw::Port { law, wrong })
 }
 
-/// Whether terms have names of columns, and room in the frames of a loop.
+/// Checks whether the terms have valid names of columns, and fit into the frames of a loop.
 fn check_terms(terms: &[LawTerm]) -> Result<(), WrongPort> {
     if let Some(term) = terms.iter().find(|term| !is_name(&term.name)) {
         return Err(WrongPort {
@@ -125,10 +126,10 @@ fn check_terms(terms: &[LawTerm]) -> Result<(), WrongPort> {
     }
 }
 
-/// The one law in a scenario's `[controller]` table, before its first cycle, of the drive that is wired like this.
+/// Returns the only law in a scenario's `[controller]` table, before its first cycle, for the drive with this wiring.
 ///
 /// # Errors
-/// The table holds none or several, or one that nobody registered.
+/// The table holds no law, several, or an unknown one.
 pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError> {
     let mut names = controller.law_names();
     let name = match (names.next(), names.count()) {
@@ -147,14 +148,14 @@ pub fn law(controller: &Controller, wiring: &Wiring) -> Result<AnyLaw, LawError>
     (row.make)(controller, wiring)
 }
 
-/// The terms that the law of a `[controller]` table publishes for the drive that is wired like this.
+/// Returns the terms that the law of a `[controller]` table publishes for the drive with this wiring.
 #[must_use]
 pub fn terms(controller: &Controller, wiring: &Wiring) -> Vec<LawTerm> {
     law(controller, wiring).map_or_else(|_| Vec::new(), |law| law.terms(wiring))
 }
 
-/// What is wrong with the law of a `[controller]` table: its parameters, or its ports at the drive that is wired like this. Of a law of
-/// all loops it is said for the first one only.
+/// Returns the error of the law of a `[controller]` table: in its parameters, or in its ports at the drive with this
+/// wiring. For a law of all loops only the first loop returns it.
 #[must_use]
 pub fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
     let law = law(controller, wiring).ok()?;
@@ -231,7 +232,7 @@ mod tests {
         );
     }
 
-    /// A law with so many terms.
+    /// A law with `TERMS` terms.
     #[derive(Debug)]
     struct Talkative<const TERMS: usize>;
 
@@ -266,7 +267,7 @@ mod tests {
             let term = described((name, &Port::term("x")));
             assert!(check_terms(&[term]).is_err(), "{name}");
         }
-        // It is there already.
+        // The law is registered already.
         assert!(matches!(
             register_laws(vec![LawRow::of::<Pid>()]),
             Err(InvalidOwnLaw::Table(_))

@@ -1,9 +1,9 @@
-//! Why the controller went to its safe state: what its EMCY says.
+//! Cause of the controller's safe state, which its EMCY carries.
 
 use canopen::emcy::ErrorCode;
 use canopen::nmt::NodeId;
 
-/// A cause; its number is in the second of the EMCY's manufacturer bytes, as the DBC's value table has it.
+/// A cause. Its number is the second manufacturer byte of the EMCY, as in the DBC's value table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Cause {
     NoPosition = 1,
@@ -20,7 +20,7 @@ pub(crate) enum Cause {
 }
 
 impl Cause {
-    /// The code of CiA 301 that comes nearest.
+    /// Returns the closest error code of CiA 301.
     pub(crate) fn code(self) -> ErrorCode {
         match self {
             Self::NoPosition => ErrorCode::RPDO_TIMEOUT,
@@ -31,7 +31,7 @@ impl Cause {
         }
     }
 
-    /// The EMCY's manufacturer bytes; the first is for the number of the node concerned, where there may be several.
+    /// Returns the EMCY's manufacturer bytes. The first is the node-ID of the node concerned, or 0.
     pub(crate) fn manufacturer(self, node: Option<NodeId>) -> [u8; 5] {
         [node.map_or(0, NodeId::get), self as u8, 0, 0, 0]
     }

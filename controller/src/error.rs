@@ -1,4 +1,4 @@
-//! Why there can be no controller.
+//! Errors of the construction of a controller.
 
 use canopen::eds;
 use canopen::services::InvalidPdo;
@@ -6,13 +6,13 @@ use scenario::rig::drive::DriveError;
 
 use crate::catalogue::LawError;
 
-/// Why a controller cannot be made.
+/// Reason why a controller cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ControllerError {
     /// The scenario selects no law.
     #[error(transparent)]
     Law(#[from] LawError),
-    /// A law reads or writes what the rig has not.
+    /// A law reads or writes a signal that the rig lacks.
     #[error(transparent)]
     Port(#[from] scenario::law_ports::WrongPort),
     /// An EDS cannot be read.
@@ -24,16 +24,16 @@ pub enum ControllerError {
     /// The controller's EDS lacks an object.
     #[error("the controller's EDS has no object 0x{0:04X}")]
     NoObject(u16),
-    /// The drive cannot be led.
+    /// The drive is not suitable.
     #[error(transparent)]
     Drive(#[from] DriveError),
-    /// No node's number.
+    /// A number is no node-ID.
     #[error("{0} is no node-ID")]
     NodeId(u8),
-    /// The process that plays a law cannot be started.
+    /// The process of a law cannot be started.
     #[error("{0}")]
     NoPlayer(String),
-    /// A loop follows a drive that is not there.
+    /// A loop follows a missing drive.
     #[error("a loop follows the drive with node-ID {0}, which the controller does not lead")]
     NotLed(u8),
 }

@@ -1,9 +1,9 @@
-//! The position as the PID laws see it: the latest one that was measured, and a filter behind it for the derivative.
+//! The position for the PID laws: the latest measurement, and a filter of it for the derivative.
 
-/// Positions are taken to lie within this, in metres or in the loop's own unit, so that results stay finite; beyond any rig.
+/// Limit of the position, in metres or in the loop's own unit; it keeps results finite and is beyond any rig.
 const POSITION_MAX: f64 = 1e6;
 
-/// In metres, or in the loop's own unit.
+/// Measured and filtered position, in metres or in the loop's own unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FilteredPosition {
     latest: f64,
@@ -12,7 +12,7 @@ pub(crate) struct FilteredPosition {
 }
 
 impl FilteredPosition {
-    /// Takes a measurement; the one before stays where it is no number.
+    /// Takes a measurement. If it is no number, the previous one stays.
     pub(crate) fn measure(&mut self, position: f64) {
         if position.is_finite() {
             self.latest = position.clamp(-POSITION_MAX, POSITION_MAX);
@@ -27,7 +27,8 @@ impl FilteredPosition {
         self.latest
     }
 
-    /// First-order filter of the position; gives how fast the filtered position moves, which of a ramp is its slope.
+    /// Filters the position to first order, and returns the velocity of the filtered position. For a ramp it is the
+    /// slope.
     pub(crate) fn velocity(&mut self, pole_radians_per_second: f64, period_seconds: f64) -> f64 {
         let share = 1.0 - libm::exp(-pole_radians_per_second * period_seconds);
         let step = share * (self.latest - self.filtered);

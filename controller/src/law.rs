@@ -1,4 +1,4 @@
-//! What every control law is: constants, a state, ports, and a pure step.
+//! The interface of control laws: constants, a state, ports, and a pure step.
 
 use std::fmt;
 use std::time::Duration;
@@ -15,59 +15,60 @@ use scenario::wiring::{LoopOfRig, Wiring};
 use crate::process_law::{NotStarted, Part, Player, StartPlayer, Window};
 use crate::terms::described;
 
-/// When a law steps.
+/// Time of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cycle {
     /// Time since the start of the scenario.
     pub scenario_time_seconds: f64,
-    /// Time since the cycle before.
+    /// Time since the previous cycle.
     pub period_seconds: f64,
 }
 
-/// A control law: a table of the scenario in, constants in `self`, memory in `State`, and a step from values that it reads to values
-/// that it writes.
+/// A control law. It is made from a table of the scenario; its constants are in `self`, its memory in `State`. A step
+/// maps input values to output values.
 ///
-/// A law of one loop has the ports of [`one_loop`]. A law of all loops of a rig names what it reads and writes. An input is
-/// `LOOP.position_UNIT`, which is not a number in a cycle that brought no position; `LOOP.set_point_UNIT`, and with `_per_second` and
-/// `_per_second_squared` behind it the set-point's derivatives; `DRIVE.position_UNIT` of a further drive. An output is
-/// `DRIVE.current_amperes`, one for each drive, or a term of the law's own, `LOOP.NAME`, which is recorded among the signals of that
-/// loop. The law states the unit in the name; the controller converts.
+/// A law of one loop has the ports of [`one_loop`]. A law of all loops of a rig names its inputs and outputs. An input
+/// is `LOOP.position_UNIT`, which is NaN in a cycle without a position; `LOOP.set_point_UNIT`, or with the suffix
+/// `_per_second` or `_per_second_squared` a derivative of the set-point; or `DRIVE.position_UNIT` of a further drive.
+/// An output is `DRIVE.current_amperes`, one for each drive, or a term of the law, `LOOP.NAME`, which is recorded among
+/// the signals of that loop. The law states the unit in the name; the controller converts.
 ///
-/// The controller node owns the rest: the drives, SYNC, set-points, missing and implausible positions, and the objects in which the
-/// terms are published. An observer is the law's own: its state is a part of `State`.
+/// The controller node does everything else: the drives, SYNC, set-points, missing and implausible positions, and the
+/// objects in which the terms are published. An observer belongs to the law: its state is a part of `State`.
 pub trait Law: fmt::Debug + Send + 'static {
-    /// Its name, and that of its table in a scenario.
+    /// Name of the law and of its table in a scenario.
     const NAME: &'static str;
-    /// How many drives of its loop it leads; `None` for a law of all loops of a rig.
+    /// Number of drives of its loop that it leads; `None` for a law of all loops of a rig.
     const DRIVES: Option<usize> = Some(1);
-    /// Its parameters: what a scenario's table is read into.
+    /// Parameters of the law, read from the scenario's table.
     type Config: Parameters;
-    /// What it remembers from cycle to cycle. `Copy` owns nothing on the heap.
+    /// Memory from cycle to cycle. `Copy` excludes memory on the heap.
     type State: Copy + fmt::Debug + Send;
 
-    /// Works out the constants. `currents` is what each drive that it leads can be commanded, in their order; of a law of all loops,
-    /// what the first drive of each loop can, in the order of the loops' names.
+    /// Computes the constants. `currents` are the current ranges of the drives that it leads, in their order. For a law
+    /// of all loops they are those of the first drive of each loop, in the order of the loops' names.
     fn new(config: &Self::Config, currents: &[CurrentRange]) -> Self;
 
-    /// What it reads and writes. A current is limited to the range of its port and to what the drive can be commanded. The terms
-    /// are sent every 10th cycle, in at most four frames.
+    /// Returns the inputs and outputs. A current is limited to the range of its port and to that of the drive. The
+    /// terms are sent every 10th cycle, in at most four frames.
     fn ports(&self) -> Ports;
 
-    /// What makes no physical sense of the parameters: the parameter, and why.
+    /// Returns the parameter that makes no physical sense, if there is one, and the reason.
     fn objection(&self) -> Option<(&'static str, String)> {
         None
     }
 
-    /// The memory before the first cycle.
+    /// Returns the memory before the first cycle.
     fn start(&self) -> Self::State;
 
-    /// Writes what acts from the next cycle on, in the order of the outputs, from values in the order of the inputs. It is called once
-    /// per cycle, when the last of the positions that it reads has come, or at the end of a cycle that lacked one. It allocates
-    /// nothing, and writes finite values for any that it reads.
+    /// Computes the outputs that act from the next cycle on from the inputs; both are in the order of the ports. It is
+    /// called once per cycle: when the last position that it reads has come, or at the end of a cycle that lacked one.
+    /// It does not allocate, and its outputs are finite for any inputs.
     fn step(&self, state: &mut Self::State, cycle: &Cycle, reads: &[f64], writes: &mut [f64]);
 }
 
-/// The ports of a law of one loop: it reads [`LoopReads`], and writes a current for each drive that it leads, and its terms.
+/// Returns the ports of a law of one loop: the inputs are [`LoopReads`]; the outputs are a current for each drive that
+/// it leads, and its terms.
 #[must_use]
 pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
     // The amplifier limits the current.
@@ -81,17 +82,17 @@ pub fn one_loop<L: Law>(terms: impl IntoIterator<Item = Port>) -> Ports {
     }
 }
 
-/// What a law of one loop reads.
+/// Inputs of a law of one loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoopReads {
-    /// Position as sampled by the drive, in metres or the loop's own unit; not finite when this cycle brought none.
+    /// Position as sampled by the drive, in metres or the loop's own unit; not finite in a cycle without one.
     pub position: f64,
     /// Set-point, in the same unit.
     pub set_point: SetPoint,
 }
 
 impl LoopReads {
-    /// From values in the order of [`one_loop`].
+    /// Makes the inputs from values in the order of [`one_loop`].
     #[must_use]
     #[inline]
     pub fn of(reads: &[f64]) -> Self {
@@ -109,7 +110,7 @@ impl LoopReads {
         }
     }
 
-    /// Values in the order of [`one_loop`].
+    /// Returns the values in the order of [`one_loop`].
     #[must_use]
     #[inline]
     pub fn values(&self) -> [f64; LOOP_INPUTS.len()] {
@@ -143,20 +144,20 @@ impl<L: Law> Player for Running<L> {
     }
 }
 
-/// A law that the controller node runs.
+/// A law in the controller node.
 #[derive(Debug)]
 pub struct AnyLaw {
     ports: Ports,
     drives: Option<usize>,
-    /// The names of its ports begin with those of loops and drives.
+    /// Whether the names of its ports begin with the names of loops and drives.
     names_loops: bool,
     player: Box<dyn Player>,
-    /// What a process is to play that is not started.
+    /// Part for a process that is not started yet.
     part: Option<Part>,
 }
 
 impl AnyLaw {
-    /// A law with these constants, before its first cycle, of the drive that is wired like this.
+    /// Makes a law with these parameters, before its first cycle, for the drive with this wiring.
     #[must_use]
     pub fn of<L: Law>(config: &L::Config, wiring: &Wiring) -> Self {
         let law = L::new(config, &wiring.currents(L::DRIVES));
@@ -172,7 +173,7 @@ impl AnyLaw {
         }
     }
 
-    /// A law that a process plays for the drive that is wired like this.
+    /// Makes a law that a process plays, for the drive with this wiring.
     #[must_use]
     pub(crate) fn of_process(law: ProcessLaw, wiring: &Wiring) -> Self {
         let (part, ports) = Part::of(law, wiring);
@@ -188,7 +189,7 @@ impl AnyLaw {
     /// Starts the process of a law that a process plays.
     ///
     /// # Errors
-    /// There can be none.
+    /// The process cannot be started.
     pub(crate) fn start(&mut self, period: Duration, start: StartPlayer<'_>) -> Result<(), String> {
         if let Some(part) = self.part.take() {
             self.player = start(&Part { period, ..part })?;
@@ -196,25 +197,25 @@ impl AnyLaw {
         Ok(())
     }
 
-    /// What it reads and writes.
+    /// Returns the inputs and outputs.
     #[must_use]
     pub fn ports(&self) -> &Ports {
         &self.ports
     }
 
-    /// How many drives of its loop it leads; `None` for a law of all loops.
+    /// Returns the number of drives of its loop that it leads; `None` for a law of all loops.
     #[must_use]
     pub fn drives(&self) -> Option<usize> {
         self.drives
     }
 
-    /// What makes no physical sense of its parameters: the parameter, and why.
+    /// Returns the parameter that makes no physical sense, if there is one, and the reason.
     #[must_use]
     pub fn objection(&self) -> Option<(&'static str, String)> {
         self.player.objection()
     }
 
-    /// What its ports stand for, at the drive that is wired like this.
+    /// Returns the connections of its ports at the drive with this wiring.
     pub(crate) fn wires(&self, wiring: &Wiring) -> Result<LawWires, WrongPort> {
         match (self.drives, self.names_loops) {
             (None, _) => LawWires::of_all(&self.ports, &wiring.loops),
@@ -223,7 +224,7 @@ impl AnyLaw {
         }
     }
 
-    /// The terms that it publishes for the loop of a drive.
+    /// Returns the terms that it publishes for the loop of a drive.
     #[must_use]
     pub fn terms(&self, wiring: &Wiring) -> Vec<LawTerm> {
         match (self.names_loops, wiring.own_loop()) {
@@ -233,12 +234,13 @@ impl AnyLaw {
         }
     }
 
-    /// The terms of a law of all loops that it publishes for this one.
+    /// Returns the terms that a law of all loops publishes for one loop.
     pub(crate) fn terms_of(&self, of_loop: &LoopOfRig) -> Vec<LawTerm> {
         terms_of(&self.ports, of_loop).map(described).collect()
     }
 
-    /// Writes what acts from the next cycle on; false where there is no answer in time. Allocates nothing.
+    /// Computes the outputs that act from the next cycle on. Returns false if there is no answer in time. Does not
+    /// allocate.
     pub fn step(
         &mut self,
         cycle: &Cycle,
@@ -249,14 +251,14 @@ impl AnyLaw {
         self.player.step(cycle, window, reads, writes)
     }
 
-    /// Why it cannot go on.
+    /// Returns the reason why it cannot continue, if there is one.
     #[must_use]
     pub fn failure(&self) -> Option<&str> {
         self.player.failure()
     }
 }
 
-/// 1 for true, 0 for false: what a law writes to a flag.
+/// Returns the value of a flag: 1 for true, 0 for false.
 #[must_use]
 pub fn flag(is_set: bool) -> f64 {
     f64::from(u8::from(is_set))

@@ -1,4 +1,4 @@
-//! The laws that ship: a file for each, and its two lines here.
+//! The laws that ship. Each has a file, and two lines here.
 
 pub mod open_loop;
 pub mod pid;

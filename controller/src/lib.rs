@@ -1,14 +1,14 @@
 //! The controller: control laws with observer and nominal model, and the node that runs them on the bus.
 //!
-//! Comes in: what a controller may know of a scenario (`ControllerView`), a rig file with its drive's EDS if the drive is not
-//! the emulated one, and the frames of the drive. Goes out: a [`ControllerNode`], which finds the drive, configures it by
-//! SDO, leads it by a law's current commands in RPDO1, publishes the law's terms in its own TPDOs, and stops the drive when
-//! something is wrong.
+//! Inputs are the part of a scenario that a controller may know (`ControllerView`), a rig file with its drive's EDS if
+//! the drive is not the emulated one, and the frames of the drive. The output is a [`ControllerNode`]. It finds the
+//! drive, configures it by SDO, leads it by a law's current commands in RPDO1, publishes the law's terms in its own
+//! TPDOs, and stops the drive after a failure.
 //!
-//! [`law`] says what a law is, [`laws`] has those that ship, [`catalogue`] finds them and those that a bench from outside brings.
+//! [`law`] defines the interface of laws, [`laws`] has those that ship, and [`catalogue`] finds these and custom ones.
 //!
-//! It does not know: the true plant (its model is nominal), disturbances, faults and limits of the scenario, and in which
-//! world it runs. The platform is named in `main.rs` only.
+//! The controller does not know the true plant (its model is nominal), the disturbances, faults and limits of the
+//! scenario, or the world in which it runs. Only `main.rs` uses the platform.
 #![warn(missing_docs)]
 
 pub mod catalogue;

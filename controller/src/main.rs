@@ -1,4 +1,4 @@
-//! `controller --bus can0 --scenario S`: the controller as a process of its own, by hand or on another machine.
+//! `controller --bus can0 --scenario S`: the controller as a process of its own, started by hand or on another machine.
 #![expect(
     clippy::print_stderr,
     reason = "a program that is started by hand says how it went"

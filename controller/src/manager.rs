@@ -1,6 +1,6 @@
-//! Bring-up of the drive by SDO: checks who it is and configures it as one would a bought drive.
+//! Bring-up of the drive by SDO: checks its identity and configures it like a purchased drive.
 //!
-//! The PDO parameters are read back and written by the standard's full procedure only where they differ, since many
+//! The PDO parameters are read back. They are written by the standard's full procedure only if they differ, since many
 //! drives refuse or store such writes.
 
 use std::time::Duration;
@@ -13,31 +13,31 @@ use scenario::rig::drive::{DriveLayout, Pdo};
 
 /// Bit 31 of a COB-ID: the PDO does not exist.
 const INVALID: u32 = 0x8000_0000;
-/// Bit 30 of a TPDO's COB-ID: no remote frames. Nobody sends any, so either setting will do.
+/// Bit 30 of a TPDO's COB-ID: no remote frames. No node sends any, so both settings are accepted.
 const NO_REMOTE_FRAMES: u32 = 0x4000_0000;
 
-/// What to do with one object.
+/// Action on one object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Action {
-    /// Read; anything but the value ends the bring-up.
+    /// Read; any other value ends the bring-up.
     Require,
     /// Write.
     Write,
-    /// Read; a value that differs in the bits of the mask makes the following [`Action::Correct`] be done.
+    /// Read; a value that differs in the bits of the mask enables the following [`Action::Correct`].
     Compare { mask: u32 },
-    /// Write if something differed.
+    /// Write if a value differed.
     Correct,
-    /// From here on nothing differs.
+    /// Start of a new group: from here on no value has differed.
     NewGroup,
 }
 
-/// One object and what to do with it.
+/// One object and its action.
 #[derive(Clone, Debug)]
 struct Step {
     action: Action,
     index: u16,
     sub_index: u8,
-    /// The object's name in the EDS.
+    /// Name of the object in the EDS.
     name: String,
     value: u32,
     length_bytes: usize,
@@ -55,7 +55,7 @@ impl Step {
         }
     }
 
-    /// A value of this object for people.
+    /// Returns a value of this object as text.
     fn shown(&self, value: u32) -> String {
         match self.length_bytes {
             4 => format!("0x{value:08X}"),
@@ -64,7 +64,7 @@ impl Step {
     }
 }
 
-/// A program in the making.
+/// A program under construction.
 struct Program<'drive> {
     drive: &'drive DriveLayout,
     steps: Vec<Step>,
@@ -95,8 +95,8 @@ impl Program<'_> {
         }
     }
 
-    /// Compares a PDO and, where it differs, configures it in the standard's order (CiA 301, 7.5.2.36): destroy,
-    /// no objects, objects, their number, create.
+    /// Compares a PDO. If it differs, it configures the PDO in the standard's order (CiA 301, 7.5.2.36): destroy, no
+    /// objects, objects, their number, create.
     fn pdo(&mut self, pdo: &Pdo) {
         let objects = || (1..=u8::MAX).zip(&pdo.entries);
         let count = u32::try_from(pdo.entries.len()).unwrap_or(u32::MAX);
@@ -123,7 +123,7 @@ impl Program<'_> {
     }
 }
 
-/// How far the bring-up is.
+/// Progress of the bring-up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
     Busy,
@@ -141,7 +141,8 @@ pub(crate) struct BringUp {
 }
 
 impl BringUp {
-    /// The program for a drive, whose manager has this node-ID, and a SYNC period. Objects that the drive's EDS does not have are left out.
+    /// Makes the program for a drive, the manager's node-ID and a SYNC period. Objects that the drive's EDS lacks are
+    /// left out.
     pub(crate) fn new(
         drive: &DriveLayout,
         manager: NodeId,
@@ -174,7 +175,7 @@ impl BringUp {
         }
     }
 
-    /// Asks for the device type, to learn whether the drive is there. A question still open is dropped.
+    /// Requests the device type, to learn whether the drive is there. A pending request is dropped.
     pub(crate) fn ask(&mut self, services: &mut Services) {
         self.client.reset();
         let started = self.client.start_upload(services.now(), 0x1000, 0);
@@ -182,7 +183,7 @@ impl BringUp {
         self.drain(services);
     }
 
-    /// True once when the drive has answered the question, be it with an abort.
+    /// Returns true once after the drive has answered the request, even with an abort.
     pub(crate) fn is_answered(&mut self) -> bool {
         self.client.take_result().is_some()
     }
@@ -200,18 +201,18 @@ impl BringUp {
         self.drain(services);
     }
 
-    /// Lets an answer that is overdue time out.
+    /// Times out an overdue answer.
     pub(crate) fn on_tick(&mut self, services: &mut Services) {
         self.client.on_tick(services.now());
         self.drain(services);
     }
 
-    /// When an answer is overdue.
+    /// Returns the time at which an answer is overdue.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         self.client.next_deadline()
     }
 
-    /// Goes on with the program as far as the answers allow.
+    /// Continues the program as far as the answers allow.
     pub(crate) fn advance(&mut self, services: &mut Services) -> Outcome {
         if let Some(result) = self.client.take_result()
             && let Err(text) = self.on_result(result)
@@ -258,7 +259,7 @@ impl BringUp {
                 self.differs |= found.is_none_or(|found| (found ^ step.value) & mask != 0);
                 Ok(())
             }
-            // What cannot be read is written; its refusal will say more.
+            // An unreadable object is written; a refusal of the write tells more.
             (Action::Compare { .. }, Err(error))
                 if matches!(error.failure, SdoFailure::Aborted(_)) =>
             {
@@ -290,7 +291,7 @@ impl BringUp {
     }
 }
 
-/// A little-endian number of one to four bytes.
+/// Returns a little-endian number of one to four bytes.
 fn unsigned(bytes: &[u8]) -> Option<u32> {
     let mut buffer = [0; 4];
     buffer.get_mut(..bytes.len())?.copy_from_slice(bytes);

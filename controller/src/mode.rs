@@ -1,67 +1,69 @@
 //! Move and hold: the two modes of the sliding-mode law, and the switch between them.
 //!
-//! In a move the law is fast, and its observer trusts the position more than the model, since a plant that differs from the
-//! model does so in motion. In a hold both would only answer the steps of the position sensor: a limit cycle that makes the
-//! current busy. There the observer trusts the model, and the law grows calm.
+//! In a move the law is fast, and its observer trusts the position more than the model, since a plant that differs from
+//! the model does so in motion. In a hold both would only respond to the steps of the position sensor: a limit cycle
+//! with a busy current. There the observer trusts the model, and the law becomes calm.
 //!
-//! The reference rests while its velocity is `|v| ≤ q / 0.1 s`, with a step `q` of the sensor. With `ρ′ = 1 / 0.2 s` and
-//! `κ′ = 1 / T` two shares rise then from 0 to 1: the rest `ρ` takes the observer's drifts to their values for a hold, the
-//! calmness `κ` takes `λ` there. Both are 0 while the reference moves. With the measured distance from the reference, as the
-//! mean over 4 ms, `e`, the calmness also falls back to 0
+//! The reference rests while its velocity is `|v| ≤ q / 0.1 s`, with a step `q` of the sensor. With `ρ′ = 1 / 0.2 s`
+//! and `κ′ = 1 / T` two shares then rise from 0 to 1. The rest `ρ` takes the observer's drifts to their values for a
+//! hold, the calmness `κ` does the same with `λ`. Both are 0 while the reference moves. Let `e` be the measured
+//! distance from the reference, averaged over 4 ms. The calmness also falls back to 0
 //!
 //! - while the load is far away, `|e| > 10 q`, and
 //! - when it leaves a calm law: `κ = 1`, and `|e| > n q`.
 //!
-//! Between these a law on its way to calmness is not roused again: what rings under a fast law comes to rest under a calm one.
+//! Between these limits a law on its way to calmness is not roused again: a plant that rings under a fast law comes to
+//! rest under a calm one.
 //!
-//! A law that rings backs off: the sliding variable `s` swings when it turns back by more than `9/10 φ`. Each swing adds 1/10 to the
-//! ringing, which is forgotten slowly. Two are free after each turn of the reference, whose own they are where the plant cannot
-//! follow it; and none counts for 0.3 s after a jump of the sensor in a calm hold, which no current has made. What exceeds the swings of a sound
-//! move is the caution `β`, from 0 to 1: with it `λ` is `λm^(1 − β) λβ^β` at most, in a move too, the observer goes back to its
-//! drifts of a move, since the model that it trusts in a hold is not the plant, law and observer take the wire for `2^β` times as lively
-//! as the model has it, and moves are launched with the `1 + β / 2`-th part of the jerk.
+//! A law that rings backs off. The sliding variable `s` swings when it turns back by more than `9/10 φ`. Each swing
+//! adds 1/10 to the ringing, which decays slowly. Two swings after each turn of the reference are free, because the
+//! turn itself causes them if the plant cannot follow it. No swing counts for 0.3 s after a jump of the sensor in a
+//! calm hold, which no current can cause. The ringing beyond the swings of a sound move is the caution `β`, from 0 to
+//! 1. With it `λ` is `λm^(1 − β) λβ^β` at most, also in a move. The observer returns to its drifts of a move, since the
+//! model that it trusts in a hold is not the plant. Law and observer assume a wire that is `2^β` times as lively as the
+//! model's. Moves are launched with the `1 + β / 2`-th part of the jerk.
 //!
-//! A setting lies at `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold, with `ρ` in place of `κ` for the
-//! observer's.
+//! A setting is `p = pm^(1 − κ) ph^κ` between its value `pm` in a move and `ph` in a hold; the observer's settings have
+//! `ρ` in place of `κ`.
 
 use scenario::controller::SlidingMode as Config;
 
-/// Distances from the reference count as their mean over this time.
+/// Time over which distances from the reference are averaged.
 const WINDOW_SECONDS: f64 = 0.004;
 
-/// A reference that takes longer for a step of the sensor rests.
+/// Time for one step of the sensor from which a reference counts as resting.
 const REST_SECONDS: f64 = 0.1;
 
-/// How long the observer takes to trust the model.
+/// Time until the observer trusts the model.
 const TRUSTING_SECONDS: f64 = 0.2;
 
-/// A load that is more steps of the sensor away than this keeps the law awake.
+/// Distance of the load, in steps of the sensor, beyond which the law stays awake.
 const FAR_SENSOR_STEPS: f64 = 10.0;
 
-/// How far the sliding variable turns back in a swing, by the boundary layer.
+/// Smallest return of the sliding variable in a swing, relative to the boundary layer.
 const SWING_SHARE: f64 = 0.9;
 
-/// Swings that a turn of the reference makes.
+/// Swings that a turn of the reference causes.
 const SWINGS_OF_A_TURN: u8 = 2;
 
-/// What a swing adds to the ringing, and how long it takes to fade from 1: longer than from one move to the next, so that what
-/// the law has found out in one serves it in the next.
+/// Contribution of a swing to the ringing, and the time in which the ringing fades from 1. The time is longer than that
+/// between two moves, so a move benefits from the caution of the previous one.
 const RINGING_PER_SWING: f64 = 0.1;
 const RINGING_SECONDS: f64 = 12.0;
 
-/// How long after a jump of the sensor, in a calm hold, swings are its own.
+/// Time after a jump of the sensor, in a calm hold, for which swings are attributed to it.
 const DEAF_SECONDS: f64 = 0.3;
 
 /// Ringing without caution: that of a launch and a landing.
 const RINGING_OF_A_MOVE: f64 = 0.4;
 
-/// How many times as lively as the model the wire is taken for at full caution.
+/// Liveliness of the wire relative to the model at full caution.
 const CAUTIOUS_LIVELINESS: f64 = 2.0;
 
 /// `λβ`, bandwidth at full caution in 1/s.
 const CAUTIOUS_BANDWIDTH: f64 = 20.0;
 
-/// What differs between the modes.
+/// Settings that depend on the mode.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// `λ` in 1/s.
@@ -70,13 +72,13 @@ pub struct Settings {
     pub fraction_drift: f64,
     /// Standard deviation that the unknown heating gains in one second, in K/s.
     pub heating_drift: f64,
-    /// `β`: how far the law backs off, from 0 to 1.
+    /// `β`: the caution, from 0 to 1.
     pub caution: f64,
-    /// How many times as fast as the model has it the wire is taken to transform with its temperature.
+    /// Rate of the wire's transformation with temperature, relative to the model.
     pub liveliness: f64,
 }
 
-/// From a value at share 0 to one at share 1, by equal factors for equal shares.
+/// Geometric interpolation from a value at share 0 to one at share 1: equal factors for equal shares.
 #[derive(Clone, Copy, Debug)]
 struct Between {
     first: f64,
@@ -89,7 +91,7 @@ struct Between {
 impl Between {
     fn new(first: f64, last: f64) -> Self {
         let [from, to] = [first, last].map(libm::log2);
-        // What begins or ends at 0 is 0 between.
+        // If one of the ends is 0, every value between them is 0.
         let is_positive = first > 0.0 && last > 0.0;
         Self {
             first,
@@ -100,7 +102,7 @@ impl Between {
     }
 
     fn at(&self, share: f64) -> f64 {
-        // Most cycles are at one end, and need no power.
+        // Most cycles are at one end and need no power.
         if share <= 0.0 {
             self.first
         } else if share >= 1.0 {
@@ -111,14 +113,14 @@ impl Between {
     }
 }
 
-/// The modes and what switches between them.
+/// The modes and the criteria for a switch.
 #[derive(Clone, Copy, Debug)]
 pub struct Modes {
-    /// From a move to a hold.
+    /// Values from a move to a hold.
     bandwidth: Between,
     fraction_drift: Between,
     heating_drift: Between,
-    /// From no caution to full caution.
+    /// Values from no caution to full caution.
     cautious_bandwidth: Between,
     liveliness: Between,
     calming_seconds: f64,
@@ -128,42 +130,42 @@ pub struct Modes {
     swing_min: f64,
 }
 
-/// What the modes go by.
+/// Inputs of the choice of a mode.
 #[derive(Clone, Copy, Debug)]
 pub struct Course {
-    /// From the reference to the measured position; not finite where none came.
+    /// Distance from the reference to the measured position; not finite without a position.
     pub error_metres: f64,
-    /// Of the reference.
+    /// Velocity of the reference.
     pub velocity_metres_per_second: f64,
-    /// `s` in m/s², of the cycle before.
+    /// `s` in m/s², from the previous cycle.
     pub sliding_variable: f64,
-    /// Whether the position jumped as no current makes a load jump.
+    /// Whether the position jumped further than a load under any current.
     pub sensor_jumps: bool,
 }
 
-/// Which mode it is.
+/// State of the modes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// `ρ`.
     rest: f64,
     /// `κ`.
     calmness: f64,
-    /// 0 to 1, and as much more as a move has.
+    /// Ringing, from 0 to 1 plus that of a move.
     ringing: f64,
-    /// Whether `s` falls, and how far it came since it last turned.
+    /// Whether `s` falls, and its extreme value since its last turn.
     is_falling: bool,
     extreme: f64,
-    /// Where the reference last went: 1, -1, or 0 for nowhere; and what is left of the swings of its turn.
+    /// Last direction of the reference: 1, -1, or 0 for none; and the remaining free swings of its turn.
     direction: f64,
     free_swings: u8,
-    /// How long swings are still those of a sensor that jumped.
+    /// Remaining time for which swings are attributed to a jump of the sensor.
     deaf_seconds: f64,
     /// `e`.
     error_metres: f64,
 }
 
 impl Modes {
-    /// Works out the constants.
+    /// Computes the constants.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         let sensor_step_metres = config.observer.sensor_step_millimetres * 1e-3;
@@ -186,7 +188,7 @@ impl Modes {
         }
     }
 
-    /// The settings for this cycle.
+    /// Returns the settings for this cycle.
     pub fn step(&self, state: &mut State, course: &Course, seconds: f64) -> Settings {
         if course.error_metres.is_finite() {
             let share = (seconds / WINDOW_SECONDS).min(1.0);
@@ -208,10 +210,11 @@ impl Modes {
         self.settings(state)
     }
 
-    /// Finds swings of the sliding variable. It need not pass 0: a plant that differs from the model may ring beside the surface.
+    /// Finds swings of the sliding variable. It need not pass 0: a plant that differs from the model may ring to one
+    /// side of the surface.
     fn listen(&self, state: &mut State, course: &Course, seconds: f64) {
         state.ringing = (state.ringing - seconds / RINGING_SECONDS).max(0.0);
-        // A law that is not calm may ring, on a wire that throws its load, or with a noisy sensor.
+        // A law that is not calm may ring, on a wire that throws its load or with a noisy sensor.
         state.deaf_seconds = if course.sensor_jumps && state.calmness >= 1.0 {
             DEAF_SECONDS
         } else {
@@ -242,7 +245,7 @@ impl Modes {
         }
     }
 
-    /// Whether the load is where it wakes the law.
+    /// Returns whether the load is so far away that it wakes the law.
     fn rouses(&self, state: &State) -> bool {
         let error_metres_max = if state.calmness >= 1.0 {
             self.calm_error_metres_max
@@ -261,7 +264,7 @@ impl Modes {
             fraction_drift: self.fraction_drift.at(rest),
             heating_drift: self.heating_drift.at(rest),
             caution,
-            // It commands the less, and does not take what follows for a disturbance.
+            // The law commands less, and does not treat the effects as a disturbance.
             liveliness: self.liveliness.at(caution),
         }
     }
@@ -317,7 +320,7 @@ mod tests {
         }
     }
 
-    /// The state after some cycles at an error, with the reference at rest.
+    /// Returns the state after some cycles at an error, with the reference at rest.
     fn after(modes: &Modes, mut state: State, cycles: usize, error_metres: f64) -> State {
         for _ in 0..cycles {
             modes.step(&mut state, &at_rest(error_metres), PERIOD);
@@ -365,7 +368,7 @@ mod tests {
     fn a_load_that_leaves_a_calm_law_rouses_it_and_steps_of_the_sensor_do_not() {
         let modes = modes();
         assert_eq!(after(&modes, calm(&modes), 100, STEP_METRES).calmness, 1.0);
-        // Three steps are found within some milliseconds, and leave the observer as it is.
+        // Three steps are detected within some milliseconds, and do not change the observer.
         let roused = after(&modes, calm(&modes), 5, 3.0 * STEP_METRES);
         assert!(roused.calmness < 0.01);
         assert_eq!(roused.rest, 1.0);
@@ -380,7 +383,7 @@ mod tests {
         assert_eq!(after(&modes, state, 100, 12.0 * STEP_METRES).calmness, 0.0);
     }
 
-    /// The settings after as many swings of the sliding variable about a centre.
+    /// Returns the settings after this many swings of the sliding variable about a centre.
     fn rung(modes: &Modes, state: &mut State, swings: u32, centre: f64) -> Settings {
         for swing in 0..swings {
             let side = if swing % 2 == 0 { 1.0 } else { -1.0 };
@@ -397,7 +400,7 @@ mod tests {
             let settings = rung(&modes, &mut state, 20, centre);
             assert!(settings.caution > 0.99, "{settings:?}");
             assert!(settings.bandwidth < 1.02 * CAUTIOUS_BANDWIDTH);
-            // The observer's too, where the reference rests.
+            // The observer's settings too, while the reference rests.
             let settings = modes.step(&mut state, &at_rest(0.0), PERIOD);
             assert!(settings.fraction_drift > 0.99 * in_move().fraction_drift);
             for _ in 0..12_001 {

@@ -1,11 +1,11 @@
 //! The controller as a node of the bus: NMT manager, SYNC producer, and the cycle of the laws.
 //!
-//! A SYNC makes the drives sample; the TPDO1 of each brings its sample; the law's command leaves in RPDO1 and acts with the
-//! next SYNC: one cycle of delay. Scenario time 0 is the first SYNC after every drive's latest statusword said Operation
-//! enabled.
+//! A SYNC makes the drives sample. The TPDO1 of each carries its sample. The law's command leaves in RPDO1 and acts
+//! with the next SYNC: one cycle of delay. Scenario time 0 is the first SYNC after every drive's latest statusword was
+//! Operation enabled.
 //!
-//! [`sequence`] leads from the search for the drives to their stop, [`control_loop`] and [`leading_law`] are what runs in between,
-//! [`drive`] is what each loop moves, and [`application`] is what calls them.
+//! [`sequence`] leads from the search for the drives to their stop; [`control_loop`] and [`leading_law`] run in
+//! between. [`drive`] has the drive of each loop, and [`application`] calls all of them.
 
 mod application;
 mod control_loop;
@@ -44,7 +44,7 @@ use phase::Phase;
 use sequence::{CONSUMER_HEARTBEAT_TIME, Controller, IO_WATCH_ENTRY, watch_entry};
 pub use statistics::Statistics;
 
-/// The parameters of SDO clients (CiA 301, 7.5.2.33).
+/// Parameters of SDO clients (CiA 301, 7.5.2.33).
 const SDO_CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
 
 /// The controller.
@@ -54,7 +54,7 @@ pub struct ControllerNode {
 }
 
 impl ControllerNode {
-    /// A controller for what it may know of a scenario.
+    /// Makes a controller from the part of a scenario that it may know.
     ///
     /// # Errors
     /// The scenario selects no law, or an EDS does not fit.
@@ -62,8 +62,8 @@ impl ControllerNode {
         Self::of_loops([(view, None)], &no_player)
     }
 
-    /// As [`ControllerNode::new`], for several loops, each with a drive of its own: an emulated one, or a real one with its EDS,
-    /// whose limits it obeys. `start` starts the processes that play laws.
+    /// Works as [`ControllerNode::new`], for several loops with their drives: emulated ones, or real ones with their
+    /// EDS, whose limits the controller obeys. `start` starts the processes that play laws.
     ///
     /// # Errors
     /// As [`ControllerNode::new`].
@@ -94,7 +94,7 @@ impl ControllerNode {
         let own_id = view.wiring.nodes.controller.id;
         let own_id = NodeId::new(own_id).ok_or(ControllerError::NodeId(own_id))?;
         let sync_period = view.bus.sync_period();
-        // All are begun at once, when the last is ready.
+        // All drives begin together, when the last one is ready.
         let bring_up = plans.iter().map(|plan| plan.timeouts.bring_up());
         let bring_up = bring_up.max().unwrap_or_default();
         let mut laws = laws_of(&plans)?;
@@ -164,14 +164,15 @@ impl ControllerNode {
         Ok(Self { device })
     }
 
-    /// What has been counted since the start of the scenario.
+    /// Returns the counts since the start of the scenario.
     #[must_use]
     pub fn statistics(&self) -> Statistics {
         self.device.application().statistics
     }
 }
 
-/// The laws, each with the places of the loops that it leads: one for all, or for each loop one that leads its further drives too.
+/// Returns the laws, each with the indices of the loops that it leads: one law for all loops, or one for each loop with
+/// its further drives.
 fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, ControllerError> {
     let mut laws = Vec::new();
     let leaders = plans.iter().enumerate();
@@ -186,7 +187,7 @@ fn laws_of(plans: &[LoopPlan<'_>]) -> Result<Vec<(AnyLaw, Vec<usize>)>, Controll
     Ok(laws)
 }
 
-/// The place of the loop whose drive measures what a loop follows.
+/// Returns the index of the loop whose drive measures the position that a loop follows.
 fn followed_place(plans: &[LoopPlan<'_>], of: &LoopPlan<'_>) -> Result<usize, ControllerError> {
     let followed = of.view.wiring.nodes.followed.id;
     let mut drives = plans.iter().map(|plan| plan.drive.node_id().get());
@@ -194,7 +195,7 @@ fn followed_place(plans: &[LoopPlan<'_>], of: &LoopPlan<'_>) -> Result<usize, Co
     place.ok_or(ControllerError::NotLed(followed))
 }
 
-/// The places of the loops that stand for the further drives of a loop, in their order.
+/// Returns the indices of the loops of a leader's further drives, in their order.
 fn further_drives(plans: &[LoopPlan<'_>], leader: &LoopPlan<'_>) -> Vec<usize> {
     let own_id = leader.drive.node_id().get();
     let led = plans.iter().enumerate().filter_map(|(place, plan)| {
@@ -206,11 +207,11 @@ fn further_drives(plans: &[LoopPlan<'_>], leader: &LoopPlan<'_>) -> Vec<usize> {
     led.into_iter().map(|(_, place)| place).collect()
 }
 
-/// A loop that is to be closed.
+/// Plan of a loop.
 struct LoopPlan<'a> {
     view: &'a ControllerView,
     drive: DriveLayout,
-    /// A real drive's.
+    /// Limits of a real drive.
     limits: Option<&'a Limits>,
     timeouts: Timeouts,
 }
@@ -250,8 +251,8 @@ impl<'a> LoopPlan<'a> {
     }
 }
 
-/// The objects of the data sheet less those of its law, with the parameters of an SDO client for each of these nodes, to which the
-/// controller talks, in place of those of the shipped rig.
+/// Returns the objects of the data sheet without those of its law. The parameters of SDO clients are those for these
+/// nodes, with which the controller communicates, instead of those of the shipped rig.
 fn with_clients(
     shipped: &ObjectDictionary,
     servers: impl Iterator<Item = NodeId>,
@@ -288,7 +289,7 @@ fn with_clients(
     dictionary
 }
 
-/// The controller's objects, with those of the terms of each loop.
+/// Returns the controller's objects, with the terms of each loop.
 fn dictionary(
     own_id: NodeId,
     loops: &[(Vec<LawTerm>, [u16; TERMS_MAX])],
@@ -298,7 +299,7 @@ fn dictionary(
     let shipped = dbc::dictionary(dbc::CONTROLLER_EDS, own_id.get())?;
     let servers = drives.iter().chain(io_nodes).copied();
     let mut dictionary = with_clients(&shipped, servers);
-    // Checked here, since it is written only when the drives are configured.
+    // The object is checked here, since it is written only when the drives are configured.
     let watch = dictionary.find(CONSUMER_HEARTBEAT_TIME, watch_entry(0));
     let watch = watch.map_err(|_| ControllerError::NoObject(CONSUMER_HEARTBEAT_TIME))?;
     let watch = dictionary.entry(watch).clone();
@@ -310,7 +311,7 @@ fn dictionary(
     }
     let count = watch_entry(loops.len().saturating_sub(1)).max(IO_WATCH_ENTRY);
     dictionary.preset(&Preset::new(CONSUMER_HEARTBEAT_TIME, 0, count.into()));
-    // The data sheet watches the module of the shipped rig, whose node-ID may be a drive's here.
+    // The data sheet watches the module of the shipped rig. Its node-ID may belong to a drive here.
     let time = dictionary.unsigned(CONSUMER_HEARTBEAT_TIME, IO_WATCH_ENTRY);
     let time = time.unwrap_or_default() & u32::from(u16::MAX);
     let watch = io_nodes
@@ -325,7 +326,8 @@ fn dictionary(
 }
 
 impl Node for ControllerNode {
-    /// NMT, SYNC and EMCY, the TPDO1 of each drive, SDO, and heartbeats. The emulator's truth (TPDO2) is not among them.
+    /// Returns the filters for NMT, SYNC and EMCY, the TPDO1 of each drive, SDO, and heartbeats. They exclude the
+    /// emulator's truth (TPDO2).
     fn filters(&self) -> Vec<Filter> {
         let function = |id| Filter {
             mask: Filter::exact(0).mask & !0x7F,

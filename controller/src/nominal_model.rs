@@ -1,4 +1,4 @@
-//! What the controller takes the plant to be: heat, phase, wire and motion, one function per equation.
+//! The controller's model of the plant: heat, phase, wire and motion, one function per equation.
 //!
 //! Eq. (2) with continuous turns (PAPER E2) has no memory beyond temperature and fraction: eliminating `ξm` and `ξA`
 //! leaves a slope `dξ/dT` for heating and one for cooling, and the sign of `dT/dt` chooses between them.
@@ -13,25 +13,25 @@ const GRAVITY: f64 = 9.80665;
 /// Longest step of the integrator in seconds; longer periods are divided.
 const INTEGRATOR_STEP_SECONDS: f64 = 1e-3;
 
-/// Most integrator steps in one call, so that work stays bounded.
+/// Largest number of integrator steps in one call; it bounds the work.
 const INTEGRATOR_STEPS_MAX: u32 = 64;
 
-/// Steepness of Eq. (2): the argument of the exponential runs over this range from start to finish temperature.
+/// Steepness of Eq. (2): the argument of the exponential covers this range from start to finish temperature.
 const TRANSFORMATION_STEEPNESS: f64 = 6.2;
 
-/// Least effect of the fraction on the acceleration in m/s² that a jerk is divided by, so that results stay finite.
+/// Smallest effect of the fraction on the acceleration in m/s² as a divisor of a jerk; it keeps results finite.
 const AUTHORITY_MIN: f64 = 1e-3;
 
-/// Least `dξ/dT` in 1/K that a rate is divided by, so that results stay finite.
+/// Smallest `dξ/dT` in 1/K as a divisor of a rate; it keeps results finite.
 const SLOPE_PER_KELVIN_MIN: f64 = 1e-9;
 
-/// Share of a branch's span, from either end, at which Eq. (2) is no longer solved for the temperature.
+/// Share of a branch's span, from either end, within which Eq. (2) is no longer solved for the temperature.
 const SHARE_MIN: f64 = 1e-3;
 
-/// Least martensite fraction that set-points may ask for; beyond, hardly any stretch is left to work with.
+/// Smallest martensite fraction that set-points may require; below, hardly any stretch is left to work with.
 pub(crate) const MARTENSITE_FRACTION_MIN: f64 = 0.2;
 
-/// The state of the model.
+/// State of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Position of the load, `x`.
@@ -42,7 +42,7 @@ pub struct State {
     pub martensite_fraction: f64,
     /// Wire temperature, `T`.
     pub temperature_celsius: f64,
-    /// Heating rate from causes that the model does not know, such as a fan.
+    /// Heating rate from unknown causes, such as a fan.
     pub unknown_heating_kelvins_per_second: f64,
 }
 
@@ -55,7 +55,7 @@ struct Rate {
     temperature: f64,
 }
 
-/// The phase transformation's direction, chosen by the sign of `dT/dt`.
+/// Direction of the phase transformation, chosen by the sign of `dT/dt`.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Branch {
     /// Martensite to austenite.
@@ -69,9 +69,9 @@ pub enum Branch {
 pub struct Slope {
     /// `dξ/dT` in 1/K; never positive.
     pub per_kelvin: f64,
-    /// Its derivative with respect to `ξ`, in 1/K.
+    /// Derivative with respect to `ξ`, in 1/K.
     pub by_fraction: f64,
-    /// Its derivative with respect to `T`, in 1/K².
+    /// Derivative with respect to `T`, in 1/K².
     pub by_temperature: f64,
 }
 
@@ -86,18 +86,18 @@ impl Slope {
     }
 }
 
-/// How fast the wire warms, and how the fraction follows on the branch that it takes.
+/// Heating rate of the wire, and the response of the fraction on the branch that it takes.
 #[derive(Clone, Copy, Debug)]
 pub struct Warming {
     /// `dT/dt`.
     pub kelvins_per_second: f64,
     /// `dξ/dT`.
     pub slope: Slope,
-    /// How many times as fast as the model has it the wire is taken to transform with its temperature.
+    /// Rate of the transformation with temperature, relative to the model.
     liveliness: f64,
 }
 
-/// A branch of Eq. (2) with the constants that Eq. (10) calls `ξ0` and `k`.
+/// A branch of Eq. (2) with the constants `ξ0` and `k` of Eq. (10).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BranchCurve {
     /// Direction.
@@ -108,12 +108,12 @@ pub struct BranchCurve {
     pub floor: f64,
 }
 
-/// The model at a state and an acceleration: what all jerks and currents there have in common.
+/// The model at a state and an acceleration: the common part of all jerks and currents there.
 #[derive(Clone, Copy, Debug)]
 pub struct LocalModel<'a> {
     model: &'a NominalModel,
     state: &'a State,
-    /// The jerk of the motion alone, in m/s³.
+    /// Jerk of the motion alone, in m/s³.
     mechanical_jerk: f64,
     /// Derivative of the acceleration with respect to `ξ`.
     acceleration_by_fraction: f64,
@@ -123,7 +123,7 @@ pub struct LocalModel<'a> {
 }
 
 impl LocalModel<'_> {
-    /// A wire that transforms so many times as fast with its temperature.
+    /// Makes the wire transform `factor` times as fast with its temperature.
     #[must_use]
     pub fn livelier(self, factor: f64) -> Self {
         Self {
@@ -133,14 +133,14 @@ impl LocalModel<'_> {
         }
     }
 
-    /// Rate of the fraction in 1/s that gives a jerk in m/s³, Eq. (13) solved for `dξ/dt`.
+    /// Returns the rate of the fraction in 1/s for a jerk in m/s³, Eq. (13) solved for `dξ/dt`.
     #[must_use]
     pub fn fraction_rate(&self, jerk: f64) -> f64 {
         (jerk - self.mechanical_jerk) / self.acceleration_by_fraction.min(-AUTHORITY_MIN)
     }
 
-    /// `u = i²` in A² that gives a jerk in m/s³: Eq. (13) and (10) solved for `u`, on the branch that the wanted `dξ/dt`
-    /// takes (PAPER E9).
+    /// Returns `u = i²` in A² for a jerk in m/s³: Eq. (13) and (10) solved for `u`, on the branch of the wanted `dξ/dt`
+    /// (PAPER E9).
     #[must_use]
     pub fn squared_current_for_jerk(&self, jerk: f64) -> f64 {
         let fraction_rate = self.fraction_rate(jerk);
@@ -151,7 +151,7 @@ impl LocalModel<'_> {
         )
     }
 
-    /// Jerk in m/s³ at `u = i²` in A², Eq. (13).
+    /// Returns the jerk in m/s³ at `u = i²` in A², Eq. (13).
     #[must_use]
     pub fn jerk(&self, squared_current: f64) -> f64 {
         let rate = self.model.temperature_rate(self.state, squared_current);
@@ -167,7 +167,7 @@ impl LocalModel<'_> {
     }
 }
 
-/// The model with its constants worked out.
+/// The model with its precomputed constants.
 #[derive(Clone, Debug)]
 pub struct NominalModel {
     heat_capacity: f64,
@@ -193,7 +193,7 @@ pub struct NominalModel {
 }
 
 impl NominalModel {
-    /// Works out the constants.
+    /// Computes the constants.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         let convection = config.convection_watts_per_square_metre_kelvin
@@ -238,7 +238,7 @@ impl NominalModel {
         }
     }
 
-    /// The state before any current: cold, martensite, load on the stop.
+    /// Returns the state before any current: cold, martensite, load on the stop.
     #[must_use]
     pub fn start(&self) -> State {
         State {
@@ -248,13 +248,13 @@ impl NominalModel {
         }
     }
 
-    /// Martensite fraction on the major heating branch, Eq. (2) with `ξm = 1`.
+    /// Returns the martensite fraction on the major heating branch, Eq. (2) with `ξm = 1`.
     #[must_use]
     pub fn heating_fraction(&self, temperature_celsius: f64) -> f64 {
         1.0 / (1.0 + self.exponential(Branch::Heating, temperature_celsius))
     }
 
-    /// Heating rate in K/s at `u = i²` in A², Eq. (1).
+    /// Returns the heating rate in K/s at `u = i²` in A², Eq. (1).
     #[must_use]
     #[inline]
     pub fn temperature_rate(&self, state: &State, squared_current: f64) -> f64 {
@@ -264,7 +264,7 @@ impl NominalModel {
             + state.unknown_heating_kelvins_per_second
     }
 
-    /// `u = i²` in A² that gives a heating rate, Eq. (1) solved for `i²`.
+    /// Returns `u = i²` in A² for a heating rate, Eq. (1) solved for `i²`.
     #[must_use]
     #[inline]
     pub fn squared_current(&self, state: &State, temperature_rate: f64) -> f64 {
@@ -272,14 +272,14 @@ impl NominalModel {
         (temperature_rate - unforced) * self.heat_capacity / self.resistance
     }
 
-    /// Derivative of the heating rate with respect to temperature in 1/s, Eq. (1).
+    /// Returns the derivative of the heating rate with respect to temperature in 1/s, Eq. (1).
     #[must_use]
     #[inline]
     pub fn temperature_rate_by_temperature(&self) -> f64 {
         self.temperature_rate_by_temperature
     }
 
-    /// The branch that a heating rate takes.
+    /// Returns the branch of a heating rate.
     #[must_use]
     #[inline]
     pub fn branch(temperature_rate: f64) -> Branch {
@@ -290,7 +290,7 @@ impl NominalModel {
         }
     }
 
-    /// `dξ/dT` on a branch through the present state, Eq. (10) with the branch constants of PAPER E2 eliminated.
+    /// Returns `dξ/dT` on a branch through the present state, Eq. (10) without the branch constants of PAPER E2.
     ///
     /// Heating: `ξ = ξm / (1 + E)` with `E = exp(aA (T − bA))` has `dξ/dT = −aA ξ E / (1 + E)`.
     /// Cooling: `ξ = (1 − ξA) / (1 + e) + ξA` with `e = exp(aM (T − bM))` has `dξ/dT = −aM (1 − ξ) / (1 + e)`.
@@ -315,7 +315,8 @@ impl NominalModel {
         }
     }
 
-    /// How a wire that transforms so many times as fast with its temperature warms at `u = i²` in A², Eq. (1) and (10).
+    /// Returns the warming at `u = i²` in A² of a wire that transforms `liveliness` times as fast with its temperature,
+    /// Eq. (1) and (10).
     #[must_use]
     #[inline]
     pub fn warming(&self, state: &State, squared_current: f64, liveliness: f64) -> Warming {
@@ -328,7 +329,7 @@ impl NominalModel {
         }
     }
 
-    /// The curve of Eq. (2) that leaves the present state on a branch, so that the fraction stays continuous (PAPER E2).
+    /// Returns the curve of Eq. (2) that leaves the present state on a branch with a continuous fraction (PAPER E2).
     #[must_use]
     pub fn curve_through(&self, state: &State, branch: Branch) -> BranchCurve {
         let exponential = self.exponential(branch, state.temperature_celsius);
@@ -348,7 +349,7 @@ impl NominalModel {
         }
     }
 
-    /// Temperature at which a curve has a fraction, Eq. (2) solved for `T` as in the bracket of Eq. (10).
+    /// Returns the temperature of a fraction on a curve, Eq. (2) solved for `T` as in the bracket of Eq. (10).
     #[must_use]
     pub fn temperature_on(&self, curve: &BranchCurve, martensite_fraction: f64) -> f64 {
         let share =
@@ -357,13 +358,13 @@ impl NominalModel {
         libm::log(1.0 / share - 1.0) / steepness + centre
     }
 
-    /// `exp(a (T − b))` of Eq. (2).
+    /// Returns `exp(a (T − b))` of Eq. (2).
     fn exponential(&self, branch: Branch, temperature_celsius: f64) -> f64 {
         let (steepness, centre) = self.transformation(branch);
         libm::exp(steepness * (temperature_celsius - centre))
     }
 
-    /// `a` and `b` of Eq. (10).
+    /// Returns `a` and `b` of Eq. (10).
     fn transformation(&self, branch: Branch) -> (f64, f64) {
         match branch {
             Branch::Heating => (self.heating_steepness, self.heating_centre),
@@ -371,14 +372,14 @@ impl NominalModel {
         }
     }
 
-    /// Stiffness of the wire in N/m, Eq. (9).
+    /// Returns the stiffness of the wire in N/m, Eq. (9).
     #[must_use]
     #[inline]
     pub fn stiffness(&self, martensite_fraction: f64) -> f64 {
         self.austenite_stiffness * (1.0 - martensite_fraction)
     }
 
-    /// Acceleration in m/s² without the stop, Eq. (7); a wire does not push (PAPER E6).
+    /// Returns the acceleration in m/s² without the stop, Eq. (7); a wire does not push (PAPER E6).
     #[must_use]
     #[inline]
     pub fn acceleration(&self, state: &State) -> f64 {
@@ -388,7 +389,7 @@ impl NominalModel {
             / self.inertia
     }
 
-    /// Derivatives of the acceleration with respect to position, velocity and fraction, Eq. (7).
+    /// Returns the derivatives of the acceleration with respect to position, velocity and fraction, Eq. (7).
     #[must_use]
     #[inline]
     pub fn acceleration_gradient(&self, state: &State) -> (f64, f64, f64) {
@@ -401,7 +402,7 @@ impl NominalModel {
         )
     }
 
-    /// The model at a state with an acceleration in m/s².
+    /// Returns the model at a state with an acceleration in m/s².
     #[must_use]
     #[inline]
     pub fn at<'a>(&'a self, state: &'a State, acceleration: f64) -> LocalModel<'a> {
@@ -417,41 +418,41 @@ impl NominalModel {
         }
     }
 
-    /// Fraction at which the wire just holds the load at rest, Eq. (12).
+    /// Returns the fraction at which the wire just holds the load at rest, Eq. (12).
     #[must_use]
     pub fn holding_fraction(&self, position_metres: f64) -> f64 {
         let stretch = self.elongation - position_metres / self.ratio;
         1.0 - self.weight * self.ratio / (self.austenite_stiffness * stretch.max(f64::MIN_POSITIVE))
     }
 
-    /// Position at which the wire just holds the load at rest, Eq. (12) solved for `x`.
+    /// Returns the position at which the wire just holds the load at rest, Eq. (12) solved for `x`.
     #[must_use]
     pub fn holding_position(&self, martensite_fraction: f64) -> f64 {
         let stretch = self.weight * self.ratio / self.stiffness(martensite_fraction);
         (self.elongation - stretch) * self.ratio
     }
 
-    /// Position at which the wire has no stretch left.
+    /// Returns the position at which the wire has no stretch left.
     #[must_use]
     pub fn position_metres_max(&self) -> f64 {
         (self.elongation * self.ratio).max(0.0)
     }
 
-    /// Highest position that set-points may ask for: that at which the load rests with the least martensite. A wire that is too soft
-    /// for its load lifts it nowhere.
+    /// Returns the highest position that set-points may require: the load's rest position with the smallest martensite
+    /// fraction. It is 0 for a wire that is too soft to lift its load.
     #[must_use]
     pub fn set_point_metres_max(&self) -> f64 {
         self.holding_position(MARTENSITE_FRACTION_MIN).max(0.0)
     }
 
-    /// What makes no physical sense of a law's parameter `nominal_model`: a wire that lifts its load nowhere.
+    /// Returns the error of the parameter `nominal_model` if the wire cannot lift its load.
     pub(crate) fn objection(&self) -> Option<(&'static str, String)> {
         let reason = "a wire as soft or a load as heavy as here is lifted nowhere";
         let lifts = self.set_point_metres_max() > 0.0;
         (!lifts).then(|| ("nominal_model", reason.to_owned()))
     }
 
-    /// True where the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).
+    /// Returns whether the load rests on the stop at `x = 0` and the wire cannot lift it (PAPER E6).
     #[must_use]
     #[inline]
     pub fn rests_on_stop(&self, state: &State) -> bool {
@@ -460,14 +461,14 @@ impl NominalModel {
             && self.acceleration(state) <= 0.0
     }
 
-    /// The state after a time at constant `u = i²` in A².
+    /// Returns the state after a time at constant `u = i²` in A².
     #[must_use]
     pub fn advance(&self, state: &State, squared_current: f64, seconds: f64) -> State {
         let warming = self.warming(state, squared_current, 1.0);
         self.advance_from(state, &warming, squared_current, seconds)
     }
 
-    /// As [`NominalModel::advance`], for who knows how the wire warms in this state.
+    /// Works as [`NominalModel::advance`], with the warming in this state already computed.
     #[must_use]
     pub fn advance_from(
         &self,
@@ -488,7 +489,7 @@ impl NominalModel {
         })
     }
 
-    /// One step of the classical Runge-Kutta method, then the inelastic stop (PAPER E6).
+    /// Takes one step of the classical Runge-Kutta method, then applies the inelastic stop (PAPER E6).
     fn integrate(
         &self,
         state: &State,
@@ -514,7 +515,7 @@ impl NominalModel {
         stopped(moved(state, &rate, step))
     }
 
-    // A step asks three times in a row; without the calls what comes out of one stays in registers for the next.
+    // A step calls this three times in a row. Inlined, the results stay in registers from one to the next.
     #[inline(always)]
     fn rate_of(&self, state: &State, squared_current: f64, liveliness: f64) -> Rate {
         self.rate(state, &self.warming(state, squared_current, liveliness))
@@ -551,7 +552,7 @@ fn moved(state: &State, rate: &Rate, seconds: f64) -> State {
     }
 }
 
-/// The inelastic stop at `x = 0` (PAPER E6).
+/// Applies the inelastic stop at `x = 0` (PAPER E6).
 fn stopped(state: State) -> State {
     if state.position_metres > 0.0 {
         return state;

@@ -1,7 +1,8 @@
 //! Extended Kalman filter on the nominal model: temperature, fraction and unknown heating from the position.
 //!
-//! The filter predicts to the instant at which the command of this cycle acts, so the one cycle of delay is accounted
-//! for. On the stop the position says nothing about the fraction: there the model runs alone until the load lifts.
+//! The filter predicts to the instant at which the command of this cycle acts, which accounts for the one cycle of
+//! delay. On the stop the position contains no information on the fraction, so the model runs alone until the load
+//! lifts.
 
 use core::ops::{Add, Mul};
 
@@ -18,30 +19,30 @@ const FRACTION: usize = 2;
 const TEMPERATURE: usize = 3;
 const HEATING: usize = 4;
 
-/// Standard deviation of the sensor in its steps: quantisation (0.29) and as much again for noise and for its being no
-/// white noise. To take a step for what it is, by a dead zone or by the likelihood of an interval, is no better: in a hold
-/// the position sways by 0.05 mm at 24 Hz as it is, by 0.13 mm at 10 Hz with a dead zone, and the interval only makes the
-/// current busier.
+/// Standard deviation of the sensor in its steps: quantisation (0.29), and the same amount again for noise and because
+/// quantisation is not white noise. A dead zone, or the likelihood of an interval, would model a step exactly, but is
+/// no better. In a hold the position sways by 0.05 mm at 24 Hz with this deviation, and by 0.13 mm at 10 Hz with a dead
+/// zone; the interval only makes the current busier.
 const SENSOR_DEVIATION_STEPS: f64 = 0.5;
 
-/// How far from zero, in sensor steps, positions must lie to show that the load has left the stop.
+/// Distance of positions from zero, in sensor steps, that shows that the load has left the stop.
 const LIFTED_STEPS: f64 = 2.0;
 
-/// How many of them in a row; noise of one sensor step alone does this once in 10¹¹ cycles.
+/// Number of such positions in a row; noise of one sensor step alone causes this once in 10¹¹ cycles.
 const LIFTED_SAMPLES: u32 = 5;
 
-/// Standard deviation of the velocity when the load is found to have lifted, in m/s.
+/// Standard deviation of the velocity when a lift-off is detected, in m/s.
 const VELOCITY_DEVIATION_AT_LIFT_OFF: f64 = 0.05;
 
-/// A load that is slower than this rests, in m/s.
+/// Largest speed of a load at rest, in m/s.
 const SPEED_AT_REST_MAX: f64 = 0.05;
 
-/// A load at rest does not leave its course by so many sensor steps from one cycle to the next: the sensor jumped. Noise of half a
-/// sensor step alone does this once in half a minute.
+/// Deviation of a load at rest from its course, in sensor steps from one cycle to the next, that proves a jump of the
+/// sensor. Noise of half a sensor step alone causes this once in half a minute.
 const JUMP_STEPS: f64 = 3.5;
 
-/// Nor is it so far from where it is expected, in sensor steps and by the greatest speed of the wire in m/s: the sensor reads, or
-/// has read, another place.
+/// Distance of a load at rest from its expected position beyond which the sensor reads, or has read, another place: in
+/// sensor steps, plus the way at the wire's greatest speed in m/s.
 const ELSEWHERE_STEPS: f64 = 5.0;
 const ELSEWHERE_METRES_PER_SECOND: f64 = 0.5;
 
@@ -51,29 +52,29 @@ const HEATING_DEVIATION_AT_START: f64 = 1.0;
 type Matrix = SMatrix<f64, STATES, STATES>;
 type Vector = SVector<f64, STATES>;
 
-/// The observer's constants.
+/// Constants of the observer.
 #[derive(Clone, Debug)]
 pub struct Observer {
-    /// The model that the observer carries.
+    /// Model that the observer predicts with.
     pub model: NominalModel,
     sensor_step_metres: f64,
     temperature_uncertainty: f64,
     velocity_drift: f64,
 }
 
-/// The observer's memory: the model's state and its covariance.
+/// State of the observer: the model's state and its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Estimate for the instant at which the next command acts.
     pub model: ModelState,
     covariance: Matrix,
     samples_above_stop: u32,
-    /// How far the latest position was from where it was expected.
+    /// Distance of the latest position from the expected one.
     innovation_metres: f64,
 }
 
 impl Observer {
-    /// Works out the constants.
+    /// Computes the constants.
     #[must_use]
     pub fn new(config: &Config, model: NominalModel) -> Self {
         Self {
@@ -84,7 +85,7 @@ impl Observer {
         }
     }
 
-    /// The state before any current.
+    /// Returns the state before any current.
     #[must_use]
     pub fn start(&self) -> State {
         let model = self.model.start();
@@ -96,7 +97,7 @@ impl Observer {
         }
     }
 
-    /// Whether a position that is still to be corrected with shows a jump of the sensor, which no current can have caused.
+    /// Returns whether a position before its correction shows a jump of the sensor, which no current can have caused.
     #[must_use]
     pub fn sensor_jumps(&self, state: &State, position_metres: f64) -> bool {
         let innovation = position_metres - state.model.position_metres;
@@ -104,7 +105,8 @@ impl Observer {
         is_slow(&state.model) && jump > JUMP_STEPS * self.sensor_step_metres
     }
 
-    /// Uncertain transformation temperatures are an uncertain temperature, and the fraction follows along the branch.
+    /// Returns the covariance of the model's uncertainty: the transformation temperatures' as one of the temperature,
+    /// with the fraction along the branch.
     fn branch_doubt(&self, model: &ModelState) -> Matrix {
         let slope = self.model.slope(model, Branch::Heating).per_kelvin;
         let along_branch = Vector::from([0.0, 0.0, slope, 1.0, 0.0]) * self.temperature_uncertainty;
@@ -148,7 +150,7 @@ impl Observer {
         }
     }
 
-    /// Corrects with a position. One that a load at rest cannot have is none, unless the next one confirms it.
+    /// Corrects with a position. One that a load at rest cannot have is ignored, unless the next one confirms it.
     fn take(&self, state: &mut State, position_metres: f64, before: f64, seconds: f64) {
         let innovation = state.innovation_metres;
         let nearest =
@@ -160,8 +162,8 @@ impl Observer {
         }
     }
 
-    /// The load is elsewhere although nothing has moved it there: it rests there by its fraction, Eq. (12), and velocity,
-    /// temperature and heating are as they were. The filter would take the way there for motion.
+    /// Moves the estimate to a load that is elsewhere without motion. The load rests there by its fraction, Eq. (12);
+    /// velocity, temperature and heating are unchanged. The filter would interpret the displacement as motion.
     fn relocate(&self, state: &mut State, position_metres: f64) {
         let holding = |position| self.model.holding_fraction(position);
         let model = &mut state.model;
@@ -175,8 +177,8 @@ impl Observer {
         self.sensor_step_metres * SENSOR_DEVIATION_STEPS
     }
 
-    /// The load has lifted although the model still rests: the fraction follows from the position by Eq. (12), the
-    /// temperature along the heating branch.
+    /// Moves the estimate of a resting model to a load that has lifted: the fraction follows from the position by
+    /// Eq. (12), the temperature along the heating branch.
     fn lift(&self, state: &mut State, position_metres: f64) {
         let curve = self.model.curve_through(&state.model, Branch::Heating);
         let martensite_fraction = self.model.holding_fraction(position_metres).clamp(0.0, 1.0);
@@ -203,7 +205,7 @@ impl Observer {
             .model
             .advance_from(&state.model, &warming, squared_current, seconds);
         state.covariance = transition.carry(&state.covariance);
-        // On the stop nothing is learnt, so the doubt does not grow either.
+        // On the stop the filter learns nothing, so the covariance does not grow either.
         if !self.model.rests_on_stop(&state.model) {
             let drifts = [
                 (VELOCITY, self.velocity_drift),
@@ -216,14 +218,15 @@ impl Observer {
         }
     }
 
-    /// Transition to second order in time: the exponential of the model's Jacobian, from Eq. (1), (7) and (10).
+    /// Returns the transition to second order in time: the exponential of the model's Jacobian, from Eq. (1), (7) and
+    /// (10).
     fn transition(&self, state: &ModelState, warming: &Warming, seconds: f64) -> Transition {
         let (by_position, by_velocity, by_fraction) = self.model.acceleration_gradient(state);
         let (rate, slope) = (warming.kelvins_per_second, &warming.slope);
         let rate_by_temperature = self.model.temperature_rate_by_temperature();
         let by_temperature = slope.by_temperature * rate + slope.per_kelvin * rate_by_temperature;
-        // The rows of the Jacobian times the period, where they are not 0: those of position and temperature have the
-        // period itself for the rate of the one and for the unknown heating of the other.
+        // These are the non-zero elements of the Jacobian times the period. The rows of position and temperature also
+        // contain the period itself, for the velocity and for the unknown heating.
         let [vx, vv, vf] = [by_position, by_velocity, by_fraction].map(|by| by * seconds);
         let [ff, ft, fh] =
             [slope.by_fraction * rate, by_temperature, slope.per_kelvin].map(|by| by * seconds);
@@ -256,13 +259,13 @@ impl Observer {
     }
 }
 
-/// Whether the load moves as slowly as one that rests.
+/// Returns whether the load moves as slowly as a resting one.
 fn is_slow(model: &ModelState) -> bool {
     model.velocity_metres_per_second.abs() < SPEED_AT_REST_MAX
 }
 
-/// A transition matrix `Φ`: its rows from the diagonal on or, for the velocity, whole, as far as they are not 0. The
-/// unknown heating stays as it is.
+/// A transition matrix `Φ`: the elements of its rows that are not 0, from the diagonal on; the row of the velocity is
+/// complete. The unknown heating is constant.
 #[derive(Clone, Copy, Debug)]
 struct Transition {
     position: [f64; 3],
@@ -272,7 +275,8 @@ struct Transition {
 }
 
 impl Transition {
-    /// `Φ P Φᵀ` of a covariance `P`: first each column of `P` is carried, then the columns of the result are mixed alike.
+    /// Returns `Φ P Φᵀ` of a covariance `P`. It first transforms each column of `P`, then combines the columns of the
+    /// result in the same way.
     fn carry(&self, covariance: &Matrix) -> Matrix {
         let [a, b, c, d, e] = covariance.data.0;
         let carried = |column| Vector::from(self.apply(column));
@@ -285,7 +289,7 @@ impl Transition {
         ]))
     }
 
-    /// `Φ` times a column of five numbers or of five vectors.
+    /// Returns `Φ` times a column of five numbers or of five vectors.
     #[inline]
     fn apply<T>(
         &self,
@@ -308,7 +312,7 @@ impl Transition {
     }
 }
 
-/// The filter's correction when one component of the state is measured with a standard deviation.
+/// Corrects the state by the measurement of one component with a standard deviation.
 fn correct_component(state: &mut State, component: usize, innovation: f64, deviation: f64) {
     let column: Vector = state.covariance.column(component).into();
     let gain = column / (column[component] + deviation * deviation);
@@ -339,7 +343,7 @@ mod tests {
         }
     }
 
-    /// One cycle in a move.
+    /// Steps one cycle in a move.
     fn step(observer: &Observer, state: &mut State, position_metres: f64, squared_current: f64) {
         let settings = in_move();
         observer.step(
@@ -351,7 +355,7 @@ mod tests {
         );
     }
 
-    /// Runs plant and observer side by side under a current over time; gives plant and estimate at the end.
+    /// Runs plant and observer under the same current over time; returns plant and estimate at the end.
     fn side_by_side(
         plant: &NominalModel,
         seconds: f64,
@@ -428,7 +432,7 @@ mod tests {
                 let found = Vector::from(transition.apply(direction));
                 let expected = (step(beyond) - step(start)) / 1e-6;
                 for (found, expected) in found.iter().zip(&expected) {
-                    // What is left is of the third order in the period.
+                    // The remaining error is of the third order in the period.
                     let error = (found - expected).abs();
                     assert!(
                         error < 5e-3 * expected.abs().max(1e-3),
@@ -495,7 +499,7 @@ mod tests {
         let rate = nominal().temperature_rate(&estimate, 0.62 * 0.62);
         assert!(truth.position_metres > 0.002);
         assert!(estimate.unknown_heating_kelvins_per_second < -2.0);
-        // At rest the estimated heat balance closes.
+        // At rest the estimated heat balance is zero.
         assert!(rate.abs() < 0.5, "{rate}");
     }
 
@@ -563,7 +567,7 @@ mod tests {
         assert!((state.model.position_metres - 0.03).abs() < 1e-3);
     }
 
-    /// An observer that has come to rest with a load at 20 mm, and the current that holds it there.
+    /// Returns an observer at rest with a load at 20 mm, and the current that holds it there.
     fn holding() -> (Observer, State, f64) {
         let observer = Observer::new(&Config::default(), nominal());
         let mut state = observer.start();

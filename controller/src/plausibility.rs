@@ -1,54 +1,55 @@
-//! Whether a measured position can be true.
+//! Plausibility of a measured position.
 //!
-//! A sample that cannot is no position; when too many in a row are none, the controller goes to its safe state. So a spike
-//! costs one cycle, and a broken sensor the run.
+//! An implausible sample is no position. After too many of them in a row the controller goes to its safe state. So a
+//! spike costs one cycle, and a broken sensor the run.
 //!
-//! A position that stands still under a large current is suspicious, too. A wire under it moves, wherever the set-point is.
-//! A motor does not: it holds a load by its current. There only a position that stays away from the set-point while the law
-//! asks for all the current that there is cannot be meant. At an end of the travel nothing moves outward, whatever the current.
+//! A position that stands still under a large current is suspicious, too. A wire moves under it, wherever the set-point
+//! is. A motor does not: it holds a load by its current. A motor's position is only implausible if it stays away from
+//! the set-point while the law commands the largest current. At an end of the travel nothing moves outward under any
+//! current.
 //!
-//! What a position can be is data of the drive's node; see [`Plausible`].
+//! The limits of a position are data of the drive's node; see [`Plausible`].
 
 use scenario::CurrentRange;
 use scenario::wiring::{Plausible, Wiring};
 
 use crate::cause::Cause;
 
-/// What was measured and commanded lately.
+/// Recent positions and commands.
 #[derive(Clone, Debug)]
 pub(crate) struct Plausibility {
     plausible: Plausible,
-    /// The ends of the travel.
+    /// Ends of the travel.
     ends: [f64; 2],
-    /// What the drive can be commanded.
+    /// Current range of the drive.
     currents: CurrentRange,
-    /// Of the words for people.
+    /// Name and unit of the signal, for error texts.
     signal: String,
     symbol: String,
-    /// The latest position that can be true.
+    /// Latest plausible position.
     last: Option<f64>,
-    /// Since then.
+    /// Time since then.
     seconds_since: f64,
-    /// Since the latest of them that was not above the highest.
+    /// Time since the latest position that was not above the highest one.
     seconds_above: f64,
-    /// The latest command.
+    /// Latest command.
     current_amperes: f64,
     watch: Watch,
 }
 
-/// A stretch of time in which a plant under a large current must move.
+/// A period in which a plant under a large current must move.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watch {
     seconds: f64,
     square_ampere_seconds: f64,
     lowest: f64,
     highest: f64,
-    /// The least distance from the set-point.
+    /// Smallest distance from the set-point.
     distance: f64,
 }
 
 impl Plausibility {
-    /// Of a drive that is wired so.
+    /// Makes the check for a drive with this wiring.
     pub(crate) fn new(wiring: &Wiring) -> Self {
         Self {
             plausible: wiring.plausible,
@@ -64,7 +65,7 @@ impl Plausibility {
         }
     }
 
-    /// A cycle has passed under a current.
+    /// Advances by a cycle under a current.
     pub(crate) fn advance(&mut self, period_seconds: f64, current_amperes: f64) {
         self.seconds_since += period_seconds;
         self.seconds_above += period_seconds;
@@ -73,10 +74,10 @@ impl Plausibility {
         self.watch.square_ampere_seconds += current_amperes * current_amperes * period_seconds;
     }
 
-    /// Accepts a sample, unless it cannot be true.
+    /// Accepts a sample, unless it is implausible.
     ///
     /// # Errors
-    /// Why it cannot.
+    /// The sample is implausible, or the position has stood still for too long.
     pub(crate) fn check(&mut self, position: f64, set_point: f64) -> Result<(), Cause> {
         let Plausible {
             min,
@@ -139,19 +140,19 @@ impl Plausibility {
         Ok(())
     }
 
-    /// Whether the plant is at an end of its travel, and the current pushes it on.
+    /// Returns whether the plant is at an end of its travel and the current pushes it outward.
     fn pushes_outward(&self, position: f64, motion: f64) -> bool {
         let [lowest, highest] = self.ends;
         (position >= highest - motion && self.current_amperes > 0.0)
             || (position <= lowest + motion && self.current_amperes < 0.0)
     }
 
-    /// What it watches, for people.
+    /// Returns the name of the signal, as words.
     pub(crate) fn signal(&self) -> &str {
         &self.signal
     }
 
-    /// What is wrong with a position that stands still, for people.
+    /// Returns the error text for a position that stands still.
     pub(crate) fn frozen_words(&self, position: f64) -> String {
         let Self { signal, symbol, .. } = self;
         let still = format!("the {signal} stands still at {position:.1} {symbol}");
@@ -177,12 +178,12 @@ mod tests {
 
     const PERIOD: f64 = 1e-3;
 
-    /// What is said of samples of a wire in millimetres, one a cycle, under a current.
+    /// Returns the results for samples of a wire in millimetres, one a cycle, under a current.
     fn check(current: f64, samples: impl Iterator<Item = f64>) -> Vec<Result<(), Cause>> {
         check_on("sma_actuator", current, 0.0, samples)
     }
 
-    /// The same on a rig that ships.
+    /// Returns the same on a rig that ships.
     fn check_on(
         rig: &str,
         current: f64,
@@ -217,12 +218,13 @@ mod tests {
 
     #[test]
     fn the_fastest_true_motion_passes() {
-        // 25 mm in 0.1 s, twice what 1 A does.
+        // This is 25 mm in 0.1 s, twice the speed under 1 A.
         let motion = (0..100).map(|cycle| 10.0 + 0.25 * f64::from(cycle));
         assert!(check(1.0, motion).iter().all(Result::is_ok));
     }
 
-    /// A wire that transforms within few degrees throws its load to the end of the converter. One that stays there is none.
+    /// A wire that transforms within few degrees throws its load to the end of the converter. A position that stays
+    /// there is implausible.
     #[test]
     fn a_load_that_is_thrown_beyond_the_travel_is_believed_and_a_converter_at_its_end_is_not() {
         let rise = (0..120).map(|cycle| (0.5 * f64::from(cycle)).min(59.94));
@@ -251,8 +253,8 @@ mod tests {
         assert!(check(1.0, creeping).iter().all(Result::is_ok));
     }
 
-    /// A motor holds a load by its current: at the set-point by any, away from it (a law without an integral) by less than
-    /// the largest.
+    /// A motor holds a load by its current: at the set-point by any, away from it (a law without an integral) by less
+    /// than the largest.
     #[test]
     fn a_motor_that_holds_is_not_stuck_and_one_that_cannot_follow_is() {
         let still = |current, set_point| {
@@ -273,7 +275,7 @@ mod tests {
         );
     }
 
-    /// A motor that pushes against an end of its travel holds there, whatever the law asks for.
+    /// A motor that pushes against an end of its travel holds there, whatever the law commands.
     #[test]
     fn a_current_that_pushes_outward_at_an_end_is_no_stall() {
         let stalls = |current, millimetres, set_point| {

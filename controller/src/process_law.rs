@@ -1,4 +1,5 @@
-//! Laws that a process of its own plays: their ports follow from their tables, and whoever makes the controller brings the process.
+//! Laws that a separate process plays. Their ports follow from their tables; the caller of the controller starts the
+//! process.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,52 +18,54 @@ use crate::law::Cycle;
 /// The time in which a law may answer, by the clock of the node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Window {
-    /// The present.
+    /// Present time.
     pub now: Duration,
-    /// The latest time of an answer; `now` if nobody waits for it, since a cycle without a position commands nothing.
+    /// Latest time of an answer. It is `now` after a cycle without a position, which commands nothing: that answer is
+    /// not waited for.
     pub until: Duration,
 }
 
-/// What a process plays. Names in its own loop are without that of the loop.
+/// Part of a process. Names in its own loop have no prefix.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// What plays it.
+    /// Program, library or FMU that plays it.
     pub plays: Plays,
-    /// The name of its loop among several; empty for an only loop.
+    /// Name of its loop among several; empty for an only loop.
     pub of_loop: String,
-    /// Names of what it reads.
+    /// Names of the values that it reads.
     pub reads: Vec<String>,
-    /// Names of what it commands.
+    /// Names of its commands.
     pub writes: Vec<String>,
-    /// Names of what it writes besides.
+    /// Names of the further values that it writes.
     pub terms: Vec<String>,
-    /// The variables of an FMU by these names.
+    /// Variables of an FMU by these names.
     pub variables: BTreeMap<String, String>,
     /// Smallest and largest command of each of `writes`, in its unit.
     pub ranges: Vec<[f64; 2]>,
-    /// Its parameters.
+    /// Parameters by name.
     pub parameters: BTreeMap<String, Value>,
     /// Time between two cycles.
     pub period: Duration,
 }
 
-/// A law with its memory: here, or in a process.
+/// A law with its memory: in this process, or in another one.
 pub trait Player: fmt::Debug + Send {
-    /// Writes what acts from the next cycle on. False if there is no answer in time: then nothing is written. Allocates nothing.
+    /// Computes the outputs that act from the next cycle on. Returns false if there is no answer in time; then `writes`
+    /// is unchanged. Does not allocate.
     fn step(&mut self, cycle: &Cycle, window: &Window, reads: &[f64], writes: &mut [f64]) -> bool;
 
-    /// Why it cannot go on.
+    /// Returns the reason why it cannot continue, if there is one.
     fn failure(&self) -> Option<&str> {
         None
     }
 
-    /// What makes no physical sense of its parameters: the parameter, and why.
+    /// Returns the parameter that makes no physical sense, if there is one, and the reason.
     fn objection(&self) -> Option<(&'static str, String)> {
         None
     }
 }
 
-/// The player of a law whose process is not started: it answers nothing.
+/// The player of a law whose process is not started. It never answers.
 #[derive(Debug)]
 pub(crate) struct NotStarted;
 
@@ -72,10 +75,10 @@ impl Player for NotStarted {
     }
 }
 
-/// Starts the process that plays a part; the reason where there can be none.
+/// Function that starts the process for a part; its error is the reason why it cannot.
 pub type StartPlayer<'a> = &'a dyn Fn(&Part) -> Result<Box<dyn Player>, String>;
 
-/// For a controller that starts no processes.
+/// Refuses, for a controller that starts no processes.
 ///
 /// # Errors
 /// Always.
@@ -87,7 +90,8 @@ pub fn no_player(part: &Part) -> Result<Box<dyn Player>, String> {
 }
 
 impl Part {
-    /// The part of a law in the loop that is wired like this, and its ports, whose names have those of loops and drives.
+    /// Returns the part of a law in the loop with this wiring, and its ports, whose names begin with those of loops and
+    /// drives.
     pub(crate) fn of(law: ProcessLaw, wiring: &Wiring) -> (Self, Ports) {
         let name = |port: &PlayedPort| name_in_loop(&port.signal, wiring).to_owned();
         let named = |ports: &[PlayedPort]| ports.iter().map(name).collect();
@@ -123,12 +127,12 @@ fn input(port: &PlayedPort, wiring: &Wiring) -> Port {
     Port::input(&whole_name(&port.signal, wiring), ANY)
 }
 
-/// A command, which the amplifier limits.
+/// Returns the port of a command, which the amplifier limits.
 fn output(port: &PlayedPort, wiring: &Wiring) -> Port {
     Port::output(&whole_name(&port.signal, wiring), ANY)
 }
 
-/// Smallest and largest command of a drive, in the unit of the port.
+/// Returns the smallest and largest command of a drive, in the unit of the port.
 fn range_of(port: &PlayedPort, wiring: &Wiring) -> [f64; 2] {
     let loops = wiring.led_loops();
     match LawWires::of_port(&output(port, wiring), &loops).map(|wires| wires.outputs) {
@@ -140,7 +144,7 @@ fn range_of(port: &PlayedPort, wiring: &Wiring) -> [f64; 2] {
     }
 }
 
-/// A signal with its loop or drive.
+/// Returns the name of a signal with its loop or drive.
 fn whole_name(signal: &str, wiring: &Wiring) -> String {
     if signal.contains('.') {
         signal.to_owned()
@@ -149,7 +153,7 @@ fn whole_name(signal: &str, wiring: &Wiring) -> String {
     }
 }
 
-/// A signal as the process knows it: one of its own loop by its name alone.
+/// Returns the name of a signal in the process: without the loop if it is the own one.
 fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
     match signal.split_once('.') {
         Some((owner, name)) if owner == wiring.of_loop || owner == wiring.nodes.drive.name => name,
@@ -157,7 +161,7 @@ fn name_in_loop<'a>(signal: &'a str, wiring: &Wiring) -> &'a str {
     }
 }
 
-/// What is wrong with a port of a law that a process plays, at its place.
+/// Returns the error in a port of a law that a process plays, with its place.
 pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Objection> {
     let law = controller.process_law()?;
     let loops = wiring.led_loops();
@@ -183,7 +187,7 @@ pub(crate) fn objection(controller: &Controller, wiring: &Wiring) -> Option<Obje
         .or_else(|| found("terms", &law.terms, false))
 }
 
-/// What is wrong with an output, which is to be a command, or a term of the law's own loop.
+/// Returns the error of an output, which must be a command, or a term of the law's own loop.
 fn wrong_output(port: &Port, loops: &[LoopOfRig], is_command: bool) -> Option<WrongPort> {
     let name = &port.name;
     let writing = match LawWires::of_port(port, loops) {

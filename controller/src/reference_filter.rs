@@ -1,24 +1,24 @@
-//! Critically damped third-order filter that gives a bare set-point its derivatives (PAPER E5).
+//! Critically damped third-order filter that derives derivatives from a bare set-point (PAPER E5).
 //!
-//! Its poles follow the move: slow enough at the start that the plant can follow, faster towards the end, where less is
-//! left to brake. The launch never asks for more than the model can do at full or at no current, nor for as much where the
-//! plant lags behind.
+//! Its poles follow the move. They are slow at the start, so that the plant can follow, and faster towards the end,
+//! where less braking is left. The launch never needs more than the model can do at full or at no current, and less if
+//! the plant lags behind.
 
 use scenario::reference::SetPoint;
 
 /// Time in which the memory of a move fades.
 const MEMORY_SECONDS: f64 = 0.5;
 
-/// Lags count as their mean over this time.
+/// Time over which lags are averaged.
 const LAG_SECONDS: f64 = 0.005;
 
-/// Full caution divides the launch's jerk by so much more than 1.
+/// Excess over 1 of the divisor of the launch's jerk at full caution.
 const EXCESS_OF_CAUTION: f64 = 0.5;
 
 /// Shortest move that counts, in metres.
 const MOVE_METRES_MIN: f64 = 1e-6;
 
-/// By how much a cube must be greater than another for its root to be greater too, however both are rounded.
+/// Ratio of two cubes that guarantees the order of their roots in spite of rounding.
 const CERTAINTY: f64 = 1.0 + 1e-9;
 
 /// A point of a trajectory.
@@ -33,7 +33,7 @@ pub struct Point {
 }
 
 impl Point {
-    /// The point after a time at constant jerk.
+    /// Returns the point after a time at constant jerk.
     #[must_use]
     pub fn moved(&self, jerk: f64, seconds: f64) -> Self {
         let acceleration = self.acceleration_metres_per_second_squared;
@@ -55,7 +55,7 @@ pub struct CriticallyDamped {
 }
 
 impl CriticallyDamped {
-    /// `x⃛d = p³ (r − xd) − 3 p² x′d − 3 p x″d`.
+    /// Returns `x⃛d = p³ (r − xd) − 3 p² x′d − 3 p x″d`.
     #[must_use]
     pub fn jerk(&self, point: &Point, target: f64) -> f64 {
         let p = self.poles_radians_per_second;
@@ -64,7 +64,7 @@ impl CriticallyDamped {
             - 3.0 * p * point.acceleration_metres_per_second_squared
     }
 
-    /// Exact solution at a constant target: the error is `(a + b t + c t²) exp(−p t)`.
+    /// Returns the exact solution at a constant target: the error is `(a + b t + c t²) exp(−p t)`.
     #[must_use]
     pub fn advance(&self, point: &Point, target: f64, seconds: f64) -> Point {
         let p = self.poles_radians_per_second;
@@ -83,12 +83,12 @@ impl CriticallyDamped {
     }
 }
 
-/// The jerks that the plant can follow, in m/s³.
+/// Range of jerks that the plant can follow, in m/s³.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JerkRange {
-    /// Least jerk.
+    /// Smallest jerk.
     pub min: f64,
-    /// Greatest jerk.
+    /// Largest jerk.
     pub max: f64,
 }
 
@@ -104,34 +104,34 @@ impl JerkRange {
     }
 }
 
-/// The filter with poles that follow the move.
+/// The filter whose poles follow the move.
 #[derive(Clone, Debug)]
 pub struct ReferenceFilter {
     /// Fastest poles.
     pub poles_radians_per_second_max: f64,
-    /// Jerk wanted at the start of a move; infinite for poles that never change.
+    /// Wanted jerk at the start of a move; infinite for poles that never change.
     pub launch_jerk_metres_per_second_cubed: f64,
-    /// Lag in m/s² beyond which less jerk is wanted.
+    /// Lag in m/s² above which the wanted jerk decreases.
     pub lag_max: f64,
-    /// Poles at the end of a move, by those at its start.
+    /// Ratio of the poles at the end of a move to those at its start.
     pub landing_ratio: f64,
-    /// Set-points are limited to 0 and this position.
+    /// Largest set-point; the smallest is 0.
     pub position_metres_max: f64,
 }
 
-/// The filter's memory.
+/// State of the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// The reference for this cycle.
     pub point: Point,
     move_metres: f64,
-    /// How far the plant lags behind, in m/s²: now, and at most in this move.
+    /// Lag of the plant, in m/s²: now, and the largest of this move.
     lag: f64,
     greatest_lag: f64,
     caution: f64,
 }
 
-/// The reference for a cycle: a point and the jerk that leads on from it.
+/// The reference for a cycle: a point and the jerk that continues it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reference {
     /// Position, velocity and acceleration.
@@ -141,7 +141,7 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// A point that no jerk leads on from.
+    /// Returns a point without a jerk.
     #[must_use]
     pub fn without_jerk(point: Point) -> Self {
         Self {
@@ -152,7 +152,7 @@ impl Reference {
 }
 
 impl State {
-    /// A filter at rest at a position.
+    /// Returns a filter at rest at a position.
     #[must_use]
     pub fn at_rest(position_metres: f64) -> Self {
         Self {
@@ -164,20 +164,20 @@ impl State {
         }
     }
 
-    /// Takes notice of how far the plant lags behind in the direction of the move, as its sliding variable in m/s².
+    /// Updates the lag of the plant in the direction of the move, as its sliding variable in m/s².
     pub fn notice_lag(&mut self, lag: f64, seconds: f64) {
         self.lag += (lag - self.lag) * (seconds / LAG_SECONDS).min(1.0);
         self.greatest_lag = faded(self.greatest_lag, seconds).max(self.lag);
     }
 
-    /// Takes notice of how far the law backs off, from 0 to 1.
+    /// Updates the caution of the law, from 0 to 1.
     pub fn notice_caution(&mut self, caution: f64) {
         self.caution = caution;
     }
 }
 
 impl ReferenceFilter {
-    /// A filter with poles that never change.
+    /// Returns a filter with poles that never change.
     #[must_use]
     pub fn fixed(poles_radians_per_second: f64, position_metres_max: f64) -> Self {
         Self {
@@ -189,8 +189,8 @@ impl ReferenceFilter {
         }
     }
 
-    /// Gives the reference for this cycle and moves on to the next. A set-point with exact derivatives bypasses the
-    /// filter and is only brought forward by one period.
+    /// Returns the reference for this cycle and advances to the next. A set-point with exact derivatives bypasses the
+    /// filter and is only advanced by one period.
     pub fn step(
         &self,
         state: &mut State,
@@ -220,7 +220,7 @@ impl ReferenceFilter {
         reference
     }
 
-    /// The position that the filter aims at: the set-point within the limits, or none but the present one.
+    /// Returns the target of the filter: the set-point within the limits, or the present position if there is none.
     #[must_use]
     pub fn target(&self, state: &State, set_point: &SetPoint) -> f64 {
         if set_point.position.is_finite() {
@@ -230,10 +230,10 @@ impl ReferenceFilter {
         }
     }
 
-    /// The filter for this cycle. At the start of a move of length `l` its poles are `p₀ = (J / l)^⅓`, so that any move asks
-    /// for the jerk `J` first; over the distance `d` left they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`. A plant that lags
-    /// behind by more than `φ` is another than the model, and perhaps as slow to brake: from there on `J` is the less, by `φ`
-    /// and the greatest lag. So is one on which the law rings.
+    /// Returns the filter for this cycle. At the start of a move of length `l` its poles are `p₀ = (J / l)^⅓`, so any
+    /// move begins with the jerk `J`. Over the remaining distance `d` they rise to `ρ p₀ / √(1 + (ρ² − 1) (d / l)²)`. A
+    /// plant that lags behind by more than `φ` differs from the model, and may brake as slowly. From there on `J` is
+    /// divided by the ratio of the largest lag to `φ`. Caution, from a law that rings, divides it further.
     fn filter(&self, state: &mut State, target: f64, seconds: f64) -> CriticallyDamped {
         let left = (target - state.point.position_metres).abs();
         let move_metres = faded(state.move_metres, seconds);
@@ -249,11 +249,11 @@ impl ReferenceFilter {
         }
     }
 
-    /// The poles within their limit, from the cube of those at the move's start.
+    /// Returns the poles within their limit, from the cube of those at the move's start.
     fn poles(&self, launch_cubed: f64, slowing: f64) -> f64 {
         let max = self.poles_radians_per_second_max;
         let launch_max = max * slowing / self.landing_ratio;
-        // Near the target and in a hold the limit binds, and the root need not be drawn.
+        // Near the target and in a hold the limit applies, and the root is not needed.
         if launch_cubed > CERTAINTY * launch_max * launch_max * launch_max {
             return max;
         }
@@ -261,7 +261,7 @@ impl ReferenceFilter {
     }
 }
 
-/// What is left of a value that the filter remembers.
+/// Returns the rest of a value that fades.
 fn faded(value: f64, seconds: f64) -> f64 {
     value * (1.0 - (seconds / MEMORY_SECONDS).min(1.0))
 }

@@ -1,4 +1,4 @@
-//! The terms of a law as objects, from 0x2200 on, from where the controller's TPDOs take them.
+//! The terms of a law as objects, from 0x2200 on. The controller's TPDOs map them.
 
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::{ObjectDictionary, add_half};
@@ -7,19 +7,19 @@ use scenario::port::{Port, Width};
 
 use crate::error::ControllerError;
 
-/// First object of the communication parameters of the controller's TPDOs, of their mappings, and of the terms; and what is between
-/// those of a loop and those of the next one.
+/// First objects of the communication parameters of the controller's TPDOs and of their mappings, and the numbers of
+/// objects per loop.
 const COMMUNICATION: u16 = 0x1800;
 const MAPPING: u16 = 0x1A00;
 const TPDOS_OF_LOOP: u16 = 4;
 const TERMS_OF_LOOP: u16 = 0x40;
-/// Where a TPDO has its COB-ID and its SYNC start value (CiA 301, 7.5.2.37).
+/// Sub-indices of a TPDO's COB-ID and its SYNC start value (CiA 301, 7.5.2.37).
 const COB_ID: u8 = 1;
-/// The identifier in a COB-ID; what is above it are flags.
+/// Mask of the identifier in a COB-ID; the bits above are flags.
 const STANDARD_ID_MAX: u16 = 0x7FF;
 const SYNC_START: u8 = 6;
 
-/// Whether the controller has an object for its law alone.
+/// Returns whether an object of the controller belongs to its law only.
 pub(crate) fn is_of_law(index: u16) -> bool {
     let is_in = |first: u16, count: u16| (first..first + count).contains(&index);
     is_in(COMMUNICATION, TPDOS_OF_LOOP)
@@ -27,7 +27,7 @@ pub(crate) fn is_of_law(index: u16) -> bool {
         || is_in(LAW_TERMS_OBJECT, TERMS_OF_LOOP)
 }
 
-/// The term of a port, by the name that it has in its loop.
+/// Returns the term of a port, with its name in its loop.
 pub(crate) fn described((name, port): (&str, &Port)) -> LawTerm {
     let (bits, kind, counts_per_unit) = match port.width {
         Width::Real32 => (32, Kind::Float32, 1.0),
@@ -46,8 +46,8 @@ pub(crate) fn described((name, port): (&str, &Port)) -> LawTerm {
     }
 }
 
-/// Puts the terms of a loop's law, and the TPDOs that take them, into the controller's dictionary. `shipped` is its data sheet, which
-/// has the parameters of the TPDOs.
+/// Adds the terms of a loop's law, and the TPDOs that carry them, to the controller's dictionary. `shipped` is its data
+/// sheet, which has the parameters of the TPDOs.
 pub(crate) fn declare(
     dictionary: &mut ObjectDictionary,
     shipped: &ObjectDictionary,
@@ -100,7 +100,7 @@ pub(crate) fn declare(
     }
 }
 
-/// A communication parameter of a TPDO of the first loop as that of another one.
+/// Returns a communication parameter of a TPDO of the first loop, adapted to another loop.
 fn communication(entry: &Entry, sub_index: u8, identifier: u16, place: u16) -> Vec<u8> {
     let place = u8::try_from(place).unwrap_or(u8::MAX);
     match sub_index {
@@ -109,7 +109,7 @@ fn communication(entry: &Entry, sub_index: u8, identifier: u16, place: u16) -> V
             let flags = u32::try_from(value).unwrap_or_default() & !u32::from(STANDARD_ID_MAX);
             (flags | u32::from(identifier)).to_le_bytes().to_vec()
         }
-        // Each loop has cycles of its own (`LoopPlace::terms_cycle`).
+        // Each loop has its own cycles (`LoopPlace::terms_cycle`).
         SYNC_START => vec![place],
         _ => entry.default.clone(),
     }
@@ -133,16 +133,16 @@ fn with_default(entry: &Entry, index: u16, default: Vec<u8>) -> Entry {
 /// The objects of a loop's terms in the dictionary, found once.
 #[derive(Clone, Debug)]
 pub(crate) struct TermObjects {
-    /// Each with its bytes.
+    /// Objects, each with its size in bytes and its parts.
     objects: Vec<(Handle, u8, Vec<Part>)>,
 }
 
 /// A term as a part of an object.
 #[derive(Clone, Copy, Debug)]
 struct Part {
-    /// The place among what the law writes.
+    /// Index of the output.
     output: usize,
-    /// Its first bit in the object.
+    /// First bit in the object.
     bit: u8,
     encoding: Encoding,
 }
@@ -150,7 +150,7 @@ struct Part {
 #[derive(Clone, Copy, Debug)]
 enum Encoding {
     Real32,
-    /// So many counts of one that the law writes, from the lowest to the highest.
+    /// Counts: `of_one` for an output of one, from `min` to `max`.
     Counts {
         of_one: f64,
         min: f64,
@@ -171,7 +171,7 @@ impl Encoding {
         }
     }
 
-    /// Bits of a value; one beyond the range is cut to its end.
+    /// Returns the bits of a value; one beyond the range is limited to it.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -188,8 +188,8 @@ impl Encoding {
 }
 
 impl TermObjects {
-    /// The objects of a loop's terms, each of which has its place among what the law writes, and what one of that is in the unit of the
-    /// term's name.
+    /// Finds the objects of a loop's terms. Each term has the index of its output, and a factor from that to the unit
+    /// of the term's name.
     pub(crate) fn find<'a>(
         dictionary: &ObjectDictionary,
         of_loop: usize,
@@ -219,14 +219,14 @@ impl TermObjects {
         Ok(Self { objects })
     }
 
-    /// Stores the terms. Allocates nothing.
+    /// Stores the terms. Does not allocate.
     pub(crate) fn store(&self, dictionary: &mut ObjectDictionary, writes: &[f64]) {
         for (handle, size, parts) in &self.objects {
             let bits = parts.iter().fold(0, |bits, part| {
                 bits | part.encoding.bits(writes[part.output]) << part.bit
             });
             let bytes = bits.to_le_bytes();
-            // A length that is known here is copied without a loop.
+            // A copy of a constant length needs no loop.
             let stored = match size {
                 1 => dictionary.store(*handle, &bytes[..1]),
                 2 => dictionary.store(*handle, &bytes[..2]),

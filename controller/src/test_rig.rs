@@ -12,7 +12,7 @@ use crate::process_law::Window;
 /// Cycle of the rig.
 pub(crate) const PERIOD_SECONDS: f64 = 1e-3;
 
-/// One cycle of a law without a clock.
+/// One cycle of a law that ignores the time.
 pub(crate) const CYCLE: Cycle = Cycle {
     scenario_time_seconds: 0.0,
     period_seconds: PERIOD_SECONDS,
@@ -21,12 +21,12 @@ pub(crate) const CYCLE: Cycle = Cycle {
 /// One step of the rig's 10-bit converter over 60 mm.
 pub(crate) const SENSOR_STEP_METRES: f64 = 0.06 / 1024.0;
 
-/// A position as the rig's sensor gives it.
+/// Returns a position as the rig's sensor measures it.
 pub(crate) fn sampled(position_metres: f64) -> f64 {
     libm::round(position_metres / SENSOR_STEP_METRES) * SENSOR_STEP_METRES
 }
 
-/// A set-point without derivatives.
+/// Returns a set-point without derivatives.
 pub(crate) fn hold(position: f64) -> SetPoint {
     SetPoint {
         position,
@@ -34,13 +34,13 @@ pub(crate) fn hold(position: f64) -> SetPoint {
     }
 }
 
-/// One cycle as recorded.
+/// A recorded cycle.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
     pub(crate) time_seconds: f64,
     pub(crate) position_metres: f64,
     pub(crate) temperature_celsius: f64,
-    /// What the law wrote, by the names of its outputs.
+    /// Outputs of the law, by name.
     writes: Vec<(String, f64)>,
 }
 
@@ -55,7 +55,7 @@ impl Row {
     }
 }
 
-/// Runs a law on a plant of these parameters.
+/// Runs a law on a plant with these parameters.
 pub(crate) fn run(
     controller: &Controller,
     plant: &ModelConfig,
@@ -96,7 +96,7 @@ pub(crate) fn run(
     rows
 }
 
-/// Settling time into ±5 % and overshoot in percent of a step.
+/// Returns the settling time into ±5 % and the overshoot in percent of a step.
 pub(crate) fn settling_and_overshoot(rows: &[Row], at: f64, from: f64, to: f64) -> (f64, f64) {
     let height = to - from;
     let after = || rows.iter().filter(|row| row.time_seconds >= at);

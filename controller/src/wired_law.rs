@@ -1,4 +1,5 @@
-//! A law that is wired to the loops of a rig: what it reads of them, where its currents go, and the objects of its terms.
+//! A law that is wired to the loops of a rig: its inputs from them, the destinations of its currents, and the objects
+//! of its terms.
 
 use canopen::ObjectDictionary;
 use scenario::law_ports::{LOOP_INPUTS, LawWires, Quantity, Reading, Writing};
@@ -10,20 +11,20 @@ use crate::law::{AnyLaw, CurrentRange, Cycle};
 use crate::process_law::Window;
 use crate::terms::TermObjects;
 
-/// What a loop brings to a cycle of a law, in the order of the [`Quantity`]s.
+/// Values of a loop in a cycle that a law may read, in the order of the [`Quantity`]s.
 pub(crate) type Seen = [f64; LOOP_INPUTS.len()];
 
-/// Where a current goes.
+/// Connection of a current.
 #[derive(Clone, Copy, Debug)]
 struct CurrentWire {
-    /// The place of the loop whose drive gets it.
+    /// Index of the loop of the drive.
     place: usize,
-    /// The place among what the law writes; `None` for a drive that the law leaves without current.
+    /// Index of the output; `None` for a drive that the law leaves without current.
     output: Option<usize>,
     range: [f64; 2],
-    /// Amperes of one that the law writes.
+    /// Current in amperes for an output of one.
     factor: f64,
-    /// What the drive can be commanded.
+    /// Current range of the drive.
     drive: CurrentRange,
 }
 
@@ -39,8 +40,8 @@ pub(crate) struct WiredLaw {
 }
 
 impl WiredLaw {
-    /// A law of the drives at these places of the controller's loops, the first of which is wired like this. Its terms are in a
-    /// dictionary that has them.
+    /// Makes a law of the drives at these indices of the controller's loops; `wiring` is that of the first one. The
+    /// dictionary must contain its terms.
     pub(crate) fn new(
         law: AnyLaw,
         places: &[usize],
@@ -71,7 +72,7 @@ impl WiredLaw {
         })
     }
 
-    /// The places of the loops whose positions it reads; of those that it leads where it reads none.
+    /// Returns the indices of the loops whose positions it reads; if it reads none, of the loops that it leads.
     pub(crate) fn waits_for(&self) -> Vec<usize> {
         let positions = self.readings.iter();
         let positions = positions.filter(|reading| reading.quantity == Quantity::Position);
@@ -84,8 +85,8 @@ impl WiredLaw {
         places
     }
 
-    /// A step of the law on what is seen of the loops, whose terms go into the dictionary; false where it does not answer in time.
-    /// Allocates nothing.
+    /// Steps the law on the values of the loops, and stores its terms in the dictionary. Returns false if it does not
+    /// answer in time. Does not allocate.
     pub(crate) fn step<'a>(
         &mut self,
         cycle: &Cycle,
@@ -103,12 +104,11 @@ impl WiredLaw {
         is_in_time
     }
 
-    /// The law.
     pub(crate) fn law(&self) -> &AnyLaw {
         &self.law
     }
 
-    /// The commands after the latest step, each with the place of its loop; what is no current at all is none.
+    /// Returns the commands after the latest step, each with the index of its loop. NaN becomes a current of 0.
     pub(crate) fn currents_amperes(&self) -> impl Iterator<Item = (usize, f64)> {
         self.currents.iter().map(|wire| {
             let value = wire.output.map_or(0.0, |output| self.writes[output]);
@@ -123,7 +123,7 @@ impl WiredLaw {
     }
 }
 
-/// The current of the drive at a place. One that a law leads no further than its first drive has none.
+/// Returns the connection of the drive with this index. A drive beyond those that the law leads has no current.
 fn current(
     place: usize,
     drive: Option<&CurrentRange>,
@@ -150,7 +150,7 @@ fn current(
     found.unwrap_or(none)
 }
 
-/// The terms of a loop, each with its place among what the law writes, and what one of that is in the unit of the name.
+/// Returns the terms of a loop, each with the index of its output, and a factor from that to the unit of the name.
 fn terms<'a>(
     place: usize,
     wires: &'a LawWires,

@@ -7,16 +7,16 @@ use crate::objects::rounded_i16;
 /// Largest resolution of the digital-to-analogue converter.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
 
-/// The amplifier: sources current within its range and follows its command at once.
+/// An amplifier. It sources current within its range and follows its command at once.
 #[derive(Clone, Debug)]
 pub struct Amplifier {
     range: CurrentRange,
-    /// Steps of the converter over the full range; 0 leaves the command's 1 permille.
+    /// Steps of the converter over the full range; 0 for the command's resolution of 1 permille.
     steps: f64,
 }
 
 impl Amplifier {
-    /// An amplifier whose commands are permille of its rated current.
+    /// Makes an amplifier; commands are in permille of its rated current.
     #[must_use]
     pub fn new(config: &plant::Amplifier) -> Self {
         let bits = config.resolution_bits.min(RESOLUTION_BITS_MAX);
@@ -26,12 +26,12 @@ impl Amplifier {
         }
     }
 
-    /// What a command asks for.
+    /// Returns the current of a command before its limitation.
     fn wanted_amperes(&self, command_permille: i16) -> f64 {
         f64::from(command_permille) / 1e3 * self.range.rated
     }
 
-    /// The current that a command gives, clipped to the range and rounded to the converter's steps.
+    /// Returns the current of a command, clipped to the range and rounded to the converter's steps.
     #[must_use]
     pub fn current_amperes(&self, command_permille: i16) -> f64 {
         let CurrentRange { min, max, .. } = self.range;
@@ -44,20 +44,20 @@ impl Amplifier {
         steps / self.steps * span + min
     }
 
-    /// True when a command lies outside what the amplifier can source.
+    /// Returns whether a command is outside the amplifier's range.
     #[must_use]
     pub fn clips(&self, command_permille: i16) -> bool {
         let CurrentRange { min, max, .. } = self.range;
         !(min..=max).contains(&self.wanted_amperes(command_permille))
     }
 
-    /// A current in permille of the rated current, as 0x6078 reports it.
+    /// Returns a current in permille of the rated current, as in 0x6078.
     #[must_use]
     pub fn permille(&self, current_amperes: f64) -> i16 {
         rounded_i16(current_amperes / self.range.rated * 1e3)
     }
 
-    /// How far the current may be from what is commanded before it is a fault (assumed: a fifth of the rated current).
+    /// Returns the largest tolerated deviation of the current from its command (assumed: a fifth of the rated current).
     #[must_use]
     pub fn deviation_amperes_max(&self) -> f64 {
         self.range.rated / 5.0

@@ -1,10 +1,10 @@
-//! Plants that nodes connect, as one.
+//! Several plants as one.
 
 use std::ops::Range;
 
 use crate::plant::{Faults, InvalidPlant, Plant, Ports};
 
-/// Plants whose ports are called `PLANT.PORT`, in the order of the plants. They act on each other through nodes alone.
+/// Plants with ports `PLANT.PORT`, in the order of the plants. They act on each other through nodes only.
 #[derive(Debug)]
 struct Assembly(Vec<Part>);
 
@@ -12,12 +12,12 @@ struct Assembly(Vec<Part>);
 struct Part {
     name: String,
     plant: Box<dyn Plant>,
-    /// Where its ports are among all.
+    /// Indices of its ports in the assembly.
     inputs: Range<usize>,
     outputs: Range<usize>,
 }
 
-/// These plants as one; an only one is itself.
+/// Joins plants to one. A single plant is returned itself.
 pub(crate) fn of(mut plants: Vec<(String, Box<dyn Plant>)>) -> Box<dyn Plant> {
     if let [_] = plants.as_slice()
         && let Some((_, only)) = plants.pop()
@@ -41,7 +41,7 @@ pub(crate) fn of(mut plants: Vec<(String, Box<dyn Plant>)>) -> Box<dyn Plant> {
 }
 
 impl Assembly {
-    /// The plant of an input, and the input's place there.
+    /// Returns the plant of an input, and the index of the input there.
     fn at(&self, input: usize) -> Option<(&dyn Plant, usize)> {
         let part = self.0.iter().find(|part| part.inputs.contains(&input))?;
         Some((&*part.plant, input - part.inputs.start))

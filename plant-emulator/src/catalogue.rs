@@ -1,4 +1,5 @@
-//! The plants that scenarios can choose, by name: those of [`plants`](crate::plants), and those that a bench of somebody else's brings.
+//! The plants that scenarios can choose, by name: the shipped ones in [`plants`](crate::plants), and the custom ones of
+//! a bench.
 
 use std::sync::OnceLock;
 
@@ -15,19 +16,19 @@ use crate::plant::{Plant, Ports};
 use crate::plants::SHIPPED;
 use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 
-/// A plant that a scenario can choose by the table that has its name.
+/// A plant that a scenario can choose by the table with its name.
 #[derive(Clone, Copy)]
 pub struct PlantRow {
     name: fn() -> &'static str,
     table: fn() -> OwnTable,
     make: fn(&Trial) -> Result<Box<dyn Plant>, InvalidEmulator>,
     ports: fn(&Trial) -> Result<Ports, InvalidEmulator>,
-    /// The ports by the parameters that an empty table stands for; `None` where some must be given.
+    /// Ports for default parameters; `None` if some parameters have no default.
     default_ports: fn() -> Option<Ports>,
 }
 
 impl PlantRow {
-    /// The plant `P`.
+    /// Returns the row of the plant `P`.
     #[must_use]
     pub const fn of<P: Plant>() -> Self {
         Self {
@@ -40,20 +41,20 @@ impl PlantRow {
     }
 }
 
-/// Why a plant from outside cannot be registered.
+/// Reason why a custom plant cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum InvalidOwnPlant {
-    /// Its table cannot be one.
+    /// Its table is invalid.
     #[error(transparent)]
     Table(#[from] InvalidOwn),
-    /// A port that it cannot have.
+    /// A port is invalid.
     #[error("the port `{port}` of the plant `{plant}` {reason}")]
     Port {
-        /// The plant.
+        /// Name of the plant.
         plant: &'static str,
-        /// The port.
+        /// Name of the port.
         port: String,
-        /// Why not.
+        /// Error of the port.
         reason: &'static str,
     },
 }
@@ -62,16 +63,17 @@ static OWN: OnceLock<Vec<PlantRow>> = OnceLock::new();
 
 static FMU: OnceLock<PlantRow> = OnceLock::new();
 
-/// Hands in the plant that plays FMUs, which takes processes. Without it there is no such plant. Later ones change nothing.
+/// Registers the plant that plays FMUs. It needs processes, so it is absent without this call. Later calls have no
+/// effect.
 pub fn register_fmu(row: PlantRow) {
     FMU.get_or_init(|| row);
 }
 
-/// Registers the plants from outside, once and before any scenario is read, and those that ship and that the format of scenarios does
-/// not have.
+/// Registers the custom plants, once and before any scenario is read. It also registers the shipped plants that are not
+/// in the format of scenarios.
 ///
 /// # Errors
-/// One of them has a name, parameters or ports that it cannot have.
+/// A plant has an invalid name, parameters or ports.
 pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidOwnPlant> {
     plants.iter().try_for_each(check_ports)?;
     let shipped = SHIPPED.iter().filter(|row| !is_of_format((row.name)()));
@@ -84,7 +86,7 @@ pub fn register_plants(plants: Vec<PlantRow>) -> Result<(), InvalidOwnPlant> {
         .map_err(|_| InvalidOwnPlant::Table(InvalidOwn::RegisteredAlready))
 }
 
-/// Refuses ports that the bus cannot carry.
+/// Checks that the bus can carry the ports.
 fn check_ports(row: &PlantRow) -> Result<(), InvalidOwnPlant> {
     let ports = (row.default_ports)().unwrap_or_default();
     match ports.flaw() {
@@ -97,34 +99,34 @@ fn check_ports(row: &PlantRow) -> Result<(), InvalidOwnPlant> {
     }
 }
 
-/// The plant that a scenario chooses.
+/// Makes the plant that a scenario chooses.
 ///
 /// # Errors
-/// It makes no sense.
+/// The plant is invalid.
 pub fn plant(trial: &Trial) -> Result<Box<dyn Plant>, InvalidEmulator> {
     (row_of(trial)?.make)(trial)
 }
 
-/// Checks that the plant that a scenario chooses makes sense.
+/// Checks the plant that a scenario chooses.
 ///
 /// # Errors
-/// It makes none.
+/// The plant is invalid.
 pub fn check(trial: &Trial) -> Result<(), InvalidEmulator> {
     (row_of(trial)?.ports)(trial).map(drop)
 }
 
-/// The ports of the plant that a scenario chooses; those by default where its parameters make no sense, so that the rest of the
-/// scenario can be checked. `None` where neither is known.
+/// Returns the ports of the plant that a scenario chooses. If its parameters are invalid, these are the default ports,
+/// so that the rest of the scenario can be checked. `None` if neither are known.
 #[must_use]
 pub fn ports(trial: &Trial) -> Option<Ports> {
     let row = row_of(trial).ok()?;
     (row.ports)(trial).ok().or_else(row.default_ports)
 }
 
-/// The emulator of the plant that a scenario chooses.
+/// Makes the emulator of the plant that a scenario chooses.
 ///
 /// # Errors
-/// The plant makes no sense.
+/// The plant is invalid.
 pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
     let database = Database::shipped();
     let only = DriveOf {
@@ -136,10 +138,10 @@ pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
     emulator_of(&[only])
 }
 
-/// The emulator of the plants that are emulated together with that of one of these drives.
+/// Makes the emulator of these drives and of their plants.
 ///
 /// # Errors
-/// As [`emulator`], and a port that the plants have not.
+/// As [`emulator`], or a port that the plants lack.
 pub fn emulator_of(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
     let plants = drives.first().map(|drive| drive.trial.on_each_plant());
     let plants = plants.unwrap_or_default().into_iter();
@@ -172,7 +174,7 @@ mod tests {
         Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap()
     }
 
-    /// The frames of the drive that moves a plant.
+    /// Returns the frames of the drive that moves a plant.
     fn database(trial: &Trial) -> Database {
         let ports = Ports::joined([(&*trial.wiring.plant, ports(trial).unwrap())]);
         let recorded = trial.wiring.recorded(&ports).unwrap().into_iter();

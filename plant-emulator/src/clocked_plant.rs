@@ -1,29 +1,29 @@
-//! The physics on the emulator's own clock: whatever the bus does, a hot wire cools on.
+//! The physics on the emulator's own clock: a hot wire cools down whatever the bus does.
 
 use std::any::Any;
 use std::time::Duration;
 
 use crate::plant::{Faults, Plant};
 
-/// Longest time that is caught up at once. After this long under constant inputs everything has settled, so nothing
-/// is lost by leaving out the rest.
+/// Longest time that is simulated at once. After this time under constant inputs everything has settled, so the rest
+/// can be left out.
 const CATCH_UP_MAX: Duration = Duration::from_secs(60);
 
-/// The plant, the time that it has reached, its inputs since then, and its outputs at that time.
+/// The plant with its time, its inputs since then, and its outputs at that time.
 #[derive(Debug)]
 pub(crate) struct ClockedPlant {
-    /// `None` where another drive has the plant in hand.
+    /// The plant; `None` while another drive holds it.
     plant: Option<Box<dyn Plant>>,
     inputs: Vec<f64>,
-    /// Those at the plant's time, so that all who look then see the same, whatever acts from then on.
+    /// Outputs at the plant's time, so every reader at that time gets the same values, whatever acts afterwards.
     outputs: Vec<f64>,
     time: Duration,
-    /// Why it does not go on.
+    /// Reason why it cannot continue.
     failure: Option<String>,
 }
 
 impl ClockedPlant {
-    /// A plant at time zero, undisturbed.
+    /// Makes a plant at time zero, undisturbed.
     pub(crate) fn new(plant: Box<dyn Plant>) -> Self {
         let ports = plant.ports();
         let mut clocked = Self {
@@ -37,7 +37,7 @@ impl ClockedPlant {
         clocked
     }
 
-    /// No plant: the place of one that another drive has in hand. Allocates nothing.
+    /// Makes an empty place for a plant that another drive holds. Does not allocate.
     pub(crate) fn none() -> Self {
         Self {
             plant: None,
@@ -48,7 +48,7 @@ impl ClockedPlant {
         }
     }
 
-    /// Brings the plant to `now`, under the inputs that have acted so far. One that has failed stays as it was.
+    /// Advances the plant to `now` under the inputs that have acted since its time. After a failure its state stays.
     #[inline]
     pub(crate) fn advance_to(&mut self, now: Duration) {
         let elapsed = now.saturating_sub(self.time);
@@ -66,7 +66,7 @@ impl ClockedPlant {
         }
     }
 
-    /// Reads the outputs, and stops the plant where they are not finite.
+    /// Reads the outputs. The plant fails if they are not finite.
     fn look(&mut self) {
         let Some(plant) = &self.plant else { return };
         plant.read(&mut self.outputs);
@@ -96,31 +96,31 @@ impl ClockedPlant {
         }
     }
 
-    /// Why the plant does not go on.
+    /// Returns the reason why the plant cannot continue, if there is one.
     pub(crate) fn failure(&self) -> Option<&str> {
         self.failure.as_deref()
     }
 
-    /// Value at an input.
+    /// Returns the value of an input.
     #[inline]
     pub(crate) fn input(&self, place: usize) -> f64 {
         self.inputs.get(place).copied().unwrap_or_default()
     }
 
-    /// Value at an output at the plant's time.
+    /// Returns the value of an output at the plant's time.
     #[inline]
     pub(crate) fn output(&self, place: usize) -> f64 {
         self.outputs.get(place).copied().unwrap_or_default()
     }
 
-    /// Sets the value at an input from the present time on.
+    /// Sets the value of an input from the present time on.
     pub(crate) fn set_input(&mut self, place: usize, value: f64) {
         if let Some(input) = self.inputs.get_mut(place) {
             *input = value;
         }
     }
 
-    /// Values at all inputs.
+    /// Returns the values of all inputs.
     pub(crate) fn inputs(&self) -> &[f64] {
         &self.inputs
     }
@@ -150,7 +150,7 @@ impl ClockedPlant {
         }
     }
 
-    /// The plant itself, if it is of this type.
+    /// Returns the plant itself, if it is of this type.
     pub(crate) fn plant<P: Plant>(&self) -> Option<&P> {
         let plant: &dyn Any = &**self.plant.as_ref()?;
         plant.downcast_ref()
@@ -197,7 +197,7 @@ mod tests {
         assert_eq!(plant.time, Duration::from_secs(1_000_000_000));
     }
 
-    /// A plant whose height is `after` from a time on.
+    /// A plant whose height is `after` from a certain time on.
     #[derive(Debug, Default)]
     struct Diverging {
         seconds: f64,

@@ -4,12 +4,12 @@ use canopen::{NodeId, ObjectDictionary};
 
 use crate::InvalidEmulator;
 
-/// A node's number.
+/// Converts a number to a node-ID.
 pub(crate) fn node_id(number: u8) -> Result<NodeId, InvalidEmulator> {
     NodeId::new(number).ok_or(InvalidEmulator::NodeId(number))
 }
 
-/// The dictionary of a data sheet.
+/// Returns the dictionary of a data sheet.
 pub(crate) fn dictionary(node_id: NodeId, text: &str) -> Result<ObjectDictionary, InvalidEmulator> {
     let dictionary = dbc::dictionary(text, node_id.get());
     dictionary.map_err(|error| InvalidEmulator::Eds { node_id, error })

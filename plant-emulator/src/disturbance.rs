@@ -1,4 +1,5 @@
-//! The disturbance module, an io node (CiA 401) with analogue outputs: a fan and an added load, or what a rig file wires.
+//! The disturbance module, an io node (CiA 401) with analogue outputs: a fan and an added load, or the inputs that a
+//! rig file wires.
 
 use canopen::object_dictionary::{DataType, Handle};
 use canopen::{
@@ -9,14 +10,14 @@ use crate::objects::{self, MissingObject};
 
 /// Write analogue output 16-bit (CiA 401).
 const OUTPUT: u16 = 0x6411;
-/// Analogue output error mode (CiA 401): 1 puts the error value out when something is wrong.
+/// Analogue output error mode (CiA 401): 1 outputs the error value after an error.
 const ERROR_MODE: u16 = 0x6443;
 /// Analogue output error value integer (CiA 401).
 const ERROR_VALUE: u16 = 0x6444;
 const CONVECTION_FACTOR: usize = 0;
 const ADDED_LOAD: usize = 1;
 
-/// One analogue output.
+/// An analogue output.
 #[derive(Clone, Copy, Debug)]
 struct Output {
     value: Handle,
@@ -35,19 +36,19 @@ impl Output {
     }
 }
 
-/// What the outputs do; the dictionary holds what they are.
+/// The present outputs. The dictionary holds the commanded ones.
 #[derive(Clone, Debug)]
 pub struct DisturbanceModule {
     outputs: Vec<Output>,
-    /// What is put out, in the units of 0x6411.
+    /// Output values, in the units of 0x6411.
     values: Vec<i16>,
 }
 
 impl DisturbanceModule {
-    /// A module with the outputs of a dictionary.
+    /// Makes a module with the outputs of a dictionary.
     ///
     /// # Errors
-    /// An output that the dictionary lacks.
+    /// The dictionary lacks an object of an output.
     pub fn new(dictionary: &ObjectDictionary) -> Result<Self, MissingObject> {
         let count = dictionary.unsigned(OUTPUT, 0).unwrap_or_default();
         let outputs = (1..=u8::try_from(count).unwrap_or_default())
@@ -61,33 +62,33 @@ impl DisturbanceModule {
         Ok(module)
     }
 
-    /// Multiplies the wire's convection; 0 to 32.767.
+    /// Returns the factor of the wire's convection, 0 to 32.767.
     #[must_use]
     pub fn convection_factor(&self) -> f64 {
         self.steps(CONVECTION_FACTOR).max(0.0) / 1e3
     }
 
-    /// Added to the load; may be negative.
+    /// Returns the mass that is added to the load; it may be negative.
     #[must_use]
     pub fn added_load_kilograms(&self) -> f64 {
         self.steps(ADDED_LOAD) / 1e4
     }
 
-    /// What the output at a place puts out, in the units of 0x6411; 0 where there is none.
+    /// Returns the value of an output, in the units of 0x6411; 0 if there is no such output.
     #[must_use]
     pub fn steps(&self, place: usize) -> f64 {
         self.values.get(place).copied().map_or(0.0, f64::from)
     }
 
-    /// Puts out what the dictionary holds.
+    /// Outputs the values in the dictionary.
     fn put_out(&mut self, dictionary: &ObjectDictionary) {
         for (value, output) in self.values.iter_mut().zip(&self.outputs) {
             *value = objects::integer16(dictionary, output.value);
         }
     }
 
-    /// Puts out the error values of all outputs whose error mode asks for it. They become the commanded values too, so
-    /// that nothing old comes back with the next start.
+    /// Outputs the error values of all outputs whose error mode requires it. They become the commanded values too, so
+    /// no old value returns with the next start.
     fn put_out_error_values(&mut self, dictionary: &mut ObjectDictionary) {
         for output in &self.outputs {
             if dictionary.entry(output.error_mode).as_integer() == 1 {

@@ -1,10 +1,10 @@
 //! The drive, node 0x10 (CiA 402, cyclic synchronous torque): samples the position and applies the current at SYNC.
 //!
 //! A command that follows from the sample of one SYNC acts from the next SYNC on: one cycle of delay. The current falls
-//! to 0 on arrival of whatever disables the drive, and by the drive's own timer when communication is lost.
+//! to 0 on any event that disables the drive, and by the drive's own timer when communication is lost.
 //!
-//! The drive has the plant that it is wired to in hand while it acts, and brings it up to date whenever it samples, before the
-//! current or a disturbance changes, and by a deadline of its own. Frames that only wait for a SYNC leave the physics alone.
+//! An active drive holds the plant that it is wired to. It advances the plant before it samples, before the current or
+//! a disturbance changes, and by a deadline of its own. Frames that only wait for a SYNC do not touch the physics.
 
 mod objects;
 
@@ -32,20 +32,20 @@ use crate::sensor::PositionSensor;
 use crate::thermal_protection::ThermalProtection;
 use crate::wires::Wires;
 
-/// Longest pause between two SYNCs (assumed). In it a wire at 1 A warms by less than 10 °C; a host that does not run
-/// the manager for some milliseconds causes no fault.
+/// Longest pause between two SYNCs (assumed). In it a wire at 1 A warms by less than 10 °C. If the host does not run
+/// the manager for some milliseconds, there is no fault.
 pub const SYNC_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// Utilisation of the I²t protection from which the statusword warns, and below which a trip may be reset.
+/// Utilisation of the I²t protection above which the statusword warns, and below which a trip may be reset.
 const WARNING_UTILISATION: f64 = 0.9;
 
-/// How long the current may be far from what is commanded (assumed) before the drive trusts its amplifier no more.
+/// Time for which the current may deviate from its command (assumed) before the drive reports a fault of its amplifier.
 const CURRENT_DEVIATION_TIME_MAX: Duration = Duration::from_millis(100);
 
 const COMMUNICATION_CYCLE_PERIOD: u16 = 0x1006;
 const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
 
-/// The drive's application: what happens round its object dictionary.
+/// The application of the drive, around its object dictionary.
 #[derive(Debug)]
 pub struct Drive {
     objects: Objects,
@@ -53,43 +53,44 @@ pub struct Drive {
     sensor: PositionSensor,
     amplifier: Amplifier,
     protection: ThermalProtection,
-    /// The plant and what acts on it, while this drive has it in hand.
+    /// The plant with its inputs, while this drive holds it.
     plant: ClockedPlant,
-    /// The plant's ports to which amplifier and sensor are wired.
+    /// Ports of the plant for amplifier and sensor.
     wires: Wires,
-    /// The time up to which the overload integral was brought, and the plant with it.
+    /// Time of the overload integral and of the plant.
     followed: Duration,
-    /// What goes wrong with sensor, amplifier and plant.
+    /// Faults of sensor, amplifier and plant.
     faults: RigFaults,
-    /// What the amplifier is commanded.
+    /// Command of the amplifier.
     commanded_amperes: f64,
-    /// Since when the current is not what is commanded.
+    /// Start of the present deviation of the current from its command.
     deviates_since: Option<Duration>,
-    /// How far the node's clock is ahead of the emulator's own, and how far behind.
+    /// Lead and lag of the node's clock relative to the emulator's own.
     clock_error: (Duration, Duration),
-    /// Longest time that the plant is left behind. The next SYNC brings it up to date, so this is longer than a
-    /// SYNC may be late: else a busy machine, which delays SYNCs, would get more to do for it.
+    /// Longest time without an advance of the plant. The next SYNC advances it, so this is longer than a SYNC may be
+    /// late. Otherwise a busy machine, which delays SYNCs, would cause itself more work.
     idle_max: Duration,
-    /// The option codes, to be read again when one may have been written.
+    /// Option codes; they are read again after a possible write.
     codes: Option<OptionCodes>,
-    /// A limit cuts the target.
+    /// Whether a limit cuts the target.
     is_limit_active: bool,
-    /// The latest command was beyond the limits of its object, and was cut to them when it was received.
+    /// Whether the latest command was beyond the limits of its object, and was cut to them on reception.
     is_command_cut: bool,
-    /// A manager that was not heard since the start must be by then: the heartbeat consumer begins with the first one.
+    /// Manager that has not been heard since the start, and its deadline. The heartbeat consumer begins only with the
+    /// first heartbeat.
     manager: Option<(NodeId, Duration)>,
-    /// When the latest SYNC came; supervised here while 0x1006 is 0.
+    /// Time of the latest SYNC, which this drive supervises itself while 0x1006 is 0.
     latest_sync: Duration,
-    /// True while a SYNC period is configured, so that the SYNC consumer supervises it.
+    /// Whether a SYNC period is configured, so that the SYNC consumer supervises it.
     has_sync_period: bool,
     is_stop_asked: bool,
 }
 
 impl Drive {
-    /// The drive wired to a plant, with the objects of a dictionary. The sensor's noise follows from the seed.
+    /// Makes the drive of a plant, with the objects of a dictionary. The sensor's noise follows from the seed.
     ///
     /// # Errors
-    /// An object that the dictionary lacks.
+    /// The dictionary lacks an object.
     pub(crate) fn new(
         trial: &Trial,
         plant: ClockedPlant,
@@ -124,33 +125,33 @@ impl Drive {
         })
     }
 
-    /// The plant on the emulator's own clock; empty where another drive has it in hand.
+    /// Returns the plant on the emulator's own clock; empty while another drive holds it.
     pub(crate) fn plant(&self) -> &ClockedPlant {
         &self.plant
     }
 
-    /// As [`Drive::plant`], to hand it over.
+    /// Works as [`Drive::plant`], to hand the plant over.
     pub(crate) fn plant_mut(&mut self) -> &mut ClockedPlant {
         &mut self.plant
     }
 
-    /// What the amplifier puts out.
+    /// Returns the output of the amplifier.
     pub(crate) fn current_amperes(&self) -> f64 {
         self.plant.input(self.wires.input) / self.wires.input_per_ampere
     }
 
-    /// The temperature of what that heats.
+    /// Returns the temperature of the part that the output heats.
     pub(crate) fn heated_celsius(&self) -> Option<f64> {
         self.plant.heated_celsius(self.wires.input)
     }
 
-    /// The state of the power state machine.
+    /// Returns the state of the power state machine.
     #[must_use]
     pub fn state(&self) -> State {
         self.machine.state()
     }
 
-    /// Lets something else act on an input of the plant from `now` on.
+    /// Sets an input of the plant from `now` on, for another node.
     pub(crate) fn disturb(&mut self, now: Duration, input: usize, value: f64) {
         if self.plant.input(input) != value {
             self.advance_to(now);
@@ -158,7 +159,7 @@ impl Drive {
         }
     }
 
-    /// The rig goes on although its drive begins anew, as after power-on.
+    /// Takes over the rig of a drive that reboots, as after power-on.
     pub(crate) fn wire_to_rig_of(&mut self, worn: &mut Self) {
         std::mem::swap(&mut self.plant, &mut worn.plant);
         std::mem::swap(&mut self.faults, &mut worn.faults);
@@ -167,39 +168,39 @@ impl Drive {
         self.commanded_amperes = worn.commanded_amperes;
     }
 
-    /// The faults of the rig.
+    /// Returns the faults of the rig.
     pub(crate) fn faults_mut(&mut self) -> &mut RigFaults {
         &mut self.faults
     }
 
-    /// The next time at which a fault of the rig begins or ends.
+    /// Returns the next time at which a fault of the rig begins or ends.
     pub(crate) fn next_fault(&self) -> Option<Duration> {
         self.faults.next_change(self.followed)
     }
 
-    /// How far the node's clock is ahead of the emulator's own, and how far behind.
+    /// Sets the lead and lag of the node's clock relative to the emulator's own.
     pub(crate) fn set_clock_error(&mut self, ahead: Duration, behind: Duration) {
         self.clock_error = (ahead, behind);
     }
 
-    /// Switches the current off because the drive is dead.
+    /// Switches the current off because the node is dead.
     pub(crate) fn cut_off(&mut self, now: Duration) {
         self.set_current(now, 0.0);
     }
 
-    /// Brings the rig to `now` although the node may be silent, and lets its faults begin and end.
+    /// Advances the rig to `now`, even if the node is silent, and lets its faults begin and end.
     pub(crate) fn follow(&mut self, now: Duration) {
         self.set_current(now, self.commanded_amperes);
         self.advance_to(now);
     }
 
-    /// The emulator's own time, which the rig follows.
+    /// Returns the emulator's own time, which the rig follows.
     fn now(&self, services: &Services) -> Duration {
         let (ahead, behind) = self.clock_error;
         (services.now() + behind).saturating_sub(ahead)
     }
 
-    /// Commands the amplifier.
+    /// Sets the command of the amplifier.
     fn set_current(&mut self, now: Duration, commanded_amperes: f64) {
         self.commanded_amperes = commanded_amperes;
         let input = self.wires.input;
@@ -207,7 +208,7 @@ impl Drive {
         if let Some((faults, time_seconds)) = self.faults.of_plant(now) {
             if self.plant.is_condition_new(input, faults, time_seconds) {
                 self.advance_to(now);
-                // Borrowed anew: time has passed.
+                // The faults are borrowed again because time has passed.
                 if let Some((faults, time_seconds)) = self.faults.of_plant(now) {
                     self.plant.set_condition(input, faults, time_seconds);
                 }
@@ -224,7 +225,7 @@ impl Drive {
         self.disturb(now, input, current_amperes * self.wires.input_per_ampere);
     }
 
-    /// Brings the plant and the overload integral to `now`.
+    /// Advances the plant and the overload integral to `now`.
     fn advance_to(&mut self, now: Duration) {
         let elapsed = now.saturating_sub(self.followed);
         let current_amperes = self.current_amperes();
@@ -253,7 +254,7 @@ impl Drive {
             .set_utilisation(dictionary, self.protection.utilisation());
     }
 
-    /// Lets the target torque act, where that is allowed.
+    /// Applies the target torque, if it is allowed.
     fn apply(&mut self, services: &Services) {
         if !self.may_drive(services) {
             return;
@@ -275,7 +276,8 @@ impl Drive {
             && self.objects.mode(services.dictionary()) == CYCLIC_SYNCHRONOUS_TORQUE
     }
 
-    /// Ends every call that may have changed the state: no current without permission, and the statusword of now.
+    /// Ends every call that may have changed the state: removes a current without permission, and updates the
+    /// statusword.
     fn settle(&mut self, services: &mut Services) {
         if !self.may_drive(services) {
             self.set_current(self.now(services), 0.0);
@@ -293,14 +295,14 @@ impl Drive {
             .set_status(services.dictionary_mut(), statusword, mode);
     }
 
-    /// Settles after a PDO, which mostly leaves machine and mode as they were.
+    /// Settles after a PDO, which usually does not change machine and mode.
     fn settle_after(&mut self, before: StateMachine, services: &mut Services) {
         if self.machine != before || self.objects.is_mode_new(services.dictionary()) {
             self.settle(services);
         }
     }
 
-    /// A current that is not what is commanded, for some time, is a fault, over when it is again.
+    /// Reports a fault if the current deviates from its command for some time. The fault is over when the deviation is.
     fn supervise_current(&mut self, services: &mut Services) {
         let deviation = self.current_amperes() - self.commanded_amperes;
         if deviation.abs() <= self.amplifier.deviation_amperes_max() {
@@ -316,7 +318,7 @@ impl Drive {
         }
     }
 
-    /// I²t: a trip is a fault, over when the load is well below the limit.
+    /// Reports a fault if the I²t protection trips. The fault is over when the load is well below the limit.
     fn protect(&mut self, services: &mut Services) {
         self.supervise_current(services);
         if self.protection.is_tripped() && self.machine.is_current_allowed() {
@@ -341,14 +343,14 @@ impl Drive {
             .on_controlword(controlword, &codes, is_fault_present);
     }
 
-    /// The end of the SYNC's supervision while 0x1006 gives no period to the SYNC consumer.
+    /// Returns the deadline of the next SYNC while 0x1006 gives no period to the SYNC consumer.
     fn sync_deadline(&self) -> Option<Duration> {
-        // What is commanded counts: an amplifier that is stuck on does not obey any more.
+        // The command counts, not the current: an amplifier that is stuck on no longer obeys.
         (self.commanded_amperes != 0.0 && !self.has_sync_period)
             .then(|| self.latest_sync + SYNC_TIMEOUT)
     }
 
-    /// Lets the SYNC consumer wait for [`SYNC_TIMEOUT`], and for one missing SYNC at least.
+    /// Lets the SYNC consumer wait for [`SYNC_TIMEOUT`], but at least for one missing SYNC.
     fn supervise_sync(&mut self, services: &mut Services, period_microseconds: u32) {
         self.has_sync_period = period_microseconds != 0;
         let timeout_microseconds = u32::try_from(SYNC_TIMEOUT.as_micros()).unwrap_or(u32::MAX);
@@ -432,7 +434,7 @@ impl Application for Drive {
             (cia402::MODES_OF_OPERATION, &[mode]) => {
                 objects::check_mode(services.dictionary(), mode.cast_signed())?;
             }
-            // Bit 9 of the statusword says "not remote" there, and then no controlword is obeyed (CiA 402-2, table 29).
+            // Bit 9 of the statusword then means "not remote", and no controlword is obeyed (CiA 402-2, table 29).
             (cia402::CONTROLWORD, _) if services.nmt_state() != NmtState::Operational => {
                 return Err(AbortCode::DEVICE_STATE);
             }
@@ -492,7 +494,7 @@ impl Application for Drive {
     }
 }
 
-/// The node whose heartbeat is watched first (0x1016:01), and until when it must be heard.
+/// Returns the node whose heartbeat is watched first (0x1016:01), and the time by which it must be heard.
 fn expected_manager(services: &Services) -> Option<(NodeId, Duration)> {
     let value = services.dictionary().unsigned(CONSUMER_HEARTBEAT_TIME, 1)?;
     let [low, high, node_id, _] = value.to_le_bytes();

@@ -1,4 +1,4 @@
-//! A drive on the bus, as its scenario wants it: sound, or a node that fails.
+//! A drive on the bus, by its scenario: sound, or a node that fails.
 
 use std::time::Duration;
 
@@ -19,20 +19,20 @@ use crate::wires::Wires;
 const IDENTITY: u16 = 0x1018;
 const PRODUCT_CODE: u8 = 2;
 
-/// One of the drives of a plant: what is tried on it, and where it is on a bus with these frames.
+/// One of the drives of a plant, with its scenario and its place on a bus.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveOf<'a> {
-    /// What is tried.
+    /// Scenario of the drive.
     pub trial: &'a Trial,
-    /// Where.
+    /// Place of its loop.
     pub place: LoopPlace,
-    /// The frames.
+    /// Frames of the bus.
     pub database: &'a Database,
     /// Scenario time.
     pub clock: &'a ScenarioClock,
 }
 
-/// The drive as a node, in a scenario without faults and in one with them.
+/// The drive as a node, in a scenario without faults or with faults.
 #[derive(Debug)]
 #[expect(
     clippy::large_enum_variant,
@@ -44,7 +44,7 @@ pub(crate) enum DriveNode {
 }
 
 impl DriveNode {
-    /// The drive of these parts, which has this plant in hand.
+    /// Makes the drive of these parts; it holds this plant.
     pub(crate) fn new(
         parts: Parts,
         plant: ClockedPlant,
@@ -56,7 +56,7 @@ impl DriveNode {
         }
         let plan = FaultPlan::new(&of.trial.drive_faults(), of.place.drive_node_id);
         let renew = move |device: &mut Device<Drive>| {
-            // It could be set up once, so it can again.
+            // The same parts were set up before, so this cannot fail.
             if let Ok(mut fresh) = parts.device(ClockedPlant::none()) {
                 fresh
                     .application_mut()
@@ -101,7 +101,7 @@ impl DriveNode {
         }
     }
 
-    /// After each event: the rig goes on, whatever the node does.
+    /// Advances the rig after each event, in any state of the node.
     pub(crate) fn follow(&mut self, now: Duration) {
         let Self::Faulty(faulty, truth) = self else {
             return;
@@ -120,7 +120,7 @@ impl DriveNode {
         truth.observe(now, drive);
     }
 
-    /// Before each event: the node's clock, so that the rig knows its own.
+    /// Updates the node's clock before each event, so that the rig knows its own time.
     pub(crate) fn set_clock(&mut self, now: Duration) {
         if let Self::Faulty(faulty, _) = self {
             let (ahead, behind) = faulty.clock_error_at(now);
@@ -156,7 +156,7 @@ impl DriveNode {
     }
 }
 
-/// What a drive is made of, at the start and after a reboot.
+/// Parts of a drive, for the start and for a reboot.
 pub(crate) struct Parts {
     node_id: NodeId,
     trial: Trial,
@@ -199,7 +199,7 @@ impl Parts {
     }
 }
 
-/// Makes a dictionary that of another product.
+/// Changes the product code of a dictionary.
 fn set_product_code(dictionary: &mut ObjectDictionary, product_code: u32) {
     if let Ok(handle) = dictionary.find(IDENTITY, PRODUCT_CODE) {
         let mut entry = dictionary.entry(handle).clone();

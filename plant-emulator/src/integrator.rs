@@ -1,6 +1,7 @@
 //! The classical Runge-Kutta method of fourth order.
 
-/// One step of `duration_seconds` from `state`; `derivative` takes the time since the start of the step and a state.
+/// Takes one step of `duration_seconds` from `state`; `derivative` takes the time since the start of the step and a
+/// state.
 #[must_use]
 pub fn runge_kutta_4<const N: usize>(
     state: [f64; N],
@@ -11,7 +12,7 @@ pub fn runge_kutta_4<const N: usize>(
     runge_kutta_4_from(state, at_start, duration_seconds, derivative)
 }
 
-/// As [`runge_kutta_4`], where the derivative at the start is known.
+/// Works as [`runge_kutta_4`], with a derivative at the start that is known already.
 #[must_use]
 #[inline]
 pub fn runge_kutta_4_from<const N: usize>(
@@ -23,7 +24,7 @@ pub fn runge_kutta_4_from<const N: usize>(
     let half = 0.5 * duration_seconds;
     let mut slopes = [at_start; 4];
     let mut slope = at_start;
-    // One call that is done three times, not three calls: so the derivative is compiled into the loop.
+    // A loop with one call, not three calls, so the derivative is compiled into the loop.
     for (place, seconds) in slopes[1..].iter_mut().zip([half, half, duration_seconds]) {
         slope = derivative(seconds, &along(&state, seconds, &slope));
         *place = slope;
@@ -33,7 +34,7 @@ pub fn runge_kutta_4_from<const N: usize>(
     along(&state, duration_seconds, &mean)
 }
 
-/// `state + duration · slope`.
+/// Returns `state + duration · slope`.
 fn along<const N: usize>(state: &[f64; N], duration_seconds: f64, slope: &[f64; N]) -> [f64; N] {
     std::array::from_fn(|i| state[i] + duration_seconds * slope[i])
 }
@@ -42,7 +43,7 @@ fn along<const N: usize>(state: &[f64; N], duration_seconds: f64, slope: &[f64; 
 mod tests {
     use super::*;
 
-    /// Largest error on one period of an oscillator in `steps` steps.
+    /// Returns the largest error on one period of an oscillator in `steps` steps.
     fn oscillator_error(steps: u32) -> f64 {
         let duration = std::f64::consts::TAU / f64::from(steps);
         let mut state = [1.0, 0.0];

@@ -1,14 +1,14 @@
 //! The plant emulator: a plant behind the bus interface of a real drive.
 //!
-//! Comes in: a scenario, and the frames of whoever leads the drives. Goes out: the frames of the drives and disturbance
+//! Inputs are a scenario, and the frames of the controller. Outputs are the frames of the drives and disturbance
 //! modules of a plant, and the truth about the plant that no real drive publishes.
 //!
-//! [`plant`] has the trait of all plants: named inputs and outputs, and time. [`plants`] are those that ship, one file for each part
-//! of a model; [`catalogue`] lists them with those that a bench from outside brings. [`drive`] and [`disturbance`] are the nodes
-//! that act on a plant; [`PlantEmulator`] is all of them and the plant as one participant.
+//! [`plant`] has the trait of all plants: named inputs and outputs, and time. [`plants`] has those that ship, with a
+//! file for each part of a model; [`catalogue`] lists them and the custom ones. [`drive`] and [`disturbance`] are the
+//! nodes that act on a plant. [`PlantEmulator`] is the plant with all of them, as one participant.
 //!
-//! It does not know: control laws, what is expected of a run, and in which world it runs. The platform is named in `main.rs`
-//! only.
+//! The emulator does not know control laws, the expectations on a run, or the world in which it runs. Only `main.rs`
+//! uses the platform.
 #![warn(missing_docs)]
 
 pub mod amplifier;
@@ -55,7 +55,7 @@ use wires::{IoWires, Wires};
 const PDO_FUNCTIONS: [u16; 8] = [0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500];
 const HEARTBEATS: u16 = 0x700;
 
-/// What is below and above [`PDOS_AND_SDOS`] but heartbeats: NMT, SYNC, EMCY and TIME; LSS.
+/// Returns the filters below and above [`PDOS_AND_SDOS`] except heartbeats: NMT, SYNC, EMCY and TIME; LSS.
 fn other_services() -> [Filter; 4] {
     [
         (0x000, 0x700),
@@ -66,7 +66,7 @@ fn other_services() -> [Filter; 4] {
     .map(|(id, mask)| Filter::block(id, mask))
 }
 
-/// Why there can be no emulator.
+/// Reason why there can be no emulator.
 #[derive(Debug, thiserror::Error)]
 pub enum InvalidEmulator {
     /// The plant makes no physical sense.
@@ -75,29 +75,29 @@ pub enum InvalidEmulator {
     /// There is no such plant.
     #[error("there is no plant `{0}`")]
     UnknownPlant(String),
-    /// The table of a plant from outside is that of another one.
+    /// The parameters do not fit the custom plant.
     #[error("plant: {0}")]
     Parameters(#[from] toml::de::Error),
     /// The plant has no such port.
     #[error("the plant has no port `{0}`")]
     UnknownPort(String),
-    /// The frames of a drive have no room for that many outputs.
+    /// The frames of a drive have no room for this number of outputs.
     #[error("the drive would publish {0} outputs of the plant (limit {RECORDED_MAX})")]
     TooManyOutputs(usize),
-    /// A sensor cannot have this unit.
+    /// The sensor does not support this unit.
     #[error("the port `{port}` cannot be measured in {unit}")]
     Unit {
-        /// The port.
+        /// Name of the port.
         port: String,
-        /// The unit.
+        /// Unit of the port.
         unit: String,
     },
     /// A data sheet cannot be read.
     #[error("EDS of node {node_id}: {error}")]
     Eds {
-        /// The node.
+        /// Node-ID of the data sheet.
         node_id: NodeId,
-        /// What is wrong with the text.
+        /// Error in the text.
         error: EdsError,
     },
     /// A data sheet lacks an object.
@@ -106,34 +106,34 @@ pub enum InvalidEmulator {
     /// A data sheet configures a PDO wrongly.
     #[error("{0}")]
     Pdo(#[from] InvalidPdo),
-    /// No node's number.
+    /// A number is no node-ID.
     #[error("{0} is no node-ID")]
     NodeId(u8),
-    /// The DBC lacks what the emulator says.
+    /// The DBC lacks a signal of the emulator.
     #[error(transparent)]
     Signal(#[from] SignalMissing),
 }
 
-/// Plants that nodes connect, mostly one, with the drives that are wired to them and the io nodes that act on them.
+/// Plants that are connected by nodes, usually one, with their drives and the io nodes that act on them.
 ///
-/// The plants follow the emulator's own time; see [`drive`]. In a scenario with faults the node of a drive may fail; the
-/// plant lives on and publishes the truth about itself.
+/// The plants follow the emulator's own time; see [`drive`]. In a scenario with faults the node of a drive may fail;
+/// the plant continues and publishes the truth about itself.
 #[derive(Debug)]
 pub struct PlantEmulator {
-    /// What errors call the plants.
+    /// Name of the plants in errors.
     name: String,
-    /// In the order of their node-IDs.
+    /// Drives, in the order of their node-IDs.
     drives: Vec<DriveNode>,
-    /// Which of them has the plants in hand.
+    /// Index of the drive that holds the plants.
     holder: usize,
     modules: Vec<Module>,
     /// Node-IDs of drives and modules.
     node_ids: Vec<u8>,
-    /// That of their manager.
+    /// Node-ID of their manager.
     manager: u8,
 }
 
-/// An io node, and the inputs of the plants on which it acts.
+/// An io node, and the inputs of the plants that it sets.
 #[derive(Debug)]
 struct Module {
     device: Device<DisturbanceModule>,
@@ -141,10 +141,10 @@ struct Module {
 }
 
 impl PlantEmulator {
-    /// The emulator of a plant with these parameters in a scenario, with the objects of the shipped data sheets.
+    /// Makes the emulator of a plant with these parameters in a scenario, with the objects of the shipped data sheets.
     ///
     /// # Errors
-    /// A plant that makes no sense, or a data sheet that does not suit.
+    /// The plant is invalid, or a data sheet does not fit.
     pub fn new<P: Plant>(trial: &Trial, config: &P::Config) -> Result<Self, InvalidEmulator> {
         let plant = Box::new(P::new(config)?);
         let database = Database::shipped();
@@ -157,10 +157,10 @@ impl PlantEmulator {
         Self::of(vec![(trial.wiring.plant.clone(), plant)], &[only])
     }
 
-    /// The emulator of plants, each with its name, and of these drives.
+    /// Makes the emulator of named plants and of these drives.
     ///
     /// # Errors
-    /// A port that the plants have not, or a data sheet that does not suit.
+    /// The plants lack a port, or a data sheet does not fit.
     pub fn of(
         plants: Vec<(String, Box<dyn Plant>)>,
         drives: &[DriveOf<'_>],
@@ -207,13 +207,13 @@ impl PlantEmulator {
         })
     }
 
-    /// The plant, if it is of this type, as far as it has been brought up to date: to the latest SYNC or tick, or later.
+    /// Returns the plant, if it is of this type, at the time of its last advance: the latest SYNC or tick, or later.
     #[must_use]
     pub fn plant<P: Plant>(&self) -> Option<&P> {
         self.in_hand()?.plant()
     }
 
-    /// Values at the inputs of the plant.
+    /// Returns the values of the plant's inputs.
     #[must_use]
     pub fn inputs(&self) -> &[f64] {
         self.in_hand().map_or(&[], ClockedPlant::inputs)
@@ -224,7 +224,7 @@ impl PlantEmulator {
         Some(holder.device().application().plant())
     }
 
-    /// Gives a drive the plant in hand.
+    /// Hands the plant over to a drive.
     #[inline]
     fn hand_over(&mut self, to: usize) {
         if self.holder != to {
@@ -243,7 +243,7 @@ impl PlantEmulator {
         }
     }
 
-    /// Something happens to the modules, then to each drive, in the order of node-IDs; at last the rig follows.
+    /// Applies an event to the modules, then to each drive, in the order of node-IDs. At last it advances the rig.
     fn each(
         &mut self,
         now: Duration,
@@ -269,7 +269,7 @@ impl PlantEmulator {
         }
     }
 
-    /// Passes the outputs of the disturbance modules on to the plant.
+    /// Passes the outputs of the disturbance modules to the plant.
     fn disturb(&mut self, now: Duration) {
         let Some(holder) = self.drives.get_mut(self.holder) else {
             return;
@@ -306,8 +306,8 @@ impl Node for PlantEmulator {
         filters
     }
 
-    /// Everything but the PDOs, SDOs and heartbeats that are for others: of heartbeats drives and modules need those of their
-    /// manager, whom they watch once they are configured. With faults there is more that is read.
+    /// Returns filters that exclude the PDOs, SDOs and heartbeats for other nodes. Drives and modules need the
+    /// heartbeats of their manager, which they watch once they are configured. With faults they read more frames.
     fn filters_as_configured(&self) -> Vec<Filter> {
         if self.drives.iter().any(DriveNode::is_faulty) {
             return self.filters();
@@ -339,8 +339,8 @@ impl Node for PlantEmulator {
             .collect()
     }
 
-    /// The PDOs of the manager and the own ones, as far as they wait for the SYNC or nobody here listens to them. With
-    /// faults any frame may make the emulator publish the truth.
+    /// Returns filters for PDOs of the manager and of the own nodes that wait for the SYNC, or that no node here reads.
+    /// With faults any frame may make the emulator publish the truth.
     fn silent_filters(&self) -> Vec<Filter> {
         if self.drives.iter().any(DriveNode::is_faulty) {
             return Vec::new();
@@ -405,7 +405,7 @@ impl Node for PlantEmulator {
         drives.chain(modules).fold(None, earlier)
     }
 
-    /// A plant that cannot go on has failed, whatever its drives say.
+    /// Returns a failure if the plant cannot continue, whatever its drives report.
     fn progress(&self) -> Progress {
         if let Some(reason) = self.in_hand().and_then(ClockedPlant::failure) {
             return Progress::Failed(format!("the plant `{}` cannot go on: {reason}", self.name));

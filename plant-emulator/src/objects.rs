@@ -1,17 +1,17 @@
-//! The objects that an application uses every cycle: found and checked once, then reached without search.
+//! The objects that an application uses every cycle. They are found and checked once, then accessed without a search.
 
 use canopen::object_dictionary::{DataType, Handle};
 use canopen::{ObjectDictionary, add_half};
 
-/// The data sheet lacks an object that the application needs.
+/// Error for an object that the data sheet lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the EDS has no object {index:#06x}:{sub_index:02x} of type {data_type:?}")]
 pub struct MissingObject {
     /// Index of the object.
     pub index: u16,
-    /// Its sub-index.
+    /// Sub-index of the object.
     pub sub_index: u8,
-    /// The type that it must have.
+    /// Type that the object must have.
     pub data_type: DataType,
 }
 
@@ -32,20 +32,20 @@ pub(crate) fn find(
         })
 }
 
-/// Stores a value whose width is that of the object's type, as [`find`] has made sure.
+/// Stores a value. Its width is that of the object's type, as [`find`] has checked.
 pub(crate) fn store(dictionary: &mut ObjectDictionary, handle: Handle, bytes: &[u8]) {
     let stored = dictionary.store(handle, bytes);
     debug_assert!(stored.is_ok(), "the type was checked when it was found");
 }
 
-/// An integer object that fits 16 bits with sign, saturated.
+/// Returns an integer object as a signed number of 16 bits, saturated.
 pub(crate) fn integer16(dictionary: &ObjectDictionary, handle: Handle) -> i16 {
     let limits = i128::from(i16::MIN)..=i128::from(i16::MAX);
     let value = dictionary.entry(handle).as_integer();
     i16::try_from(value.clamp(*limits.start(), *limits.end())).unwrap_or_default()
 }
 
-/// A number rounded to the nearest integer, saturated; 0 for NaN.
+/// Rounds a number to the nearest integer, saturated; 0 for NaN.
 #[inline]
 pub(crate) fn rounded_i32(value: f64) -> i32 {
     #[expect(
@@ -56,7 +56,7 @@ pub(crate) fn rounded_i32(value: f64) -> i32 {
     rounded
 }
 
-/// As [`rounded_i32`], for 16 bits with sign.
+/// Works as [`rounded_i32`], for 16 bits with sign.
 #[inline]
 pub(crate) fn rounded_i16(value: f64) -> i16 {
     #[expect(
@@ -67,7 +67,7 @@ pub(crate) fn rounded_i16(value: f64) -> i16 {
     rounded
 }
 
-/// As [`rounded_i32`], for 16 bits without sign.
+/// Works as [`rounded_i32`], for 16 bits without sign.
 #[inline]
 pub(crate) fn rounded_u16(value: f64) -> u16 {
     #[expect(

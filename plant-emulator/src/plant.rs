@@ -7,23 +7,23 @@ pub use scenario::fault::Faults;
 use scenario::own::Parameters;
 pub use scenario::port::{Port, Ports};
 
-/// A plant: parameters in, and from then on values at named ports.
+/// A plant. It is made from parameters, and then exchanges values at named ports.
 ///
-/// Values come and go in the order of the ports, and a rig file wires drives and io nodes to them. The emulator owns the rest: the
-/// drive nodes, sensors, amplifiers, I²t protection, their faults, and when time passes. A plant of one axis has the ports of
-/// [`one_axis`].
+/// Values are in the order of the ports; a rig file wires drives and io nodes to them. The emulator does everything
+/// else: the drive nodes, sensors, amplifiers, I²t protection, their faults, and the passing of time. A plant of one
+/// axis has the ports of [`one_axis`].
 pub trait Plant: Any + fmt::Debug + Send {
-    /// Its parameters: what a scenario's table is read into.
+    /// Parameters of the plant, read from the scenario's table.
     type Config: Parameters
     where
         Self: Sized;
 
-    /// Its name, and that of its table in a scenario or a rig file.
+    /// Returns the name of the plant and of its table in a scenario or a rig file.
     fn name() -> &'static str
     where
         Self: Sized;
 
-    /// The kinds of `[[fault.plant.…]]` that its conditions look at; others are refused.
+    /// Returns the kinds of `[[fault.plant.…]]` that its condition supports; others are refused.
     #[must_use]
     fn faults() -> &'static [&'static str]
     where
@@ -32,7 +32,7 @@ pub trait Plant: Any + fmt::Debug + Send {
         &[]
     }
 
-    /// The plant with these parameters, at rest, without current and undisturbed.
+    /// Makes the plant with these parameters, at rest, without current and undisturbed.
     ///
     /// # Errors
     /// The parameters make no physical sense.
@@ -40,7 +40,8 @@ pub trait Plant: Any + fmt::Debug + Send {
     where
         Self: Sized;
 
-    /// The ports of the plant with these parameters, for a plant that takes more than memory to make.
+    /// Returns the ports of the plant with these parameters. A plant that needs more than memory to be made implements
+    /// it.
     ///
     /// # Errors
     /// As [`Plant::new`].
@@ -51,41 +52,42 @@ pub trait Plant: Any + fmt::Debug + Send {
         Ok(Self::new(config)?.ports())
     }
 
-    /// Inputs that act on it and outputs that are seen of it. They depend on the parameters alone.
+    /// Returns the inputs and outputs. They depend on the parameters alone.
     fn ports(&self) -> Ports;
 
-    /// Lets time pass under constant inputs, a millisecond or less in most runs. Many short steps come to the same as one long one.
-    /// Allocates nothing.
+    /// Advances the time under constant inputs, by a millisecond or less in most runs. Many short steps give the same
+    /// result as one long step. Does not allocate.
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]);
 
-    /// Writes the outputs. Allocates nothing.
+    /// Writes the outputs. Does not allocate.
     fn read(&self, outputs: &mut [f64]);
 
-    /// The temperature of the part that a current at an input heats; `None` where it is not known.
+    /// Returns the temperature of the part that a current at an input heats; `None` if it is unknown.
     fn heated_celsius(&self, _input: usize) -> Option<f64> {
         None
     }
 
-    /// Whether a current can flow through an input.
+    /// Returns whether a current can flow through an input.
     fn conducts(&self, _input: usize) -> bool {
         true
     }
 
-    /// Whether the faults at a scenario time change the condition of the part behind an input.
+    /// Returns whether the faults at a scenario time change the condition of the part at an input.
     fn is_condition_new(&self, _input: usize, _faults: &Faults, _time_seconds: f64) -> bool {
         false
     }
 
-    /// Takes over the condition that the faults at a scenario time give the part behind an input.
+    /// Sets the condition of the part at an input by the faults at a scenario time.
     fn set_condition(&mut self, _input: usize, _faults: &Faults, _time_seconds: f64) {}
 
-    /// Why it cannot go on, such as a model that ended by itself; `None` while it can. The emulator finds outputs that are not finite.
+    /// Returns the reason why it cannot continue, such as a model that ended by itself; `None` while it can. The
+    /// emulator itself detects outputs that are not finite.
     fn failure(&self) -> Option<&str> {
         None
     }
 }
 
-/// Place of the current among the inputs of [`one_axis`].
+/// Index of the current among the inputs of [`one_axis`].
 pub const CURRENT: usize = 0;
 
 /// Range of the current, in A.
@@ -93,10 +95,10 @@ const CURRENT_RANGE: [f64; 2] = [-1.0, 1.0];
 /// Ranges of the 16-bit outputs of the module with fan and load.
 const CONVECTION_RANGE: [f64; 2] = [0.0, 32.767];
 const LOAD_RANGE: [f64; 2] = [-3.276_8, 3.276_7];
-/// The travel of the rig that ships.
+/// Travel of the rig that ships.
 const TRAVEL_METRES: [f64; 2] = [0.0, 0.06];
 
-/// The ports of a plant of one axis: [`Inputs`] act on it, and its position and these further outputs are seen of it.
+/// Returns the ports of a plant of one axis: [`Inputs`], its position, and these further outputs.
 #[must_use]
 pub fn one_axis(further: impl IntoIterator<Item = Port>) -> Ports {
     let position =
@@ -117,16 +119,16 @@ pub fn one_axis(further: impl IntoIterator<Item = Port>) -> Ports {
 /// Inputs of a plant of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inputs {
-    /// Current that the amplifier puts out.
+    /// Output of the amplifier.
     pub current_amperes: f64,
-    /// Multiplies the convection to the air; 1 in still air.
+    /// Factor of the convection to the air; 1 in still air.
     pub convection_factor: f64,
-    /// Added to the load. For the shipped plants a scenario never takes more than there is.
+    /// Mass that is added to the load. For the shipped plants a scenario never removes more than there is.
     pub added_load_kilograms: f64,
 }
 
 impl Inputs {
-    /// From values in the order of [`one_axis`].
+    /// Makes the inputs from values in the order of [`one_axis`].
     #[must_use]
     #[inline]
     pub fn of(inputs: &[f64]) -> Self {
@@ -139,7 +141,7 @@ impl Inputs {
         }
     }
 
-    /// Values in the order of [`one_axis`].
+    /// Returns the values in the order of [`one_axis`].
     #[must_use]
     pub fn values(&self) -> [f64; 3] {
         [
@@ -151,7 +153,7 @@ impl Inputs {
 }
 
 impl Default for Inputs {
-    /// No current, still air, the load alone.
+    /// Returns no current, still air, the load alone.
     fn default() -> Self {
         Self {
             current_amperes: 0.0,
@@ -161,58 +163,58 @@ impl Default for Inputs {
     }
 }
 
-/// Why a plant cannot be emulated.
+/// Reason why a plant cannot be emulated.
 #[derive(Debug, thiserror::Error)]
 pub enum InvalidPlant {
-    /// A parameter outside its range.
+    /// A parameter is outside its range.
     #[error("{name} is {value}, it must be {requirement}")]
     OutOfRange {
-        /// The parameter, as the scenario names it.
+        /// Name of the parameter in the scenario.
         name: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// What it must be.
+        /// Requirement on the value.
         requirement: &'static str,
     },
-    /// Two temperatures in the wrong order.
+    /// Two temperatures are in the wrong order.
     #[error("{cold_name} is {cold} °C, it must be below {hot_name} of {hot} °C")]
     WrongOrder {
-        /// The lower temperature's name.
+        /// Name of the lower temperature.
         cold_name: &'static str,
-        /// Its value.
+        /// Value of the lower temperature.
         cold: f64,
-        /// The higher temperature's name.
+        /// Name of the higher temperature.
         hot_name: &'static str,
-        /// Its value.
+        /// Value of the higher temperature.
         hot: f64,
     },
-    /// The motion or the heat changes faster than the integrator follows.
+    /// The motion or the heat changes faster than the integrator can follow.
     #[error(
         "{part} changes at up to {rate_per_second:.0} 1/s, the integrator follows {limit_per_second:.0} 1/s at most"
     )]
     TooFast {
         /// `heat` or `motion`.
         part: &'static str,
-        /// Its fastest rate.
+        /// Fastest rate of the part.
         rate_per_second: f64,
-        /// The limit: one by the step size.
+        /// Largest rate: one by the step size.
         limit_per_second: f64,
     },
-    /// The machine does not let it be made now.
+    /// The machine cannot make it now.
     #[error("{what}: {source}")]
     Machine {
-        /// The thing that it refuses.
+        /// Name of the missing resource.
         what: String,
-        /// Why.
+        /// Error of the system.
         source: io::Error,
     },
-    /// Anything else, in words.
+    /// Another reason, as text.
     #[error("{0}")]
     Other(String),
 }
 
 impl InvalidPlant {
-    /// The parameter that is to blame, if it is one.
+    /// Returns the parameter that is the cause, if it is one.
     #[must_use]
     pub fn parameter(&self) -> Option<&'static str> {
         match self {
@@ -223,7 +225,7 @@ impl InvalidPlant {
     }
 }
 
-/// Refuses a parameter that is not above 0.
+/// Checks that a parameter is above 0.
 ///
 /// # Errors
 /// It is not.
@@ -231,7 +233,7 @@ pub fn positive(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "above 0", |value| value > 0.0)
 }
 
-/// Refuses a negative parameter.
+/// Checks that a parameter is not negative.
 ///
 /// # Errors
 /// It is negative.
@@ -239,7 +241,7 @@ pub fn not_negative(name: &'static str, value: f64) -> Result<(), InvalidPlant> 
     require(name, value, "0 or above", |value| value >= 0.0)
 }
 
-/// Refuses a parameter that is not finite.
+/// Checks that a parameter is finite.
 ///
 /// # Errors
 /// It is not.
@@ -247,7 +249,7 @@ pub fn finite(name: &'static str, value: f64) -> Result<(), InvalidPlant> {
     require(name, value, "a finite number", |_| true)
 }
 
-/// Refuses a parameter that does not meet its requirement.
+/// Checks that a parameter meets its requirement.
 ///
 /// # Errors
 /// It does not.
@@ -268,7 +270,7 @@ pub fn require(
     }
 }
 
-/// Refuses a part that changes faster than once per integration step.
+/// Checks that a part does not change faster than once per integration step.
 ///
 /// # Errors
 /// It does.

@@ -1,4 +1,4 @@
-//! The plants that ship: a file or folder for each, and its two lines here.
+//! The plants that ship. Each has a file or folder, and two lines here.
 
 pub mod dc_motor;
 pub mod sma;

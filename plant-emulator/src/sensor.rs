@@ -6,18 +6,18 @@ use scenario::plant;
 /// Largest resolution that the converter emulates.
 pub const RESOLUTION_BITS_MAX: u32 = 24;
 
-/// What the converter puts out: 0 to `2^bits − 1`.
+/// Output of the converter: 0 to `2^bits − 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Counts(u32);
 
 impl Counts {
-    /// The number itself.
+    /// Returns the number.
     #[must_use]
     pub fn value(self) -> u32 {
         self.0
     }
 
-    /// The number with the bits of a mask at 0.
+    /// Returns the number with the bits of a mask cleared.
     #[must_use]
     pub fn without(self, mask: u32) -> Self {
         Self(self.0 & !mask)
@@ -27,22 +27,22 @@ impl Counts {
 /// The sensor.
 #[derive(Clone, Debug)]
 pub struct PositionSensor {
-    /// What no count stands for.
+    /// Position at no counts.
     zero: f64,
-    /// One count.
+    /// Size of one count.
     count: f64,
     /// Largest count.
     counts_max: u32,
     /// Standard deviation before the conversion; 0 draws no numbers.
     noise_rms: f64,
-    /// One unit of the file, in that of the samples.
+    /// One unit of the scenario's file, in the unit of the samples.
     unit: f64,
     stream: Stream,
 }
 
 impl PositionSensor {
-    /// A sensor whose noise follows from `seed` alone. A resolution above [`RESOLUTION_BITS_MAX`] or below 1 is brought
-    /// to that limit. Samples are in the unit of the plant's output; `unit` is one unit of `config` in that.
+    /// Makes a sensor whose noise follows from `seed` alone. A resolution above [`RESOLUTION_BITS_MAX`] or below 1 is
+    /// limited to these. Samples are in the unit of the plant's output; `unit` is one unit of `config` in that.
     #[must_use]
     pub fn new(config: &plant::Sensor, unit: f64, seed: u64) -> Self {
         let counts = 1_u32 << config.resolution_bits.clamp(1, RESOLUTION_BITS_MAX);
@@ -56,7 +56,7 @@ impl PositionSensor {
         }
     }
 
-    /// The same with its span from another position on than 0.
+    /// Returns the sensor with a span that begins at another position than 0.
     #[must_use]
     pub fn from(self, position_min: f64) -> Self {
         Self {
@@ -65,7 +65,7 @@ impl PositionSensor {
         }
     }
 
-    /// Samples once: noise, then the nearest count (transitions lie half-way between two), clipped to the span.
+    /// Takes a sample: noise, then the nearest count (transitions lie half-way between two), clipped to the span.
     pub fn sample(&mut self, true_position: f64) -> Counts {
         let mut position = true_position;
         if self.noise_rms > 0.0 {
@@ -81,7 +81,7 @@ impl PositionSensor {
         Counts(counts)
     }
 
-    /// The position that a number of counts stands for.
+    /// Returns the position of a number of counts.
     #[must_use]
     pub fn position(&self, counts: Counts) -> f64 {
         f64::from(counts.0) * self.count + self.zero

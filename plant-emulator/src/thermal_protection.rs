@@ -1,21 +1,21 @@
 //! I²t protection of the drive (0x2110), which does not measure the wire's temperature.
 //!
-//! The limits are the rig's; those of the shipped ones are assumed. The amplifier's maximum of 1 A alone keeps the wire below 138 °C, Eq. (1) with the paper's
-//! data, and the wire gets there within seconds (its time constant is 0.65 s), so no overload integral can keep the peak
-//! lower: the protection limits how long a wire is held that hot. The continuous 0.9 A settle at 115 °C, where all of it
-//! is austenite: no position needs more. 1.9 A² s above it allow 1 A for 10 s from cold; a ramp 0 → 1 → 0 A in 40 s takes
-//! 0.37 A² s.
+//! The limits come from the rig; those of the shipped ones are assumed. The amplifier's maximum of 1 A alone keeps the
+//! wire below 138 °C, Eq. (1) with data. The wire gets there within seconds (its time constant is 0.65 s), so no
+//! overload integral can keep the peak lower: the protection limits the time at this temperature. The continuous 0.9 A
+//! settle at 115 °C, where all of it is austenite: no position needs more. 1.9 A² s above it allow 1 A for 10 s from
+//! cold; a ramp 0 → 1 → 0 A in 40 s takes 0.37 A² s.
 
-/// What may flow for how long.
+/// Limits of the current over time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Current that may flow for ever (0x2110:01).
+    /// Current that may flow for any time (0x2110:01).
     pub continuous_amperes: f64,
-    /// Largest `∫ (i² − continuous²) dt` (0x2110:02); 0 where nothing is protected.
+    /// Largest `∫ (i² − continuous²) dt` (0x2110:02); 0 for no protection.
     pub overload_square_ampere_seconds: f64,
 }
 
-/// The overload integral, never below zero and never above its limit.
+/// The overload integral. It never falls below zero and never exceeds its limit.
 #[derive(Clone, Debug)]
 pub struct ThermalProtection {
     limits: Limits,
@@ -23,7 +23,7 @@ pub struct ThermalProtection {
 }
 
 impl ThermalProtection {
-    /// A protection without load.
+    /// Makes a protection without load.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {
@@ -32,12 +32,12 @@ impl ThermalProtection {
         }
     }
 
-    /// Other limits from now on; the load stays.
+    /// Changes the limits; the load stays.
     pub fn set_limits(&mut self, limits: Limits) {
         self.limits = limits;
     }
 
-    /// Lets a current flow for some time.
+    /// Adds the effect of a current over some time.
     pub fn advance(&mut self, duration_seconds: f64, current_amperes: f64) {
         let continuous = self.limits.continuous_amperes;
         let excess = current_amperes * current_amperes - continuous * continuous;
@@ -46,14 +46,14 @@ impl ThermalProtection {
             .clamp(0.0, self.limits.overload_square_ampere_seconds.max(0.0));
     }
 
-    /// True while the overload is at its limit.
+    /// Returns whether the overload is at its limit.
     #[must_use]
     pub fn is_tripped(&self) -> bool {
         let most = self.limits.overload_square_ampere_seconds;
         most > 0.0 && self.overload_square_ampere_seconds >= most
     }
 
-    /// The overload by its limit, 0 to 1 (0x2110:03).
+    /// Returns the overload relative to its limit, 0 to 1 (0x2110:03).
     #[must_use]
     pub fn utilisation(&self) -> f64 {
         let most = self.limits.overload_square_ampere_seconds;
@@ -74,7 +74,7 @@ mod tests {
         overload_square_ampere_seconds: 1.9,
     };
 
-    /// Seconds until the protection trips under a constant current.
+    /// Returns the seconds until the protection trips under a constant current.
     fn trip_seconds(current_amperes: f64) -> Option<f64> {
         let mut protection = ThermalProtection::new(LIMITS);
         (1..100_000)

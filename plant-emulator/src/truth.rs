@@ -1,5 +1,5 @@
-//! What the emulated plant says of itself in scenarios with faults, whatever became of the drive: the current that
-//! really flows, and how hot it made the plant.
+//! The truth about the emulated plant in scenarios with faults, in any state of the drive: the current that really
+//! flows, and the temperature that it causes.
 
 use std::time::Duration;
 
@@ -44,10 +44,10 @@ impl Truth {
         })
     }
 
-    /// Looks at the rig of a drive after something happened to it. The temperature is monotonic while the inputs are constant, so
-    /// its peaks lie where it is looked at.
+    /// Observes the rig of a drive after an event. The temperature is monotonic while the inputs are constant, so its
+    /// peaks lie at these times.
     pub(crate) fn observe(&mut self, now: Duration, drive: &Drive) {
-        // Where nobody knows a temperature, the lowest that there is stands for it.
+        // An unknown temperature is replaced by the lowest one.
         let temperature = drive.heated_celsius().unwrap_or(f64::NEG_INFINITY);
         self.peak_celsius = self.peak_celsius.max(temperature);
         let current_amperes = drive.current_amperes();

@@ -1,4 +1,4 @@
-//! Which ports of a plant a drive is wired to: their places, found once.
+//! Ports of a plant to which a drive is wired, with their indices, found once.
 
 use scenario::port::{Port, Ports, conversion};
 use scenario::wiring::{IoOutput, IoWiring, RECORDED_MAX, TRUE_STEPS_PER_UNIT, Wiring};
@@ -8,9 +8,9 @@ use crate::InvalidEmulator;
 /// An output that a drive publishes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Published {
-    /// What the drive calls it.
+    /// Name at the drive.
     pub(crate) name: String,
-    /// Its place.
+    /// Index of the output.
     pub(crate) output: usize,
     pub(crate) steps_per_unit: f64,
     /// Whether its 16 bits have a sign.
@@ -20,11 +20,11 @@ pub(crate) struct Published {
 /// The ports of one drive.
 #[derive(Clone, Debug)]
 pub(crate) struct Wires {
-    /// The input that the amplifier drives.
+    /// Index of the input that the amplifier drives.
     pub(crate) input: usize,
-    /// How many of the input's unit one of the amplifier's is.
+    /// Factor from the amplifier's unit to the input's.
     pub(crate) input_per_ampere: f64,
-    /// The output that the sensor reads.
+    /// Index of the output that the sensor reads.
     pub(crate) output: usize,
     /// One unit of the sensor, in the unit of the output.
     pub(crate) sensor_unit: f64,
@@ -34,16 +34,16 @@ pub(crate) struct Wires {
     pub(crate) true_steps_per_output: f64,
     /// Whether the true position is a float.
     pub(crate) is_true_float: bool,
-    /// What TPDO2 and TPDO3 hold.
+    /// Contents of TPDO2 and TPDO3.
     pub(crate) published: Vec<Published>,
 }
 
 /// The ports of one io node.
 #[derive(Clone, Debug)]
 pub(crate) struct IoWires {
-    /// The input on which its fan acts.
+    /// Index of the input for its fan.
     pub(crate) fan: Option<usize>,
-    /// The input on which its load acts, and how many of the port's unit a kilogram is.
+    /// Index of the input for its load, and the factor from kilograms to the port's unit.
     pub(crate) load: Option<(usize, f64)>,
     /// Its other outputs.
     pub(crate) others: Vec<IoOutput>,
@@ -65,7 +65,7 @@ impl IoWires {
 }
 
 impl Wires {
-    /// The places of what a rig file names.
+    /// Finds the ports that a rig file names.
     pub(crate) fn new(ports: &Ports, wiring: &Wiring) -> Result<Self, InvalidEmulator> {
         let unknown = |name: &str| InvalidEmulator::UnknownPort(name.to_owned());
         let input = wiring.driven(ports);

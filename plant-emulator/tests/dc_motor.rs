@@ -1,4 +1,4 @@
-//! The DC motor's physics, held to closed forms and to numbers of the data sheet that are no parameters.
+//! Physics of the DC motor, compared with closed forms and with numbers of the data sheet that are not parameters.
 
 use plant_emulator::plant::{CURRENT, Inputs, Plant};
 use plant_emulator::plants::dc_motor::DcMotor;
@@ -8,7 +8,7 @@ use scenario::plant::DcMotor as Config;
 /// `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
 
-/// Mass that the spring swings: load, rotor and gearbox at the rack.
+/// Returns the mass that the spring swings: load, rotor and gearbox at the rack.
 fn mass(config: &Config) -> f64 {
     let transmission = config.gear_ratio / config.pinion_radius_metres;
     let inertia =
@@ -31,7 +31,7 @@ fn damping(config: &Config) -> f64 {
     config.viscous_friction_newton_metre_seconds * transmission * transmission
 }
 
-/// The shipped motor without one or both frictions.
+/// Returns the shipped motor without one or both frictions.
 fn config(has_coulomb: bool, viscous_factor: f64) -> Config {
     let mut config = Config::default();
     config.viscous_friction_newton_metre_seconds *= viscous_factor;
@@ -49,13 +49,13 @@ fn current(current_amperes: f64) -> Inputs {
     }
 }
 
-/// Current that holds a height without friction.
+/// Returns the current that holds a height without friction.
 fn holding_amperes(config: &Config, position_metres: f64) -> f64 {
     let force = config.spring_newtons_per_metre * position_metres + config.load_kilograms * GRAVITY;
     force / force_per_ampere(config)
 }
 
-/// Times at which the velocity changes its sign, and the heights there.
+/// Returns the times at which the velocity changes its sign, and the heights there.
 fn turns(motor: &mut DcMotor, inputs: &Inputs, seconds: f64) -> Vec<(f64, f64)> {
     let step = 1e-4;
     let mut turns = Vec::new();
@@ -91,7 +91,7 @@ fn the_parameters_agree_with_what_the_data_sheet_says_besides() {
     assert!((speed / no_load - 1.0).abs() < 0.01, "{speed} {no_load}");
 }
 
-/// The nominal current of 1.24 A is defined as that which brings the winding to its largest temperature, 100 °C, in air
+/// The nominal current of 1.24 A is the one that brings the winding to its largest temperature, 100 °C, in air
 /// of 25 °C.
 #[test]
 fn the_nominal_current_heats_the_winding_to_its_largest_temperature() {

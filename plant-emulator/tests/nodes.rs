@@ -1,4 +1,4 @@
-//! The emulator as a node, against a small manager: start-up, the 402 sequence, the cycle, and every way to lose current.
+//! The emulator as a node, with a small manager: start-up, the 402 sequence, the cycle, and every way to lose current.
 
 mod manager;
 
@@ -87,7 +87,7 @@ fn the_truth_is_in_tpdo2() {
     assert!((f64::from(position) * 1e-9 - actuator.position_metres()).abs() < 0.51e-9);
 }
 
-/// Commands outside 0 to the limits are cut, and the statusword says so (bit 11).
+/// Commands outside 0 to the limits are cut, and the statusword shows it (bit 11).
 #[test]
 fn limits_cut_and_say_so() {
     let mut manager = Manager::enabled();
@@ -99,7 +99,7 @@ fn limits_cut_and_say_so() {
     assert_eq!(manager.current_amperes(), 0.0);
 }
 
-/// What an RPDO brings beyond the limits of the data sheet is cut to them, since a PDO cannot be refused.
+/// An RPDO beyond the limits of the data sheet is cut to them, since a PDO cannot be refused.
 #[test]
 fn a_target_beyond_its_objects_limits_is_cut_and_says_so() {
     let mut manager = Manager::enabled();
@@ -149,7 +149,7 @@ fn a_factor_beyond_its_objects_limits_is_cut() {
     }
 }
 
-/// Bit 9 of the statusword and what becomes of a controlword agree.
+/// Bit 9 of the statusword agrees with the effect of a controlword.
 #[test]
 fn a_controlword_is_refused_where_the_statusword_says_not_remote() {
     let mut manager = Manager::new();
@@ -172,7 +172,7 @@ fn a_controlword_is_refused_where_the_statusword_says_not_remote() {
     }
 }
 
-/// Whichever ramp the option codes ask for, the current falls at once.
+/// With any ramp in the option codes the current falls at once.
 #[test]
 fn every_option_code_of_the_profile_takes_the_current_away_at_once() {
     const QUICK_STOP: u16 = 0x02;
@@ -228,7 +228,7 @@ fn the_statusword_is_sent_when_it_changes() {
     assert_eq!(manager.last(0x190), Some(&statusword[..2]));
 }
 
-/// Heats, lets `disturb` happen and returns how long after that the current is gone.
+/// Heats, calls `disturb`, and returns the time after which the current is gone.
 fn time_to_zero(mut manager: Manager, disturb: impl FnOnce(&mut Manager)) -> (Manager, Duration) {
     for _ in 0..100 {
         manager.cycle(ENABLE_OPERATION, 800);
@@ -267,7 +267,7 @@ fn whatever_disables_acts_on_arrival() {
     assert_eq!(manager.progress(), Progress::Stopped);
 }
 
-/// With every frame gone, whichever supervision is the first takes the current away, within one period of its time.
+/// Without any frame the first supervision removes the current, within one period of its time.
 #[test]
 fn the_drive_takes_the_current_away_when_its_manager_is_gone() {
     let (_, elapsed) = time_to_zero(Manager::enabled(), |_| {});
@@ -364,7 +364,7 @@ fn a_lost_rpdo_is_a_fault_although_syncs_come() {
     assert_back_only_after_fault_reset(manager);
 }
 
-/// After a fault, `enable operation` alone brings nothing back.
+/// Asserts that after a fault `enable operation` alone does not restore the current.
 fn assert_back_only_after_fault_reset(mut manager: Manager) {
     manager.restore_heartbeat();
     manager.send(0, &[1, 0x10]);
@@ -394,7 +394,7 @@ fn one_ampere_for_ever_trips_the_protection() {
         &manager.last(0x090).expect("an emergency")[..2],
         &[0x50, 0x23]
     );
-    // Still hot: no reset. Later: yes.
+    // While the load is hot, a reset has no effect; later it has.
     assert_eq!(manager.cycle(0x80, 0).state, State::Fault);
     for _ in 0..5000 {
         manager.cycle(0, 0);
@@ -413,7 +413,7 @@ fn the_ramp_to_one_ampere_and_back_passes() {
     }
 }
 
-/// Cooling follows the emulator's own time: with or without SYNCs the wire is equally cold afterwards.
+/// Cooling follows the emulator's own time: the wire is equally cold with and without SYNCs.
 #[test]
 fn a_lost_sync_never_slows_cooling() {
     let cooled = |has_syncs: bool| {
@@ -454,7 +454,7 @@ fn the_disturbance_module_acts_on_arrival_and_falls_back() {
     manager.lose_heartbeat();
     manager.run_for(milliseconds(400));
     assert_eq!(manager.inputs().convection_factor, 1.0, "heartbeat lost");
-    // A negative factor blows no heat.
+    // A negative factor does not heat.
     let mut manager = Manager::enabled();
     manager.send(0x211, &[0x00, 0x80, 0x00, 0x00]);
     assert_eq!(manager.inputs().convection_factor, 0.0);
@@ -510,7 +510,8 @@ fn any_frame() -> impl Strategy<Value = CanFrame> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 128, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever comes: no panic, a finite plant, a bounded output, and no current without a manager in the end.
+    /// Arbitrary frames cause no panic; the plant stays finite, the output bounded, and no current remains without a
+    /// manager.
     #[test]
     fn arbitrary_frames_never_harm(frames in prop::collection::vec((any_frame(), 0_u64..3000), 1..200)) {
         let mut manager = Manager::enabled();
@@ -526,7 +527,8 @@ proptest! {
     }
 }
 
-/// The heartbeat consumer of CiA 301 begins with the first heartbeat; a manager that never sends one is not trusted longer.
+/// The heartbeat consumer of CiA 301 begins with the first heartbeat. A manager that never sends one is lost after the
+/// same time.
 #[test]
 fn a_manager_that_was_never_heard_is_lost_too() {
     let mut manager = Manager::new();

@@ -12,7 +12,7 @@ use scenario::Trial;
 use scenario::port::{Measurand, Unit};
 use scenario::wiring::{Measured, Wiring};
 
-/// Two currents add up to an angle by the second; after a time it is something else.
+/// An arm whose angle integrates the sum of two currents; after a time it becomes another value.
 #[derive(Debug)]
 struct Arm {
     angle: f64,
@@ -26,7 +26,7 @@ impl Arm {
         Self::breaking(f64::INFINITY, 0.0)
     }
 
-    /// An arm whose angle is `broken` after a time.
+    /// Makes an arm whose angle is `broken` after a time.
     fn breaking(breaks_at_seconds: f64, broken: f64) -> Self {
         Self {
             angle: 0.0,
@@ -137,7 +137,7 @@ impl Bench {
         std::iter::from_fn(|| self.emulator.next_frame()).collect()
     }
 
-    /// Commands in permille, then a SYNC; the positions in thousandths of a degree.
+    /// Sends commands in permille, then a SYNC, and returns the positions in thousandths of a degree.
     fn cycle(&mut self, controlword: u8, permille: [i16; 2]) -> Vec<i32> {
         for (id, permille) in [0x210, 0x212].into_iter().zip(permille) {
             let [low, high] = permille.to_le_bytes();
@@ -168,7 +168,7 @@ fn two_drives_move_one_plant_and_measure_the_same() {
     let [left, right] = positions[..] else {
         panic!("{positions:?}");
     };
-    // Half an ampere for two seconds: one degree, to a count of the sensor.
+    // Half an ampere for two seconds gives one degree, to a count of the sensor.
     assert!((left - 1000).abs() <= 1, "{left}");
     assert_eq!(left, right);
     assert_eq!(bench.emulator.progress(), Progress::Running);

@@ -1,4 +1,4 @@
-//! What holds for the physics under any history of current, fan and load.
+//! Properties of the physics under any history of current, fan and load.
 
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
@@ -18,7 +18,7 @@ fn kinetics() -> impl Strategy<Value = Kinetics> {
 fn inputs() -> impl Strategy<Value = Inputs> {
     (0.0..=1.0_f64, 0.0..30.0, -0.04..0.1).prop_map(
         |(current, convection_factor, load): (f64, f64, f64)| Inputs {
-            // Half of the pieces without current or at its limit.
+            // Half of the pieces are without current or at its limit.
             current_amperes: (2.0 * current - 0.5).clamp(0.0, 1.0),
             convection_factor,
             added_load_kilograms: load,
@@ -26,7 +26,7 @@ fn inputs() -> impl Strategy<Value = Inputs> {
     )
 }
 
-/// Pieces of a few milliseconds to seconds.
+/// Generates pieces of a few milliseconds to seconds.
 fn history() -> impl Strategy<Value = Vec<(f64, Inputs)>> {
     prop::collection::vec((0.0005..2.0, inputs()), 1..30)
 }
@@ -57,13 +57,13 @@ proptest! {
                 prop_assert!((0.0..=1.0).contains(&fraction), "ξ {fraction}");
                 prop_assert!(actuator.tension_newtons() >= 0.0);
                 prop_assert!(actuator.position_metres() >= 0.0);
-                // An unloaded pulley overshoots the free length by its own momentum only.
+                // An unloaded pulley overshoots the free length only by its own momentum.
                 prop_assert!(actuator.position_metres() < 0.12, "{} m", actuator.position_metres());
             }
         }
     }
 
-    /// Above all turns of a history, inner loops have left nothing behind: the wire is on the first heating branch again.
+    /// Above all turns of a history, inner loops leave no trace: the wire is on the first heating branch again.
     #[test]
     fn a_wire_that_remembers_its_turns_comes_back_to_the_first_heating(
         history in history(),
@@ -97,12 +97,13 @@ proptest! {
     }
 }
 
-/// `gA` of Eq. (2).
+/// Returns `gA` of Eq. (2).
 fn first_heating(celsius: f64) -> f64 {
     1.0 / (1.0 + libm::exp(6.2 / (93.0 - 53.0) * (celsius - 73.0)))
 }
 
-/// Minor loops under a current that varies all the time, each back to where it began: how far from the first heating the wire is then.
+/// Minor loops under a continuously varying current return to their beginning; the test measures the distance from the
+/// first heating.
 #[test]
 fn minor_loops_close_where_turns_are_remembered() {
     let off_after_loops = |kinetics| {
@@ -128,8 +129,8 @@ fn minor_loops_close_where_turns_are_remembered() {
     assert!(off.iter().all(|off| off.abs() > 1e-3), "{off:?}");
 }
 
-/// The heat that came in, `∫ q dt` with `q` the right side of Eq. (1), and the heat that is in the wire, `m (cp ΔT − L Δξ)`, in J/m.
-/// The hottest temperature too.
+/// Returns the supplied heat, `∫ q dt` with `q` the right side of Eq. (1), the heat in the wire, `m (cp ΔT − L Δξ)`,
+/// both in J/m, and the highest temperature.
 fn balance(plant: &Sma, currents: &[f64]) -> (f64, f64, f64) {
     const STEP_SECONDS: f64 = 0.000_25;
     let heat = &plant.heat;
@@ -162,7 +163,7 @@ fn balance(plant: &Sma, currents: &[f64]) -> (f64, f64, f64) {
     (came_in, is_in, hottest)
 }
 
-/// Over a heating, a cooling and loops within, the wire takes up and gives off its latent heat, no more and no less.
+/// Over a heating, a cooling and inner loops, the wire absorbs and releases exactly its latent heat.
 #[test]
 fn latent_heat_is_in_the_balance() {
     let courses: [&[f64]; 3] = [
@@ -181,7 +182,7 @@ fn latent_heat_is_in_the_balance() {
                 balance(&plant, currents)
             };
             let (came_in, is_in, hottest) = with(24e3);
-            // All that the wire can hold is some 15 J/m.
+            // The wire can hold some 15 J/m in total.
             assert!(
                 (came_in - is_in).abs() < 1e-4,
                 "{kinetics:?}: {came_in} J/m came in, {is_in} J/m are there"
@@ -191,7 +192,7 @@ fn latent_heat_is_in_the_balance() {
     }
 }
 
-/// A wire with latent heat is slower up and slower down.
+/// A wire with latent heat is slower in both directions.
 #[test]
 fn latent_heat_slows_the_wire() {
     let lifted_after = |latent_heat| {
@@ -216,7 +217,7 @@ fn current(current_amperes: f64) -> Inputs {
     }
 }
 
-/// Position after a smooth stretch: heating on one branch, off the stop.
+/// Returns the position after a smooth period: heating on one branch, off the stop.
 fn smooth_stretch(step_seconds: f64) -> f64 {
     let mut actuator = Actuator::new(&Sma::default());
     actuator.advance(1.5, &current(0.62));

@@ -1,4 +1,5 @@
-//! The reference trajectories, made by an independent event-located integrator, are met at the shipped step size.
+//! Comparison with the reference trajectories, made by an independent event-located integrator, at the shipped step
+//! size.
 
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;
@@ -7,7 +8,7 @@ use scenario::plant::Sma;
 /// Time between two rows.
 const ROW_SECONDS: f64 = 0.01;
 
-/// How much better than the required 20 µm, 0.01 °C and 1e-4 the shipped step size is held to.
+/// Margin of the shipped step size to the required 20 µm, 0.01 °C and 1e-4.
 const MARGIN: f64 = 100.0;
 
 /// Largest deviations over all rows.
@@ -78,7 +79,7 @@ fn current(current_amperes: f64) -> Inputs {
     }
 }
 
-/// True when the interval that starts at `start` lies after `edge`.
+/// Returns whether the interval that starts at `start` lies after `edge`.
 fn after(start: f64, edge: f64) -> bool {
     start > edge - 0.5 * ROW_SECONDS
 }

@@ -10,7 +10,7 @@ use socketcan::{CanFdFrame, CanFdSocket, EmbeddedFrame, Socket, StandardId};
 use crate::support::{self, canrig, only_run, output, root, scenario};
 use crate::{INTERFACE, Test};
 
-/// Each with the interface for itself.
+/// Tests that need the interface for themselves.
 pub(crate) const TESTS: [(&str, Test); 10] = [
     (
         "lockstep_over_vcan_leaves_the_same_bytes_as_one_process",
@@ -45,7 +45,7 @@ pub(crate) const TESTS: [(&str, Test); 10] = [
     ("fd_frames_are_counted_and_named", fd_frames),
 ];
 
-/// These make buses themselves, where everybody else is.
+/// Tests that make buses themselves, in the common namespace.
 pub(crate) const PRIVATE_BUS_TESTS: [(&str, Test); 3] = [
     (
         "private_vcans_of_an_ordinary_user_never_meet_and_leave_nothing",
@@ -74,7 +74,7 @@ fn same_bytes_of_a_pair() -> Result<(), Failed> {
     is_simulated_alike(&scenario("sma_pair_step.toml"))
 }
 
-/// The library of the FMU lies beside the program, where `cargo build --release` has made it.
+/// Expects the library of the FMU next to the program, where `cargo build --release` builds it.
 fn same_bytes_of_an_fmu() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     for name in ["motor_rig.toml", "motor_step.toml"] {
@@ -88,7 +88,7 @@ fn same_bytes_of_an_fmu() -> Result<(), Failed> {
     is_simulated_alike(&folder.path().join("motor_step.toml"))
 }
 
-/// The folder of two axes, a scenario and its rig file.
+/// Returns the folder of two axes, a scenario and its rig file.
 fn two_axes() -> PathBuf {
     root().join("crates/worlds/tests/data")
 }
@@ -109,8 +109,8 @@ fn is_simulated_alike(scenario: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-/// A busy machine may hold up a node until its partner gives up, or the recorder until the kernel drops frames, and the
-/// program says so. What it does not say must not happen: a SYNC that is missing in the recording.
+/// Plays in real time. A busy machine may hold up a node until its partner gives up, or the recorder until the kernel
+/// drops frames, and the program reports this. A missing SYNC in the recording without such a report is an error.
 fn real_time() -> Result<(), Failed> {
     let mut refusals = Vec::new();
     for _ in 0..3 {
@@ -130,7 +130,7 @@ fn real_time() -> Result<(), Failed> {
                 .filter_map(|line| line.split_once(" 080#"))
                 .map(|(_, counter)| u8::from_str_radix(counter, 16).unwrap())
                 .collect();
-            // How many there are is the machine's business; none may be missing between two others.
+            // Their number depends on the machine; none may be missing between two others.
             assert!(counters.len() > 20, "{} SYNCs\n{printed}", counters.len());
             let gaps = counters
                 .windows(2)
@@ -144,7 +144,7 @@ fn real_time() -> Result<(), Failed> {
     Err(refusals.join("\n").into())
 }
 
-/// Another program on the bus would bend virtual time, so the nodes refuse to go on.
+/// Another program on the bus would distort virtual time, so the nodes refuse to continue.
 fn foreign_frame() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let arguments = ["--bus", INTERFACE, "--clock", "lockstep"];
@@ -174,7 +174,7 @@ fn foreign_frame() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A vcan has no errors of its own, but passes on the messages with which a driver reports some.
+/// A vcan has no errors of its own, but passes on the messages by which a driver reports some.
 fn bus_errors() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let scenario = support::unhurried_scenario(folder.path(), 3.0);
@@ -193,7 +193,7 @@ fn bus_errors() -> Result<(), Failed> {
     let mut bus = platform::open(&address, &[])?;
     // The scenario begins within the first second.
     std::thread::sleep(std::time::Duration::from_millis(1500));
-    // Twice nobody acknowledged, then the warning level of sending.
+    // There are two missing acknowledgements, then the warning level of sending.
     let reported = [(0x020, 0), (0x020, 0), (0x004, 0x08)];
     for (class, controller) in reported {
         let data = [0, controller, 0, 0, 0, 0, 0, 0];
@@ -214,7 +214,7 @@ fn bus_errors() -> Result<(), Failed> {
     Ok(())
 }
 
-/// Both would hear nobody at first, and lead then.
+/// Both would hear no other node at first, and lead then.
 fn second_bench() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let scenario = support::unhurried_scenario(folder.path(), 3.0);
@@ -287,8 +287,7 @@ fn fd_frames() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A folder of its own for an ordinary user, with the program and a scenario in it: root's checkout may be closed to
-/// others.
+/// A folder for an ordinary user, with the program and a scenario in it: root's checkout may be closed to others.
 struct Guest {
     folder: tempfile::TempDir,
 }
@@ -303,14 +302,14 @@ impl Guest {
         Ok(Self { folder })
     }
 
-    /// The program as an ordinary user, with its runs in the folder `name`, on a short scenario.
+    /// Returns the program as an ordinary user, with its runs in the folder `name`, on a short scenario.
     fn canrig(&self, command: &str, name: &str) -> Command {
         let mut canrig = self.canrig_alone(command, name);
         canrig.arg(self.folder.path().join("short.toml"));
         canrig
     }
 
-    /// The same without a scenario.
+    /// Returns the same without a scenario.
     fn canrig_alone(&self, command: &str, name: &str) -> Command {
         let program = self.folder.path().join("canrig");
         let mut canrig = if rustix::process::geteuid().is_root() {
@@ -330,19 +329,19 @@ impl Guest {
         self.file(name, "bus.log")
     }
 
-    /// A file of a run.
+    /// Returns a file of a run.
     fn file(&self, name: &str, file: &str) -> Result<Vec<u8>, Failed> {
         let run = only_run(&self.folder.path().join(name));
         Ok(fs::read(run.join(file))?)
     }
 }
 
-/// Frames that have crossed the interface that everybody sees, if there is one.
+/// Returns the frames that have crossed the common interface, if there is one.
 fn frames_on_the_common_bus() -> Option<String> {
     fs::read_to_string(format!("/sys/class/net/{INTERFACE}/statistics/tx_packets")).ok()
 }
 
-/// Processes with a namespace that is not ours.
+/// Returns the number of processes with another namespace.
 fn processes_elsewhere() -> Result<usize, Failed> {
     let ours = fs::read_link("/proc/self/ns/net")?;
     let processes = fs::read_dir("/proc")?.filter_map(|entry| Some(entry.ok()?.path()));

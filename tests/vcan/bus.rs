@@ -1,4 +1,4 @@
-//! What `platform` makes of a kernel CAN bus. These tests make their interfaces themselves.
+//! `platform` on a kernel CAN bus. These tests make their interfaces themselves.
 
 use std::process::Command;
 use std::time::Duration;
@@ -54,7 +54,7 @@ pub(crate) const TESTS: [(&str, fn()); 8] = [
     ("a_node_runs_in_real_time", a_node_runs_in_real_time),
 ];
 
-/// A virtual interface, removed when dropped.
+/// A virtual interface, which is removed when dropped.
 struct Vcan(&'static str);
 
 impl Vcan {
@@ -125,7 +125,7 @@ fn what_the_kernel_drops_is_counted() {
         sender
             .send(&CanFrame::new(0x100, &round.to_le_bytes()))
             .unwrap();
-        // The kernel's own queue before the sockets holds 1000 frames, and what it drops nobody counts.
+        // The kernel's own queue before the sockets holds 1000 frames, and its losses are not counted.
         if round % 500 == 499 {
             std::thread::sleep(10 * MS);
         }
@@ -161,7 +161,7 @@ fn the_recorder_hears_everyone_and_stamps_in_order() {
     let length = frames[499].time - frames[0].time;
     assert!(length > Duration::ZERO && length < duration, "{length:?}");
     assert_eq!(frames[3].frame, frame(0x200, 1));
-    // From before 2020 the epoch would not be of this wall clock.
+    // A value from before 2020 would not be of this wall clock.
     assert!(recorder.wall_epoch() > Duration::from_secs(1_577_836_800));
 }
 
@@ -189,7 +189,7 @@ fn an_interface_that_is_missing_or_down_says_what_to_do() {
     }
 }
 
-/// Steps an echo over a wire, on which these frames are for the announced `100#01`.
+/// Steps an echo over a wire; `on_wire` are the frames there for the announced `100#01`.
 fn step_over_wire(
     name: &'static str,
     on_wire: &[CanFrame],
@@ -240,7 +240,7 @@ fn the_real_time_loop_allocates_nothing_in_the_bus() {
         assert_eq!(bus.receive(MS).unwrap(), None);
         allocations()
     };
-    // The process's first look at the clock finds out how to look.
+    // The process's first use of the clock determines the method.
     let before = exchange();
     assert_eq!(exchange(), before);
 }

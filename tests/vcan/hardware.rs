@@ -1,4 +1,4 @@
-//! What a real interface and a real drive may do to a run. The emulator, started by hand, stands for the drive.
+//! Effects of a real interface and a real drive on a run. The emulator, started by hand, represents the drive.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ use platform::bus::{Bus, BusAddress};
 use crate::support::{canrig, only_run, output, root, unhurried_scenario};
 use crate::{INTERFACE, Test};
 
-/// Each with the interface for itself.
+/// Tests that need the interface for themselves.
 pub(crate) const TESTS: [(&str, Test); 4] = [
     (
         "a_bench_that_is_killed_under_the_heating_ramp_leaves_no_current",
@@ -30,12 +30,12 @@ pub(crate) const TESTS: [(&str, Test); 4] = [
     ),
 ];
 
-/// How long something may take on a busy machine.
+/// Time limit on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// How often the page is tried; a try that a busy machine spoils ends early.
+/// Number of attempts at the page; one that a busy machine disturbs ends early.
 const ATTEMPTS: u32 = 4;
 const PAGE: &str = "docs/from-hardware-to-model.md";
-/// Its wire stands for the drive's; the scenario's is nominal.
+/// Wire that represents the drive's; the scenario's is nominal.
 const OTHER_WIRE: &str = "\n[plant.wire.phase]\naustenite_start_celsius = 58.0\naustenite_finish_celsius = 88.0\n\
     martensite_start_celsius = 61.0\nmartensite_finish_celsius = 38.0\n";
 
@@ -58,14 +58,14 @@ impl Drop for Drive {
     }
 }
 
-/// An ear on the bus.
+/// Opens a listener on the bus.
 fn ear(ids: &[u16]) -> Result<Box<dyn Bus>, Failed> {
     let filters: Vec<Filter> = ids.iter().copied().map(Filter::exact).collect();
     let address = BusAddress::Interface(INTERFACE.to_owned());
     Ok(platform::open(&address, &filters)?)
 }
 
-/// The next frame for which `is_wanted` says so.
+/// Returns the next frame that meets a condition.
 fn hear(ear: &mut dyn Bus, is_wanted: impl Fn(&CanFrame) -> bool) -> Result<CanFrame, Failed> {
     let end = Instant::now() + PATIENCE;
     while Instant::now() < end {
@@ -105,10 +105,10 @@ fn killed_bench() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A vcan never goes error passive or bus-off, but passes on the messages with which a driver reports it, to all nodes: the
-/// drive answers to the first with an emergency, the controller to the second with its safe state.
+/// A vcan never goes error passive or bus-off, but passes on the messages by which a driver reports it, to all nodes.
+/// The drive answers to the first with an emergency, the controller to the second with its safe state.
 fn bad_states() -> Result<(), Failed> {
-    // It reports the emergency, and leaves Operational by it.
+    // The controller reports the emergency, by which the drive leaves Operational.
     let passive = struck(&[(0x004, 0x20)], "bench: error passive")?;
     assert!(passive.contains("the drive (node 16) "), "{passive}");
     let off = struck(&[(0x040, 0), (0x100, 0)], "bench: bus-off")?;
@@ -116,7 +116,8 @@ fn bad_states() -> Result<(), Failed> {
     Ok(())
 }
 
-/// What a run says that ends at such messages, without current; they are in its recording, and what they reported in its verdict.
+/// Returns the output of a run that ends at such messages, without current. They are in its recording, and their
+/// meaning in its verdict.
 fn struck(messages: &[(u32, u8)], expected: &str) -> Result<String, Failed> {
     let folder = tempfile::tempdir()?;
     let scenario = unhurried_scenario(folder.path(), 5.0);
@@ -153,7 +154,7 @@ fn struck(messages: &[(u32, u8)], expected: &str) -> Result<String, Failed> {
     Ok(stderr)
 }
 
-/// A vcan takes all frames at once, so its queue is full only where the kernel emulates a slower one.
+/// A vcan takes all frames at once, so its queue is full only if the kernel emulates a slower one.
 fn full_queue() -> Result<(), Failed> {
     let queue = |delay: &str| -> Result<(), Failed> {
         let mut tc = Command::new("tc");
@@ -170,12 +171,12 @@ fn full_queue() -> Result<(), Failed> {
         let mut canrig = canrig(&folder.path().join(name), "run");
         output(canrig.args(["--bus", INTERFACE]).arg(&scenario))
     };
-    // Two frames in a row: the second waits, on a busy machine for too long now and then.
+    // There are two frames in a row: the second waits, on a busy machine sometimes too long.
     queue("3ms")?;
     let mut tries = (0..3).map(|number| run(&format!("delayed-{number}")));
     let found = tries.find(|(code, ..)| *code != Some(4));
     let (code, stdout, stderr) = found.ok_or("no run comes to its end")?;
-    // On a busy machine limits on timing are left open.
+    // On a busy machine limits on timing are undecided.
     assert!(matches!(code, Some(1 | 5)), "{code:?} {stdout}{stderr}");
     assert!(
         stdout.contains("frames delayed by a full queue"),
@@ -192,7 +193,7 @@ fn full_queue() -> Result<(), Failed> {
     Ok(())
 }
 
-/// The commands of the page, as they stand there. A busy machine may leave gaps that identification refuses.
+/// Executes the commands of the page as they are. A busy machine may leave gaps that identification refuses.
 fn from_hardware_to_model() -> Result<(), Failed> {
     let page = fs::read_to_string(root().join(PAGE))?;
     let blocks = page
@@ -205,7 +206,7 @@ fn from_hardware_to_model() -> Result<(), Failed> {
     for _ in 0..ATTEMPTS {
         printed = follow(&commands)?;
         if let [before, after] = deviations(&printed)[..] {
-            // The nominal wire is off by millimetres, the one found by some steps of the sensor.
+            // The nominal wire deviates by millimetres, the identified one by some steps of the sensor.
             assert!(before > 1.0 && after < before / 5.0, "{printed}");
             return Ok(());
         }
@@ -213,7 +214,8 @@ fn from_hardware_to_model() -> Result<(), Failed> {
     Err(format!("the page cannot be followed: {printed}").into())
 }
 
-/// What the commands print where `can0` is a virtual interface with another wire behind it, up to the first that fails.
+/// Returns the output of the commands up to the first that fails, with `can0` as a virtual interface with another wire
+/// behind it.
 fn follow(commands: &[&str]) -> Result<String, Failed> {
     let folder = tempfile::tempdir()?;
     std::os::unix::fs::symlink(root().join("docs"), folder.path().join("docs"))?;
@@ -234,7 +236,7 @@ fn follow(commands: &[&str]) -> Result<String, Failed> {
         let shell = shell.args(["-c", command]).env("PATH", &path);
         let (code, stdout, stderr) = output(shell.current_dir(folder.path()).env("NO_COLOR", "1"));
         printed += &format!("$ {command}\n{stdout}{stderr}");
-        // Runs that are compared may diverge; late samples may fit no model, and what is found in them may lack its confirmation.
+        // Compared runs may diverge. Late samples may fit no model, and the result from them may lack its confirmation.
         let is_expected = match command.split(' ').nth(1) {
             Some("compare") => matches!(code, Some(0 | 1)),
             Some("identify") => matches!(code, Some(0 | 1 | 5)),
@@ -247,7 +249,8 @@ fn follow(commands: &[&str]) -> Result<String, Failed> {
     Ok(printed)
 }
 
-/// The root mean squares that the comparisons print for the position, which has no row where it is exactly the same.
+/// Returns the root mean squares of the position in the comparisons. A comparison has no such row if the positions are
+/// equal.
 fn deviations(printed: &str) -> Vec<f64> {
     let comparisons = printed
         .split("$ canrig ")

@@ -1,5 +1,5 @@
-//! Tests on the kernel's own CAN bus, each in a process and a network namespace of its own, so they need no interface
-//! to be set up, never meet, and leave nothing. Where the kernel has no CAN, or does not permit namespaces, they are
+//! Tests on the kernel's own CAN bus. Each runs in its own process and network namespace, so they need no interface, do
+//! not interfere with each other, and leave nothing. If the kernel has no CAN, or does not permit namespaces, they are
 //! reported as ignored, by name, never as passed; `./run` gives a machine one that has both.
 #![expect(
     clippy::unwrap_used,
@@ -30,9 +30,9 @@ use real_time::while_time_flows;
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-/// The virtual interface that each test finds.
+/// Virtual interface in the namespace of each test.
 const INTERFACE: &str = "vcan0";
-/// Set in the process that runs one test inside its namespace.
+/// Variable that is set in the process of one test inside its namespace.
 const INSIDE: &str = "CANRIG_TEST_INSIDE_NAMESPACE";
 
 type Test = fn() -> Result<(), Failed>;
@@ -57,7 +57,7 @@ fn main() -> ExitCode {
         .chain(of_hardware)
         .chain(of_private_bus)
         .map(|trial| trial.with_ignored_flag(why_not.is_some()));
-    // Real-time runs side by side would only wait for each other.
+    // Parallel real-time runs would only wait for each other.
     let arguments = Arguments {
         test_threads: Some(1),
         ..Arguments::from_args()
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
     libtest_mimic::run(&arguments, trials.collect()).exit_code()
 }
 
-/// Nothing where the tests can run, else the reason.
+/// Checks whether the tests can run; the error is the reason why not.
 fn cannot_run() -> Result<(), String> {
     if inside() {
         return Ok(());
@@ -87,7 +87,7 @@ fn make_interface() -> [&'static str; 5] {
     ["link", "add", INTERFACE, "type", "vcan"]
 }
 
-/// A program in a network namespace of its own; an ordinary user needs a user namespace to make one.
+/// Returns a program in its own network namespace. An ordinary user needs a user namespace to make one.
 fn in_namespace(program: &str) -> Command {
     let mut unshare = Command::new("unshare");
     if !rustix::process::geteuid().is_root() {
@@ -97,7 +97,7 @@ fn in_namespace(program: &str) -> Command {
     unshare
 }
 
-/// The test in a process of its own, which this program is once more.
+/// Runs the test in its own process of this program.
 fn isolated(
     name: &'static str,
     test: impl FnOnce() -> Result<(), Failed> + Send + 'static,

@@ -1,4 +1,4 @@
-//! `canrig fmu --export`: plants as FMUs.
+//! `canrig fmu --export`: writes plants as FMUs.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
@@ -12,20 +12,20 @@ use recording::run_folder::write_new;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 
-/// The shared library with the plants that ship.
+/// Shared library with the plants that ship.
 const SHIPPED_LIBRARY: &str = "libcanrig_plants.so";
 
-/// Plants of the bench's own, by what makes them models.
+/// Constructor of the model of a custom plant.
 pub(crate) type OwnModel = fn() -> Box<dyn Exported>;
 
 static OWN: OnceLock<Vec<OwnModel>> = OnceLock::new();
 
-/// Keeps the plants of a bench from outside.
+/// Keeps the custom plants of the bench.
 pub(crate) fn register(own: Vec<OwnModel>) {
     let _ = OWN.set(own);
 }
 
-/// Why no FMU was written.
+/// Reason why no FMU was written.
 #[derive(Debug, thiserror::Error)]
 enum ExportError {
     #[error("there is no plant `{name}` to export; there are: {known}")]
@@ -54,7 +54,7 @@ impl ExportError {
     }
 }
 
-/// Writes the FMU of a plant, and prints what it wrote.
+/// Writes the FMU of a plant, and prints its path.
 #[must_use]
 pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Exit {
     match written(plant, output, fmi) {
@@ -110,13 +110,13 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
     ))
 }
 
-/// The model of this name.
+/// Finds the model with this name.
 pub(super) fn named<'a>(models: &'a [Box<dyn Exported>], name: &str) -> Option<&'a dyn Exported> {
     let mut models = models.iter().map(|exported| &**exported);
     models.find(|exported| exported.name() == name)
 }
 
-/// The folder of this program.
+/// Returns the folder of this program.
 fn beside() -> PathBuf {
     let program = std::env::current_exe().and_then(|program| program.canonicalize());
     program
@@ -125,7 +125,8 @@ fn beside() -> PathBuf {
         .unwrap_or_default()
 }
 
-/// Beside the program, as cargo and the archive have it; or in the package of the wheel, which is installed below the same prefix.
+/// Finds the library of the plants that ship. Cargo and the archive put it next to the program; the wheel puts it into
+/// its package below the same prefix.
 fn shipped_library() -> Result<PathBuf, ExportError> {
     let beside = beside();
     let mut places = vec![beside.clone(), beside.join("../lib")];
@@ -138,7 +139,7 @@ fn shipped_library() -> Result<PathBuf, ExportError> {
     found(SHIPPED_LIBRARY.to_owned(), &places, advice)
 }
 
-/// The library of the crate that this program is of: cargo makes it with the program.
+/// Finds the library of the program's own crate. Cargo builds both together.
 fn own_library() -> Result<PathBuf, ExportError> {
     let program = std::env::current_exe().unwrap_or_default();
     let stem = program

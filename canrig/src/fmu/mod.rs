@@ -1,4 +1,4 @@
-//! `canrig fmu`: what an FMU says of itself, of which nothing is loaded; and our plants as FMUs.
+//! `canrig fmu`: shows the description of an FMU without loading it, and writes the plants of the bench as FMUs.
 
 pub(crate) mod export;
 pub(crate) mod play;
@@ -34,7 +34,7 @@ pub(crate) struct FmuArgs {
     pub fmi: u8,
 }
 
-/// Prints what an FMU says of itself, or writes one.
+/// Prints the description of an FMU, or writes an FMU.
 #[must_use]
 pub(crate) fn fmu(args: &FmuArgs) -> Exit {
     match (&args.export, &args.file) {
@@ -60,7 +60,7 @@ fn shown(file: &Path, is_rig: bool) -> Exit {
     Exit::Pass
 }
 
-/// The table, and what to do with it.
+/// Returns the table of a rig file, and the next steps for the user.
 fn table_of(file: &Path, description: &Description) -> String {
     let name = plant_name(&description.model_name);
     let file = file.display().to_string();
@@ -71,7 +71,7 @@ fn table_of(file: &Path, description: &Description) -> String {
     )
 }
 
-/// A name for the plant: what the model is called, as tables may be named.
+/// Returns a name for the plant: the name of the model, in the letters that a table may have.
 fn plant_name(model_name: &str) -> String {
     let is_part = |character: &char| character.is_ascii_alphanumeric();
     let word = |character: char| {

@@ -1,4 +1,4 @@
-//! The hidden `canrig fmu-play`: an FMU by itself, without a bench round it. The tests compare what it prints with other
+//! The hidden `canrig fmu-play`: plays an FMU alone, without a bench. The tests compare its output with that of other
 //! programs.
 
 use std::collections::BTreeMap;
@@ -45,7 +45,7 @@ pub(crate) struct PlayArgs {
     pub cost: bool,
 }
 
-/// Why it did not play, with its exit code.
+/// Reason why the FMU did not play, with the exit code.
 struct Refused(Exit, String);
 
 impl Refused {
@@ -85,7 +85,7 @@ fn played(args: &PlayArgs) -> Result<(), Refused> {
     }
 }
 
-/// The plant that an FMU is made of, without FMI.
+/// Plays the plant that an FMU is made of, without FMI.
 fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
     let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
     let shipped = fmu_plants::shipped();
@@ -158,7 +158,7 @@ fn fmu_played(args: &PlayArgs, path: &Path) -> Result<(), Refused> {
     Ok(remote.end()?)
 }
 
-/// Steps what takes time to reach, inputs, and room for outputs; prints its outputs, or what a step cost.
+/// Steps the plant, and prints its outputs or the duration of a step.
 fn steps(
     args: &PlayArgs,
     wiring: &Wiring,
@@ -196,7 +196,7 @@ fn steps(
     Ok(())
 }
 
-/// The only table of a file, and the name of its plant.
+/// Reads the only table of a file; returns it with the name of its plant.
 fn plant_table(path: &Path) -> Result<(String, Fmu), Refused> {
     type File = BTreeMap<String, BTreeMap<String, BTreeMap<String, Fmu>>>;
     let refused = |reason: String| Refused::file(path, reason);
@@ -210,7 +210,7 @@ fn plant_table(path: &Path) -> Result<(String, Fmu), Refused> {
     plant.ok_or_else(|| refused("it has no table [plant.NAME.fmu]".to_owned()))
 }
 
-/// The inputs of each step, in the units of the FMU and the order of the configuration.
+/// Reads the inputs of each step, in the units of the FMU and the order of the configuration.
 fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Refused> {
     let refused = |reason: String| Refused::file(path, reason);
     let text = fs::read_to_string(path).map_err(|error| refused(error.to_string()))?;

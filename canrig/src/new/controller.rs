@@ -9,9 +9,9 @@ use scenario::own::is_name;
 
 use super::{IGNORED, NewError, in_new_folder, make};
 
-/// What stands in the files for the controller's name.
+/// Placeholder in the files for the controller's name.
 const NAME: &str = "my_controller";
-/// What stands in the scenario for the command.
+/// Placeholder in the scenario for the command.
 const PROGRAM: &str = "\"PROGRAM\"";
 const SCENARIO: &str = include_str!("controller/scenario.toml");
 const README: &str = include_str!("controller/README.md");
@@ -39,7 +39,7 @@ pub(crate) struct ControllerArgs {
 }
 
 impl Language {
-    /// The words of the command in the scenario, and how it is built and tested.
+    /// Returns the command as it is written in the scenario, and the commands that build and test the controller.
     fn words(self) -> [&'static str; 3] {
         match self {
             Self::C => ["\"./controller\"", "make", "make test"],
@@ -69,7 +69,7 @@ impl Language {
     }
 }
 
-/// Writes the files, and returns what to do with them.
+/// Writes the files, and returns the next steps for the user.
 pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
     let name = &args.name;
     if !is_name(name) {
@@ -110,7 +110,7 @@ pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
     ))
 }
 
-/// A line of a block; nothing of nothing.
+/// Indents a line of a block; an empty line stays empty.
 fn indented(line: &str) -> String {
     match line {
         "" => String::new(),
@@ -143,7 +143,7 @@ mod tests {
             assert!(said.contains("canrig simulate lift.toml"), "{said}");
             let folder = parent.path().join(file);
             assert!(folder.join(file).exists());
-            // What is compiled first is not there yet.
+            // The compiled program is not there yet.
             fs::write(folder.join("controller"), "").unwrap();
             let plan = Plan::load(&folder.join("lift.toml"), catalogue()).unwrap();
             assert_eq!(plan.programs().len(), 1);

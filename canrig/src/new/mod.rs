@@ -1,7 +1,7 @@
-//! `canrig new`: the crate of a plant or a law of one's own, which compiles, is tested and plays a scenario as it is; or the file
-//! of a rig of one's own, or a controller in another language.
+//! `canrig new`: writes the crate of a plant or a law, a rig file, or a controller in another language. A crate
+//! compiles, has tests and plays a scenario without a change.
 //!
-//! The crates in `plant/` and `law/` are written out with `my_plant` and `my_law` renamed.
+//! The crates in `plant/` and `law/` are the skeletons; `my_plant` and `my_law` are renamed in the copies.
 
 mod controller;
 mod name;
@@ -24,22 +24,22 @@ use rig::RigArgs;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
 
-/// The checkout that this program was built from. It may be gone, or on another machine.
+/// Checkout that this program was built from. It may be gone, or on another machine.
 const BUILT_FROM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-/// What stands in the skeletons for the path of that checkout.
+/// Placeholder in the skeletons for the path of that checkout.
 const CHECKOUT: &str = "CANRIG";
-/// What cargo and the bench leave behind.
+/// Folders that cargo and the bench write, for `.gitignore`.
 const IGNORED: &str = "/target\n/runs\n";
 
 /// Arguments of `new`.
 #[derive(Args, Debug)]
 pub(crate) struct NewArgs {
-    /// What to write.
+    /// Kind of files to write.
     #[command(subcommand)]
     pub what: What,
 }
 
-/// What to write.
+/// Kind of files to write.
 #[derive(Debug, Subcommand)]
 pub(crate) enum What {
     /// Write a crate for a plant, with a rig file that wires drives to it
@@ -75,14 +75,14 @@ pub(crate) struct CrateArgs {
     pub canrig: Option<PathBuf>,
 }
 
-/// A crate that was written, and what it depends on.
+/// A crate that was written, and the checkout that it depends on.
 #[derive(Debug)]
 struct Crate {
     folder: PathBuf,
     checkout: PathBuf,
 }
 
-/// The files of a crate, with a name in place of that of the thing.
+/// The files of a crate, with a placeholder for the name of the plant or law.
 struct Skeleton {
     section: Section,
     name: &'static str,
@@ -90,7 +90,7 @@ struct Skeleton {
     library: &'static str,
     program: &'static str,
     scenario: &'static str,
-    /// The rig file on which the scenario is played, where that is another than the one that ships.
+    /// Rig file of the scenario, if it is not the one that ships.
     rig: Option<&'static str>,
     readme: &'static str,
 }
@@ -128,7 +128,7 @@ const LAW_OF_LOOPS: Skeleton = Skeleton {
     readme: include_str!("law/loops/README.md"),
 };
 
-/// Why nothing was written.
+/// Reason why nothing was written.
 #[derive(Debug, thiserror::Error)]
 enum NewError {
     #[error(transparent)]
@@ -160,7 +160,7 @@ impl NewError {
     }
 }
 
-/// Writes what the arguments ask for, and says what to do with it.
+/// Writes the requested files, and prints the next steps.
 #[must_use]
 pub(crate) fn new(args: &NewArgs) -> Exit {
     let written = match &args.what {
@@ -224,7 +224,7 @@ fn written(skeleton: &Skeleton, args: &CrateArgs) -> Result<Crate, NewError> {
     Ok(Crate { folder, checkout })
 }
 
-/// Makes a folder that is not there yet with what `write` writes into it: it appears with all of that, or not at all.
+/// Makes a new folder with the files that `write` puts into it. The folder appears complete, or not at all.
 fn in_new_folder(
     folder: &Path,
     write: impl FnOnce(&Path) -> Result<(), NewError>,
@@ -244,14 +244,14 @@ fn in_new_folder(
     if folder.symlink_metadata().is_ok() {
         return Err(NewError::Exists(folder.to_owned()));
     }
-    // Of two that ask at once, one gets it.
+    // Of two processes that start at once, one succeeds.
     let partial = folder.with_added_extension("partial");
     let begin = || fs::create_dir(&partial).map_err(|source| failed(&partial, source));
     let ((), _unfinished) = Unfinished::begin(begin, |()| partial.clone())?;
     let written = write(&partial)
         .and_then(|()| fs::rename(&partial, folder).map_err(|source| failed(folder, source)));
     if written.is_err() {
-        // What is left of it does no harm.
+        // A remainder does no harm.
         let _ = fs::remove_dir_all(&partial);
     }
     written
@@ -264,7 +264,7 @@ fn make(path: &Path, make: impl FnOnce(&Path) -> io::Result<()>) -> Result<(), N
     })
 }
 
-/// The checkout to depend on, as an absolute path.
+/// Returns the absolute path of the checkout to depend on.
 fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
     let is_canrig = |path: &Path| {
         let manifest = scenario::read_text(&path.join("canrig/Cargo.toml"), MANIFEST_BYTES_MAX);
@@ -279,7 +279,7 @@ fn checkout(named: Option<&Path>) -> Result<PathBuf, NewError> {
 }
 
 impl Skeleton {
-    /// The files of the crate: where in its folder, and what.
+    /// Returns the files of the crate: the path in its folder, and the content.
     fn files(&self, name: &Name, checkout: &Path, profile: &str) -> Vec<(PathBuf, String)> {
         let renamed = |text: &str| {
             let text = text.replace(self.name, name.snake());
@@ -304,7 +304,7 @@ impl Skeleton {
     }
 }
 
-/// A text between the quotes of a TOML string.
+/// Escapes a text for the quotes of a TOML string.
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"")
 }

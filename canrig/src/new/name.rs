@@ -103,18 +103,18 @@ const TAKEN: [&str; 35] = [
     "state",
 ];
 
-/// Why a name cannot be one.
+/// Reason why a name is invalid.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum InvalidName {
-    /// No table can be called so.
+    /// A table cannot have this name.
     #[error(transparent)]
     Table(#[from] InvalidOwn),
-    /// No crate can.
+    /// A crate cannot have this name.
     #[error(
         "`{0}` has a meaning of its own in Rust, so no crate can have this name; choose another one"
     )]
     Kept(String),
-    /// The skeleton itself has something of that name.
+    /// The skeleton uses the name itself.
     #[error("`{0}` is the name of something that the crate uses; choose another one")]
     Taken(String),
     /// Two underscores in a row, or one at the end.
@@ -143,18 +143,18 @@ impl Name {
         Ok(Self(name))
     }
 
-    /// As crates, modules and tables are written: `my_plant`.
+    /// Returns the name for crates, modules and tables: `my_plant`.
     pub(super) fn snake(&self) -> &str {
         &self.0
     }
 
-    /// As types are written: `MyPlant`.
+    /// Returns the name for types: `MyPlant`.
     pub(super) fn camel(&self) -> String {
         camel(&self.0)
     }
 }
 
-/// `my_plant` as a type: `MyPlant`.
+/// Converts `my_plant` to the name of a type, `MyPlant`.
 pub(super) fn camel(snake: &str) -> String {
     let word = |word: &str| {
         let (first, rest) = word.split_at(word.len().min(1));

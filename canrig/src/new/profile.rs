@@ -1,19 +1,20 @@
-//! The release profile of a new crate: that of the checkout, so that both build their dependencies alike and share them.
+//! The release profile of a new crate. It equals the checkout's, so both build their dependencies alike and share them.
 
 use std::path::Path;
 
 use toml::{Table, Value};
 
-/// What cargo takes from a workspace's root only, so a crate of its own must have it too.
+/// Heading of the profile tables. Cargo reads them from the root of a workspace only, so a new crate needs its own.
 const HEAD: &str = "\n# As canrig's own, so that a target folder can be shared.\n";
 
-/// Longest manifest.
+/// Largest size of a manifest.
 pub(super) const MANIFEST_BYTES_MAX: u64 = 1 << 20;
 
-/// The `[profile.release]` tables for a manifest that depends on a checkout; none where it has no such tables.
+/// Returns the `[profile.release]` tables for a manifest that depends on a checkout. The text is empty if the checkout
+/// has none.
 ///
 /// # Errors
-/// Why the checkout's manifest cannot be read.
+/// The checkout's manifest cannot be read.
 pub(super) fn release_profile(checkout: &Path) -> Result<String, String> {
     let text = scenario::read_text(&checkout.join("Cargo.toml"), MANIFEST_BYTES_MAX);
     let manifest: Table = text

@@ -1,4 +1,4 @@
-//! `canrig new rig`: a rig file of two drives, and a scenario that is played on it as it is.
+//! `canrig new rig`: writes a rig file of two drives, and a scenario that plays on it without a change.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use scenario::own::is_name;
 
 use super::{NewError, in_new_folder, make};
 
-/// What stands in the files for the rig's name.
+/// Placeholder in the files for the rig's name.
 const NAME: &str = "my_rig";
 const RIG: &str = include_str!("rig/rig.toml");
 const SCENARIO: &str = include_str!("rig/scenario.toml");
@@ -24,7 +24,7 @@ pub(crate) struct RigArgs {
     pub path: Option<PathBuf>,
 }
 
-/// Writes the files, and returns what to do with them.
+/// Writes the files, and returns the next steps for the user.
 pub(super) fn written(args: &RigArgs) -> Result<String, NewError> {
     let name = &args.name;
     if !is_name(name) {
@@ -44,7 +44,7 @@ pub(super) fn written(args: &RigArgs) -> Result<String, NewError> {
     ))
 }
 
-/// The files: how they are called, and what is in them.
+/// Returns the files: name and content.
 fn files(name: &str) -> [(String, String); 2] {
     let renamed = |text: &str| text.replace(NAME, name);
     [

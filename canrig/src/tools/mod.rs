@@ -1,4 +1,4 @@
-//! What people debug nodes with: who is there (`nodes`), one object (`sdo`), live traffic (`monitor`).
+//! Tools to debug nodes: the nodes on a bus (`nodes`), one object (`sdo`), live traffic (`monitor`).
 //!
 //! A tool is a guest on the bus. The default SDO channel of a node belongs to the controller while one runs
 //! ([`plan::presence`]), so a guest asks on the second channel where the node's data sheet has one.
@@ -68,22 +68,22 @@ pub(crate) struct ToolBusArgs {
 }
 
 impl ToolBusArgs {
-    /// The bus; that of the only running run where none is named.
+    /// Returns the bus: the named one, or that of the only running run.
     fn chosen(&self) -> ToolBus {
         self.bus.clone().unwrap_or(ToolBus::Running)
     }
 }
 
-/// What the user calls the nodes.
+/// Names of the nodes.
 #[derive(Args, Debug)]
 pub(crate) struct NamesArgs {
-    /// Who is on the bus: a rig file, a scenario, or the folder of a run. Its nodes are taken and shown by their names
+    /// Rig file, scenario or folder of a run with the nodes on the bus, which are taken and shown by their names
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
 }
 
 impl NamesArgs {
-    /// The nodes by name; those of the rig that ships where the user names none.
+    /// Returns the nodes by name: those of the user's rig, or those of the rig that ships.
     fn nodes(&self) -> Result<NamedNodes, ToolError> {
         let Some(path) = &self.rig else {
             return Ok(NamedNodes::shipped());
@@ -93,7 +93,7 @@ impl NamesArgs {
     }
 }
 
-/// A time from 0 to that of the longest run.
+/// Parses a time from 0 to that of the longest run.
 pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text
         .parse()
@@ -107,32 +107,32 @@ pub(crate) fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Why a tool cannot do what it was asked.
+/// Reason why a tool failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ToolError {
-    /// What is wrong with a file was printed already.
+    /// A file is wrong; the error was printed already.
     #[error("the file cannot be used")]
     Printed(Exit),
-    /// What the user typed makes no sense.
+    /// An argument is wrong.
     #[error("{0}")]
     Usage(String),
     /// A file cannot be read.
     #[error("{} cannot be read: {source}", path.display())]
     File {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the system.
         source: io::Error,
     },
-    /// A data sheet does not serve.
+    /// A data sheet is wrong.
     #[error(transparent)]
     DataSheet(#[from] DataSheetError),
     /// A DBC is wrong.
     #[error("{}: {error}", path.display())]
     Dbc {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// Error in the file.
         error: DbcError,
     },
     /// No run to join.
@@ -155,13 +155,13 @@ pub(crate) enum ToolError {
     /// A transfer failed.
     #[error(transparent)]
     Sdo(#[from] SdoError),
-    /// The tool would have to take what is the controller's.
+    /// The tool would disturb a running controller.
     #[error("{0}")]
     Refused(String),
 }
 
 impl ToolError {
-    /// How the program ends.
+    /// Returns the exit code of the program.
     #[must_use]
     pub(crate) fn exit(&self) -> Exit {
         match self {
@@ -179,7 +179,7 @@ fn addresses(buses: &[BusAddress]) -> String {
     options.join(", ")
 }
 
-/// A node that gave up has said all there is to say.
+/// Returns the text of an error. The text of a node that gave up is complete in itself.
 fn words(error: &RunError) -> String {
     match error {
         RunError::Node(text) => text.clone(),
@@ -187,10 +187,10 @@ fn words(error: &RunError) -> String {
     }
 }
 
-/// The address of the bus that the user means.
+/// Returns the address of the bus that the user means.
 ///
 /// # Errors
-/// None or several are running.
+/// The user named no bus, and not exactly one run is running.
 pub(crate) fn address(bus: &ToolBus) -> Result<BusAddress, ToolError> {
     match bus {
         ToolBus::At(address) => Ok(address.clone()),
@@ -213,7 +213,7 @@ fn open(bus: &ToolBus, filters: &[Filter]) -> Result<Box<dyn Bus>, ToolError> {
     Ok(platform::open(&address, filters)?)
 }
 
-/// Moves a tool's node on the bus until it has done its work or the user stops it.
+/// Moves a tool's node on the bus until it has finished or the user stops it.
 fn run(node: &mut dyn Node, bus: &ToolBus) -> Result<(), ToolError> {
     let mut bus = open(bus, &node.filters())?;
     let stop = StopSignal::from_signals().map_err(ToolError::Signals)?;
@@ -222,7 +222,7 @@ fn run(node: &mut dyn Node, bus: &ToolBus) -> Result<(), ToolError> {
         .map_err(ToolError::Run)
 }
 
-/// Prints what a tool found out, or why it did not.
+/// Prints the result of a tool, or its error.
 fn ended(outcome: Result<String, ToolError>) -> Exit {
     match outcome {
         Ok(text) => {

@@ -20,19 +20,19 @@ use plan::named_nodes::NamedNodes;
 use runner::console::{BufferedLines, print_error};
 use runner::exit::Exit;
 
-/// How long a quiet bus is waited for before Ctrl-C and the duration are looked at.
+/// Longest wait for a frame before the tool checks Ctrl-C and the duration.
 const PATIENCE: Duration = Duration::from_millis(50);
 /// Width of the column of names.
 const NAME_WIDTH: usize = 23;
 
-/// What to show and for how long.
+/// Choice of the frames to show, and limits on the length of the output.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MonitorOptions {
-    /// Show only frames whose name or identifier (hexadecimal) is among these; all when empty.
+    /// Frames to show, by part of a name or by identifier (hexadecimal); all if empty.
     pub only: Vec<String>,
-    /// Leave these out.
+    /// Frames to leave out, in the same form.
     pub except: Vec<String>,
-    /// Show a frame only when its content differs from the last one with its identifier.
+    /// Show a frame only if its content differs from the last one with its identifier.
     pub changes: bool,
     /// Show the bytes too.
     pub raw: bool,
@@ -40,18 +40,18 @@ pub(crate) struct MonitorOptions {
     pub count: Option<u64>,
     /// End after this time.
     pub duration: Option<Duration>,
-    /// A DBC file instead of the rig's.
+    /// DBC file in place of the rig's.
     pub dbc: Option<PathBuf>,
 }
 
-/// Which SDO channel an identifier belongs to.
+/// The SDO channel that an identifier belongs to.
 struct Channel<'a> {
     is_request: bool,
     node_id: u8,
     sheet: Option<&'a DataSheet>,
 }
 
-/// Turns frames into lines.
+/// A decoder: it turns frames into lines.
 #[derive(Debug)]
 pub(crate) struct Decoder {
     database: Database,
@@ -61,7 +61,7 @@ pub(crate) struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder by a DBC and data sheets.
+    /// Makes a decoder from a DBC and data sheets.
     #[must_use]
     pub(crate) fn new(database: Database, sheets: Vec<DataSheet>, options: MonitorOptions) -> Self {
         let nodes = sheets.iter();
@@ -74,7 +74,7 @@ impl Decoder {
         }
     }
 
-    /// The line for a frame; `None` when the options leave it out.
+    /// Returns the line for a frame; `None` if the options leave it out.
     pub(crate) fn line(&mut self, time: Duration, frame: &CanFrame) -> Option<String> {
         let name = self.name(frame);
         if !self.is_wanted(&name, frame) {
@@ -110,7 +110,7 @@ impl Decoder {
         (only.is_empty() || only.iter().any(is_meant)) && !except.iter().any(is_meant)
     }
 
-    /// The message's name in the DBC, or what CANopen makes of the identifier.
+    /// Returns the message's name in the DBC, or its function in CANopen.
     fn name(&self, frame: &CanFrame) -> String {
         if let Some(message) = self.database.message_of(frame) {
             return message.name.clone();
@@ -150,7 +150,7 @@ impl Decoder {
         }
     }
 
-    /// What people call the node whose number is at the end of an identifier.
+    /// Returns the name of the node whose number is at the end of an identifier.
     fn node(&self, id: u16) -> String {
         let node_id = id & 0x7F;
         let mut sheets = self.sheets.iter();
@@ -181,7 +181,7 @@ impl Decoder {
         })
     }
 
-    /// What the bytes mean.
+    /// Returns the meaning of the bytes.
     fn content(&self, frame: &CanFrame) -> String {
         if let Some(message) = error_frames::read(frame) {
             return message.text;
@@ -217,7 +217,7 @@ impl Decoder {
     }
 }
 
-/// Identifier and bytes.
+/// Returns identifier and bytes as text.
 fn frame_words(frame: &CanFrame) -> (String, String) {
     let text = frame.to_string();
     let (id, _) = text.split_once('#').unwrap_or((&text, ""));
@@ -235,7 +235,7 @@ fn frame_words(frame: &CanFrame) -> (String, String) {
     (id.to_owned(), pairs.join(" "))
 }
 
-/// An SDO frame in words (CiA 301, 7.2.4.3).
+/// Describes an SDO frame (CiA 301, 7.2.4.3).
 fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
     let [command, low, high, sub_index, data @ ..] = payload;
     let index = u16::from_le_bytes([low, high]);
@@ -357,7 +357,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
             || stop.is_raised()
     };
     while !output.is_closed() && !is_over(lines) {
-        // A busy bus fills a buffer; a quiet moment shows what there is.
+        // The output is buffered while the bus is busy, and flushed when it is quiet.
         let frame = match bus.receive(Duration::ZERO)? {
             Some(frame) => Some(frame),
             None => {
@@ -397,7 +397,7 @@ mod tests {
         Decoder::new(Database::shipped().clone(), rig_data_sheets(), options)
     }
 
-    /// The line without its time.
+    /// Returns the line without its time.
     fn line(frame: &CanFrame) -> String {
         let line = decoder(MonitorOptions::default()).line(Duration::from_millis(1500), frame);
         line.unwrap()

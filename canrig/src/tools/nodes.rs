@@ -1,8 +1,10 @@
-//! `canrig nodes`: who is on a bus.
+//! `canrig nodes`: lists the nodes on a bus.
 //!
-//! First it listens: heartbeats show nodes and their states, SYNC and heartbeats show whether a manager runs. Without a
-//! manager it then calls every node-ID on its default SDO channel, so that nodes without a heartbeat show too. At last it
-//! asks each node for its identity: on the second SDO channel where the node's data sheet has one and the node answers
+//! First the tool listens: heartbeats show nodes and their states, SYNC and heartbeats show whether a manager runs.
+//! Without a manager it then calls every node-ID on its default SDO channel, so that nodes without a heartbeat show
+//! too. At last it asks each node for its identity. It uses the second SDO channel if the node's data sheet has one and
+//! the node answers there, else the default channel. It does not ask on a default channel that belongs to a running
+//! controller.
 //! there, else on the default channel, and not at all where that one belongs to a running controller.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -20,19 +22,19 @@ use plan::data_sheet::DataSheet;
 use plan::presence::Presence;
 use runner::exit::Exit;
 
-/// How long the tool listens before it speaks by default: longer than usual heartbeat periods.
+/// Default time for which the tool listens before it speaks: longer than usual heartbeat periods.
 pub(crate) const LISTEN_SECONDS: f64 = 1.0;
-/// Pause between two calls, so that the answers fit on a slow bus.
+/// Pause between two calls; it leaves room for the answers on a slow bus.
 const CALL_PERIOD: Duration = Duration::from_millis(2);
-/// How long the last node called may take to its answer.
+/// Longest time to the answer of the last node called.
 const CALL_PATIENCE: Duration = Duration::from_millis(500);
-/// Time for each answer of a node that is known to be there.
+/// Time for each answer of a node that is present.
 const ANSWER_TIME: Duration = Duration::from_secs(1);
 const NODE_IDS: std::ops::RangeInclusive<u8> = 1..=127;
 
 const DEVICE_TYPE: (u16, u8) = (0x1000, 0);
 const DEVICE_NAME: (u16, u8) = (0x1008, 0);
-/// What each node is asked.
+/// Objects that each node is asked for.
 const QUESTIONS: [(u16, u8); 6] = [
     DEVICE_TYPE,
     (0x1018, 1),
@@ -42,7 +44,7 @@ const QUESTIONS: [(u16, u8); 6] = [
     DEVICE_NAME,
 ];
 
-/// What a node answered; `None` where it aborted.
+/// Answers of a node; `None` for an object that it aborted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Identity {
     /// 0x1000
@@ -53,18 +55,18 @@ pub(crate) struct Identity {
     pub name: Option<String>,
 }
 
-/// What is known of one node.
+/// Facts about one node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct NodeOnBus {
     /// The state in its last heartbeat; `None` without heartbeat.
     pub state: Option<NmtState>,
-    /// Who it says it is, or why that is not known.
+    /// Identity by the node's own answers, or the reason why it is unknown.
     pub identity: Result<Identity, String>,
-    /// The data sheet that describes it.
+    /// Name of the data sheet that describes it.
     pub data_sheet: String,
 }
 
-/// The questions to one node.
+/// The questions to one node, and its answers.
 #[derive(Debug)]
 struct IdentityQuestions {
     node_id: u8,
@@ -88,21 +90,21 @@ enum Phase {
 #[derive(Debug)]
 pub(crate) struct RollCall {
     sheets: Vec<DataSheet>,
-    /// What the user calls the nodes.
+    /// Names of the nodes in the user's rig.
     names: BTreeMap<u8, String>,
     listen: Duration,
     presence: Presence,
     phase: Phase,
     /// Nodes that answered a call.
     called: Vec<u8>,
-    /// Nodes still to be asked.
+    /// Nodes that have not been asked yet.
     waiting: VecDeque<u8>,
     identities: BTreeMap<u8, Result<Identity, String>>,
     output: VecDeque<CanFrame>,
 }
 
 impl RollCall {
-    /// A roll call that listens for a time first.
+    /// Makes a roll call that listens for a time first.
     #[must_use]
     pub(crate) fn new(sheets: Vec<DataSheet>, listen: Duration) -> Self {
         Self {
@@ -118,13 +120,13 @@ impl RollCall {
         }
     }
 
-    /// The same for nodes that have names: they are shown by these, and missed by these.
+    /// Gives names to the nodes. The report shows a node by its name, and lists each named node that is missing.
     #[must_use]
     pub(crate) fn naming(self, names: BTreeMap<u8, String>) -> Self {
         Self { names, ..self }
     }
 
-    /// What was found, by node-ID.
+    /// Returns the nodes that were found, by node-ID.
     #[must_use]
     pub(crate) fn nodes(&self) -> BTreeMap<u8, NodeOnBus> {
         let states = self.presence.states();
@@ -146,22 +148,23 @@ impl RollCall {
         ids.map(node).collect()
     }
 
-    /// How a running manager shows, if one does.
+    /// Returns the sign of a running manager, if one was heard.
     #[must_use]
     pub(crate) fn manager(&self) -> Option<String> {
         self.presence.manager(&self.sheets)
     }
 
-    /// A node in words: `18 (0x12) y`.
+    /// Returns the text for a node: `18 (0x12) y`.
     fn node(&self, node_id: u8) -> String {
         let name = self.names.get(&node_id);
         let name = name.map_or_else(String::new, |name| format!(" {name}"));
         format!("{node_id} (0x{node_id:02X}){name}")
     }
 
-    /// The data sheet that matches what the node says, or might since it was made for this node-ID.
+    /// Returns the data sheet that matches the node's identity. Without an identity it is the sheet of this node-ID,
+    /// with a question mark.
     fn data_sheet(&self, node_id: u8, identity: Option<&Identity>) -> String {
-        // Drives of one make differ in their numbers only.
+        // Drives of one product differ in their node-IDs only.
         let (own, others): (Vec<_>, Vec<_>) =
             (self.sheets.iter()).partition(|sheet| sheet.node_id == node_id);
         let Some(identity) = identity else {
@@ -200,7 +203,7 @@ impl RollCall {
         }
     }
 
-    /// The end of listening: calls everybody where no manager minds.
+    /// Ends listening. It calls every node-ID, or only asks the known nodes while a manager runs.
     fn begin(&mut self, now: Duration) {
         if self.manager().is_some() {
             self.ask_all(now);
@@ -280,7 +283,7 @@ impl RollCall {
         }
     }
 
-    /// Keeps what the node being asked has answered, and goes on.
+    /// Keeps the answer of the node that is being asked, and asks the next question.
     fn advance(&mut self, now: Duration) {
         let Phase::Asking(questions) = &mut self.phase else {
             return;
@@ -301,7 +304,8 @@ impl RollCall {
         self.drain();
     }
 
-    /// A node that is silent on its second channel may not have one; its default channel may be asked where it is free.
+    /// Handles a node that is silent on its second channel. The node may not have one, so the default channel is tried
+    /// if it is free.
     fn no_answer(&mut self, now: Duration, error: SdoError) {
         let Phase::Asking(questions) = &mut self.phase else {
             return;
@@ -342,7 +346,7 @@ impl IdentityQuestions {
         debug_assert!(started.is_ok(), "one question at a time");
     }
 
-    /// Keeps an answer. An abort is an answer too.
+    /// Keeps an answer. An abort counts as an answer.
     fn on_result(&mut self, result: &Result<Vec<u8>, SdoError>) -> Result<(), SdoError> {
         let bytes = match result {
             Ok(bytes) => Some(bytes.as_slice()),
@@ -440,13 +444,13 @@ pub(crate) struct NodesArgs {
     pub listen: f64,
 }
 
-/// Calls the roll on a bus and prints who is there.
+/// Calls every node on a bus, and prints the table of the nodes.
 #[must_use]
 pub(crate) fn nodes(args: &NodesArgs) -> Exit {
     ended(called(args))
 }
 
-/// The table for people.
+/// Calls every node on a bus, and returns the table.
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
     let names = args.names.rig.as_ref().map(|_| {
@@ -455,7 +459,7 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
         named.collect()
     });
     for path in &args.eds {
-        // For its identity only; which node-ID it has is to be found out.
+        // The sheet is used for its identity only; the node-ID is not known yet.
         let sheet = DataSheet::load(path, 127)?;
         sheets.push(DataSheet {
             node_id: 0,
@@ -468,7 +472,7 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
     Ok(report(&roll_call))
 }
 
-/// The nodes as a table.
+/// Returns the nodes as a table.
 #[must_use]
 pub(crate) fn report(roll_call: &RollCall) -> String {
     let nodes = roll_call.nodes();
@@ -528,7 +532,7 @@ pub(crate) fn report(roll_call: &RollCall) -> String {
     text
 }
 
-/// The state as people call it.
+/// Returns the usual name of a state.
 #[must_use]
 pub(crate) fn state_name(state: NmtState) -> &'static str {
     match state {
@@ -539,7 +543,7 @@ pub(crate) fn state_name(state: NmtState) -> &'static str {
     }
 }
 
-/// The device type with its profile.
+/// Returns the device type with its profile.
 fn device_type(device_type: u32) -> String {
     let profile = match device_type & 0xFFFF {
         0 => "no profile".to_owned(),

@@ -1,9 +1,9 @@
 //! `canrig sdo`: reads or writes one object of a node.
 //!
-//! The second SDO channel of the node's data sheet is used where it answers, so a running controller is never disturbed.
-//! Else the tool listens, and uses the default channel only where no controller shows: nobody else speaks on it, no SYNC
-//! and no manager's heartbeat comes. A write that would take the drive out of a running controller's hands (its
-//! controlword, or how PDOs are laid out) needs the same silence, or `--force`.
+//! The tool uses the second SDO channel of the node's data sheet if the node answers there, so it never disturbs a
+//! running controller. Else the tool listens. It uses the default channel only if no controller shows: no other client
+//! speaks on it, and no SYNC and no manager's heartbeat comes. A write that would take the drive away from a running
+//! controller (its controlword, or a mapping of PDOs) needs the same silence, or `--force`.
 
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal};
@@ -24,12 +24,12 @@ use plan::presence::Presence;
 use runner::console::print_error;
 use runner::exit::Exit;
 
-/// How long the tool listens before it uses the default channel: longer than usual heartbeat periods.
+/// Time for which the tool listens before it uses the default channel: longer than usual heartbeat periods.
 pub(crate) const LISTEN_TIME: Duration = Duration::from_secs(1);
 /// Time for each answer.
 pub(crate) const ANSWER_TIME: Duration = Duration::from_secs(1);
 
-/// How numbers are read, for people.
+/// Help on the format of numbers.
 const NUMBERS: &str = "\
 Numbers:
   Index and sub-index are hexadecimal, with or without 0x: 1017, 1017:00, 0x1018:02. Without a
@@ -41,7 +41,7 @@ Example, a heartbeat of node 16 every 50 ms:
 /// Communication parameters and mappings of all PDOs (CiA 301, 7.5.1).
 const PDO_TABLES: RangeInclusive<u16> = 0x1400..=0x1BFF;
 
-/// What to do with an object.
+/// Action on an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Request {
     /// Upload.
@@ -49,13 +49,13 @@ pub(crate) enum Request {
     /// Download of these bytes.
     Write {
         bytes: Vec<u8>,
-        /// The user knows that a controller may run.
+        /// The user accepts that a controller may be running.
         is_forced: bool,
     },
 }
 
 impl Request {
-    /// True for a write that a running controller must not find done behind its back.
+    /// Returns whether a write must not happen while a controller runs.
     fn needs_silence(&self, index: u16) -> bool {
         let is_guarded = index == CONTROLWORD || PDO_TABLES.contains(&index);
         is_guarded
@@ -75,14 +75,14 @@ enum Phase {
     Transfer {
         is_second_channel: bool,
     },
-    /// Hears who is there before it uses the default channel, or before it writes what needs silence.
+    /// Listens before a transfer on the default channel, or before a write that needs silence.
     Listening {
         until: Duration,
     },
     Done,
 }
 
-/// One transfer with the channel's choice, a node without node-ID.
+/// One transfer, with its choice of a channel; a node without node-ID.
 #[derive(Debug)]
 pub(crate) struct Transfer {
     node_id: u8,
@@ -99,7 +99,7 @@ pub(crate) struct Transfer {
 }
 
 impl Transfer {
-    /// A transfer with a node; `sheets` say where its channels are and who manages.
+    /// Makes a transfer with a node. `sheets` give its channels and the manager.
     #[must_use]
     pub(crate) fn new(
         node_id: u8,
@@ -124,10 +124,10 @@ impl Transfer {
         }
     }
 
-    /// The value read (nothing after writing).
+    /// Returns the value that was read, or no bytes after a write.
     ///
     /// # Errors
-    /// The transfer failed, or was not made since the channel is the controller's.
+    /// The transfer failed, or was not made because the channel belongs to the controller.
     pub(crate) fn into_result(self) -> Result<Vec<u8>, ToolError> {
         match (self.result, self.refusal) {
             (Some(result), _) => Ok(result?),
@@ -155,7 +155,7 @@ impl Transfer {
         self.transfer(now, true);
     }
 
-    /// What was heard decides.
+    /// Ends listening: makes the transfer, or refuses it if a controller was heard.
     fn end_listening(&mut self, now: Duration) {
         let (index, sub_index) = self.place;
         let taken = self
@@ -224,7 +224,7 @@ impl Transfer {
         let is_silent =
             matches!(&result, Err(error) if matches!(error.failure, SdoFailure::TimedOut(_)));
         match self.phase {
-            // A node that has no second channel after all. What came meanwhile counts as listening.
+            // The node has no second channel after all. The tool has listened in the meantime.
             Phase::Transfer {
                 is_second_channel: true,
             } if is_silent => self.use_default_channel(now),
@@ -296,12 +296,12 @@ impl Node for Transfer {
 /// Arguments of `sdo`.
 #[derive(Args, Debug)]
 pub(crate) struct SdoArgs {
-    /// What to do with the object.
+    /// Action on the object.
     #[command(subcommand)]
     pub action: SdoAction,
 }
 
-/// What to do with an object.
+/// Action on an object.
 #[derive(Debug, Subcommand)]
 #[command(after_help = NUMBERS)]
 pub(crate) enum SdoAction {
@@ -340,7 +340,7 @@ pub(crate) struct ObjectArgs {
     pub bus: ToolBusArgs,
 }
 
-/// Reads or writes an object, and prints what it holds.
+/// Reads or writes an object, and prints its value.
 #[must_use]
 pub(crate) fn sdo(args: &SdoArgs) -> Exit {
     ended(match &args.action {
@@ -353,7 +353,7 @@ pub(crate) fn sdo(args: &SdoArgs) -> Exit {
     })
 }
 
-/// The bytes of a value in an object's type.
+/// Returns the bytes of a value in an object's type.
 fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u8>, ToolError> {
     if let Some(entry) = entry {
         return value::parse(entry, text).map_err(ToolError::Usage);
@@ -367,10 +367,10 @@ fn to_write(entry: Option<&Entry>, place: (u16, u8), text: &str) -> Result<Vec<u
     })
 }
 
-/// Asks whether to write on a bus that nobody named.
+/// Asks for a confirmation to write on a bus that the user did not name.
 ///
 /// # Errors
-/// There is no such bus, nobody can answer, or the answer is no.
+/// There is no such bus, there is no terminal to ask on, or the answer is no.
 fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
     let bus = address(&ToolBus::Running)?;
     if !io::stdin().is_terminal() {
@@ -389,7 +389,7 @@ fn confirm(node: &str, (index, sub_index): (u16, u8)) -> Result<(), ToolError> {
     }
 }
 
-/// Reads an object, or writes it when there is a value and whether that is forced; the line for people.
+/// Reads an object, or writes it if there is a value (with whether that is forced). Returns the line to print.
 fn transferred(target: &ObjectArgs, value: Option<(&str, bool)>) -> Result<String, ToolError> {
     let mut sheets = target.names.nodes()?.sheets;
     let node_id = data_sheet::node_id(&target.node, &sheets)?;
@@ -456,7 +456,7 @@ mod tests {
     const HEARTBEAT_OF_THE_CONTROLLER: (u16, &[u8]) = (0x701, &[5]);
     const SYNC: (u16, &[u8]) = (0x080, &[1]);
 
-    /// What a write sends first and how it ends, beside what others say.
+    /// Writes an object after the given frames were heard; returns the first frame sent, and the error at the end.
     fn written(
         node_id: u8,
         index: u16,
@@ -510,7 +510,7 @@ mod tests {
             assert_eq!(sent, None);
             assert!(text.contains("default SDO channel") && !text.contains("--force"));
         }
-        // Nobody leads the controller, so its channel is free; its PDOs are its own all the same.
+        // No manager leads the controller, so its channel is free; its PDOs are still guarded.
         let (sent, text) = written(0x01, 0x1800, false, &[SYNC]);
         assert_eq!(sent, None);
         assert!(text.contains("--force"), "{text}");

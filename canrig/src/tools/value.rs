@@ -1,12 +1,12 @@
-//! Values of objects as people type and read them.
+//! Values of objects, as text.
 
 use canopen::object_dictionary::{DataType, Entry};
 use dbc::{Database, Signal};
 
-/// Bytes of a value that are shown in hexadecimal digits.
+/// Largest number of bytes that are shown in hexadecimal digits.
 const SHOWN_BYTES_MAX: usize = 64;
 
-/// The standard's name of a type.
+/// Returns the name of a type in the standard.
 #[must_use]
 pub(crate) fn type_name(data_type: DataType) -> &'static str {
     match data_type {
@@ -38,7 +38,7 @@ pub(crate) fn type_name(data_type: DataType) -> &'static str {
     }
 }
 
-/// Bytes as a value of the object's type; of unknown objects as bytes.
+/// Returns bytes as a value of the object's type; for unknown objects as bytes.
 #[must_use]
 pub(crate) fn show(entry: Option<&Entry>, bytes: &[u8]) -> String {
     let Some(entry) = entry else {
@@ -104,13 +104,13 @@ fn show_bytes(bytes: &[u8]) -> String {
     format!("{}{rest} ({} bytes)", pairs.join(" "), bytes.len())
 }
 
-/// What the DBC says of a value: number with unit, and labels, of each signal made from the object.
+/// Returns the meaning of a value by the DBC: number with unit and label of each signal that is made from the object.
 #[must_use]
 pub(crate) fn meaning(database: &Database, entry: &Entry, bytes: &[u8]) -> Vec<String> {
     let object = format!("0x{:04X}:{:02X}", entry.index, entry.sub_index);
     let signals = database.messages().iter().flat_map(|message| {
         let signals = message.signals.iter();
-        // Signals lie in the message where the object lies; the first of them shows where that is.
+        // Signals lie in the message where the object lies; the first of them shows its place.
         let first = message
             .signals
             .iter()
@@ -144,7 +144,7 @@ fn meaning_of(signal: &Signal, start: u8, bytes: &[u8]) -> Option<String> {
     says_more.then(|| show_signal(signal, value))
 }
 
-/// A signal with its value, unit and label.
+/// Returns a signal with its value, unit and label.
 #[must_use]
 pub(crate) fn show_signal(signal: &Signal, value: f64) -> String {
     let number = match signal.label(value) {
@@ -156,7 +156,7 @@ pub(crate) fn show_signal(signal: &Signal, value: f64) -> String {
     format!("{}={number}{blank}{unit}", signal.name)
 }
 
-/// True for what says nothing: a flag that is not set, and a few bits without a name of their own that are 0.
+/// Returns whether a value carries no information: a flag that is not set, or an unnamed value of a few bits that is 0.
 #[must_use]
 pub(crate) fn is_idle(signal: &Signal, value: f64) -> bool {
     let is_nameless = signal.unit.is_empty() && signal.coding.length_bits < 8;
@@ -166,7 +166,7 @@ pub(crate) fn is_idle(signal: &Signal, value: f64) -> bool {
             .map_or(is_nameless, |label| label == "no")
 }
 
-/// A number with as many decimals as its steps need.
+/// Returns a number with the decimals that its steps need.
 fn show_number(factor: f64, value: f64) -> String {
     let is_whole = factor.fract() == 0.0;
     if is_whole && value.fract() != 0.0 {
@@ -182,10 +182,10 @@ fn show_number(factor: f64, value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// Reads what the user typed as a value of the object's type, little-endian.
+/// Parses a text as a value of the object's type, little-endian.
 ///
 /// # Errors
-/// What would have been right.
+/// The text is no value of the type; the error has the expected form.
 pub(crate) fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
     let data_type = entry.data_type;
     let wrong = |expected: &str| {
@@ -229,8 +229,8 @@ pub(crate) fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
     }
 }
 
-/// Reads the value of an object whose type nobody knows: a number of `0x` with two digits for each byte, or at least two
-/// bytes with blanks between. Anything else is a number of unknown size, or one whose base is a guess.
+/// Parses the value of an object of unknown type. Two forms are accepted: `0x` with two digits for each byte, and at
+/// least two bytes separated by blanks. Other texts are ambiguous in size or base.
 #[must_use]
 pub(crate) fn parse_untyped(text: &str) -> Option<Vec<u8>> {
     match text.strip_prefix("0x") {
@@ -248,7 +248,7 @@ pub(crate) fn parse_untyped(text: &str) -> Option<Vec<u8>> {
     }
 }
 
-/// Reads bytes, each as two hexadecimal digits.
+/// Parses bytes, each as two hexadecimal digits.
 #[must_use]
 pub(crate) fn parse_bytes(text: &str) -> Option<Vec<u8>> {
     let digits: String = text
@@ -320,7 +320,7 @@ mod tests {
         ] {
             assert_eq!(parse_untyped(text), Some(bytes), "{text}");
         }
-        // Decimal or hexadecimal, one byte or two: nobody knows.
+        // The base and the size are ambiguous.
         for text in ["50", "3200", "0x321", "0x", "1 2", "32 0", "", "fast"] {
             assert_eq!(parse_untyped(text), None, "{text}");
         }

@@ -5,7 +5,7 @@ use scenario::profile::Profile;
 
 use crate::law::{CurrentRange, Cycle, Law, Ports, one_loop};
 
-/// The profile, ready to be asked every cycle.
+/// The profile, prepared for the query of each cycle.
 #[derive(Clone, Debug)]
 pub struct OpenLoop {
     profile: Profile,

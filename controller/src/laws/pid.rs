@@ -13,7 +13,7 @@ pub struct Pid {
     current: CurrentRange,
 }
 
-/// The law's memory.
+/// State of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     integral_amperes: f64,
@@ -21,13 +21,13 @@ pub struct State {
 }
 
 impl Pid {
-    /// `Kp (b r − y)`.
+    /// Returns `Kp (b r − y)`.
     fn proportional(&self, state: &State, set_point: &SetPoint) -> f64 {
         let weighted = self.config.set_point_weight * set_point.position;
         self.config.proportional_amperes_per_metre * (weighted - state.position.latest())
     }
 
-    /// The current before it is limited to what the drive can be commanded, and the velocity of the filtered position.
+    /// Returns the current before its limitation to the drive's range, and the velocity of the filtered position.
     pub fn wanted_amperes(
         &self,
         state: &mut State,
@@ -48,7 +48,7 @@ impl Pid {
         (current, velocity)
     }
 
-    /// Integrates the error unless that would push the command further beyond its limit (conditional integration).
+    /// Integrates the error, unless that moves the command further beyond its limit (conditional integration).
     fn integrate(&self, state: &mut State, error: f64, command: f64, period_seconds: f64) {
         let CurrentRange { min, max, .. } = self.current;
         let winds_up = (command >= max && error > 0.0) || (command <= min && error < 0.0);
@@ -96,7 +96,7 @@ impl Law for Pid {
     }
 }
 
-/// Terms of the PID laws.
+/// Returns the terms of the PID laws.
 pub(super) fn terms() -> [Port; 5] {
     [
         Port::position_term("reference_position_millimetres")

@@ -1,5 +1,5 @@
-//! PID for two drives that pull against each other: what the error asks for is added to the current of the first one and taken from
-//! that of the second, and both have some current always, which makes them hold stiff (co-contraction).
+//! PID for two antagonistic drives. The output is added to the current of the first one and subtracted from that of the
+//! second. Both always carry a base current, which stiffens them (co-contraction).
 
 use scenario::controller::PidPair as Config;
 
@@ -14,7 +14,7 @@ pub struct PidPair {
     currents: [CurrentRange; 2],
 }
 
-/// The law's memory.
+/// State of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     integral_amperes: f64,
@@ -22,7 +22,7 @@ pub struct State {
 }
 
 impl PidPair {
-    /// The output at which one drive has all the current that there is, whatever the other has.
+    /// Returns the output at which a drive reaches the smaller one of the two largest currents.
     fn output_max(&self) -> f64 {
         let [first, second] = self.currents;
         first.max.min(second.max) - self.config.co_contraction_amperes

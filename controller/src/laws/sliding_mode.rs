@@ -10,7 +10,7 @@ use crate::nominal_model::{LocalModel, NominalModel, State as ModelState};
 use crate::observer::{self, Observer};
 use crate::reference_filter::{self, JerkRange, Point, Reference, ReferenceFilter};
 
-/// How far the law backs off is published in so many steps.
+/// Number of steps in which the published caution is resolved.
 const BACK_OFF_STEPS: f64 = 31.0;
 
 /// The law's constants.
@@ -23,7 +23,7 @@ pub struct SlidingMode {
     current: CurrentRange,
 }
 
-/// The law's memory.
+/// State of the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     mode: mode::State,
@@ -44,19 +44,20 @@ pub struct Surface {
     pub switching_gain: f64,
 }
 
-/// What the surface asks for.
+/// Jerk that the surface requires.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WantedJerk {
     /// `s` in m/s².
     pub sliding_variable: f64,
-    /// Jerk that stays on the surface, in m/s³.
+    /// Jerk that keeps the state on the surface, in m/s³.
     pub equivalent: f64,
     /// Jerk that leads to the surface, in m/s³.
     pub switching: f64,
 }
 
 impl Surface {
-    /// `s = x̃″ + 2λ x̃′ + λ² x̃`, and `x⃛d − 2λ x̃″ − λ² x̃′ − KSM sat(s/φ)` in its two parts, Eq. (14) with PAPER E4.
+    /// Returns `s = x̃″ + 2λ x̃′ + λ² x̃`, and `x⃛d − 2λ x̃″ − λ² x̃′ − KSM sat(s/φ)` in its two parts, Eq. (14) with
+    /// PAPER E4.
     #[must_use]
     pub fn wanted_jerk(&self, position: &Point, reference: &Reference) -> WantedJerk {
         let lambda = self.bandwidth;
@@ -75,7 +76,7 @@ impl Surface {
         }
     }
 
-    /// `ẍd − 2λ x̃′ − λ² x̃`, Eq. (14) as it is printed.
+    /// Returns `ẍd − 2λ x̃′ − λ² x̃`, Eq. (14) as it is printed.
     pub(super) fn as_printed(&self, position: &Point, reference: &Reference) -> f64 {
         let lambda = self.bandwidth;
         let error = position.position_metres - reference.point.position_metres;
@@ -85,7 +86,7 @@ impl Surface {
             - (2.0 * error_rate + lambda * error) * lambda
     }
 
-    /// The surface with another `λ` and a `KSM` to match, so that all that has been tuned of it stays in proportion.
+    /// Returns the surface with another `λ` and a proportional `KSM`, which keeps the tuning in proportion.
     fn with_bandwidth(&self, bandwidth: f64) -> Self {
         Self {
             bandwidth,
@@ -96,7 +97,7 @@ impl Surface {
 }
 
 impl SlidingMode {
-    /// The reference for this cycle; on the stop it waits until the load lifts.
+    /// Returns the reference for this cycle, off the stop.
     fn reference(
         &self,
         reference: &mut reference_filter::State,
@@ -117,7 +118,7 @@ impl SlidingMode {
             .step(reference, set_point, &followable, seconds)
     }
 
-    /// The reference while the load rests on the stop.
+    /// Returns the reference while the load rests on the stop. It waits there until the load lifts.
     fn reference_on_stop(
         &self,
         reference: &mut reference_filter::State,
@@ -130,8 +131,9 @@ impl SlidingMode {
     }
 }
 
-/// The jerks that a launched reference may ask for: those between no and full current after the law's own correction. Only the
-/// side towards the target binds, so that a load that cannot be braked does not drag the reference along.
+/// Returns the jerks that a launched reference may have: those between no and full current after the law's own
+/// correction. Only the side towards the target is bounded, so a load that cannot be braked does not move the
+/// reference.
 fn followable(
     local: &LocalModel<'_>,
     wanted: &WantedJerk,
@@ -249,7 +251,7 @@ impl Law for SlidingMode {
             )
         };
         let wanted = surface.wanted_jerk(&position, &reference);
-        // A load that shall stay on the stop needs no current.
+        // A load that is to stay on the stop needs no current.
         let idle = on_stop && set_point.position <= 0.0;
         let squared_current = if idle {
             0.0
@@ -273,7 +275,7 @@ impl Law for SlidingMode {
     }
 }
 
-/// Position, velocity and acceleration of a model's state.
+/// Returns position, velocity and acceleration of a model's state.
 fn point_of(model: &NominalModel, state: &ModelState) -> Point {
     Point {
         position_metres: state.position_metres,
@@ -282,7 +284,8 @@ fn point_of(model: &NominalModel, state: &ModelState) -> Point {
     }
 }
 
-/// Terms of both laws with a nominal model, in the order of what [`command`] returns behind the current.
+/// Returns the terms of both laws with a nominal model, in the order in which [`command`] returns them after the
+/// current.
 pub(crate) fn terms() -> [Port; 10] {
     let term = Port::term;
     [
@@ -313,7 +316,7 @@ pub(crate) fn terms() -> [Port; 10] {
     ]
 }
 
-/// The current for a wanted `u = i²` within this range, and the [`terms`].
+/// Returns the current for a wanted `u = i²` within this range, and the [`terms`].
 pub(crate) fn command(
     current: &CurrentRange,
     estimate: &ModelState,

@@ -1,4 +1,4 @@
-//! Sliding mode as the paper has it: Eq. (12) to (14) with PAPER E3 to E5 and E9, derivatives by filtering the position.
+//! Sliding mode as in the paper: Eq. (12) to (14) with PAPER E3 to E5 and E9; derivatives by filtering the position.
 
 use scenario::controller::SlidingModePaper as Config;
 
@@ -20,7 +20,7 @@ pub struct SlidingModePaper {
     current: CurrentRange,
 }
 
-/// The law's memory.
+/// State of the law.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     reference: reference_filter::State,
@@ -29,7 +29,8 @@ pub struct State {
 }
 
 impl SlidingModePaper {
-    /// The model's state from the filtered position: fraction by Eq. (12), temperature by the branch in force.
+    /// Returns the model's state from the filtered position: the fraction by Eq. (12), the temperature by the present
+    /// branch.
     fn estimate(&self, state: &State) -> ModelState {
         let position = state.filtered.position_metres;
         let martensite_fraction = self
@@ -158,7 +159,7 @@ mod tests {
         assert!(overshoot < 5.0, "{overshoot}");
     }
 
-    /// PAPER E4.
+    /// Test of the erratum PAPER E4.
     #[test]
     fn the_law_as_printed_never_settles() {
         let controller = Controller {

@@ -1,4 +1,4 @@
-//! What happens on the bus, and which part of the controller answers it.
+//! Events on the bus, and the parts of the controller that handle them.
 
 use std::time::Duration;
 
@@ -181,7 +181,7 @@ impl Application for Controller {
 }
 
 impl Controller {
-    /// The position of a drive has come: lets the law step for which it is the last one of the cycle.
+    /// Handles the position of a drive. It lets a law step if the position is the last one of the cycle for it.
     fn on_position(&mut self, services: &mut Services, place: usize, number: u64, position: f64) {
         let loops = self.loops.iter_mut().enumerate();
         for (own, one) in loops.filter(|(_, one)| one.follows == place) {
@@ -196,7 +196,7 @@ impl Controller {
         self.check_laws(services);
     }
 
-    /// Goes no further with a law that cannot.
+    /// Fails if a law cannot continue.
     fn check_laws(&mut self, services: &mut Services) {
         let mut laws = self.laws.iter();
         let failure = laws.find_map(|law| law.law().failure().map(str::to_owned));
@@ -205,7 +205,7 @@ impl Controller {
         }
     }
 
-    /// Ends the previous cycle of all loops and begins the next, at its SYNC.
+    /// Ends the previous cycle of all loops and begins the next one, at its SYNC.
     fn begin_cycle(&mut self, services: &mut Services, cycle: Cycle) {
         let overruns = services.sync_overruns();
         let skipped = overruns - cycle.overruns;
@@ -232,7 +232,7 @@ impl Controller {
         self.check_laws(services);
     }
 
-    /// What may be an answer of a drive to what its bring-up asked.
+    /// Handles a possible answer of a drive to its bring-up.
     fn on_answer(&mut self, services: &mut Services, place: usize, frame: &CanFrame) {
         let drive = &mut self.loops[place].drive;
         drive.bring_up.on_frame(services, frame);
@@ -251,7 +251,7 @@ impl Controller {
         }
     }
 
-    /// A heartbeat of a drive in the bring-up.
+    /// Handles a heartbeat of a drive in the bring-up.
     fn on_sign_of_life(&mut self, services: &mut Services, place: usize, has_booted: bool) {
         let drive = &mut self.loops[place].drive;
         match drive.phase {
@@ -269,7 +269,7 @@ impl Controller {
     }
 }
 
-/// What to say when the heartbeat of a drive is missing.
+/// Returns the error text for a missing heartbeat of a drive.
 fn lost_words(drive: &LedDrive, now: Duration) -> String {
     let node = drive.node_id();
     let silent = now.saturating_sub(drive.last_heard).as_millis();

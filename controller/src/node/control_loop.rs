@@ -20,27 +20,27 @@ pub(super) struct ControlLoop {
     /// False in open loop, where the trajectory is 0 throughout.
     pub(super) has_set_point: bool,
     pub(super) sync_period: Duration,
-    /// The place of the loop whose drive measures what this one follows: mostly its own.
+    /// Index of the loop whose drive measures the position that this one follows; usually its own.
     pub(super) follows: usize,
-    /// The position of the present cycle that it follows has come.
+    /// Whether the position that it follows has come in the present cycle.
     pub(super) has_position: bool,
-    /// The drive's own of the present cycle has come.
+    /// Whether the sample of its own drive has come in the present cycle.
     pub(super) has_sample: bool,
-    /// What a law reads of the cycle at which it was looked last, and the scenario time of that.
+    /// Inputs of a law from the latest look, and its scenario time.
     pub(super) seen: Seen,
     pub(super) scenario_time_seconds: f64,
-    /// Cycles without a position of its drive in a row.
+    /// Number of consecutive cycles without a position of its drive.
     pub(super) missing: u64,
-    /// The most of them.
+    /// Largest tolerated number of them.
     pub(super) missing_max: u64,
 }
 
-/// Why a loop cannot go on.
+/// Reason why a loop cannot continue.
 pub(super) type Failure = (Cause, String);
 
 impl ControlLoop {
-    /// Ends a cycle, and so many that were skipped, so that what is known of the drive keeps pace with it. True if there was a
-    /// position.
+    /// Ends a cycle, and the skipped ones as well, so the state of the drive stays in step with time. Returns whether
+    /// there was a position.
     pub(super) fn end_cycle(&mut self, skipped: u64) -> bool {
         let cycles = f64::from(u32::try_from(skipped).unwrap_or(u32::MAX)) + 1.0;
         let elapsed_seconds = cycles * self.sync_period.as_secs_f64();
@@ -55,7 +55,7 @@ impl ControlLoop {
         had_sample
     }
 
-    /// Too many cycles without a position in a row.
+    /// Fails after too many consecutive cycles without a position.
     pub(super) fn check_missing(&self) -> Result<(), Failure> {
         if self.missing <= self.missing_max {
             return Ok(());
@@ -76,8 +76,8 @@ impl ControlLoop {
         Err((implausible.unwrap_or(Cause::NoPosition), text))
     }
 
-    /// The sample of the drive, whose loop has this place, in a cycle. A second one in a cycle is late or forged and passed over. True
-    /// if it brought the position.
+    /// Handles the sample of the drive of the loop with this index, in a cycle. A second sample in a cycle is late or
+    /// forged, and ignored. Returns whether it carried the position.
     pub(super) fn on_sample(
         &mut self,
         services: &Services,
@@ -99,7 +99,7 @@ impl ControlLoop {
         if let Some(violation) = limits.and_then(|limits| limits.check(services.now(), feedback)) {
             return Err((Cause::RigLimit, violation.to_string()));
         }
-        // Nothing is wanted of a drive whose loop follows another one.
+        // A drive whose loop follows another one has no target.
         let set_point = (self.follows == place).then(|| self.look(number, feedback.position));
         let wanted = set_point.filter(|_| self.has_set_point);
         let wanted = wanted.map_or(f64::NAN, |set_point| set_point.position);
@@ -127,7 +127,7 @@ impl ControlLoop {
         }
     }
 
-    /// What a law reads of a cycle in which this position came. Returns the set-point.
+    /// Updates the inputs of a law for a cycle with this position, and returns the set-point.
     pub(super) fn look(&mut self, number: u64, position: f64) -> SetPoint {
         let period_nanoseconds = u64::try_from(self.sync_period.as_nanos()).unwrap_or(u64::MAX);
         let time = Duration::from_nanos(period_nanoseconds.saturating_mul(number));

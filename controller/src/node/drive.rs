@@ -1,4 +1,4 @@
-//! A drive that the controller leads: its bring-up, and what it said last.
+//! A drive that the controller leads: its bring-up, and its latest state.
 
 use std::time::Duration;
 
@@ -15,29 +15,29 @@ use crate::cause::Cause;
 use crate::manager::BringUp;
 use crate::plausibility::Plausibility;
 
-/// The drive must reach Operation enabled within this time after its start.
+/// Time in which the drive must reach Operation enabled after its start.
 pub const ENABLE_TIME: Duration = Duration::from_secs(2);
 
-/// One of the drives.
+/// A drive of the controller.
 #[derive(Debug)]
 pub(super) struct LedDrive {
     pub(super) layout: DriveLayout,
     pub(super) bring_up: BringUp,
     pub(super) phase: DrivePhase,
-    /// How its heartbeat is watched: an entry of 0x1016, written once it is configured.
+    /// Entry of 0x1016 that watches its heartbeat, written after its configuration.
     pub(super) watch: u32,
     /// The last controlword sent.
     controlword: u16,
     /// The last command.
     pub(super) current_amperes: f64,
-    /// When its last heartbeat came.
+    /// Time of the last heartbeat.
     pub(super) last_heard: Duration,
     last_statusword: Option<u16>,
     pub(super) last_emergency: Option<EmergencyMessage>,
     pub(super) plausibility: Plausibility,
-    /// Why the latest sample was no position.
+    /// Reason why the latest sample was no position.
     pub(super) implausible: Option<Cause>,
-    /// The rig's limits.
+    /// Limits of the rig.
     pub(super) limits: Option<LimitWatch>,
 }
 
@@ -104,13 +104,13 @@ impl LedDrive {
         services.send(self.layout.encode(controlword, current_amperes));
     }
 
-    /// The drive is there, but who knows in which state: it begins anew.
+    /// Resets the communication of a drive that is present in an unknown state.
     pub(super) fn reset(&mut self, services: &mut Services, until: Duration) {
         services.send_nmt(NmtCommand::ResetCommunication, Some(self.node_id()));
         self.phase = DrivePhase::Resetting { until };
     }
 
-    /// Starts it; from now on it is watched.
+    /// Starts the drive. From now on it is watched.
     pub(super) fn start(&mut self, services: &mut Services) {
         let now = services.now();
         self.phase = DrivePhase::Enabling {
@@ -121,7 +121,7 @@ impl LedDrive {
         services.send_nmt(NmtCommand::Start, Some(self.node_id()));
     }
 
-    /// Leads the drive one step nearer to Operation enabled.
+    /// Leads the drive one step towards Operation enabled.
     pub(super) fn enable(&mut self, services: &mut Services, feedback: &Feedback) {
         let DrivePhase::Enabling { until, .. } = self.phase else {
             return;
@@ -133,7 +133,7 @@ impl LedDrive {
             is_enabled: state == Some(State::OperationEnabled),
         };
         let wanted = state.map_or(0, State::controlword_towards_operation);
-        // A fault is reset by an edge, so the bit must fall before it can rise again.
+        // An edge resets a fault, so the bit must fall before it can rise again.
         let reset = DriveCommand::FaultReset.controlword();
         let controlword = if wanted == reset && self.controlword == reset {
             0
@@ -143,7 +143,7 @@ impl LedDrive {
         self.command(services, controlword, 0.0);
     }
 
-    /// When something is due while it is brought up.
+    /// Returns the time of the next action in the bring-up.
     pub(super) fn next_deadline(&self) -> Option<Duration> {
         match self.phase {
             DrivePhase::Searching {
@@ -163,7 +163,7 @@ impl LedDrive {
         }
     }
 
-    /// What to say when a phase has lasted too long.
+    /// Returns the error text for a phase that has lasted too long.
     pub(super) fn overdue(&self, bring_up: Duration) -> String {
         let seconds = bring_up.as_secs_f64();
         let drive = self.node_id();
@@ -196,7 +196,7 @@ impl LedDrive {
     }
 }
 
-/// A statusword with its state, for people.
+/// Returns the text for a statusword with its state.
 pub(super) fn state_words(statusword: u16) -> String {
     match State::from_statusword(statusword) {
         Some(state) => format!("0x{statusword:04X} ({state:?})"),

@@ -1,4 +1,4 @@
-//! A law that leads one loop or all: when it steps, and on what.
+//! A law that leads one loop or all: the time of its step, and its inputs.
 
 use canopen::Services;
 use canopen::cia402::Command as DriveCommand;
@@ -8,18 +8,18 @@ use crate::law::{AnyLaw, Cycle};
 use crate::process_law::Window;
 use crate::wired_law::WiredLaw;
 
-/// Part of a period that a law has answered before the next SYNC, which it never delays.
+/// Divisor of a period: a law must answer this part of a period before the next SYNC, which it never delays.
 const ANSWER_SHARE: u32 = 10;
 
 /// A law with the loops that it leads.
 #[derive(Debug)]
 pub(super) struct LeadingLaw {
     law: WiredLaw,
-    /// The places of the loops of which it reads anything, or which it leads.
+    /// Indices of the loops that it reads or leads.
     places: Vec<usize>,
-    /// The places of those without whose position it does not step.
+    /// Indices of the loops whose positions it waits for.
     waits_for: Vec<usize>,
-    /// It has stepped in the present cycle.
+    /// Whether it has stepped in the present cycle.
     has_stepped: bool,
 }
 
@@ -33,12 +33,11 @@ impl LeadingLaw {
         }
     }
 
-    /// The law.
     pub(super) fn law(&self) -> &AnyLaw {
         self.law.law()
     }
 
-    /// Whether the last position of the cycle has come, and the law has not stepped on it yet.
+    /// Returns whether the last position of the cycle has come and the law has not stepped yet.
     fn is_due(&self, loops: &[ControlLoop]) -> bool {
         let mut waits_for = self.waits_for.iter();
         !self.has_stepped && waits_for.all(|place| loops[*place].has_position)
@@ -59,7 +58,7 @@ impl LeadingLaw {
         }
     }
 
-    /// One step of the law, on the positions of the cycle that have come; false if it does not answer in time.
+    /// Steps the law on the positions of the cycle that have come; returns false if it does not answer in time.
     fn step(
         &mut self,
         services: &mut Services,
@@ -105,8 +104,8 @@ impl LeadingLaw {
             .step(&cycle, &window, seen, services.dictionary_mut())
     }
 
-    /// Ends a cycle, before the loops do, and lives through so many that were skipped, so that the law's model keeps pace with the
-    /// plant. A cycle that lacked a position is a step too, but commands nothing.
+    /// Ends a cycle before the loops do, and steps through the skipped cycles, so the law's model stays in step with
+    /// the plant. A cycle that lacked a position is a step too, but commands nothing.
     pub(super) fn end_cycle(
         &mut self,
         services: &mut Services,

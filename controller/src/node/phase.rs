@@ -1,37 +1,38 @@
-//! Where the controller is on its way from the search for its drives to its stop.
+//! Phases of the controller, from the search for its drives to their stop.
 
 use std::time::Duration;
 
-/// What the controller is about.
+/// Phase of the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Phase {
     /// Not booted.
     Off,
-    /// Leads its drives to Operation enabled, each at its own pace; the first SYNC at which all are there is scenario time 0.
+    /// Leads its drives to Operation enabled, each at its own pace. The first SYNC with all drives enabled is scenario
+    /// time 0.
     BringUp,
     /// Runs the laws.
     Running(Cycle),
-    /// Sends the command 0 and quick stop until the drives have surely taken it.
+    /// Sends the command 0 and quick stop until the drives have certainly received it.
     Stopping { until: Duration, syncs_left: u8 },
-    /// The drives are stopped; nothing more to say.
+    /// The drives are stopped. The controller has finished.
     Ended,
 }
 
-/// How far a drive is in the bring-up.
+/// Phase of a drive in the bring-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum DrivePhase {
-    /// Looked for.
+    /// The drive is sought.
     Searching {
         until: Duration,
         next_question: Duration,
     },
-    /// It was up already and has been ordered to reset its communication; its boot-up is awaited.
+    /// The drive was up already. It was ordered to reset its communication, and its boot-up is awaited.
     Resetting { until: Duration },
-    /// Configured by SDO.
+    /// The drive is configured by SDO.
     Configuring { until: Duration },
-    /// Waits until the others are configured too.
+    /// The drive waits until the others are configured too.
     Configured { until: Duration },
-    /// Led to Operation enabled, and there according to its latest statusword or not.
+    /// The drive is led to Operation enabled; `is_enabled` is by its latest statusword.
     Enabling { until: Duration, is_enabled: bool },
 }
 
@@ -40,6 +41,6 @@ pub(super) enum DrivePhase {
 pub(super) struct Cycle {
     /// Periods since scenario time 0.
     pub(super) number: u64,
-    /// SYNC overruns up to here.
+    /// Number of SYNC overruns so far.
     pub(super) overruns: u64,
 }

@@ -1,4 +1,4 @@
-//! The way of the controller: it finds, configures and enables its drives, and takes them to their stop.
+//! The sequence of the controller: it finds, configures and enables its drives, and finally stops them.
 
 use std::time::Duration;
 
@@ -14,26 +14,26 @@ use super::statistics::Statistics;
 use crate::cause::Cause;
 use crate::manager::Outcome;
 
-/// SYNCs that carry the command 0 to the drives before NMT stop.
+/// Number of SYNCs that carry the command 0 to the drives before NMT stop.
 const SYNCS_TO_STOP: u8 = 2;
-/// Time between two questions to a drive that has not shown up.
+/// Time between two requests to a drive that has not answered.
 const SEARCH_PERIOD: Duration = Duration::from_millis(100);
 
 const SYNC_PERIOD_OBJECT: u16 = 0x1006;
 pub(super) const CONSUMER_HEARTBEAT_TIME: u16 = 0x1016;
-/// The milliseconds in an entry of it; without them its node is not watched.
+/// Mask of the milliseconds in an entry of it; without them its node is not watched.
 const WATCH_TIME: u32 = 0xFFFF;
 
 /// The application of the controller's device.
 #[derive(Debug)]
 pub(super) struct Controller {
     pub(super) loops: Vec<ControlLoop>,
-    /// The law of each loop, or the one that leads all.
+    /// The law of each loop, or one that leads all loops.
     pub(super) laws: Vec<LeadingLaw>,
     /// The fan and load modules.
     pub(super) io_nodes: Vec<NodeId>,
     pub(super) sync_period: Duration,
-    /// The drives must be found and configured within this time.
+    /// Time in which the drives must be found and configured.
     pub(super) bring_up: Duration,
     pub(super) phase: Phase,
     pub(super) failure: Option<String>,
@@ -49,7 +49,7 @@ impl Controller {
         self.loops.iter_mut().map(|one| &mut one.drive)
     }
 
-    /// True while the drives are led by this controller.
+    /// Returns whether this controller leads the drives.
     pub(super) fn leads(&self) -> bool {
         match self.phase {
             Phase::BringUp => self.drives().all(LedDrive::is_enabling),
@@ -58,12 +58,12 @@ impl Controller {
         }
     }
 
-    /// True from the statusword on that was the last to say Operation enabled; the next SYNC is scenario time 0.
+    /// Returns whether every drive is enabled. The next SYNC is then scenario time 0.
     pub(super) fn is_ready(&self) -> bool {
         self.phase == Phase::BringUp && self.drives().all(LedDrive::is_enabled)
     }
 
-    /// Looks for all drives.
+    /// Searches for all drives.
     pub(super) fn search(&mut self, services: &mut Services) {
         let now = services.now();
         let until = now + self.bring_up;
@@ -76,7 +76,7 @@ impl Controller {
         }
     }
 
-    /// Does what is due in the bring-up of a drive.
+    /// Executes the due actions in the bring-up of a drive.
     pub(super) fn bring_up(&mut self, services: &mut Services, place: usize) {
         let now = services.now();
         let drive = &mut self.loops[place].drive;
@@ -134,7 +134,7 @@ impl Controller {
         }
     }
 
-    /// Starts the drives, itself and SYNC, and watches the drives from now on.
+    /// Starts the drives, this node and SYNC. From now on the drives are watched.
     fn start(&mut self, services: &mut Services) {
         self.drives_mut().for_each(|drive| drive.start(services));
         services.request_nmt(NmtCommand::Start);
@@ -165,8 +165,8 @@ impl Controller {
         }
     }
 
-    /// Switches the current off, reports the cause on the bus, with the drive that is amiss where there are several, and
-    /// keeps it.
+    /// Switches the current off, reports the cause on the bus, with the faulty drive if there are several, and keeps
+    /// it.
     pub(super) fn fail(
         &mut self,
         services: &mut Services,
@@ -183,7 +183,7 @@ impl Controller {
         self.stop(services);
     }
 
-    /// Command 0 and quick stop first; NMT stop when a SYNC or two have made it valid.
+    /// Stops the drives. Command 0 and quick stop come first, NMT stop after the SYNCs that make the command valid.
     pub(super) fn stop(&mut self, services: &mut Services) {
         match self.phase {
             Phase::Stopping { .. } | Phase::Ended => {}
@@ -198,14 +198,14 @@ impl Controller {
         }
     }
 
-    /// Takes the current from every drive, whichever is the cause: what one moves may hang on another.
+    /// Removes the current from every drive, whatever the cause: the parts that they move may be connected.
     pub(super) fn quick_stop(&mut self, services: &mut Services) {
         let quick_stop = DriveCommand::QuickStop.controlword();
         self.drives_mut()
             .for_each(|drive| drive.command(services, quick_stop, 0.0));
     }
 
-    /// NMT stop; the last thing that the controller does.
+    /// Sends NMT stop, the last action of the controller.
     pub(super) fn end(&mut self, services: &mut Services) {
         self.phase = Phase::Ended;
         let drives = self.drives().map(LedDrive::node_id);
@@ -216,10 +216,10 @@ impl Controller {
     }
 }
 
-/// The entry of 0x1016 that watches the fan and load module.
+/// Entry of 0x1016 that watches the fan and load module.
 pub(super) const IO_WATCH_ENTRY: u8 = 2;
 
-/// The entry of 0x1016 that watches a drive.
+/// Returns the entry of 0x1016 that watches a drive.
 pub(super) fn watch_entry(place: usize) -> u8 {
     let entry = if place == 0 {
         1

@@ -1,19 +1,19 @@
-//! What the node counts.
+//! Counters of the node.
 
 use std::fmt;
 
-/// What has been counted since the start of the scenario.
+/// Counts since the start of the scenario.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
     /// SYNCs sent.
     pub cycles: u64,
     /// Cycles without a position from the drive.
     pub missing_positions: u64,
-    /// SYNCs not sent because their time had passed.
+    /// SYNCs that were not sent because their time had passed.
     pub sync_overruns: u64,
 }
 
-/// One line.
+/// The text is one line.
 impl fmt::Display for Statistics {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {

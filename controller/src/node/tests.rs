@@ -1,4 +1,4 @@
-//! The controller against a drive of the test's own, in virtual time on a bus without delays.
+//! The controller against a simulated drive, in virtual time on a bus without delays.
 
 mod played;
 mod several;
@@ -18,20 +18,20 @@ use super::*;
 use crate::cause::Cause;
 
 const MILLISECOND: Duration = Duration::from_millis(1);
-/// Node-ID of the drive unless a rig file says otherwise.
+/// Node-ID of the drive unless a rig file has another one.
 const DRIVE: NodeId = NodeId::new(0x10).unwrap();
 
 /// A drive whose position follows the current at once: 2 mm at 1 A.
 #[derive(Default)]
 struct TestDrive {
     machine: StateMachine,
-    /// Set for a fault that stays.
+    /// Whether a fault stays.
     is_broken: bool,
-    /// Refuses writes to this object.
+    /// Object whose writes it refuses.
     refuses: Option<(u16, AbortCode)>,
-    /// Applied at each SYNC.
+    /// Command at the latest SYNC.
     torque_permille: i128,
-    /// In micrometres.
+    /// Error of the position in micrometres.
     position_error: i128,
 }
 
@@ -122,7 +122,7 @@ struct Bus {
     second: Option<Device<TestDrive>>,
     module: Option<Device<Module>>,
     log: Vec<(Duration, CanFrame)>,
-    /// Frames with this identifier are lost.
+    /// Identifier of frames that are lost.
     lost: Option<u16>,
 }
 
@@ -185,7 +185,7 @@ impl Bus {
         nodes
     }
 
-    /// Delivers frames until nobody has any.
+    /// Delivers frames until no node has any.
     fn settle(&mut self) {
         let now = self.now;
         for _ in 0..10_000 {
@@ -238,7 +238,7 @@ impl Bus {
         self.run_until(self.now + time);
     }
 
-    /// Runs until the law works.
+    /// Runs until the law steps.
     fn run_until_running(&mut self) {
         for _ in 0..12_000 {
             if self.controller.statistics().cycles > 0 {
@@ -249,7 +249,7 @@ impl Bus {
         panic!("not running: {:?}", self.controller.progress());
     }
 
-    /// Runs until the controller says how it ended.
+    /// Runs until the controller ends, and returns its result.
     #[track_caller]
     fn ending(&mut self) -> Progress {
         for _ in 0..20_000 {
@@ -284,7 +284,7 @@ impl Bus {
         self.drive.as_mut().unwrap()
     }
 
-    /// The frames with an identifier, in order, from a time on.
+    /// Returns the frames with an identifier, in order, from a time on.
     fn frames(&self, id: u16, from: Duration) -> Vec<CanFrame> {
         let log = self
             .log
@@ -293,7 +293,7 @@ impl Bus {
         log.map(|(_, frame)| *frame).collect()
     }
 
-    /// Downloads to the drive: index, sub-index and value.
+    /// Returns the downloads to the drive: index, sub-index and value.
     fn downloads(&self) -> Vec<(u16, u8, u32)> {
         let requests = self.frames(0x610, Duration::ZERO);
         let downloads = requests
@@ -675,7 +675,7 @@ fn late_ticks_skip_syncs_and_keep_scenario_time() {
     let mut bus = Bus::new(OPEN_LOOP);
     bus.run_until_running();
     let start = bus.now;
-    // The controller's process sleeps over five SYNCs: the step of the profile at 10 ms still comes in its time.
+    // The controller's process sleeps through five SYNCs. The step of the profile at 10 ms is still on time.
     bus.now += 5 * MILLISECOND + MILLISECOND / 2;
     bus.run_until(start + 30 * MILLISECOND);
     assert!(bus.controller.statistics().sync_overruns >= 4);
@@ -723,7 +723,7 @@ proptest! {
     }
 }
 
-/// What the controller's EMCYs say: code and number of the cause.
+/// Returns the EMCYs of the controller: code and number of the cause.
 fn emergencies(bus: &Bus) -> Vec<(u16, u8)> {
     let emergencies = bus.frames(0x081, Duration::ZERO);
     let content = |frame: &CanFrame| {
@@ -759,7 +759,7 @@ fn a_single_spike_costs_a_cycle_only() {
     assert_eq!(emergencies(&bus), []);
 }
 
-/// A real drive as node 0x20 with these limits of the position.
+/// Returns a real drive as node 0x20 with these limits of the position.
 fn real_drive(min: f64, max: f64) -> RealDrive {
     let drive = RigDrive {
         node_id: 32,
@@ -782,7 +782,7 @@ fn real_drive(min: f64, max: f64) -> RealDrive {
     }
 }
 
-/// A bus with that drive, and an io node of this number.
+/// Makes a bus with that drive, and an io node of this number.
 fn bus_of(real: &RealDrive, io: Option<u8>) -> Bus {
     let mut bus = Bus::new(OPEN_LOOP);
     let node_id = real.drive.node_id;
@@ -807,7 +807,7 @@ fn a_real_drive_is_led_at_its_cycle_and_within_its_current() {
     let from = bus.now + MILLISECOND / 2;
     bus.run_for(Duration::from_secs(1));
     assert_eq!(bus.frames(0x080, from).len(), 200);
-    // The scenario's 0.5 A are too much for the rig.
+    // The scenario's 0.5 A exceed the limit of the rig.
     assert_eq!(bus.drive().application().torque_permille, 300);
     assert_eq!(bus.controller.progress(), Progress::Running);
     bus.lost = Some(0x720);

@@ -1,10 +1,10 @@
 //! Plants of the emulator as models of FMUs.
 //!
-//! Comes in: a [`Plant`], by its parameters' schema and its ports. Goes out: a [`fmu::export::Exported`] model, which steps the plant
-//! as the emulator does. Faults are the bench's, so an FMU has none.
+//! The input is a [`Plant`], with the schema of its parameters and its ports. The output is a [`fmu::export::Exported`]
+//! model, which steps the plant as the emulator does. Faults belong to the bench, so an FMU has none.
 //!
-//! [`export!`] makes a `cdylib` the library of FMUs: the crate `fmu-library` for the plants that ship, a crate of one's own for its
-//! plants.
+//! [`export!`] makes a `cdylib` the library of FMUs: the crate `fmu-library` for the plants that ship, a custom crate
+//! for its plants.
 
 mod parameters;
 
@@ -22,7 +22,7 @@ use plant_emulator::plants::sma::pair::SmaPair;
 pub use fmu;
 use parameters::Parameters;
 
-/// The plants that ship: `sma`, `dc_motor` and `sma_pair`.
+/// Returns the plants that ship: `sma`, `dc_motor` and `sma_pair`.
 #[must_use]
 pub fn shipped() -> Vec<Box<dyn Exported>> {
     vec![
@@ -42,7 +42,7 @@ pub fn shipped() -> Vec<Box<dyn Exported>> {
     ]
 }
 
-/// A plant from outside.
+/// Returns the model of a custom plant.
 #[must_use]
 pub fn plant<P: Plant>() -> Box<dyn Exported> {
     Box::new(Of::<P>::new())
@@ -86,7 +86,7 @@ impl<P: Plant> Of<P> {
         P::new(&config).map_err(|error| error.to_string())
     }
 
-    /// The ports by the defaults of all parameters.
+    /// Returns the ports by the defaults of all parameters.
     fn ports() -> Result<Ports, String> {
         let defaults = Vec::from_iter(Self::parameters().defaults());
         Ok(Self::made(&defaults)?.ports())
@@ -143,7 +143,7 @@ fn of_port(port: &Port, role: Role) -> ModelVariable {
     }
 }
 
-/// A plant that runs, and the number of its outputs.
+/// An instance of a plant, and the number of its outputs.
 struct Runs<P> {
     plant: P,
     outputs: usize,

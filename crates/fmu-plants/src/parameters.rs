@@ -1,4 +1,4 @@
-//! A plant's parameters as variables, by the schema of its table.
+//! Parameters of a plant as variables, by the schema of its table.
 
 use fmu::StartValue;
 use fmu::export::{ModelVariable, Role};
@@ -6,7 +6,7 @@ use fmu::unit::of_name;
 use scenario::own;
 use serde_json::{Map, Value, json};
 
-/// The parameters of a plant: numbers and words, by the keys that lead to them.
+/// Parameters of a plant: numbers and words, each with its path of keys.
 pub(crate) struct Parameters(Vec<Parameter>);
 
 struct Parameter {
@@ -17,11 +17,11 @@ struct Parameter {
 }
 
 impl Parameters {
-    /// Those of a type.
+    /// Returns the parameters of a type.
     pub(crate) fn of<C: own::Parameters>() -> Self {
         let mut parameters = Vec::new();
         collect(&own::schema::<C>(), &[], &mut parameters);
-        // Whatever order a map has: description and library must agree.
+        // Maps may have any order, but description and library must agree.
         parameters.sort_by(|one, other| one.keys.cmp(&other.keys));
         Self(parameters)
     }
@@ -39,12 +39,12 @@ impl Parameters {
         })
     }
 
-    /// What they are by default, in the order of the variables.
+    /// Returns the default values, in the order of the variables.
     pub(crate) fn defaults(&self) -> impl Iterator<Item = StartValue> {
         self.0.iter().filter_map(|parameter| parameter.role.start())
     }
 
-    /// The table that these values make, in the order of the variables.
+    /// Returns the table with these values, in the order of the variables.
     pub(crate) fn read<C: own::Parameters>(&self, values: &[StartValue]) -> Result<C, String> {
         let mut table = Value::Object(Map::new());
         for (parameter, value) in self.0.iter().zip(values) {
@@ -70,14 +70,14 @@ impl Parameters {
     }
 }
 
-/// Numbers and words of a schema and of the tables in it, those that have a default.
+/// Collects the numbers and words of a schema and of its tables, if they have a default.
 fn collect(schema: &Value, keys: &[String], into: &mut Vec<Parameter>) {
     let Some(properties) = schema["properties"].as_object() else {
         return;
     };
     for (key, property) in properties {
         let keys = [keys, std::slice::from_ref(key)].concat();
-        // The default of a table holds those of what is in it.
+        // The default of a table contains those of its keys.
         let role = role(property);
         match role {
             Some(role) => into.push(Parameter {

@@ -10,7 +10,7 @@ fn of(name: &str) -> Box<dyn Exported> {
     found.expect("it ships")
 }
 
-/// The parameters' start values, with one of them changed.
+/// Returns the parameters' start values, with one of them changed.
 fn parameters(exported: &dyn Exported, change: Option<(&str, StartValue)>) -> Vec<StartValue> {
     let model = exported.model().unwrap();
     let variables = model.variables.iter();
@@ -22,7 +22,7 @@ fn parameters(exported: &dyn Exported, change: Option<(&str, StartValue)>) -> Ve
     changed.collect()
 }
 
-/// By its defaults an FMU is the plant that the emulator plays, to the bit, and has the variables of its ports.
+/// With its defaults an FMU is the plant that the emulator plays, to the bit, and has the variables of its ports.
 #[test]
 fn the_shipped_plants_are_those_of_the_emulator() {
     fn compare<P: Plant>(name: &str, config: &P::Config, inputs: impl Fn(f64) -> Vec<f64>) {
@@ -97,7 +97,7 @@ fn parameters_reach_the_plant_or_are_refused_in_words() {
     };
     assert!(with("full").is_ok());
     assert!(with("none").err().unwrap().contains("unknown variant"));
-    // A turn leaves its mark on the fraction.
+    // A turn changes the fraction permanently.
     for (name, output) in [("sma", 2), ("sma_pair", 2)] {
         let wire = of(name);
         let after_loops = |kinetics: &str| {
@@ -123,7 +123,7 @@ fn parameters_reach_the_plant_or_are_refused_in_words() {
     }
 }
 
-/// What is written is read by ourselves: variables with units, limits, start values, and nothing that is not served.
+/// Our own reader accepts the descriptions: variables with units, limits, start values, and no unsupported features.
 #[test]
 fn the_descriptions_are_complete() {
     for version in [Version::Two, Version::Three] {

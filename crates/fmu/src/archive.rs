@@ -1,4 +1,4 @@
-//! The file of an FMU: a zip file by a stranger.
+//! The file of an FMU: a zip file from an untrusted source.
 
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -11,23 +11,23 @@ use crate::description::{BYTES_MAX, Description, Version};
 use crate::error::{Fault, FmuError};
 use crate::folder::Folder;
 
-/// Name of the description in the file, and where it is unpacked.
+/// Name of the description in the zip file and in the folder.
 pub const DESCRIPTION: &str = "modelDescription.xml";
-/// Largest file.
+/// Largest size of the file.
 const FILE_BYTES_MAX: u64 = 1 << 30;
-/// Most files in it.
+/// Largest number of files in it.
 const FILES_MAX: usize = 20_000;
-/// Most bytes that are unpacked of it.
+/// Largest size of its unpacked files together.
 const UNPACKED_BYTES_MAX: u64 = 2 << 30;
 
-/// The file of an FMU, with what it says of itself.
+/// The file of an FMU, with its description.
 pub struct Archive {
     file: PathBuf,
     description: Description,
     platforms: Vec<String>,
 }
 
-/// An FMU as files, which are gone when this is dropped.
+/// An unpacked FMU. Its files are removed when this is dropped.
 #[derive(Debug)]
 pub struct Unpacked {
     folder: Folder,
@@ -36,10 +36,10 @@ pub struct Unpacked {
 }
 
 impl Archive {
-    /// Opens a file and reads its description; nothing of it is unpacked or run.
+    /// Opens a file and reads its description. It unpacks and runs nothing.
     ///
     /// # Errors
-    /// It cannot be read, is no zip file that is taken, or its description is none.
+    /// The file cannot be read, is no acceptable zip file, or its description is invalid.
     pub fn open(file: &Path) -> Result<Self, FmuError> {
         let read = || {
             let mut zip = opened(file)?;
@@ -54,28 +54,28 @@ impl Archive {
         })
     }
 
-    /// The file.
+    /// Returns the path of the file.
     #[must_use]
     pub fn file(&self) -> &Path {
         &self.file
     }
 
-    /// What it says of itself.
+    /// Returns the description.
     #[must_use]
     pub fn description(&self) -> &Description {
         &self.description
     }
 
-    /// The folders below `binaries`: the platforms that it has libraries for.
+    /// Returns the folders below `binaries`: the platforms with a library.
     #[must_use]
     pub fn platforms(&self) -> &[String] {
         &self.platforms
     }
 
-    /// Looks whether it has a library for this machine.
+    /// Checks whether there is a library for this machine.
     ///
     /// # Errors
-    /// It has none.
+    /// There is none.
     pub fn runs_here(&self) -> Result<(), Fault> {
         let platform = self.description.version.platform();
         if self.platforms.iter().any(|found| found == platform) {
@@ -92,10 +92,10 @@ impl Archive {
         }
     }
 
-    /// Unpacks what this machine needs of it into a folder of its own.
+    /// Unpacks the files for this machine into a new folder.
     ///
     /// # Errors
-    /// It has no library for this machine, or cannot be unpacked.
+    /// There is no library for this machine, or the FMU cannot be unpacked.
     pub fn unpack(&self) -> Result<Unpacked, FmuError> {
         let unpacked = || {
             self.description.served()?;
@@ -115,42 +115,42 @@ impl Archive {
 }
 
 impl Unpacked {
-    /// Where it is unpacked.
+    /// Returns the folder of the unpacked files.
     #[must_use]
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// The file that it was.
+    /// Returns the path of the FMU's file.
     #[must_use]
     pub fn file(&self) -> &Path {
         &self.file
     }
 
-    /// What it says of itself.
+    /// Returns the description.
     #[must_use]
     pub fn description(&self) -> &Description {
         &self.description
     }
 }
 
-/// The description and the platforms of a zip file.
+/// Reads the description and the platforms of a zip file.
 ///
 /// # Errors
-/// It is no zip file that is taken, or its description is none.
+/// The file is no acceptable zip file, or its description is invalid.
 pub fn read(bytes: impl Read + io::Seek) -> Result<(Description, Vec<String>), Fault> {
     read_from(&mut zip_of(bytes)?)
 }
 
-/// Unpacks all that a library of FMI 2.0 on `platform` would need, as [`Archive::unpack`] does.
+/// Unpacks everything that a library of FMI 2.0 on `platform` needs, as [`Archive::unpack`] does.
 ///
 /// # Errors
-/// It is no zip file that is taken, or cannot be written.
+/// The file is no acceptable zip file, or the folder cannot be written.
 pub fn unpack_to(bytes: impl Read + io::Seek, folder: &Path, platform: &str) -> Result<(), Fault> {
     unpack(&mut zip_of(bytes)?, folder, platform)
 }
 
-/// The description of an FMU that was unpacked.
+/// Reads the description of an unpacked FMU.
 pub(crate) fn description_in(folder: &Path) -> Result<Description, Fault> {
     let path = folder.join(DESCRIPTION);
     let file = File::open(path).map_err(|source| at(DESCRIPTION, source))?;
@@ -166,7 +166,7 @@ fn at(place: &str, source: io::Error) -> Fault {
 
 fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
     let unread = |source| at("it cannot be opened", source);
-    // A pipe would be waited for when it is opened.
+    // Opening a pipe would wait for its other end.
     let metadata = path.metadata().map_err(unread)?;
     if !metadata.is_file() {
         return Err(Fault::Archive("it is not a file".to_owned()));
@@ -181,7 +181,7 @@ fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
     zip_of(file)
 }
 
-/// A zip file whose entries stay in their folder, and are not too many or too large.
+/// Opens a zip file, and checks that its entries stay in their folder and are not too many or too large.
 fn zip_of<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
     let mut zip = ZipArchive::new(bytes)
         .map_err(|error| Fault::Archive(format!("it is no zip file that can be read: {error}")))?;
@@ -222,7 +222,7 @@ fn entry<R: Read + io::Seek>(
         .map_err(|error| Fault::Archive(format!("its entry {index} cannot be read: {error}")))
 }
 
-/// Where an entry belongs below its folder; none for one that leads out.
+/// Returns the path of an entry below its folder; `None` for one that leads out of it.
 fn path_of<R: Read>(entry: &ZipFile<'_, R>) -> Option<PathBuf> {
     let name = entry.name().ok()?;
     if name.contains(['\\', '\0']) {
@@ -251,7 +251,7 @@ fn read_from<R: Read + io::Seek>(
     Ok((description, platforms))
 }
 
-/// A description's text, whatever length the zip file says that it has.
+/// Reads the text of a description. The limit does not rely on the length that the zip file states.
 fn limited_text(bytes: impl Read) -> Result<String, Fault> {
     let mut text = Vec::new();
     bytes
@@ -272,7 +272,7 @@ fn unpack<R: Read + io::Seek>(
 ) -> Result<(), Fault> {
     let binaries = Path::new("binaries").join(platform);
     let mut left = UNPACKED_BYTES_MAX;
-    // FMI 2.0 is shown this folder even where it is empty.
+    // FMI 2.0 gets the path of this folder even if it is empty.
     fs::create_dir_all(folder.join("resources")).map_err(|source| at("resources", source))?;
     for index in 0..zip.len() {
         let mut entry = entry(zip, index)?;
@@ -306,7 +306,7 @@ fn unpack<R: Read + io::Seek>(
     Ok(())
 }
 
-/// The library of an FMU that was unpacked.
+/// Finds the library of an unpacked FMU.
 pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<PathBuf, Fault> {
     let identifier = &description.served()?.model_identifier;
     let platform = description.version.platform();
@@ -320,7 +320,7 @@ pub(crate) fn library_in(folder: &Path, description: &Description) -> Result<Pat
     }
 }
 
-/// The folder of resources as the FMI of the library wants it: a URI, or a path.
+/// Returns the folder of resources in the form that the version requires: a URI, or a path.
 pub(crate) fn resources_in(folder: &Path, version: Version) -> String {
     let path = folder.join("resources");
     let path = path.to_string_lossy();

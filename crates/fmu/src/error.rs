@@ -1,136 +1,136 @@
-//! What can be wrong with an FMU.
+//! Errors of FMUs.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What is wrong with an FMU, and which one it is.
+/// Error of an FMU.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {fault}", file.display())]
 pub struct FmuError {
-    /// The FMU.
+    /// File of the FMU.
     pub file: PathBuf,
-    /// What is wrong.
+    /// The error.
     pub fault: Fault,
 }
 
-/// What is wrong.
+/// Error of an FMU, without its file.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
-    /// The file, or what is unpacked of it, cannot be read or written.
+    /// A file, or one unpacked from it, cannot be read or written.
     #[error("{place}: {source}")]
     File {
-        /// Which file, or what is done.
+        /// Path of the file, or the action.
         place: String,
-        /// Why not.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// No zip file that is taken.
+    /// The file is no acceptable zip file.
     #[error("{0}")]
     Archive(String),
     /// The description is no XML.
     #[error("modelDescription.xml is no XML that is taken: {0}")]
     Xml(String),
-    /// The description says what cannot be.
+    /// The description is invalid.
     #[error("modelDescription.xml, line {line}: {reason}")]
     Description {
         /// Line of the element.
         line: u32,
-        /// What is wrong.
+        /// Error in the element.
         reason: String,
     },
-    /// It needs of FMI what is not served.
+    /// The FMU needs a feature of FMI that is not supported.
     #[error("{0}")]
     NotServed(String),
-    /// A variable that is missing, or cannot be what it is to be.
+    /// A variable is missing or unsuitable.
     #[error("variable `{variable}` {reason}")]
     Variable {
-        /// Its name.
+        /// Name of the variable.
         variable: String,
-        /// What is wrong with it.
+        /// Error of the variable.
         reason: String,
     },
-    /// The table of the rig file asks for something else that cannot be.
+    /// The table of the rig file is invalid in another way.
     #[error("{0}")]
     Table(String),
     /// There is no library for this machine.
     #[error("it has no library for this machine ({wanted}); it has {found}")]
     Platform {
-        /// The folder below `binaries` that would have it.
+        /// Folder below `binaries` for this machine.
         wanted: String,
-        /// The folders that there are.
+        /// Folders that exist.
         found: String,
     },
     /// The library cannot be loaded.
     #[error("its library cannot be loaded: {0}")]
     Library(String),
-    /// A function is missing.
+    /// The library lacks a function.
     #[error("its library has no function `{0}`, which it must have")]
     Symbol(String),
-    /// A function did not do what it is for.
+    /// A function failed.
     #[error("{function} {outcome}{}{}", at(*.time_seconds), said(.log))]
     Call {
-        /// The function.
+        /// Name of the function.
         function: &'static str,
-        /// What it returned.
+        /// Result of the function.
         outcome: String,
-        /// Time in the FMU, where there is one.
+        /// Time in the FMU, if it has begun.
         time_seconds: Option<f64>,
-        /// What the FMU said.
+        /// Messages of the FMU.
         log: String,
     },
-    /// A value that is no finite number.
+    /// A value is no finite number.
     #[error("variable `{variable}` is {value} at {time_seconds} s: {whose}")]
     NotFinite {
-        /// The variable.
+        /// Name of the variable.
         variable: String,
-        /// Its value.
+        /// Value of the variable.
         value: f64,
         /// Time in the FMU.
         time_seconds: f64,
-        /// Who computed it.
+        /// Source of the value.
         whose: &'static str,
     },
-    /// The FMU wants no more.
+    /// The FMU ended the simulation.
     #[error("the FMU ended the simulation by itself at {time_seconds} s{}", said(.log))]
     Terminated {
-        /// When.
+        /// Time in the FMU.
         time_seconds: f64,
-        /// What the FMU said.
+        /// Messages of the FMU.
         log: String,
     },
-    /// The worker is gone.
+    /// The worker has ended.
     #[error("the process that had it loaded {how} while it {doing}; only this run is lost{}", said(.log))]
     Died {
-        /// Such as `was ended by signal 11 (SIGSEGV)`.
+        /// End of the process, such as `was ended by signal 11 (SIGSEGV)`.
         how: String,
-        /// What it was asked to do.
+        /// Operation that was requested.
         doing: String,
-        /// What it wrote on its standard error.
+        /// Text on its standard error.
         log: String,
     },
     /// The worker does not answer.
     #[error("it did not return within {patience:?} while it {doing}; its process was ended")]
     Hangs {
-        /// What it was asked to do.
+        /// Operation that was requested.
         doing: String,
-        /// How long it had.
+        /// Time limit of the operation.
         patience: Duration,
     },
     /// The worker cannot be started or reached.
     #[error("the process that is to load it {0}")]
     Worker(String),
-    /// A worker told of another fault.
+    /// A worker reported another error.
     #[error("{text}")]
     Told {
-        /// In words.
+        /// Text of the error.
         text: String,
-        /// Whether it was in the run, not before.
+        /// Whether it occurred in the run, not before.
         in_run: bool,
     },
 }
 
 impl Fault {
-    /// The same with the FMU's file.
+    /// Adds the FMU's file.
     pub(crate) fn of(self, file: &Path) -> FmuError {
         FmuError {
             file: file.to_owned(),
@@ -138,7 +138,7 @@ impl Fault {
         }
     }
 
-    /// The FMU failed while it played; all else is found before anything moves.
+    /// Returns whether the FMU failed during the run. Every other error is found before motion begins.
     #[must_use]
     pub fn is_of_run(&self) -> bool {
         match self {
@@ -150,7 +150,7 @@ impl Fault {
         }
     }
 
-    /// A variable that cannot be what it is to be.
+    /// Makes the error of an unsuitable variable.
     pub(crate) fn variable(variable: &str, reason: impl Into<String>) -> Self {
         Self::Variable {
             variable: variable.to_owned(),

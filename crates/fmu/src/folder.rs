@@ -1,4 +1,4 @@
-//! Folders for unpacked FMUs. Who is killed cannot remove its own, so the next one removes it.
+//! Folders for unpacked FMUs. A killed process cannot remove its folder, so the next process removes it.
 
 use std::fs::{self, File};
 use std::io;
@@ -8,12 +8,12 @@ use std::sync::Once;
 
 use tempfile::TempDir;
 
-/// What such a folder is called, with more behind.
+/// Prefix of the folders' names.
 const PREFIX: &str = "canrig-fmu-";
-/// The file in it that is locked as long as its owner lives: the system gives it back, however the owner ends.
+/// Name of the lock file. It stays locked while its owner lives; the system releases the lock however the owner ends.
 const LOCK: &str = "lock";
 
-/// A folder of this process below the system's one for temporary files, which is gone when this is dropped.
+/// A folder of this process below the system's folder for temporary files. It is removed when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Folder {
     folder: TempDir,
@@ -21,7 +21,7 @@ pub(crate) struct Folder {
 }
 
 impl Folder {
-    /// A new one. The first of a process removes those whose owners are dead.
+    /// Makes a folder. The first call in a process removes the folders of dead processes.
     pub(crate) fn new() -> io::Result<Self> {
         static TIDIED: Once = Once::new();
         let place = std::env::temp_dir();
@@ -34,8 +34,8 @@ impl Folder {
         let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(place)?;
         let unlocked = folder.path().join("unlocked");
         let lock = File::create(&unlocked)?;
-        // It gets its name when it is locked: at no time a folder in use looks like an orphan. Where the file system has no locks,
-        // none does.
+        // The file gets its name after it is locked, so a folder in use never looks like an orphan. If the file system
+        // has no locks, no folder looks like one.
         if lock.lock().is_ok() {
             fs::rename(unlocked, folder.path().join(LOCK))?;
         }
@@ -49,7 +49,7 @@ impl Folder {
         self.folder.path()
     }
 
-    /// Removes what dead processes of the same user left beside it. What cannot be removed stays.
+    /// Removes the neighbouring folders of dead processes of the same user. A folder that cannot be removed stays.
     fn remove_orphans(&self, place: &Path) {
         let owner = |path: &Path| Some(path.symlink_metadata().ok()?.uid());
         let own = owner(self.path());
@@ -84,7 +84,7 @@ mod tests {
         let path = dropped.path().to_owned();
         drop(dropped);
         assert!(!path.exists());
-        // As a kill leaves it: the folder is there, its lock is not held.
+        // This is the state after a kill: the folder exists, its lock is not held.
         let Folder {
             folder,
             _lock: lock,

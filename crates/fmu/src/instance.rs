@@ -1,4 +1,4 @@
-//! One FMU that plays: from its start values through its initialization, step by step to its end.
+//! An FMU that plays: from its start values through its initialization, step by step to its end.
 
 use std::ffi::CString;
 use std::path::{Path, PathBuf};
@@ -10,13 +10,13 @@ use crate::description::{Causality, CoSimulation, Description, Kind, Variability
 use crate::error::{Fault, FmuError};
 use crate::library::{self, Slave, Status};
 
-/// Most halvings of a step that the FMU refuses.
+/// Largest number of halvings of a step that the FMU refuses.
 const HALVINGS_MAX: i32 = 20;
-/// Most updates of the discrete states in one event.
+/// Largest number of updates of the discrete states in one event.
 const UPDATES_MAX: u32 = 100;
-/// Most calls to `DoStep` in one advance.
+/// Largest number of calls to `DoStep` in one advance.
 const STEPS_MAX: u32 = 1_000_000;
-/// By so much of a step time may fall short of its end: rounding of the sums of many steps.
+/// Largest part of a step by which time may miss the end: rounding of the sums of many steps.
 const ROUNDING: f64 = 1e-6;
 
 /// Configuration of an FMU's instance for a run.
@@ -30,7 +30,7 @@ pub struct Configuration {
     pub inputs: Vec<String>,
     /// Variables that are read after each step, in this order.
     pub outputs: Vec<String>,
-    /// The only length of a step; none for steps as long as they come.
+    /// The only length of a step; `None` for steps of any length.
     pub step_seconds: Option<f64>,
 }
 
@@ -39,19 +39,19 @@ pub struct Configuration {
 pub enum StartValue {
     /// A number.
     Number(f64),
-    /// A truth.
+    /// A boolean.
     Truth(bool),
     /// A text.
     Text(String),
 }
 
-/// A variable by what the library needs.
+/// Properties of a variable for calls to the library.
 #[derive(Clone, Debug, PartialEq)]
 struct Access {
     name: String,
     kind: Kind,
     reference: u32,
-    /// Set in event mode only.
+    /// Whether it is set in event mode only.
     is_discrete: bool,
 }
 
@@ -67,7 +67,7 @@ impl Access {
     }
 }
 
-/// A start value by what the library needs.
+/// A start value, ready for calls to the library.
 #[derive(Clone, Debug, PartialEq)]
 enum Start {
     Number(Access, f64),
@@ -84,10 +84,10 @@ struct Plan {
 }
 
 impl Configuration {
-    /// Looks whether the configuration fits a description. Nothing is loaded.
+    /// Checks whether the configuration fits a description. It loads nothing.
     ///
     /// # Errors
-    /// A variable that is not there, or cannot be what the configuration makes of it; a need that is not served.
+    /// A variable is missing or unsuitable, or the FMU needs a feature that is not supported.
     pub fn check(&self, description: &Description) -> Result<(), Fault> {
         self.plan(description).map(drop)
     }
@@ -168,7 +168,7 @@ fn start_of(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
     Ok(Start::Number(access, number))
 }
 
-/// The only length of a step, where the FMU or the configuration has one.
+/// Returns the only length of a step, if the FMU or the configuration has one.
 fn step_of(
     wanted: Option<f64>,
     co_simulation: &CoSimulation,
@@ -198,17 +198,17 @@ fn step_of(
     }
 }
 
-/// One instance of an FMU, which stands at a time. Nothing in an advance allocates or looks up.
+/// One instance of an FMU at its time. An advance neither allocates nor looks anything up.
 pub struct Instance {
     file: PathBuf,
     slave: Box<dyn Slave>,
     inputs: Vec<Access>,
     outputs: Vec<Access>,
-    /// What the inputs were set to last; no number before.
+    /// Last values of the inputs; NaN before the first.
     last_inputs: Vec<f64>,
     /// The only length of a step.
     step_seconds: Option<f64>,
-    /// Steps of that length since the start.
+    /// Number of steps of that length since the start.
     steps: f64,
     may_shorten: bool,
     has_events: bool,
@@ -217,10 +217,11 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// Loads an FMU that was unpacked to a folder, and brings it to time 0. For a worker process only: it runs a stranger's code.
+    /// Loads an unpacked FMU from a folder, and brings it to time 0. It runs foreign code, so only a worker process may
+    /// call it.
     ///
     /// # Errors
-    /// It cannot be loaded, or does not take the configuration; `file` names it there.
+    /// The FMU cannot be loaded, or does not accept the configuration; `file` is its name in the error.
     pub fn new(
         folder: &Path,
         file: &Path,
@@ -283,20 +284,20 @@ impl Instance {
         Ok(())
     }
 
-    /// Where it stands.
+    /// Returns the time in the FMU.
     #[must_use]
     pub fn time_seconds(&self) -> f64 {
         self.time_seconds
     }
 
-    /// Lets time pass under constant inputs. An FMU with one length of step goes as far as whole steps go; its outputs then
-    /// stand still.
+    /// Advances the time under constant inputs. An FMU with a fixed step advances by whole steps; its outputs are then
+    /// constant until the next one.
     ///
     /// # Errors
     /// An input is no number, or the FMU failed.
     ///
     /// # Panics
-    /// There are not as many inputs as in the configuration.
+    /// The number of inputs differs from the configuration.
     pub fn advance(&mut self, to_seconds: f64, inputs: &[f64]) -> Result<(), FmuError> {
         let advanced = self.set(inputs).and_then(|()| match self.step_seconds {
             None => self.reach(to_seconds),
@@ -308,10 +309,10 @@ impl Instance {
     /// Reads the outputs.
     ///
     /// # Errors
-    /// One is no finite number, or the FMU failed.
+    /// An output is no finite number, or the FMU failed.
     ///
     /// # Panics
-    /// There is not as much room as outputs in the configuration.
+    /// The number of outputs differs from the configuration.
     pub fn read(&mut self, outputs: &mut [f64]) -> Result<(), FmuError> {
         assert_eq!(
             outputs.len(),
@@ -338,10 +339,10 @@ impl Instance {
         Ok(())
     }
 
-    /// Ends it as FMI wants it.
+    /// Terminates the instance as FMI requires.
     ///
     /// # Errors
-    /// It failed in this.
+    /// The FMU failed in this.
     pub fn terminate(mut self) -> Result<(), FmuError> {
         let status = self.slave.terminate();
         self.good("Terminate", status, Some(self.time_seconds))
@@ -364,7 +365,7 @@ impl Instance {
                 });
             }
         }
-        // Discrete inputs are set in event mode, where the FMU has one.
+        // Discrete inputs are set in event mode, if the FMU has one.
         self.set_those(inputs, false)?;
         let is_changed = |((access, value), last): ((&Access, &f64), &f64)| {
             access.is_discrete && value.to_bits() != last.to_bits()
@@ -381,7 +382,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Sets the inputs that changed, of those that are discrete or of the others.
+    /// Sets the inputs that have changed: the discrete ones, or the others.
     fn set_those(&mut self, inputs: &[f64], is_discrete: bool) -> Result<(), Fault> {
         for ((access, value), last) in self.inputs.iter().zip(inputs).zip(&mut self.last_inputs) {
             if access.is_discrete != is_discrete || value.to_bits() == last.to_bits() {
@@ -403,7 +404,7 @@ impl Instance {
         Ok(())
     }
 
-    /// As many whole steps as fit. Their ends are multiples, not sums, so that they do not drift.
+    /// Takes as many whole steps as fit. Their ends are multiples, not sums, so they do not drift.
     fn count_to(&mut self, to_seconds: f64, step_seconds: f64) -> Result<(), Fault> {
         let mut left = STEPS_MAX;
         loop {
@@ -426,7 +427,7 @@ impl Instance {
         }
     }
 
-    /// Steps until a time, in as many steps as events and refusals make.
+    /// Steps until a time. Events and refusals determine the number of steps.
     fn reach(&mut self, to_seconds: f64) -> Result<(), Fault> {
         let whole = to_seconds - self.time_seconds;
         if !whole.is_finite() || whole <= 0.0 {
@@ -507,7 +508,7 @@ impl Instance {
         }
     }
 
-    /// From event mode to step mode: updates the discrete states until they rest.
+    /// Returns from event mode to step mode: updates the discrete states until they are stable.
     fn update_and_go_on(&mut self, time_seconds: Option<f64>) -> Result<(), Fault> {
         let mut count = 0;
         loop {

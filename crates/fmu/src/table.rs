@@ -1,4 +1,4 @@
-//! `[plant.NAME.fmu]` of a rig file: what its table makes of an FMU.
+//! `[plant.NAME.fmu]` of a rig file: fits its table to an FMU.
 
 use scenario::plant::{Fmu, FmuPort};
 use toml::Value;
@@ -11,26 +11,26 @@ use crate::unit::{Conversion, Known, of_base, of_name, of_symbol};
 /// A port of an FMU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Port {
-    /// Its name.
+    /// Name of the port.
     pub name: String,
-    /// Its unit, as the end of the name says.
+    /// Unit by the end of the name; `None` for a number without a unit.
     pub unit: Option<&'static Known>,
-    /// The variable.
+    /// Name of the variable.
     pub variable: String,
-    /// What it is, as the FMU says.
+    /// Description of the variable in the FMU.
     pub description: String,
-    /// From the variable to the port.
+    /// Conversion from the variable to the port.
     pub conversion: Conversion,
-    /// Lowest and highest value at the port; infinite where nobody says them.
+    /// Smallest and largest value at the port; infinite if neither the table nor the FMU has a limit.
     pub range: [f64; 2],
-    /// Its value before anything sets it.
+    /// Value before the first one is set.
     pub at_rest: f64,
 }
 
-/// A table that fits an FMU: what the worker needs, and what the ports are.
+/// A table that fits an FMU: the configuration of the worker, and the ports.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wiring {
-    /// For the worker.
+    /// Configuration of the worker.
     pub configuration: Configuration,
     /// Ports that are set, in the order of the configuration's inputs.
     pub inputs: Vec<Port>,
@@ -38,12 +38,12 @@ pub struct Wiring {
     pub outputs: Vec<Port>,
 }
 
-/// What of a table does not fit an FMU.
+/// Error of a table that does not fit an FMU.
 #[derive(Debug)]
 pub struct Misfit {
-    /// Where in the table, as in `ports.position_metres.variable`.
+    /// Key in the table, as in `ports.position_metres.variable`.
     pub place: String,
-    /// What is wrong.
+    /// The error.
     pub fault: Fault,
 }
 
@@ -54,10 +54,10 @@ impl Misfit {
     }
 }
 
-/// What a table makes of the FMU; `name` is that of the plant. Nothing is loaded.
+/// Fits a table to an FMU; `name` is that of the plant. It loads nothing.
 ///
 /// # Errors
-/// A variable is missing, cannot be what the table makes of it, or is in a unit that the port's name contradicts.
+/// A variable is missing, is unsuitable for its use in the table, or has a unit that the port's name contradicts.
 pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiring, Misfit> {
     description.served().map_err(Misfit::at("file"))?;
     let mut wiring = Wiring {
@@ -132,7 +132,7 @@ impl Wiring {
     }
 }
 
-/// One of whose steps nothing can be said.
+/// Returns a configuration whose step is valid in any case.
 fn a_configuration() -> Configuration {
     Configuration {
         step_seconds: Some(1.0),
@@ -140,7 +140,7 @@ fn a_configuration() -> Configuration {
     }
 }
 
-/// The start values, each of which its variable takes.
+/// Returns the start values; each one is valid for its variable.
 fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, StartValue)>, Misfit> {
     let start = table.start.iter().map(|(variable, value)| {
         let at_value = || Misfit::at(format!("start.{variable}"));
@@ -165,7 +165,7 @@ fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, Start
     start.collect()
 }
 
-/// Makes ports of what is recorded besides.
+/// Makes ports of the additional recorded variables.
 fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result<(), Misfit> {
     let mut taken = Vec::from_iter(table.ports.keys().cloned());
     for (place, name) in table.record.iter().enumerate() {
@@ -193,7 +193,8 @@ fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result
     Ok(())
 }
 
-/// A table for an FMU, to be edited: its inputs and outputs as ports, its parameters as start values, with comments.
+/// Returns a table for an FMU, to be edited: its inputs and outputs as ports, its parameters as start values, with
+/// comments.
 #[must_use]
 pub fn proposed(name: &str, file: &str, description: &Description) -> String {
     let mut text = format!("[plant.{name}.fmu]\nfile = {}\n", quoted(file));
@@ -262,7 +263,7 @@ fn port_of(
     })
 }
 
-/// By the table, else by the FMU.
+/// Returns the range from the table, else from the FMU.
 fn range_of(
     name: &str,
     port: &FmuPort,
@@ -298,7 +299,7 @@ fn range_of(
     Ok(range)
 }
 
-/// By the units; a variable without one is in the port's.
+/// Returns the conversion by the units. A variable without a unit has that of the port.
 fn conversion_of(
     name: &str,
     variable: &Variable,
@@ -320,12 +321,12 @@ fn conversion_of(
     })
 }
 
-/// A TOML text.
+/// Returns a text as a string of TOML.
 fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
 
-/// A TOML key.
+/// Returns a text as a key of TOML.
 fn key(text: &str) -> String {
     let is_bare = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
     if !text.is_empty() && text.bytes().all(is_bare) {
@@ -335,7 +336,7 @@ fn key(text: &str) -> String {
     }
 }
 
-/// A start value as TOML has it.
+/// Returns a start value as TOML.
 fn start_text(variable: &Variable, start: &str) -> String {
     match variable.kind {
         Kind::String => quoted(start),
@@ -350,7 +351,7 @@ fn start_text(variable: &Variable, start: &str) -> String {
     }
 }
 
-/// Unit and description at the end of a line.
+/// Returns unit and description, as a comment at the end of a line.
 fn comment(variable: &Variable) -> String {
     let unit = variable.unit.as_deref().unwrap_or("no unit");
     let words = Vec::from_iter(variable.description.split_whitespace()).join(" ");
@@ -360,7 +361,7 @@ fn comment(variable: &Variable) -> String {
     format!("  # {clean}\n")
 }
 
-/// A name for a port: the variable's, in small letters, with its unit in words.
+/// Returns a new name for a port: the variable's, in small letters, with its unit written out.
 fn unique(taken: &mut Vec<String>, variable: &Variable, description: &Description) -> String {
     let unit = variable.unit.as_deref();
     let by_symbol = unit.and_then(of_symbol);

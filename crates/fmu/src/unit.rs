@@ -1,11 +1,11 @@
-//! Units: what an FMU's definitions make of its numbers, and what the end of a port's name asks for.
+//! Units: the definitions in an FMU, and the units at the ends of ports' names.
 
 use std::f64::consts::PI;
 
 /// Exponents of kg, m, s, A, K, mol, cd and rad.
 pub type Exponents = [i32; 8];
 
-/// A unit by the base units: `base = factor · value + offset`.
+/// A unit in terms of the base units: `base = factor · value + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Base {
     /// Exponents of the base units.
@@ -16,7 +16,7 @@ pub struct Base {
     pub offset: f64,
 }
 
-/// What is made of a value: `factor · value + offset`.
+/// Conversion of a value: `factor · value + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conversion {
     /// Factor.
@@ -26,13 +26,13 @@ pub struct Conversion {
 }
 
 impl Conversion {
-    /// The same number.
+    /// The identity.
     pub const NONE: Self = Self {
         factor: 1.0,
         offset: 0.0,
     };
 
-    /// The converted value. What needs no conversion keeps its bits.
+    /// Returns the converted value. The identity keeps every bit.
     #[must_use]
     pub fn of(self, value: f64) -> f64 {
         if self == Self::NONE {
@@ -42,7 +42,7 @@ impl Conversion {
         }
     }
 
-    /// The value that is converted to this one.
+    /// Returns the value whose conversion is `value`.
     #[must_use]
     pub fn back(self, value: f64) -> f64 {
         if self == Self::NONE {
@@ -54,7 +54,7 @@ impl Conversion {
 }
 
 impl Base {
-    /// The conversion to another unit of the same quantity; none where the quantities differ.
+    /// Returns the conversion to another unit of the same quantity; `None` if the quantities differ.
     #[must_use]
     pub fn to(&self, target: &Self) -> Option<Conversion> {
         if self.exponents != target.exponents {
@@ -70,14 +70,14 @@ impl Base {
     }
 }
 
-/// A unit by the words at the end of a port's name.
+/// A unit by its name at the end of a port's name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Known {
-    /// The words, such as `metres_per_second`; empty for a number without a unit.
+    /// Name of the unit, such as `metres_per_second`; empty for a number without a unit.
     pub words: &'static str,
-    /// As FMUs and tables write it.
+    /// Symbol of the unit in FMUs and tables.
     pub symbol: &'static str,
-    /// By the base units.
+    /// Definition by the base units.
     pub base: Base,
 }
 
@@ -108,7 +108,7 @@ const CELSIUS: Known = Known {
     },
 };
 
-/// What a port's name may end in, and an FMU may call by its symbol only.
+/// Units for ports' names, and for units that an FMU does not define.
 #[rustfmt::skip]
 pub const KNOWN: [Known; 53] = [
     known("amperes", "A", [0, 0, 0, 1, 0, 0, 0, 0], 1.0),
@@ -166,7 +166,7 @@ pub const KNOWN: [Known; 53] = [
     CELSIUS,
 ];
 
-/// The unit in which a port's name ends, the longest that fits; none for a number without a unit.
+/// Returns the unit at the end of a port's name, the longest that fits; `None` for a number without a unit.
 #[must_use]
 pub fn of_name(name: &str) -> Option<&'static Known> {
     let fits = |known: &&Known| {
@@ -179,7 +179,7 @@ pub fn of_name(name: &str) -> Option<&'static Known> {
         .max_by_key(|known| known.words.len())
 }
 
-/// The unit that a text means, as tools write it.
+/// Returns the unit of a symbol, in the spellings of different tools.
 #[must_use]
 pub fn of_symbol(symbol: &str) -> Option<&'static Known> {
     let symbol = match symbol {
@@ -195,7 +195,7 @@ pub fn of_symbol(symbol: &str) -> Option<&'static Known> {
     KNOWN.iter().find(|known| known.symbol == symbol)
 }
 
-/// The unit that is this one, or else one of the same quantity; none for a number without a unit.
+/// Returns the unit that equals this one, else one of the same quantity; `None` for a number without a unit.
 #[must_use]
 pub fn of_base(base: &Base) -> Option<&'static Known> {
     let same = KNOWN.iter().find(|known| known.base == *base);

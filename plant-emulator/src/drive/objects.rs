@@ -1,4 +1,4 @@
-//! The drive's objects: where they are and in which units they count.
+//! Objects of the drive: their handles and units.
 
 use canopen::cia402;
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
@@ -22,11 +22,11 @@ const PLANT_SIGNALS: [u16; RECORDED_MAX] = [0x2101, 0x2102, 0x2104, 0x2105, 0x21
 const TRUE_POSITION: u16 = 0x2103;
 const THERMAL_PROTECTION: u16 = 0x2110;
 
-/// How many of a plant's signals go with the true position into TPDO2.
+/// Number of a plant's signals that share TPDO2 with the true position.
 const SIGNALS_IN_TPDO2: usize = 2;
 const TPDO2: [u16; 2] = [0x1801, 0x1A01];
 const TPDO3: [u16; 2] = [0x1802, 0x1A02];
-/// COB-ID of TPDO3 less that of TPDO2 (CiA 301, 7.3.5).
+/// Difference of the COB-IDs of TPDO3 and TPDO2 (CiA 301, 7.3.5).
 const TPDO3_COB_ID_OFFSET: u32 = 0x100;
 
 /// Handles of the drive's objects.
@@ -90,12 +90,12 @@ impl Objects {
         })
     }
 
-    /// 0x6040.
+    /// Returns 0x6040.
     pub(super) fn controlword(&self, dictionary: &ObjectDictionary) -> u16 {
         unsigned16(dictionary, self.controlword)
     }
 
-    /// 0x6040 as it will be from the next SYNC on; none where the PDO does not hold it.
+    /// Returns 0x6040 as it will be from the next SYNC on; `None` if the PDO does not contain it.
     pub(super) fn waiting_controlword(
         &self,
         dictionary: &ObjectDictionary,
@@ -104,17 +104,17 @@ impl Objects {
         u16::try_from(waiting.integer(dictionary, self.controlword)?).ok()
     }
 
-    /// 0x6060.
+    /// Returns 0x6060.
     pub(super) fn mode(&self, dictionary: &ObjectDictionary) -> i8 {
         i8::from_le_bytes(bytes(dictionary, self.mode))
     }
 
-    /// True where 0x6061 does not show 0x6060 yet.
+    /// Returns whether 0x6061 does not show 0x6060 yet.
     pub(super) fn is_mode_new(&self, dictionary: &ObjectDictionary) -> bool {
         self.mode(dictionary) != i8::from_le_bytes(bytes(dictionary, self.mode_display))
     }
 
-    /// Undoes a mode that an RPDO brought and the drive has not, as an SDO would have been refused.
+    /// Reverts a mode that an RPDO set and the drive does not support, as an SDO would have been refused.
     pub(super) fn refuse_mode(&self, dictionary: &mut ObjectDictionary) {
         if self.is_mode_new(dictionary) && check_mode(dictionary, self.mode(dictionary)).is_err() {
             let present: [u8; 1] = bytes(dictionary, self.mode_display);
@@ -122,12 +122,12 @@ impl Objects {
         }
     }
 
-    /// 0x6071 in permille of the rated torque.
+    /// Returns 0x6071 in permille of the rated torque.
     pub(super) fn target_torque_permille(&self, dictionary: &ObjectDictionary) -> i16 {
         i16::from_le_bytes(bytes(dictionary, self.target_torque))
     }
 
-    /// 0x6072 and 0x6073 in permille of the rated values.
+    /// Returns 0x6072 and 0x6073 in permille of the rated values.
     pub(super) fn limits_permille(&self, dictionary: &ObjectDictionary) -> (u16, u16) {
         (
             unsigned16(dictionary, self.max_torque),
@@ -135,7 +135,7 @@ impl Objects {
         )
     }
 
-    /// 0x2110:01 and :02.
+    /// Returns 0x2110:01 and :02.
     pub(super) fn protection_limits(&self, dictionary: &ObjectDictionary) -> Limits {
         Limits {
             continuous_amperes: unsigned32(dictionary, self.continuous_current) / 1e3,
@@ -143,32 +143,32 @@ impl Objects {
         }
     }
 
-    /// 0x6041 and 0x6061.
+    /// Sets 0x6041 and 0x6061.
     pub(super) fn set_status(&self, dictionary: &mut ObjectDictionary, statusword: u16, mode: i8) {
         objects::store(dictionary, self.statusword, &statusword.to_le_bytes());
         objects::store(dictionary, self.mode_display, &mode.to_le_bytes());
     }
 
-    /// 0x6064 in micrometres, or what another unit has in their place.
+    /// Sets 0x6064 in micrometres, or in the corresponding counts of another unit.
     pub(super) fn set_position(&self, dictionary: &mut ObjectDictionary, position: f64) {
         let counts = objects::rounded_i32(position * self.counts_per_output);
         objects::store(dictionary, self.position, &counts.to_le_bytes());
     }
 
-    /// 0x6077 and 0x6078 in permille of the rated values.
+    /// Sets 0x6077 and 0x6078 in permille of the rated values.
     pub(super) fn set_current(&self, dictionary: &mut ObjectDictionary, permille: i16) {
         objects::store(dictionary, self.torque, &permille.to_le_bytes());
         objects::store(dictionary, self.current, &permille.to_le_bytes());
     }
 
-    /// 0x2110:03 in permille of the limit.
+    /// Sets 0x2110:03 in permille of the limit.
     pub(super) fn set_utilisation(&self, dictionary: &mut ObjectDictionary, utilisation: f64) {
         let utilisation = objects::rounded_u16(utilisation * 1e3);
         let bytes = utilisation.to_le_bytes();
         objects::store(dictionary, self.overload_utilisation, &bytes);
     }
 
-    /// The plant's own signals in their steps, 0x2103 in nanometres or millionths of another unit.
+    /// Sets the plant's own signals in their steps, and 0x2103 in nanometres or millionths of another unit.
     pub(super) fn set_truth(
         &self,
         dictionary: &mut ObjectDictionary,
@@ -189,14 +189,14 @@ impl Objects {
     }
 }
 
-/// Whether 0x6502 names a mode.
+/// Checks whether 0x6502 contains a mode.
 pub(super) fn check_mode(dictionary: &ObjectDictionary, mode: i8) -> Result<(), AbortCode> {
     let supported = dictionary.unsigned(cia402::SUPPORTED_DRIVE_MODES, 0);
     cia402::check_mode(mode, supported.unwrap_or_default())
 }
 
-/// Puts the published outputs of the plant into the dictionary of the shipped data sheet, and those for which TPDO2 has no room into a
-/// TPDO3.
+/// Adds the published outputs of the plant to the dictionary of the shipped data sheet. Those that do not fit into
+/// TPDO2 go to a TPDO3.
 pub(crate) fn declare(dictionary: &mut ObjectDictionary, plant: &ClockedPlant, wires: &Wires) {
     let published = &wires.published;
     for (place, index) in PLANT_SIGNALS.into_iter().enumerate() {
@@ -221,7 +221,7 @@ fn object(index: u16, name: &str, data_type: DataType, start: [u8; 2]) -> Entry 
     entry
 }
 
-/// A TPDO3 like TPDO2, with these objects of 16 bits.
+/// Adds a TPDO3 like TPDO2, with these objects of 16 bits.
 fn declare_tpdo3(dictionary: &mut ObjectDictionary, indices: &[u16]) {
     let is_of_tpdo2 = |entry: &&Entry| TPDO2.contains(&entry.index);
     let entries: Vec<Entry> = dictionary
@@ -290,7 +290,7 @@ fn unsigned32(dictionary: &ObjectDictionary, handle: Handle) -> f64 {
     f64::from(u32::from_le_bytes(bytes(dictionary, handle)))
 }
 
-/// A value, whose width is that of the object's type, as [`objects::find`] has made sure.
+/// Returns a value. Its width is that of the object's type, as [`objects::find`] has checked.
 #[inline]
 fn bytes<const N: usize>(dictionary: &ObjectDictionary, handle: Handle) -> [u8; N] {
     let value = dictionary.entry(handle).value();

@@ -1,8 +1,8 @@
-//! The amplifier's faults.
+//! Faults of the amplifier.
 
 use scenario::fault::Faults;
 
-/// The current that flows when some is commanded: dead before stuck on before saturated.
+/// Returns the current for a command. The fault "dead" has priority over "stuck on", and that over "saturated".
 pub(super) fn current_amperes(faults: &Faults, time_seconds: f64, commanded_amperes: f64) -> f64 {
     if faults.any_acts("dead", time_seconds) {
         return 0.0;

@@ -1,6 +1,6 @@
-//! Faults of sensor, amplifier and plant, as the scenario's `[fault]` says.
+//! Faults of sensor, amplifier and plant, by the scenario's `[fault]`.
 //!
-//! They act on the rig itself, whatever becomes of the drive's node, and begin with scenario time.
+//! They act on the rig itself, in any state of the drive's node, and begin with scenario time.
 
 mod amplifier;
 mod sensor;
@@ -13,20 +13,20 @@ use scenario::fault::{Fault, Faults, Group};
 use crate::sensor::Counts;
 pub(crate) use sensor::SensorFaults;
 
-/// What goes wrong with the rig.
+/// Faults of a rig.
 #[derive(Clone, Debug)]
 pub(crate) struct RigFaults {
-    /// Those of the drive and of its plant.
+    /// Faults of the drive and of its plant.
     faults: Faults,
     sensor: SensorFaults,
-    /// Scenario times at which something begins or ends, in order.
+    /// Scenario times at which a fault begins or ends, in order.
     changes: Vec<Duration>,
-    /// When the scenario began.
+    /// Start of scenario time.
     zero: Option<Duration>,
 }
 
 impl RigFaults {
-    /// The faults of a drive, which have not begun.
+    /// Makes the faults of a drive, before their beginning.
     pub(crate) fn new(trial: &Trial, sensor_unit: f64, seed: u64) -> Self {
         let faults = trial.drive_faults();
         let is_of_rig = |fault: &&Fault| !matches!(fault.kind.group, Group::Bus | Group::Node);
@@ -43,19 +43,19 @@ impl RigFaults {
         }
     }
 
-    /// Scenario time begins.
+    /// Begins scenario time.
     pub(crate) fn begin(&mut self, zero: Duration) {
         self.zero = Some(zero);
     }
 
-    /// The next change after `now`.
+    /// Returns the next change after `now`.
     pub(crate) fn next_change(&self, now: Duration) -> Option<Duration> {
         let zero = self.zero?;
         let changes = self.changes.iter().map(|change| zero + *change);
         changes.into_iter().find(|change| *change > now)
     }
 
-    /// What the sensor's converter puts out in place of what it should: `convert` is the sound converter.
+    /// Returns the output of the faulty sensor's converter; `convert` is the sound converter.
     pub(crate) fn sense(
         &mut self,
         now: Duration,
@@ -68,7 +68,7 @@ impl RigFaults {
         self.sensor.sense(time_seconds, position, convert)
     }
 
-    /// The current that flows in place of what is commanded, where the plant conducts.
+    /// Returns the current that flows for a command, if the plant conducts.
     pub(crate) fn current_amperes(&self, now: Duration, commanded_amperes: f64) -> f64 {
         match self.time_seconds(now) {
             Some(time) => amplifier::current_amperes(&self.faults, time, commanded_amperes),
@@ -76,12 +76,12 @@ impl RigFaults {
         }
     }
 
-    /// What goes wrong with the plant, and the scenario time; none before it begins and where nothing will go wrong.
+    /// Returns the faults of the plant and the scenario time; `None` before the start, and without faults.
     pub(crate) fn of_plant(&self, now: Duration) -> Option<(&Faults, f64)> {
         Some((&self.faults, self.time_seconds(now)?))
     }
 
-    /// Scenario time; none before it begins and where nothing will go wrong.
+    /// Returns the scenario time; `None` before the start, and without faults.
     fn time_seconds(&self, now: Duration) -> Option<f64> {
         if self.changes.is_empty() {
             return None;
@@ -94,7 +94,7 @@ impl RigFaults {
 pub(crate) mod tests {
     use super::*;
 
-    /// The faults of these tables.
+    /// Returns the faults of these tables.
     pub(crate) fn faults(tables: &str) -> Faults {
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{tables}"

@@ -1,17 +1,17 @@
-//! The position sensor's faults.
+//! Faults of the position sensor.
 
 use faults::Stream;
 use scenario::fault::{Fault, Faults, Group};
 
 use crate::sensor::Counts;
 
-/// What goes wrong with the sensor, with the random numbers of each fault.
+/// Faults of the sensor, with a stream of random numbers for each.
 #[derive(Clone, Debug)]
 pub(crate) struct SensorFaults {
     faults: Vec<(Fault, Stream)>,
-    /// What a stuck converter puts out.
+    /// Output of a stuck converter.
     stuck_at: Option<Counts>,
-    /// One unit of the file, in the unit of the samples.
+    /// One unit of the scenario's file, in the unit of the samples.
     unit: f64,
 }
 
@@ -26,7 +26,8 @@ impl SensorFaults {
         }
     }
 
-    /// Samples through the sound converter: faults of the analogue side before it, of the digital side after it.
+    /// Samples through the sound converter. Faults of the analogue side act before it, those of the digital side after
+    /// it.
     pub(super) fn sense(
         &mut self,
         time_seconds: f64,
@@ -52,7 +53,7 @@ impl SensorFaults {
     }
 }
 
-/// What a fault adds to the position before its conversion.
+/// Returns the error that a fault adds to the position before its conversion.
 fn error(fault: &Fault, stream: &mut Stream, time_seconds: f64) -> f64 {
     match fault.kind.name {
         "offset" => fault.number("offset_millimetres"),

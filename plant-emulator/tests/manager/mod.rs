@@ -1,4 +1,4 @@
-//! A small manager with a clock of its own: it plays the bus and the controller for the emulator.
+//! A small manager with its own clock, which plays the bus and the controller for the emulator.
 
 use std::time::Duration;
 
@@ -14,12 +14,12 @@ pub(crate) const DISTURBANCE: u16 = 0x11;
 
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// A time in milliseconds.
+/// Returns a time in milliseconds.
 pub(crate) fn milliseconds(number: u64) -> Duration {
     Duration::from_millis(number)
 }
 
-/// A scenario on the actuator of the paper.
+/// Returns a scenario on the actuator of the paper.
 pub(crate) fn scenario() -> Trial {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"nodes\"\nseed = 42\nduration_seconds = 1.0\n[controller.open_loop]\n";
     Trial::parse(text, "nodes.toml", |_| unreachable!("no table")).expect("it is valid")
@@ -39,7 +39,7 @@ pub(crate) struct Manager {
     now: Duration,
     frames: Vec<CanFrame>,
     counter: u8,
-    /// The next heartbeat of the manager; `None` while it is silent.
+    /// Time of the manager's next heartbeat; `None` while it is silent.
     next_heartbeat: Option<Duration>,
 }
 
@@ -63,7 +63,7 @@ impl Manager {
         }
     }
 
-    /// A manager whose drive is in Operation enabled.
+    /// Makes a manager whose drive is in Operation enabled.
     pub(crate) fn enabled() -> Self {
         let mut manager = Self::new();
         manager.configure();
@@ -71,7 +71,7 @@ impl Manager {
         manager
     }
 
-    /// What the controller configures by SDO, then NMT start.
+    /// Configures by SDO as the controller does, then sends NMT start.
     pub(crate) fn configure(&mut self) {
         self.run_for(milliseconds(2));
         self.restore_heartbeat();
@@ -81,7 +81,7 @@ impl Manager {
         self.send(0, &[1, 0]);
     }
 
-    /// The 402 sequence.
+    /// Executes the 402 sequence.
     pub(crate) fn enable(&mut self) {
         for controlword in [0x06, 0x07, 0x0F] {
             self.cycle(controlword, 0);
@@ -93,12 +93,12 @@ impl Manager {
         self.now
     }
 
-    /// All frames that the emulator has sent.
+    /// Returns all frames that the emulator has sent.
     pub(crate) fn frames(&self) -> &[CanFrame] {
         &self.frames
     }
 
-    /// The payload of the latest frame with an identifier.
+    /// Returns the payload of the latest frame with an identifier.
     pub(crate) fn last(&self, id: u16) -> Option<&[u8]> {
         let mut frames = self.frames.iter().rev();
         frames
@@ -106,7 +106,7 @@ impl Manager {
             .map(CanFrame::data)
     }
 
-    /// The actuator, brought up to date.
+    /// Advances the actuator, and returns it.
     pub(crate) fn actuator_now(&mut self) -> &Actuator {
         self.emulator.on_tick(self.now);
         self.drain();
@@ -134,12 +134,12 @@ impl Manager {
         self.drain();
     }
 
-    /// The manager's heartbeat comes every 20 ms from now on.
+    /// Sends the manager's heartbeat every 20 ms from now on.
     pub(crate) fn restore_heartbeat(&mut self) {
         self.next_heartbeat = Some(self.now);
     }
 
-    /// As [`Manager::restore_heartbeat`], said where only SYNCs are lost.
+    /// Confirms [`Manager::restore_heartbeat`] in tests where only SYNCs are lost.
     pub(crate) fn keep_heartbeat_alive(&mut self) {
         assert!(self.next_heartbeat.is_some());
     }
@@ -166,21 +166,21 @@ impl Manager {
         self.send(0x210, &[a, b, c, d]);
     }
 
-    /// One SYNC, a period after the latest.
+    /// Sends one SYNC, a period after the latest.
     pub(crate) fn sync(&mut self) {
         self.run_for(PERIOD);
         self.counter = self.counter % 240 + 1;
         self.send(0x080, &[self.counter]);
     }
 
-    /// RPDO1, then SYNC, then what TPDO1 says.
+    /// Sends RPDO1, then SYNC, and returns the content of TPDO1.
     pub(crate) fn cycle(&mut self, controlword: u16, target_permille: i16) -> Sample {
         self.send_rpdo(controlword, target_permille);
         self.frames
             .retain(|frame| frame.standard_id() != Some(0x190));
         self.sync();
         let Some(&[a, b, c, d, e, f, g, h]) = self.last(0x190) else {
-            // Not Operational any more: what an SDO client would see.
+            // The drive is no longer Operational, so this is the value for an SDO client.
             let statusword = u16::try_from(self.read(DRIVE, 0x6041, 0)).expect("16 bits");
             return Self::sample(statusword, 0, 0);
         };
@@ -200,7 +200,7 @@ impl Manager {
         }
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub(crate) fn run_for(&mut self, duration: Duration) {
         let end = self.now + duration;
         while self.next_event() <= end {
@@ -214,7 +214,7 @@ impl Manager {
         deadline.min(self.next_heartbeat.unwrap_or(Duration::MAX))
     }
 
-    /// The next thing that happens by itself: a heartbeat of the manager or a deadline of the emulator.
+    /// Executes the next spontaneous event: a heartbeat of the manager or a deadline of the emulator.
     pub(crate) fn tick(&mut self) {
         self.now = self.now.max(self.next_event());
         if self.next_heartbeat.is_some_and(|due| due <= self.now) {
@@ -232,7 +232,7 @@ impl Manager {
         }
     }
 
-    /// Expedited SDO upload.
+    /// Executes an expedited SDO upload.
     pub(crate) fn read(&mut self, node: u16, index: u16, sub_index: u8) -> u32 {
         let [low, high] = index.to_le_bytes();
         self.send(0x600 + node, &[0x40, low, high, sub_index, 0, 0, 0, 0]);
@@ -245,13 +245,13 @@ impl Manager {
         }
     }
 
-    /// Expedited SDO download that must be accepted.
+    /// Executes an expedited SDO download that must be accepted.
     pub(crate) fn write(&mut self, node: u16, index: u16, sub_index: u8, bytes: &[u8]) {
         let written = self.try_write(node, index, sub_index, bytes);
         assert_eq!(written, Ok(()), "write {index:#06x}:{sub_index}");
     }
 
-    /// Expedited SDO download; the abort code is the error.
+    /// Executes an expedited SDO download; the abort code is the error.
     pub(crate) fn try_write(
         &mut self,
         node: u16,

@@ -25,14 +25,14 @@ impl Default for Config {
     }
 }
 
-/// The law: what does not change from cycle to cycle.
+/// The law: the part that is constant from cycle to cycle.
 #[derive(Clone, Debug)]
 pub struct MyLaw {
     config: Config,
     current: CurrentRange,
 }
 
-/// What the law remembers.
+/// State of the law between cycles.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
     position: f64,
@@ -99,12 +99,12 @@ mod tests {
         period_seconds: 1e-3,
     };
 
-    /// The law of a drive of 0 to 1 A.
+    /// Returns the law for a drive with a range of 0 to 1 A.
     fn law() -> MyLaw {
         MyLaw::new(&Config::default(), &[CurrentRange::default()])
     }
 
-    /// One cycle at a position, on the way to 20 mm: the current.
+    /// Plays one cycle at a position, on the way to 20 mm, and returns the current.
     fn step(law: &MyLaw, state: &mut State, position: f64) -> f64 {
         let mut reads = LoopReads {
             position,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Longest integration step.
 const STEP_SECONDS_MAX: f64 = 1e-2;
 
-/// Places of the inputs.
+/// Indices of the inputs.
 const HEATER_CURRENT: usize = 0;
 const CONVECTION_FACTOR: usize = 1;
 
@@ -55,12 +55,12 @@ pub struct MyPlant {
     config: Config,
     block_celsius: f64,
     housing_celsius: f64,
-    /// Of the latest step.
+    /// Heating power during the latest step.
     heater_watts: f64,
 }
 
 impl MyPlant {
-    /// `(dT/dt of the block, dT/dt of the housing)`.
+    /// Returns `[dT/dt of the block, dT/dt of the housing]`.
     fn derivative(&self, &[block, housing]: &[f64; 2], factor: f64) -> [f64; 2] {
         let config = &self.config;
         let across = config.block_watts_per_kelvin * (block - housing);
@@ -91,7 +91,7 @@ impl Plant for MyPlant {
         })
     }
 
-    /// The end of a name is its unit, a comment the title of its plot.
+    /// The suffix of a name is its unit, a comment the title of its plot.
     fn ports(&self) -> Ports {
         Ports {
             inputs: vec![
@@ -108,7 +108,7 @@ impl Plant for MyPlant {
         }
     }
 
-    /// Values come in the order of the inputs, and stay as they are while time passes.
+    /// Values come in the order of the inputs. They are constant during the step.
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]) {
         let current = inputs[HEATER_CURRENT];
         self.heater_watts = self.config.heater_ohms * current * current;
@@ -129,7 +129,7 @@ impl Plant for MyPlant {
         outputs.copy_from_slice(&[self.block_celsius, self.housing_celsius, self.heater_watts]);
     }
 
-    /// The temperature of the part that the current at an input heats.
+    /// Temperature of the part that the current at an input heats.
     fn heated_celsius(&self, _input: usize) -> Option<f64> {
         Some(self.block_celsius)
     }

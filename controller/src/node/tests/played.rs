@@ -9,10 +9,10 @@ use crate::process_law::{Player, Window};
 const PLAYED: &str = "[controller.program]\ncommand = [\"true\"]\nreads = [\"position_millimetres\"]\n\
     writes = [\"current_amperes\"]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
-/// What a player was asked, and how it answers.
+/// Requests to a player, and its behaviour.
 #[derive(Debug, Default)]
 struct Asked {
-    /// The window of each cycle, and whether its position was missing.
+    /// Window of each cycle, and whether its position was missing.
     windows: Vec<(Window, bool)>,
     is_late: bool,
     failure: Option<&'static str>,
@@ -38,7 +38,7 @@ impl Player for Fake {
     }
 }
 
-/// A bus whose law is played, in the middle of its run.
+/// Makes a bus with a played law, in the middle of its run.
 fn running() -> (Bus, Arc<Mutex<Asked>>) {
     let asked = Arc::<Mutex<Asked>>::default();
     let mut bus = Bus::new(OPEN_LOOP);
@@ -63,7 +63,7 @@ fn a_law_has_until_a_tenth_of_a_period_before_the_next_sync() {
     assert_eq!(windows.len(), 10);
     let left = |window: &Window| window.until - window.now;
     assert!((windows.iter()).all(|(window, _)| left(window) == MILLISECOND * 9 / 10));
-    // Nobody waits for what commands nothing: the SYNC comes after it.
+    // A step that commands nothing is not waited for: the SYNC comes after it.
     bus.lost = Some(0x190);
     bus.run_for(3 * MILLISECOND);
     bus.lost = None;

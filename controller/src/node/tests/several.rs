@@ -1,4 +1,4 @@
-//! A controller that leads two drives, each in a loop of its own.
+//! A controller that leads two drives in two loops.
 
 use scenario::Identifiers;
 
@@ -9,7 +9,7 @@ const FIRST_CURRENT: &str =
     "[[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.25\n";
 const SECOND_CURRENT: &str =
     "[[controller.open_loop.step]]\nat_seconds = 0.0\ncurrent_amperes = 0.5\n";
-/// 0.25 A and 0.5 A in thousandths of 1 A, behind the controlword "enable operation".
+/// 0.25 A and 0.5 A in thousandths of 1 A, after the controlword "enable operation".
 const FIRST_COMMAND: [u8; 4] = [0x0F, 0, 250, 0];
 const SECOND_COMMAND: [u8; 4] = [0x0F, 0, 0xF4, 1];
 const QUICK_STOP: u8 = 0x02;
@@ -39,7 +39,7 @@ impl Bus {
         self.second.as_mut().unwrap()
     }
 
-    /// From its boot on.
+    /// Breaks the second drive from its boot on.
     fn break_second(&mut self) {
         self.second().on_tick(Duration::ZERO);
         let drive = self.second().application_mut();
@@ -47,7 +47,7 @@ impl Bus {
         drive.is_broken = true;
     }
 
-    /// What the drives got in RPDO1, from a time on.
+    /// Returns the RPDO1 of each drive from a time on.
     fn commands(&self, from: Duration) -> [Vec<CanFrame>; 2] {
         [0x210, 0x212].map(|id| self.frames(id, from))
     }

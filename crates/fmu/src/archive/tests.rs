@@ -22,7 +22,7 @@ fn library() -> String {
     format!("binaries/{}/a.so", Version::Three.platform())
 }
 
-/// An FMU as a file, opened.
+/// Writes an FMU to a file, and opens it.
 fn archive(folder: &Path, entries: &[(&str, &[u8])]) -> Result<Archive, FmuError> {
     let file = folder.join("a.fmu");
     fs::write(&file, zipped(entries)).unwrap();
@@ -106,7 +106,7 @@ fn a_link_is_refused() {
 
 #[test]
 fn what_unpacks_to_more_than_it_says_is_refused_or_cut() {
-    // Two gigabytes of zeros, as the directory of the file says.
+    // The directory of the file states two gigabytes of zeros.
     let mut bytes = zipped(&[
         (DESCRIPTION, XML.as_bytes()),
         ("resources/zeros", &[0; 1 << 16]),

@@ -9,7 +9,7 @@ use crate::error::Fault;
 pub(super) struct Attributes<'a, 'input>(pub(super) Node<'a, 'input>);
 
 impl<'a> Attributes<'a, '_> {
-    /// What is wrong with the element.
+    /// Returns an error for the element.
     pub(super) fn fault(&self, reason: impl Into<String>) -> Fault {
         let position = self.0.document().text_pos_at(self.0.range().start);
         Fault::Description {
@@ -22,7 +22,7 @@ impl<'a> Attributes<'a, '_> {
         self.0.attribute(name)
     }
 
-    /// A text, on one line.
+    /// Returns a text on one line.
     pub(super) fn owned(&self, name: &str) -> String {
         on_one_line(self.text(name).unwrap_or_default())
     }
@@ -33,7 +33,7 @@ impl<'a> Attributes<'a, '_> {
         text.ok_or_else(|| self.fault(format!("<{element}> has no `{name}`")))
     }
 
-    /// A name: line ends and tabs in it are spaces, as the type `normalizedString` says that FMI gives names.
+    /// Returns a name. Line ends and tabs in it become spaces, by FMI's type for names, `normalizedString`.
     pub(super) fn name(&self, attribute: &str) -> Result<String, Fault> {
         self.required(attribute).map(on_one_line)
     }
@@ -46,7 +46,7 @@ impl<'a> Attributes<'a, '_> {
         }
     }
 
-    /// A finite number; FMI writes INF for a limit that is none.
+    /// Returns a finite number; `None` for a missing attribute, and for INF, by which FMI marks an absent limit.
     pub(super) fn number(&self, name: &str) -> Result<Option<f64>, Fault> {
         let Some(text) = self.text(name) else {
             return Ok(None);
@@ -59,7 +59,7 @@ impl<'a> Attributes<'a, '_> {
         }
     }
 
-    /// One of several words.
+    /// Returns one of several keywords.
     pub(super) fn word<T>(
         &self,
         name: &str,
@@ -72,7 +72,7 @@ impl<'a> Attributes<'a, '_> {
         Ok(Some(word))
     }
 
-    /// The elements of a name below this one.
+    /// Returns the elements of a name below this one.
     pub(super) fn children(&self, name: &'static str) -> impl Iterator<Item = Self> {
         self.elements()
             .filter(move |child| child.0.tag_name().name() == name)
@@ -82,7 +82,7 @@ impl<'a> Attributes<'a, '_> {
         self.children(name).next()
     }
 
-    /// All elements below this one.
+    /// Returns all elements below this one.
     pub(super) fn elements(&self) -> impl Iterator<Item = Self> {
         self.0.children().filter(Node::is_element).map(Self)
     }

@@ -1,4 +1,4 @@
-//! `modelDescription.xml`: what an FMU says of itself. Reading it runs nothing of the FMU.
+//! `modelDescription.xml`, the description of an FMU. Reading it runs nothing of the FMU.
 
 mod attributes;
 mod read;
@@ -10,19 +10,19 @@ use crate::error::Fault;
 use crate::unit::{Base, of_symbol};
 pub use variable::{Causality, Initial, Kind, Variability, Variable};
 
-/// Longest description. Models of a hundred thousand variables have some 20 MB.
+/// Largest size of a description. Models of a hundred thousand variables have some 20 MB.
 pub const BYTES_MAX: u64 = 32 << 20;
-/// Most elements, attributes and texts together that are taken.
+/// Largest number of elements, attributes and texts together.
 const NODES_MAX: u32 = 4_000_000;
 
-/// This machine as FMI 2.0 and FMI 3.0 call it.
+/// Names of this machine in FMI 2.0 and FMI 3.0.
 #[cfg(target_arch = "x86_64")]
 const PLATFORMS: [&str; 2] = ["linux64", "x86_64-linux"];
-/// This machine as FMI 3.0 calls it; FMI 2.0 has no name.
+/// Names of this machine. FMI 2.0 has none, so both are that of FMI 3.0.
 #[cfg(target_arch = "aarch64")]
 const PLATFORMS: [&str; 2] = ["aarch64-linux", "aarch64-linux"];
 
-/// Which FMI an FMU speaks.
+/// Version of FMI.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Version {
     /// FMI 2.0.
@@ -32,7 +32,7 @@ pub enum Version {
 }
 
 impl Version {
-    /// As people write it.
+    /// Returns the version number.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl Version {
         }
     }
 
-    /// The folder below `binaries` with this machine's libraries.
+    /// Returns the folder below `binaries` with this machine's libraries.
     #[must_use]
     pub fn platform(self) -> &'static str {
         match self {
@@ -51,47 +51,47 @@ impl Version {
     }
 }
 
-/// What an FMU says of itself.
+/// The description of an FMU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
-    /// Its FMI.
+    /// Version of FMI.
     pub version: Version,
     /// Name of the model.
     pub model_name: String,
-    /// What it is.
+    /// Description of the model.
     pub description: String,
-    /// What made it.
+    /// Name of the tool that made it.
     pub tool: String,
-    /// The model's own version.
+    /// Version of the model.
     pub model_version: String,
-    /// What the library is shown, so that it knows that the description is its own.
+    /// Token for the library, which compares it with its own description.
     pub token: String,
-    /// Co-simulation; none where it has only other interfaces.
+    /// Interface for co-simulation; `None` if the FMU has other interfaces only.
     pub co_simulation: Option<CoSimulation>,
-    /// Interfaces beside co-simulation, in FMI's words.
+    /// Interfaces other than co-simulation, by their names in FMI.
     pub other_interfaces: Vec<&'static str>,
-    /// Step that it recommends.
+    /// Recommended step.
     pub step_seconds: Option<f64>,
-    /// Tolerance that it recommends.
+    /// Recommended tolerance.
     pub tolerance: Option<f64>,
-    /// Its units by the base units; none where it only names them.
+    /// Units in terms of the base units; `None` for a unit without a definition.
     pub units: BTreeMap<String, Option<Base>>,
-    /// Its variables, in their order.
+    /// Variables, in their order.
     pub variables: Vec<Variable>,
 }
 
-/// What an FMU says of its co-simulation.
+/// The description of co-simulation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CoSimulation {
-    /// Name of its library.
+    /// Name of the library.
     pub model_identifier: String,
-    /// Steps of any length.
+    /// Whether steps may have any length.
     pub takes_any_step: bool,
-    /// Its only step, where it has one.
+    /// The only length of a step, if it is fixed.
     pub fixed_step_seconds: Option<f64>,
-    /// It has events, and asks for them to be handled.
+    /// Whether the FMU has events and asks for their handling.
     pub has_event_mode: bool,
-    /// It needs a program that is installed beside it.
+    /// Whether the FMU needs an installed program.
     pub needs_execution_tool: bool,
 }
 
@@ -99,13 +99,13 @@ impl Description {
     /// Reads a description.
     ///
     /// # Errors
-    /// It is too long, no XML, or no description of FMI 2.0 or 3.0.
+    /// The text is too long, no XML, or no description of FMI 2.0 or 3.0.
     pub fn parse(text: &str) -> Result<Self, Fault> {
         if u64::try_from(text.len()).is_ok_and(|length| length > BYTES_MAX) {
             return Err(Fault::Xml(format!("it has more than {BYTES_MAX} bytes")));
         }
         let options = roxmltree::ParsingOptions {
-            // Entities of a document's own are how a small file becomes a large one.
+            // A document's own entities can expand a small file to a large one.
             allow_dtd: false,
             nodes_limit: NODES_MAX,
             ..roxmltree::ParsingOptions::default()
@@ -115,10 +115,10 @@ impl Description {
         read::description(&document)
     }
 
-    /// Its co-simulation.
+    /// Returns the interface for co-simulation.
     ///
     /// # Errors
-    /// It has none.
+    /// The FMU has none.
     pub fn served(&self) -> Result<&CoSimulation, Fault> {
         self.co_simulation.as_ref().ok_or_else(|| {
             let has = self.other_interfaces.join(" and ");
@@ -128,10 +128,10 @@ impl Description {
         })
     }
 
-    /// The variable of a name.
+    /// Finds a variable by its name.
     ///
     /// # Errors
-    /// There is none; the error names the most similar.
+    /// There is none; the error names the most similar one.
     pub fn variable(&self, name: &str) -> Result<&Variable, Fault> {
         if let Some(variable) = self.variables.iter().find(|variable| variable.name == name) {
             return Ok(variable);
@@ -149,7 +149,7 @@ impl Description {
         Err(Fault::variable(name, format!("is not in the FMU{hint}")))
     }
 
-    /// A variable's unit by the base units, from the FMU's definitions or, where they only name it, from its name.
+    /// Returns a variable's unit in terms of the base units, by the FMU's definition, else by the symbol of the unit.
     #[must_use]
     pub fn base_of(&self, variable: &Variable) -> Option<Base> {
         let unit = variable.unit.as_deref()?;
@@ -157,7 +157,7 @@ impl Description {
         defined.or_else(|| of_symbol(unit).map(|known| known.base))
     }
 
-    /// What it needs of FMI that is not served, in words.
+    /// Returns the features that the FMU needs and that are not supported, as texts.
     #[must_use]
     pub fn not_served(&self) -> Vec<String> {
         let mut needs = Vec::new();

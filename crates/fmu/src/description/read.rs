@@ -1,4 +1,4 @@
-//! From XML to a description, by the schemas of FMI 2.0 and 3.0.
+//! Conversion from XML to a description, by the schemas of FMI 2.0 and 3.0.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use crate::unit::Base;
 /// Base units in the order of [`crate::unit::Exponents`].
 const BASE_UNITS: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
 
-/// What a type says of the variables that name it.
+/// Properties of a declared type, for the variables that refer to it.
 #[derive(Default)]
 struct Declared<'a> {
     unit: Option<&'a str>,
@@ -72,7 +72,7 @@ fn version(root: &Attributes<'_, '_>) -> Result<Version, Fault> {
 
 fn co_simulation(element: Attributes<'_, '_>) -> Result<CoSimulation, Fault> {
     let model_identifier = element.required("modelIdentifier")?;
-    // It becomes the name of a file.
+    // The name becomes the name of a file.
     let is_name = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_';
     if !model_identifier.bytes().all(is_name) {
         return Err(element.fault(format!(
@@ -175,7 +175,7 @@ fn variables(
     Ok(variables)
 }
 
-/// In FMI 3.0 the element and its value are one.
+/// Reads a variable. In FMI 3.0 `element` and `value` are the same element.
 fn variable(
     name: String,
     element: &Attributes<'_, '_>,
@@ -205,7 +205,7 @@ fn variable(
     let inherited =
         |pick: fn(&Declared<'_>) -> Option<f64>| pick(&own).or_else(|| of_type.and_then(pick));
     let start = value.text("start");
-    // Texts of FMI 3.0 stand in elements of their own.
+    // Texts of FMI 3.0 are in separate elements.
     let start = start.or_else(|| value.child("Start").and_then(|start| start.text("value")));
     let unit = own
         .unit
@@ -226,7 +226,7 @@ fn variable(
     })
 }
 
-/// FMI 3.0, 2.4.7.4; FMI 2.0 has `continuous` for all.
+/// Returns the default by FMI 3.0, 2.4.7.4; FMI 2.0 has `continuous` for all.
 fn default_variability(causality: Causality, kind: Kind, version: Version) -> Variability {
     let is_parameter = matches!(
         causality,
@@ -239,7 +239,7 @@ fn default_variability(causality: Causality, kind: Kind, version: Version) -> Va
     }
 }
 
-/// FMI 2.0, 2.2.7 and FMI 3.0, 2.4.7.5.
+/// Returns the default by FMI 2.0, 2.2.7 and FMI 3.0, 2.4.7.5.
 fn default_initial(causality: Causality, variability: Variability) -> Option<Initial> {
     match causality {
         Causality::Parameter | Causality::StructuralParameter => Some(Initial::Exact),

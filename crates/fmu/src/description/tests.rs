@@ -41,13 +41,13 @@ fn a_description_of_fmi_2_is_read() {
     assert!(co_simulation.takes_any_step && !co_simulation.has_event_mode);
     assert_eq!(read.step_seconds, Some(0.001));
     let x = read.variable("x").unwrap();
-    // From its declared type.
+    // From the declared type.
     assert_eq!(
         (x.unit.as_deref(), x.min, x.max),
         (Some("mm"), Some(0.0), Some(60.0))
     );
     assert_eq!(read.base_of(x).unwrap().factor, 0.001);
-    // Named but not defined: known by its symbol, or not at all.
+    // The unit is named but not defined: it is known by its symbol, or not at all.
     let unit = |name| read.base_of(read.variable(name).unwrap());
     assert_eq!(unit("u").unwrap().exponents, [0, 0, 0, 1, 0, 0, 0, 0]);
     assert_eq!(unit("w"), None);

@@ -22,7 +22,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The kind of an element of FMI 2.0; `Real` and `Integer` are numbers of 64 and 32 bits.
+    /// Returns the kind of an element of FMI 2.0; `Real` and `Integer` are numbers of 64 and 32 bits.
     pub(super) fn of_fmi_2(element: &str) -> Option<Self> {
         Some(match element {
             "Real" => Self::Float64,
@@ -34,7 +34,7 @@ impl Kind {
         })
     }
 
-    /// The kind of an element of FMI 3.0.
+    /// Returns the kind of an element of FMI 3.0.
     pub(super) fn of_fmi_3(element: &str) -> Option<Self> {
         Some(match element {
             "Float32" => Self::Float32,
@@ -56,19 +56,19 @@ impl Kind {
         })
     }
 
-    /// Whether its values are numbers that may have a fraction.
+    /// Returns whether the values are floating-point numbers.
     #[must_use]
     pub fn is_float(self) -> bool {
         matches!(self, Self::Float32 | Self::Float64)
     }
 
-    /// Whether a port can carry it, as a number.
+    /// Returns whether a port can carry the values, as numbers.
     #[must_use]
     pub fn is_number(self) -> bool {
         !matches!(self, Self::String | Self::Binary | Self::Clock)
     }
 
-    /// Lowest and highest value of a whole number's type.
+    /// Returns the smallest and the largest value of an integer type.
     pub(crate) fn whole_range(self) -> Option<[f64; 2]> {
         Some(match self {
             Self::Int8 => [f64::from(i8::MIN), f64::from(i8::MAX)],
@@ -77,7 +77,7 @@ impl Kind {
             Self::UInt16 => [0.0, f64::from(u16::MAX)],
             Self::Int32 => [f64::from(i32::MIN), f64::from(i32::MAX)],
             Self::UInt32 => [0.0, f64::from(u32::MAX)],
-            // What a number of 64 bits with a fraction has exactly.
+            // Range in which a 64-bit float represents integers exactly.
             Self::Int64 | Self::Enumeration => [-WHOLE_MAX, WHOLE_MAX],
             Self::UInt64 => [0.0, WHOLE_MAX],
             Self::Boolean => [0.0, 1.0],
@@ -89,7 +89,7 @@ impl Kind {
 /// 2^53.
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
-/// What a variable is for.
+/// Role of a variable.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Causality {
@@ -116,7 +116,7 @@ impl Causality {
         })
     }
 
-    /// For people, after the word "is".
+    /// Returns a text that follows the word "is".
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -131,7 +131,7 @@ impl Causality {
     }
 }
 
-/// When a variable changes.
+/// Times at which a variable may change.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Variability {
@@ -155,7 +155,7 @@ impl Variability {
     }
 }
 
-/// Where a variable's first value comes from.
+/// Source of a variable's first value.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 #[expect(missing_docs, reason = "FMI's own names")]
 pub enum Initial {
@@ -175,28 +175,28 @@ impl Initial {
     }
 }
 
-/// One variable.
+/// A variable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variable {
-    /// Its name.
+    /// Name of the variable.
     pub name: String,
-    /// The number by which the library knows it.
+    /// Number of the variable in calls to the library.
     pub reference: u32,
-    /// What it is.
+    /// Description of the variable.
     pub description: String,
-    /// The type of its values.
+    /// Type of the values.
     pub kind: Kind,
-    /// It has more than one value.
+    /// Whether the variable has more than one value.
     pub is_array: bool,
-    /// What it is for.
+    /// Role of the variable.
     pub causality: Causality,
-    /// When it changes.
+    /// Times at which the variable may change.
     pub variability: Variability,
-    /// Where its first value comes from.
+    /// Source of the first value.
     pub initial: Option<Initial>,
-    /// Its start value, as written.
+    /// Start value, as written.
     pub start: Option<String>,
-    /// Its unit, as the FMU calls it.
+    /// Symbol of the unit in the FMU.
     pub unit: Option<String>,
     /// Lowest value.
     pub min: Option<f64>,
@@ -205,7 +205,7 @@ pub struct Variable {
 }
 
 impl Variable {
-    /// Whether it can be given a start value.
+    /// Returns whether a start value can be set.
     #[must_use]
     pub fn takes_start(&self) -> bool {
         let is_set_before = matches!(self.initial, Some(Initial::Exact | Initial::Approx));
@@ -219,7 +219,7 @@ impl Variable {
             }
     }
 
-    /// Whether something may set it at each step.
+    /// Returns whether the variable can be set at each step.
     #[must_use]
     pub fn is_input(&self) -> bool {
         self.is_port_shaped()
@@ -228,7 +228,7 @@ impl Variable {
                     && self.variability == Variability::Tunable))
     }
 
-    /// Whether one number is all that it is.
+    /// Returns whether the value is a single number.
     #[must_use]
     pub fn is_port_shaped(&self) -> bool {
         self.kind.is_number() && !self.is_array

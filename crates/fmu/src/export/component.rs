@@ -1,4 +1,4 @@
-//! What a component points to, and the functions of both versions that differ in their names only.
+//! The instance behind a component, and the functions of both versions that differ in their names only.
 #![expect(unsafe_code, reason = "C hands over the pointers")]
 
 use std::ffi::{CStr, c_int, c_void};
@@ -10,7 +10,7 @@ pub(super) type Component = *mut c_void;
 pub(super) const OK: c_int = 0;
 pub(super) const ERROR: c_int = 3;
 
-/// Tells the importer a status and its reason.
+/// Callback that gives the importer a status and its reason.
 type Tell = Box<dyn Fn(c_int, &CStr)>;
 
 struct Instance {
@@ -24,7 +24,7 @@ fn told(tell: &Tell, failure: Failure) -> c_int {
     status
 }
 
-/// Makes a component; null where `make` fails.
+/// Makes a component; null if `make` fails.
 pub(super) fn made(make: impl FnOnce() -> Result<Played, String>, tell: Tell) -> Component {
     match guarded(make) {
         Ok(played) => Box::into_raw(Box::new(Instance { played, tell })).cast(),
@@ -112,7 +112,7 @@ pub(super) unsafe fn set<T: Copy>(
     }
 }
 
-/// Functions of what the FMUs do not have. They only refuse; what else they are called with stays where C put it.
+/// Defines functions of unsupported features. They only refuse; C passes any further arguments without effect.
 macro_rules! not_served {
     ($($name:ident)+) => {
         $(
@@ -124,7 +124,7 @@ macro_rules! not_served {
     };
 }
 
-/// Values of a type that no variable has: none of them can be got or set, and nothing is asked of none.
+/// Defines functions for values of a type that no variable has. Every such value is refused; an empty request succeeds.
 macro_rules! of_no_variable {
     ($($name:ident)+) => {
         $(

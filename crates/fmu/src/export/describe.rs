@@ -89,7 +89,7 @@ fn units(model: &Model) -> String {
     xml + "  </UnitDefinitions>\n"
 }
 
-/// Causality and variability.
+/// Returns causality and variability.
 fn kind(role: &Role) -> String {
     let [causality, variability] = match role {
         Role::Input(_) => ["input", "continuous"],
@@ -99,7 +99,7 @@ fn kind(role: &Role) -> String {
     attribute("causality", causality) + &attribute("variability", variability)
 }
 
-/// Unit, limits and start value of a number.
+/// Returns unit, limits and start value of a number.
 fn value(variable: &ModelVariable) -> String {
     let mut xml = String::new();
     if !variable.unit.is_empty() {
@@ -118,7 +118,7 @@ fn value(variable: &ModelVariable) -> String {
     xml
 }
 
-/// The value reference of `time` is 0, that of a variable its place from 1.
+/// Returns the variables with their value references, which begin at 1; that of `time` is 0.
 fn numbered(model: &Model) -> impl Iterator<Item = (usize, &ModelVariable)> {
     (1..).zip(&model.variables)
 }
@@ -162,7 +162,7 @@ fn variables_3(model: &Model) -> String {
     xml
 }
 
-/// Outputs, which are computed at the start too.
+/// Returns the list of outputs, which are computed at the start too.
 fn structure(model: &Model, version: Version) -> String {
     let outputs = numbered(model).filter(|(_, variable)| variable.role == Role::Output);
     let outputs = Vec::from_iter(outputs.map(|(reference, _)| reference));
@@ -174,7 +174,7 @@ fn structure(model: &Model, version: Version) -> String {
     };
     match version {
         Version::Two => {
-            // By place from 1, where `time` is the first.
+            // The index counts from 1, which is `time`.
             let index = |reference: usize| attribute("index", &(reference + 1).to_string());
             let unknowns = all("Unknown", &index);
             format!(

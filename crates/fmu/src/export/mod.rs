@@ -1,7 +1,8 @@
-//! Plants as FMUs: what describes one, and the C functions of FMI 2.0 and 3.0 round it.
+//! Plants as FMUs: the description of a model, and the C functions of FMI 2.0 and 3.0 around it.
 //!
-//! A model is anything that is [`Exported`]. The program writes its FMU ([`write_fmu`]): a description, and a shared library that has the
-//! C functions and knows the model. Such a library is a crate of type `cdylib` that [`export!`](crate::export!) names its models in.
+//! A model is a type that is [`Exported`]. The program writes its FMU ([`write_fmu`]): a description, and a shared
+//! library with the C functions and the model. Such a library is a crate of type `cdylib` that names its models in
+//! [`export!`](crate::export!).
 
 mod component;
 mod describe;
@@ -20,84 +21,84 @@ use crate::archive::DESCRIPTION;
 use crate::description::Version;
 use crate::instance::StartValue;
 
-/// Something that becomes an FMU.
+/// A model that becomes an FMU.
 pub trait Exported: Send + Sync {
-    /// The name of its model.
+    /// Returns the name of the model.
     fn name(&self) -> &str;
 
-    /// What it is.
+    /// Returns the description of the model.
     ///
     /// # Errors
-    /// Why there is none, such as defaults that make no sense, in words.
+    /// The model has none, such as with invalid defaults; the error is the reason.
     fn model(&self) -> Result<Model, String>;
 
-    /// Starts one, with the values of its parameters in their order.
+    /// Starts an instance, with the values of the parameters in their order.
     ///
     /// # Errors
-    /// Why the parameters make no sense, in words.
+    /// The parameters are invalid; the error is the reason.
     fn start(&self, parameters: &[StartValue]) -> Result<Box<dyn Running>, String>;
 }
 
-/// One that runs.
+/// An instance that runs.
 pub trait Running {
-    /// Lets time pass under constant inputs, in the order of the model's.
+    /// Advances the time under constant inputs, in the order of the model's.
     fn step(&mut self, duration_seconds: f64, inputs: &[f64]);
 
-    /// Its outputs now, in the order of the model's.
+    /// Returns the outputs now, in the order of the model's.
     fn outputs(&self) -> Vec<f64>;
 }
 
-/// What a model is, for its description.
+/// A model, for its description.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// Its name, and that of its library: letters, digits and underscores.
+    /// Name of the model and of its library: letters, digits and underscores.
     pub name: String,
-    /// What it is.
+    /// Description of the model.
     pub description: String,
-    /// Its version.
+    /// Version of the model.
     pub version: String,
-    /// Its variables. Inputs, parameters and outputs may stand in any order.
+    /// Variables. Inputs, parameters and outputs may have any order.
     pub variables: Vec<ModelVariable>,
 }
 
 /// A variable of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelVariable {
-    /// Its name.
+    /// Name of the variable.
     pub name: String,
-    /// What it is.
+    /// Description of the variable.
     pub description: String,
-    /// Its unit, by the symbols of [`crate::unit::KNOWN`]; empty for none.
+    /// Unit, by the symbols of [`crate::unit::KNOWN`]; empty for none.
     pub unit: &'static str,
-    /// What it is for.
+    /// Role of the variable.
     pub role: Role,
 }
 
-/// What a variable is for.
+/// Role of a variable.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Role {
-    /// Set from outside, with the value that it has until then.
+    /// An input, with its value before the first one is set.
     Input(f64),
-    /// Fixed at the start: a number, with its limits.
+    /// A parameter that is a number, fixed at the start.
     Number {
-        /// What it is by default.
+        /// Default value.
         start: f64,
         /// Lowest value.
         min: Option<f64>,
         /// Highest value.
         max: Option<f64>,
     },
-    /// Fixed at the start: one of several words.
+    /// A parameter that is one of several words, fixed at the start.
     Word {
-        /// What it is by default.
+        /// Default value.
         start: String,
     },
-    /// Computed.
+    /// A computed value.
     Output,
 }
 
 impl Role {
-    /// The value that a parameter has by default; none of what is no parameter.
+    /// Returns the default value of a parameter; `None` for other variables.
     #[must_use]
     pub fn start(&self) -> Option<StartValue> {
         match self {
@@ -109,7 +110,8 @@ impl Role {
 }
 
 impl Model {
-    /// By what a library knows that a description is its own: it changes with anything that the description says of the variables.
+    /// Returns the token by which a library recognises its own description. It changes with every property of the
+    /// variables in the description.
     #[must_use]
     pub fn token(&self) -> String {
         let mut hasher = DefaultHasher::new();
@@ -117,18 +119,18 @@ impl Model {
         format!("{}-{}-{:016x}", self.name, self.version, hasher.finish())
     }
 
-    /// Its `modelDescription.xml`.
+    /// Returns the `modelDescription.xml`.
     #[must_use]
     pub fn description_xml(&self, version: Version) -> String {
         describe::xml(self, version)
     }
 }
 
-/// Writes the FMU of a model for this machine; `library` are the bytes of the shared library that knows it. It is made in memory,
-/// since a writer of zip files that is left unfinished, as on a full disk, prints on standard error.
+/// Writes the FMU of a model for this machine. `library` has the bytes of the shared library with the model. The file
+/// is made in memory, since a writer of zip files that is left unfinished, as on a full disk, prints on standard error.
 ///
 /// # Errors
-/// It cannot be written.
+/// The output cannot be written.
 pub fn write_fmu(
     mut output: impl Write,
     model: &Model,
@@ -145,7 +147,7 @@ pub fn write_fmu(
     output.write_all(&zip.finish()?.into_inner())
 }
 
-/// Makes the models of a library.
+/// Function that makes the models of a library.
 type Models = fn() -> Vec<Box<dyn Exported>>;
 
 static REGISTERED: OnceLock<Models> = OnceLock::new();
@@ -153,12 +155,12 @@ static REGISTERED: OnceLock<Models> = OnceLock::new();
 static MODELS: LazyLock<Vec<Box<dyn Exported>>> =
     LazyLock::new(|| REGISTERED.get().map_or_else(Vec::new, |models| models()));
 
-/// Says which models the C functions of this library have. [`export!`](crate::export!) calls it.
+/// Registers the models of this library for the C functions. [`export!`](crate::export!) calls it.
 pub fn register(models: Models) {
     let _ = REGISTERED.set(models);
 }
 
-/// The model whose description has this token.
+/// Returns the model whose description has this token.
 fn by_token(token: &str) -> Option<(&'static dyn Exported, Model)> {
     MODELS.iter().find_map(|exported| {
         let model = exported.model().ok()?;
@@ -174,7 +176,7 @@ macro_rules! export {
             extern "C" fn register() {
                 $crate::export::register($models);
             }
-            // Called when the library is loaded. It only keeps the address of the function.
+            // The system calls this when it loads the library. The call only keeps the address of the function.
             #[used]
             #[unsafe(link_section = ".init_array")]
             static REGISTER: extern "C" fn() = register;

@@ -10,16 +10,16 @@ use crate::instance::StartValue;
 pub(super) struct Played {
     exported: &'static dyn Exported,
     model: Model,
-    /// One for each variable; those of words stay 0.
+    /// Numbers, one for each variable; those of words stay 0.
     numbers: Vec<f64>,
-    /// One for each variable; those of numbers stay empty.
+    /// Words, one for each variable; those of numbers stay empty.
     words: Vec<CString>,
     running: Option<Box<dyn Running>>,
     time_seconds: f64,
 }
 
 impl Played {
-    /// The model whose description has this token.
+    /// Instantiates the model whose description has this token.
     pub(super) fn new(token: &str) -> Result<Self, String> {
         let (exported, model) = by_token(token).ok_or_else(|| {
             format!("the token {token:?} is of no model of this library: description and library do not belong together")
@@ -43,7 +43,7 @@ impl Played {
         })
     }
 
-    /// As at the start.
+    /// Returns to the state before the start.
     pub(super) fn reset(&mut self) -> Result<(), String> {
         *self = Self::new(&self.model.token())?;
         Ok(())
@@ -62,7 +62,7 @@ impl Played {
         place.ok_or_else(|| format!("there is no variable {reference} to be set"))
     }
 
-    /// Whether a variable may be set now.
+    /// Checks whether a variable may be set now.
     fn settable(&self, place: usize) -> Result<(), String> {
         let variable = &self.model.variables[place];
         match variable.role {
@@ -109,7 +109,7 @@ impl Played {
         let variable = &self.model.variables[place];
         match variable.role {
             Role::Word { .. } => Err(format!("{} is a text", variable.name)),
-            // Before the start there is what would be started.
+            // Before the start the outputs are those of an instance that would start now.
             Role::Output if self.running.is_none() => {
                 let running = self.started()?;
                 self.take_outputs(&*running);
@@ -138,7 +138,7 @@ impl Played {
         self.exported.start(&Vec::from_iter(parameters))
     }
 
-    /// From here on parameters are fixed.
+    /// Starts the model. From here on parameters are fixed.
     pub(super) fn start(&mut self) -> Result<(), String> {
         let running = self.started()?;
         self.take_outputs(&*running);
@@ -170,7 +170,7 @@ impl Played {
     }
 }
 
-/// Does what may panic. A panic must not leave through C.
+/// Runs code that may panic. A panic must not leave through C.
 pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, Failure> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(value)) => Ok(value),
@@ -179,16 +179,16 @@ pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, 
     }
 }
 
-/// Why a function did not do what it is for.
+/// Failure of a function.
 pub(super) enum Failure {
-    /// In words.
+    /// An error with its reason.
     Error(String),
     /// The model is broken.
     Fatal,
 }
 
 impl Failure {
-    /// `Error` or `Fatal` of FMI.
+    /// Returns `Error` or `Fatal` of FMI.
     pub(super) fn status(&self) -> std::ffi::c_int {
         match self {
             Self::Error(_) => 3,

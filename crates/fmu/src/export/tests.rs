@@ -1,7 +1,7 @@
 use super::*;
 use crate::description::Description;
 
-/// A model with every kind of variable, whose names need care.
+/// A model with every kind of variable and names with special characters.
 struct Sum;
 
 impl Exported for Sum {
@@ -92,7 +92,7 @@ fn a_model_is_described_as_it_is_read() {
 
 #[test]
 fn a_token_is_of_one_description() {
-    // Models are registered before the first is asked for, as when a library is loaded.
+    // Models are registered before the first request, as when a library is loaded.
     let _ = played();
     let mut other = Sum.model().unwrap();
     other.variables.swap(0, 1);
@@ -103,7 +103,7 @@ fn a_token_is_of_one_description() {
 #[test]
 fn values_go_where_they_belong() {
     let mut played = played();
-    // Before the start there are the outputs of what would be started.
+    // Before the start the outputs are those of an instance that would start now.
     assert_eq!(played.number(2).unwrap(), 1.0);
     assert!(played.step(0.0, 0.1).is_err());
     played.set_number(3, 4.0).unwrap();

@@ -189,7 +189,7 @@ pub(super) unsafe extern "C" fn fmi3DoStep(
     }
 }
 
-// Other interfaces, events, clocks, saved states, derivatives, arrays.
+// Features that are not supported: other interfaces, events, clocks, saved states, derivatives, arrays.
 not_served! {
     fmi3EnterEventMode fmi3EnterStepMode fmi3UpdateDiscreteStates fmi3EvaluateDiscreteStates fmi3EnterConfigurationMode
     fmi3ExitConfigurationMode fmi3GetNumberOfVariableDependencies fmi3GetVariableDependencies fmi3GetFMUState
@@ -201,7 +201,7 @@ not_served! {
     fmi3GetNumberOfEventIndicators fmi3GetNumberOfContinuousStates fmi3GetOutputDerivatives fmi3ActivateModelPartition
 }
 
-/// Other interfaces make no instance.
+/// Defines the functions of other interfaces, which make no instance.
 macro_rules! no_instance {
     ($($name:ident)+) => {
         $(

@@ -12,7 +12,7 @@ use super::played::Played;
 type Logger =
     unsafe extern "C" fn(*mut c_void, *const c_char, c_int, *const c_char, *const c_char, ...);
 
-/// `fmi2CallbackFunctions`; what follows the logger is not needed, but for the environment.
+/// `fmi2CallbackFunctions`. Of the fields after the logger only the environment is used.
 #[repr(C)]
 pub(super) struct Callbacks {
     logger: Option<Logger>,
@@ -193,7 +193,7 @@ pub(super) unsafe extern "C" fn fmi2DoStep(
     }
 }
 
-// Saved states, derivatives, steps in the background.
+// Features that are not supported: saved states, derivatives, steps in the background.
 not_served! {
     fmi2GetFMUstate fmi2SetFMUstate fmi2FreeFMUstate fmi2SerializedFMUstateSize fmi2SerializeFMUstate
     fmi2DeSerializeFMUstate fmi2GetDirectionalDerivative fmi2SetRealInputDerivatives fmi2GetRealOutputDerivatives

@@ -4,14 +4,14 @@ use std::ffi::CStr;
 use super::*;
 use crate::library::{Stepped, Updated};
 
-/// What the FMU of a test does in one step, by its end.
+/// Behaviour of a test's FMU in one step, by its end.
 #[derive(Clone, Copy, Debug)]
 enum Does {
     Step,
-    /// Comes as far as this.
+    /// Reaches this time only.
     Early(f64),
     Discard,
-    /// Discards what is longer.
+    /// Discards longer steps.
     DiscardAbove(f64),
     Event,
     Terminate,
@@ -22,7 +22,7 @@ enum Does {
 struct Fake {
     script: VecDeque<Does>,
     otherwise: Option<Does>,
-    /// What is done to it, for the test.
+    /// Calls of the FMU, for the test.
     calls: std::rc::Rc<std::cell::RefCell<Vec<String>>>,
     value: f64,
     next_event: Option<f64>,
@@ -136,7 +136,7 @@ fn always(does: Does) -> Fake {
     }
 }
 
-/// What is done to the FMU in one advance of a second.
+/// Returns the calls of the FMU in one advance of a second.
 #[track_caller]
 fn calls(mut instance: Instance, of: &std::cell::RefCell<Vec<String>>) -> Vec<String> {
     instance.advance(1.0, &[]).unwrap();
@@ -225,7 +225,7 @@ fn events_are_handled_where_it_asks_and_where_it_told_of_them() {
     let noted = fake.calls.clone();
     let mut instance = instance(fake);
     instance.has_events = true;
-    // The first step ends in an event, which tells of another one half a second from the start.
+    // The first step ends in an event, which announces another one half a second from the start.
     instance.advance(0.25, &[]).unwrap();
     assert_eq!(noted.borrow_mut().split_off(0), ["step 0 0.25", "events"]);
     instance.advance(1.0, &[]).unwrap();
@@ -253,7 +253,7 @@ fn inputs_are_set_where_they_changed_and_discrete_ones_in_events() {
     );
     instance.advance(2.0, &[0.6, 3.4]).unwrap();
     assert_eq!(noted.borrow_mut().split_off(0), ["set 1 0.6", "step 1 2"]);
-    // More than 8 bits have.
+    // The value exceeds 8 bits.
     instance.advance(3.0, &[0.6, 300.0]).unwrap();
     assert_eq!(
         noted.borrow_mut().split_off(0),

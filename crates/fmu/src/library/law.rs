@@ -46,22 +46,22 @@ struct SetupInC {
     seed: u64,
 }
 
-/// What a scenario says of a law.
+/// Setup of a law from a scenario.
 #[derive(Clone, Debug, Default)]
 pub struct LawSetup {
-    /// Names of what it reads.
+    /// Names of the values that it reads.
     pub reads: Vec<String>,
-    /// Names of what it commands.
+    /// Names of its commands.
     pub writes: Vec<String>,
-    /// Names of what it writes besides.
+    /// Names of the further values that it writes.
     pub terms: Vec<String>,
-    /// Lowest and highest command of each of `writes`.
+    /// Smallest and largest value of each command in `writes`.
     pub ranges: Vec<[f64; 2]>,
-    /// Its parameters.
+    /// Parameters by name.
     pub parameters: Vec<(String, f64)>,
     /// Time between two cycles.
     pub period_seconds: f64,
-    /// The seed of the run.
+    /// Seed of the run.
     pub seed: u64,
 }
 
@@ -116,14 +116,14 @@ impl Drop for Memory {
     }
 }
 
-/// A law of a library, with its memory. For a worker process only: it runs a stranger's code.
+/// A law of a library, with its memory. It runs foreign code, so only a worker process may load it.
 pub struct LawLibrary {
     step: Step,
     memory: Memory,
     writes: usize,
     terms: usize,
     reads: usize,
-    // What the law was given stays where it is, and the library is closed last.
+    // The setup that the law was given stays in place, and the library is closed last.
     _setup: Box<SetupInC>,
     _names: [Names; 4],
     _numbers: [Vec<f64>; 3],
@@ -134,7 +134,7 @@ impl LawLibrary {
     /// Loads a library and prepares its law.
     ///
     /// # Errors
-    /// It cannot be loaded, lacks a function, or its law does not take the setup.
+    /// The library cannot be loaded, lacks a function, or its law does not accept the setup.
     pub fn load(path: &Path, setup: &LawSetup) -> Result<Self, Fault> {
         let library = open(path)?;
         // SAFETY: the header gives the functions these types, and the library is closed last.
@@ -201,13 +201,13 @@ impl LawLibrary {
         })
     }
 
-    /// A step of the law.
+    /// Calls the law for one cycle.
     ///
     /// # Errors
-    /// It cannot go on.
+    /// The law cannot continue.
     ///
     /// # Panics
-    /// There are not as many values as in the setup.
+    /// The number of values differs from the setup.
     pub fn step(
         &mut self,
         time_seconds: f64,

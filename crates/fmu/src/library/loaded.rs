@@ -1,4 +1,4 @@
-//! An instance in a library, whatever its version of FMI.
+//! An instance in a library, for either version of FMI.
 
 use std::any::Any;
 use std::ffi::{CStr, c_char, c_int, c_void};
@@ -14,7 +14,7 @@ use crate::error::Fault;
 pub(super) type Component = *mut c_void;
 pub(super) type Plain = unsafe extern "C" fn(Component) -> c_int;
 
-/// Functions of a version that read and write values of any type: their names and their form.
+/// Functions of a version that read and write values of any type: the prefix of their names and their signatures.
 pub(super) trait Family {
     const PREFIX: &'static str;
     type Get<T: 'static>: Copy + 'static;
@@ -36,7 +36,7 @@ pub(super) struct Numbers {
 }
 
 impl Numbers {
-    /// Those with `name` at the end of theirs; one that the library lacks fails when it is called.
+    /// Returns the functions whose names end in `name`. A function that the library lacks fails when it is called.
     ///
     /// # Safety
     /// `T` is the type that FMI has for this name.
@@ -72,10 +72,10 @@ impl Numbers {
     }
 }
 
-/// Goes on from a time for a duration, both in seconds.
+/// Function that steps from a time for a duration, both in seconds.
 pub(super) type Step = dyn Fn(Component, f64, f64) -> Stepped;
 
-/// Calls for which the versions have functions of different forms.
+/// Calls whose functions differ in the two versions.
 pub(super) struct Calls {
     pub(super) numbers: Vec<(Kind, Numbers)>,
     pub(super) enter_initialization: Box<dyn Fn(Component, f64, Option<f64>) -> Status>,
@@ -83,14 +83,14 @@ pub(super) struct Calls {
     pub(super) events: Option<Events>,
 }
 
-/// Calls of an instance that has events.
+/// Calls of an instance with events.
 pub(super) struct Events {
     pub(super) enter: Plain,
     pub(super) update: Box<dyn Fn(Component) -> (Status, Updated)>,
     pub(super) leave: Plain,
 }
 
-/// Sets a text by its reference.
+/// Function that sets a text by its reference.
 type SetText = dyn Fn(Component, u32, &CStr) -> Status;
 
 /// An instance.
@@ -102,14 +102,14 @@ pub(super) struct Loaded {
     terminate: Plain,
     set_string: Box<SetText>,
     calls: Calls,
-    // What the component points to, for as long as it lives.
+    // Data that the component points to, for as long as it lives.
     pub(super) callbacks: Option<Box<dyn Any>>,
     pub(super) log: Box<Log>,
     pub(super) library: Library,
 }
 
 impl Loaded {
-    /// The functions of a library, without an instance.
+    /// Looks up the functions of a library, without an instance.
     ///
     /// # Safety
     /// The library is of the version, and the calls are of its functions.
@@ -138,7 +138,7 @@ impl Loaded {
         }
     }
 
-    /// The same with an instance, which a function returned.
+    /// Adds the instance, which `function` returned.
     pub(super) fn with(self, component: Component, function: &'static str) -> Result<Self, Fault> {
         if component.is_null() {
             return Err(Fault::Call {

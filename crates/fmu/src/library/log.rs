@@ -1,11 +1,11 @@
-//! What an FMU says while it works: kept for the message of its failure.
+//! Messages of an FMU, kept for the report of its failure.
 
 use std::ffi::{CStr, c_char};
 use std::sync::{Mutex, PoisonError};
 
-/// Most messages that are kept: the last.
+/// Number of messages that are kept, the latest ones.
 const MESSAGES_MAX: usize = 4;
-/// Longest message.
+/// Largest length of a message.
 const CHARACTERS_MAX: usize = 400;
 
 /// The last messages of an instance.

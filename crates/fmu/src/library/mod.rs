@@ -1,6 +1,6 @@
-//! An FMU's shared library: its C functions behind a safe trait. The only `unsafe` code beside `platform`.
+//! An FMU's shared library: its C functions behind a safe trait. The only `unsafe` code besides `platform`.
 //!
-//! What cannot be checked is that a stranger's functions do what FMI says. Only a worker process loads them.
+//! Rust cannot check that foreign functions comply with FMI, so only a worker process loads them.
 #![expect(unsafe_code, reason = "an FMU's functions are C")]
 
 pub(crate) mod law;
@@ -21,7 +21,7 @@ use crate::archive::{library_in, resources_in};
 use crate::description::{CoSimulation, Description, Kind, Version};
 use crate::error::Fault;
 
-/// What a function returned.
+/// Status that a function returned.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(crate) enum Status {
     Ok,
@@ -50,7 +50,7 @@ impl Status {
         matches!(self, Self::Ok | Self::Warning)
     }
 
-    /// After a sentence's subject.
+    /// Returns a text that follows the subject of a sentence.
     pub(crate) fn words(self) -> String {
         match self {
             Self::Ok => "succeeded".to_owned(),
@@ -66,17 +66,17 @@ impl Status {
     }
 }
 
-/// How a step ended.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stepped {
     pub(crate) status: Status,
-    /// How far it came.
+    /// Time that was reached.
     pub(crate) reached_seconds: f64,
     pub(crate) needs_events: bool,
     pub(crate) is_terminated: bool,
 }
 
-/// What the discrete states want after an update.
+/// Requests of the discrete states after an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Updated {
     pub(crate) again: bool,
@@ -84,9 +84,9 @@ pub(crate) struct Updated {
     pub(crate) next_event_seconds: Option<f64>,
 }
 
-/// One instance of an FMU for co-simulation. Functions of events are called only where [`CoSimulation::has_event_mode`].
+/// One instance of an FMU for co-simulation. Functions of events are called only if [`CoSimulation::has_event_mode`].
 pub(crate) trait Slave {
-    /// A value within the range of its kind.
+    /// Sets a number; `value` is within the range of its kind.
     fn set_number(&mut self, kind: Kind, reference: u32, value: f64) -> Status;
     fn number(&mut self, kind: Kind, reference: u32, value: &mut f64) -> Status;
     fn set_text(&mut self, reference: u32, text: &CStr) -> Status;
@@ -97,9 +97,9 @@ pub(crate) trait Slave {
     fn update_discrete(&mut self) -> (Status, Updated);
     fn enter_steps(&mut self) -> Status;
     fn terminate(&mut self) -> Status;
-    /// What it said since it was last asked.
+    /// Returns the messages since the last call.
     fn log(&mut self) -> String;
-    /// After a fatal failure no function may be called any more.
+    /// Marks the instance as lost. After a fatal failure no function may be called.
     fn forsake(&mut self);
 }
 
@@ -123,7 +123,7 @@ pub(crate) fn instantiate(
     Ok(Box::new(instance))
 }
 
-/// What an instance is made of.
+/// Arguments for the creation of an instance.
 struct Made<'a> {
     co_simulation: &'a CoSimulation,
     token: std::ffi::CString,
@@ -134,7 +134,7 @@ fn text(text: &str) -> Result<std::ffi::CString, Fault> {
     std::ffi::CString::new(text).map_err(|_| Fault::Table(format!("{text:?} has a NUL in it")))
 }
 
-/// All symbols are looked for at once: what is missing is found before anything moves.
+/// Opens a library. All symbols are resolved at once, so a missing one is found before motion begins.
 fn open(path: &Path) -> Result<Library, Fault> {
     // SAFETY: what a library does when it is loaded is not known; that is why only a worker loads one.
     let opened = |path: &Path| unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) };
@@ -149,7 +149,7 @@ fn open(path: &Path) -> Result<Library, Fault> {
     opened(path).map_err(|error| Fault::Library(self::reason(&error)))
 }
 
-/// A library for another machine, of which the system's loader says that it is not there.
+/// Returns the reason if a library is for another machine; the system's loader reports only that the file is missing.
 fn other_machine(path: &Path) -> Option<String> {
     let (library, here) = (machine(path)?, machine(Path::new("/proc/self/exe"))?);
     let name = |machine| match machine {
@@ -163,7 +163,7 @@ fn other_machine(path: &Path) -> Option<String> {
     (library != here).then(|| format!("it is for {}, and this is {}", name(library), name(here)))
 }
 
-/// The machine of an ELF file, by its number there: `e_machine`, two bytes after 18.
+/// Returns the machine of an ELF file, by its number there: `e_machine`, two bytes after 18.
 fn machine(path: &Path) -> Option<u16> {
     let mut header = [0; 20];
     File::open(path).ok()?.read_exact(&mut header).ok()?;
@@ -171,7 +171,7 @@ fn machine(path: &Path) -> Option<u16> {
     header.starts_with(b"\x7fELF").then_some(number)
 }
 
-/// What the system's loader says.
+/// Returns the message of the system's loader.
 fn reason(error: &libloading::Error) -> String {
     match error {
         libloading::Error::DlOpen { source } => source.to_string(),
@@ -179,10 +179,11 @@ fn reason(error: &libloading::Error) -> String {
     }
 }
 
-/// A function of a library.
+/// Looks up a function of a library.
 ///
 /// # Safety
-/// `F` is the type that FMI gives the function of this name, and the function is not called after the library is closed.
+/// `F` is the type that FMI gives the function of this name, and the function is not called after the library is
+/// closed.
 unsafe fn function<F: Copy>(library: &Library, name: &str) -> Result<F, Fault> {
     // SAFETY: by the caller.
     let symbol = unsafe { library.get::<F>(name.as_bytes()) };
@@ -191,7 +192,7 @@ unsafe fn function<F: Copy>(library: &Library, name: &str) -> Result<F, Fault> {
         .map_err(|_| Fault::Symbol(name.to_owned()))
 }
 
-/// A whole number of any type, from one that is whole and within its range.
+/// Converts to an integer of any type; `value` is whole and within its range.
 fn whole<T: TryFrom<i64> + Default>(value: f64) -> T {
     #[expect(
         clippy::cast_possible_truncation,
@@ -201,7 +202,7 @@ fn whole<T: TryFrom<i64> + Default>(value: f64) -> T {
     T::try_from(value).unwrap_or_default()
 }
 
-/// A whole number as one with a fraction; above 2^53 it is the nearest that there is.
+/// Converts an integer to a float; above 2^53 to the nearest one.
 fn number_of(value: i64) -> f64 {
     #[expect(
         clippy::cast_precision_loss,

@@ -1,5 +1,5 @@
-//! FMUs written in Python need its library, and expect the program that loads them to have it: a Python. Ours has not, so it is found
-//! and opened first.
+//! The library of Python for FMUs written in Python. They expect the program that loads them to contain it. This
+//! program does not, so it finds and opens the library first.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,10 @@ use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_NOW};
 
 use crate::error::Fault;
 
-/// Versions of Python 3 that are looked for, the newest first.
+/// Versions of Python 3 that are tried, the newest first.
 const MINOR_VERSIONS: std::ops::RangeInclusive<u32> = 8..=20;
 
-/// The symbol of Python that the system's loader misses, such as `_Py_NoneStruct`.
+/// Returns the symbol of Python that the system's loader misses, such as `_Py_NoneStruct`.
 pub(super) fn missing_symbol(reason: &str) -> Option<&str> {
     let (_, symbol) = reason.split_once("undefined symbol: ")?;
     let symbol = symbol.split([' ', ',', ')']).next()?;
@@ -18,13 +18,13 @@ pub(super) fn missing_symbol(reason: &str) -> Option<&str> {
     is_python.then_some(symbol)
 }
 
-/// Opens the library of Python for all that is loaded later.
+/// Opens the library of Python for all libraries that are loaded later.
 pub(super) fn open(symbol: &str) -> Result<(), Fault> {
     for path in candidates() {
         // SAFETY: Python's library does nothing but define symbols until it is initialized.
         let opened = unsafe { Library::open(Some(&path), RTLD_NOW | RTLD_GLOBAL) };
         if let Ok(library) = opened {
-            // It stays: an interpreter cannot be taken away from under what uses it.
+            // The library stays loaded: code that uses an interpreter cannot lose it.
             std::mem::forget(library);
             return Ok(());
         }
@@ -35,7 +35,7 @@ pub(super) fn open(symbol: &str) -> Result<(), Fault> {
     )))
 }
 
-/// Where the library may be: that of the `python3` in PATH first, since its packages fit.
+/// Returns candidates for the library. That of the `python3` in PATH is first, since its packages fit.
 fn candidates() -> Vec<PathBuf> {
     let mut candidates = Vec::new();
     if let Some((prefix, minor)) = interpreter() {
@@ -43,7 +43,7 @@ fn candidates() -> Vec<PathBuf> {
         candidates.push(prefix.join("lib").join(&name));
         candidates.push(PathBuf::from(name));
     }
-    // A name without a folder is looked for by the system.
+    // The system searches for a name without a folder.
     candidates.extend(MINOR_VERSIONS.rev().map(library_name).map(PathBuf::from));
     candidates
 }
@@ -52,7 +52,7 @@ fn library_name(minor: u32) -> String {
     format!("libpython3.{minor}.so.1.0")
 }
 
-/// Prefix and minor version of the `python3` in PATH, with the links to it followed.
+/// Returns prefix and minor version of the `python3` in PATH; links to it are followed.
 fn interpreter() -> Option<(PathBuf, u32)> {
     let path = std::env::var_os("PATH")?;
     let found = std::env::split_paths(&path).map(|folder| folder.join("python3"));
@@ -68,7 +68,7 @@ fn interpreter() -> Option<(PathBuf, u32)> {
     Some((prefix, minor))
 }
 
-/// 11 for `/usr/bin/python3.11`.
+/// Returns 11 for `/usr/bin/python3.11`.
 fn minor_version(program: &Path) -> Option<u32> {
     let name = program.file_name()?.to_str()?;
     name.strip_prefix("python3.")?.parse().ok()

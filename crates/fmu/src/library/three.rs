@@ -32,7 +32,7 @@ type Instantiate = unsafe extern "C" fn(
     *const c_void,
 ) -> Component;
 type EnterInitialization = unsafe extern "C" fn(Component, bool, f64, f64, bool, f64) -> c_int;
-/// Truths are bytes here: a stranger's byte that is neither 0 nor 1 is no `bool`.
+/// Booleans are bytes here: a foreign byte that is neither 0 nor 1 is no valid `bool`.
 type DoStep =
     unsafe extern "C" fn(Component, f64, f64, bool, *mut u8, *mut u8, *mut u8, *mut f64) -> c_int;
 type UpdateDiscrete =
@@ -69,7 +69,7 @@ impl Family for Three {
     }
 }
 
-/// An instance in a library.
+/// Makes an instance in a library.
 pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result<Loaded, Fault> {
     let has_events = made.co_simulation.has_event_mode;
     // SAFETY: the types are those of FMI 3.0, and the library lives as long as the instance, as the log does. All texts live
@@ -179,7 +179,7 @@ fn step(library: &Library) -> Result<Box<Step>, Fault> {
                 &raw mut last,
             ));
             let end = from_seconds + duration_seconds;
-            // Some do not write the time where the step was done.
+            // Some FMUs do not write the time after a complete step.
             let is_done = status.is_good() && returned_early == 0;
             Stepped {
                 status,

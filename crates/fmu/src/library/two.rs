@@ -37,8 +37,8 @@ const TERMINATED: c_int = 3;
 /// `fmi2CallbackFunctions`.
 #[repr(C)]
 struct Callbacks {
-    /// In C it takes any number of arguments. Those that FMI names come where they come for a function of just these, on all
-    /// platforms that are served.
+    /// The function in C is variadic. On all supported platforms the arguments that FMI names are passed as to a
+    /// function with just these.
     logger: unsafe extern "C" fn(
         *mut c_void,
         *const c_char,
@@ -63,7 +63,7 @@ unsafe extern "C" fn free(memory: *mut c_void) {
     unsafe { libc::free(memory) }
 }
 
-/// Keeps the format of a message, or the text of one whose format is `%s`.
+/// Keeps the format of a message, or the text of a message with the format `%s`.
 unsafe extern "C" fn logger(
     environment: *mut c_void,
     _instance: *const c_char,
@@ -103,7 +103,7 @@ impl Family for Two {
     }
 }
 
-/// An instance in a library.
+/// Makes an instance in a library.
 pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result<Loaded, Fault> {
     // SAFETY: the types are those of FMI 2.0, and the library lives as long as the instance, as callbacks and log do. All texts
     // live through the call.

@@ -1,6 +1,8 @@
-//! The worker: a process that alone loads an FMU. A crash, a hang or an exit of the FMU ends the worker, and costs that run.
+//! The worker: a process that alone loads an FMU. A crash, a hang or an exit of the FMU ends the worker, and costs that
+//! run.
 //!
-//! [`serve`] is the worker, [`Remote`] the plant's side. Both speak through a [`Channel`], which somebody else made.
+//! [`serve`] is the worker, [`Remote`] the plant's side. They communicate through a [`Channel`], which the caller
+//! makes.
 
 mod protocol;
 mod remote;
@@ -12,7 +14,7 @@ use std::time::Duration;
 pub use remote::{LOAD_PATIENCE, Remote, STEP_PATIENCE};
 pub use serve::serve;
 
-/// Messages to and from a worker, each whole.
+/// A channel of whole messages to and from a worker.
 pub trait Channel: Send {
     /// Sends a message.
     ///
@@ -20,14 +22,14 @@ pub trait Channel: Send {
     /// The other end is gone.
     fn send(&mut self, message: &[u8]) -> io::Result<()>;
 
-    /// Waits for a message, no longer than `patience`; its length, 0 where the other end is gone.
+    /// Waits for a message, at most for `patience`. Returns its length; 0 if the other end is gone.
     ///
     /// # Errors
-    /// [`io::ErrorKind::TimedOut`] where none came, or the channel failed.
+    /// [`io::ErrorKind::TimedOut`] if no message came, or another one if the channel failed.
     fn receive(&mut self, message: &mut [u8], patience: Option<Duration>) -> io::Result<usize>;
 
-    /// How the process at the other end ended, such as `was ended by signal 11`, and the end of what it wrote on its standard
-    /// error. It is asked when the other end is gone, or does not answer; then the process is ended.
+    /// Returns the end of the process at the other end, such as `was ended by signal 11`, and the last part of its
+    /// standard error. It is called when the other end is gone or does not answer; it ends the process.
     fn ended(&mut self) -> (String, String);
 }
 

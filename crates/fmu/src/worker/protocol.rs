@@ -1,10 +1,11 @@
-//! What is said between the plant's side and the worker. The first byte says what a message is; numbers are little-endian.
+//! Protocol between the plant's side and the worker. The first byte is the type of a message; numbers are
+//! little-endian.
 
 use serde::{Deserialize, Serialize};
 
 use crate::instance::Configuration;
 
-/// Longest message: below what a socket takes at once.
+/// Largest length of a message: below the size that a socket accepts at once.
 pub(super) const MESSAGE_BYTES_MAX: usize = 128 << 10;
 
 /// To the worker: load an FMU. An [`Order`] follows.
@@ -20,18 +21,18 @@ pub(super) const CANNOT: u8 = 5;
 /// From the worker: failed in the run; a text follows.
 pub(super) const FAILED: u8 = 6;
 
-/// What a worker is to load.
+/// Order to load an FMU.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Order {
-    /// Where the FMU is unpacked.
+    /// Folder of the unpacked FMU.
     pub(super) folder: String,
-    /// Its file, for messages.
+    /// File of the FMU, for messages.
     pub(super) file: String,
-    /// What the run wants of it.
+    /// Configuration for the run.
     pub(super) configuration: Configuration,
 }
 
-/// Writes a message of numbers; the buffer keeps its room.
+/// Writes a message of numbers; the buffer keeps its capacity.
 pub(super) fn write(message: &mut Vec<u8>, what: u8, numbers: impl Iterator<Item = f64>) {
     message.clear();
     message.push(what);
@@ -40,7 +41,7 @@ pub(super) fn write(message: &mut Vec<u8>, what: u8, numbers: impl Iterator<Item
     }
 }
 
-/// The numbers of a message behind its first byte.
+/// Returns the numbers of a message after its first byte.
 pub(super) fn numbers(message: &[u8]) -> impl ExactSizeIterator<Item = f64> {
     let body = message.get(1..).unwrap_or_default();
     let number = |bytes: &[u8; 8]| f64::from_le_bytes(*bytes);

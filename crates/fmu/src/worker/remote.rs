@@ -13,11 +13,11 @@ use crate::archive::Unpacked;
 use crate::error::{Fault, FmuError};
 use crate::instance::Configuration;
 
-/// How long an FMU may take to load and to find its start: some start an interpreter.
+/// Time for an FMU to load and to find its start; some FMUs start an interpreter.
 pub const LOAD_PATIENCE: Duration = Duration::from_secs(60);
-/// How long it may take for a step: less than others wait for the plant in lock-step.
+/// Time for a step: less than the time that other nodes wait for the plant in lock-step.
 pub const STEP_PATIENCE: Duration = Duration::from_secs(5);
-/// How long it may take to end.
+/// Time for an FMU to end.
 const END_PATIENCE: Duration = Duration::from_secs(2);
 
 /// An FMU that plays in a worker. The worker ends when this is dropped.
@@ -38,13 +38,13 @@ impl fmt::Debug for Remote {
 }
 
 impl Remote {
-    /// Has the worker at the other end load an FMU and bring it to time 0; `outputs` are its values there.
+    /// Lets the worker at the other end load an FMU and bring it to time 0; `outputs` then has its values.
     ///
     /// # Errors
-    /// The FMU cannot be loaded, does not take the configuration, or broke its worker.
+    /// The FMU cannot be loaded, does not accept the configuration, or ended its worker.
     ///
     /// # Panics
-    /// There is not as much room as outputs in the configuration.
+    /// The number of outputs differs from the configuration.
     pub fn load(
         channel: Box<dyn Channel>,
         unpacked: &Unpacked,
@@ -73,7 +73,7 @@ impl Remote {
     }
 
     fn order(&mut self, order: &Order) -> Result<(), Fault> {
-        // Each value of the configuration is answered or asked for in one message.
+        // Each value of the configuration is sent or returned in one message.
         let values = 8 * (self.inputs.max(self.outputs) + 2);
         let order =
             postcard::to_allocvec(order).map_err(|error| Fault::Table(error.to_string()))?;
@@ -89,13 +89,13 @@ impl Remote {
         Ok(())
     }
 
-    /// Lets time pass under constant inputs; then `outputs` are the values.
+    /// Advances the time under constant inputs; `outputs` then has the values.
     ///
     /// # Errors
-    /// The FMU failed, or broke its worker.
+    /// The FMU failed, or ended its worker.
     ///
     /// # Panics
-    /// There are not as many inputs, or there is not as much room for outputs, as in the configuration.
+    /// The number of inputs or outputs differs from the configuration.
     pub fn advance(
         &mut self,
         to_seconds: f64,
@@ -110,10 +110,10 @@ impl Remote {
             .map_err(|fault| fault.of(&self.file))
     }
 
-    /// Ends the FMU as FMI wants it.
+    /// Terminates the FMU as FMI requires.
     ///
     /// # Errors
-    /// It failed in this, or broke its worker.
+    /// The FMU failed in this, or ended its worker.
     pub fn end(mut self) -> Result<(), FmuError> {
         write(&mut self.message, END, std::iter::empty());
         self.ask("ended", END_PATIENCE)
@@ -121,11 +121,11 @@ impl Remote {
             .map_err(|fault| fault.of(&self.file))
     }
 
-    /// Sends the message and waits for the answer; its length.
+    /// Sends the message and waits for the answer; returns its length.
     fn ask(&mut self, doing: &'static str, patience: Duration) -> Result<usize, Fault> {
         let answered = match self.channel.send(&self.message) {
             Ok(()) => self.channel.receive(&mut self.answer, Some(patience)),
-            // What the worker is gone of is asked below.
+            // The cause of the worker's end is asked for below.
             Err(_) => Ok(0),
         };
         match answered {
@@ -144,7 +144,7 @@ impl Remote {
         }
     }
 
-    /// What the worker told in place of an answer.
+    /// Returns the error that the worker sent in place of an answer.
     fn refused(&self, length: usize) -> Result<(), Fault> {
         let answer = &self.answer[..length];
         let told = |in_run| {

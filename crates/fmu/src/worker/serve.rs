@@ -10,15 +10,15 @@ use super::protocol::{
 use crate::error::{Fault, FmuError};
 use crate::instance::Instance;
 
-/// What a worker has loaded, and room for its values.
+/// The loaded FMU, and buffers for its values.
 struct Loaded {
     instance: Instance,
     inputs: Vec<f64>,
     outputs: Vec<f64>,
 }
 
-/// Loads one FMU and steps it, as the other end says, until that end is gone. For a process of its own only: it runs a stranger's
-/// code.
+/// Loads one FMU and steps it by the messages of the other end, until that end is gone. It runs foreign code, so only a
+/// process of its own may call it.
 ///
 /// # Errors
 /// The channel failed, or the other end speaks another protocol.

@@ -6,14 +6,14 @@ use super::*;
 use crate::Configuration;
 use crate::archive::Archive;
 
-/// What the other end does.
+/// Behaviour of the other end.
 enum Does {
     Answer(Vec<u8>),
     Die,
     Hang,
 }
 
-/// A channel whose other end does as it is told.
+/// A channel whose other end follows a script.
 struct Scripted {
     script: VecDeque<Does>,
     sent: Arc<Mutex<Vec<Vec<u8>>>>,
@@ -51,7 +51,7 @@ fn told(what: u8, text: &str) -> Does {
     Does::Answer([&[what], text.as_bytes()].concat())
 }
 
-/// An FMU that nobody loads.
+/// Makes an FMU that is never loaded.
 fn unpacked(folder: &std::path::Path) -> crate::Unpacked {
     use std::io::Write;
     let xml = r#"<fmiModelDescription fmiVersion="3.0" modelName="a" instantiationToken="t"><CoSimulation modelIdentifier="a"/></fmiModelDescription>"#;
@@ -69,7 +69,7 @@ fn unpacked(folder: &std::path::Path) -> crate::Unpacked {
     Archive::open(&file).unwrap().unpack().unwrap()
 }
 
-/// Loads, steps once, and what was sent.
+/// Loads and steps once; returns the output and the messages that were sent.
 fn played(script: impl IntoIterator<Item = Does>) -> Result<(f64, Vec<Vec<u8>>), crate::FmuError> {
     let folder = tempfile::tempdir().unwrap();
     let unpacked = unpacked(folder.path());

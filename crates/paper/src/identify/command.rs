@@ -1,4 +1,4 @@
-//! `canrig identify`: from arguments to a folder with plant, scenario, report and pictures.
+//! `canrig identify`: makes a folder with plant, scenario, report and pictures from recordings.
 
 use crate::identify::start::Start;
 use clap::Args;
@@ -24,22 +24,22 @@ use runner::console::{Spinner, print, print_error};
 use runner::exit::Exit;
 use runner::run::RUNS;
 
-/// Most recordings of one identification.
+/// Largest number of recordings in one identification.
 const RECORDINGS_MAX: usize = 100;
 
 /// Names of the files that only identification writes.
 mod name {
-    /// The plant that was found, as a scenario has it: `[plant.wire]`.
+    /// The identified plant, as in a scenario: `[plant.wire]`.
     pub(super) const PLANT: &str = "plant.toml";
-    /// The same as the model of a control law.
+    /// The same plant as the model of a control law.
     pub(super) const NOMINAL_MODEL: &str = "nominal_model.toml";
-    /// The report in words.
+    /// The report as text.
     pub(super) const REPORT: &str = "report.md";
-    /// Everything in numbers.
+    /// All results as numbers.
     pub(super) const NUMBERS: &str = "identification.json";
 }
 
-/// Why there is no result, and how the program ends.
+/// Reason why there is no result, with the exit code.
 struct IdentifyFailure {
     message: String,
     exit: Exit,
@@ -83,7 +83,7 @@ pub struct IdentifyArgs {
     pub quiet: bool,
 }
 
-/// What is taken as known of the plant.
+/// Source of the parameters that are not identified.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum KnownChoice {
     /// The nominal plant.
@@ -106,7 +106,7 @@ impl FromStr for KnownChoice {
     }
 }
 
-/// Does what the command line says.
+/// Executes the command.
 #[must_use]
 pub fn identify(args: &IdentifyArgs) -> Exit {
     match run(args) {
@@ -153,7 +153,8 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
     Ok(exit)
 }
 
-/// A model that does not explain the data fails, whether or not a second optimiser finds the same values.
+/// Returns the exit code. A model that does not explain the data fails, even if a second optimiser finds the same
+/// values.
 fn exit(fit: &Fit<'_>, found: &Solution) -> Exit {
     if !found.statistics.explains() {
         Exit::VerdictFailed
@@ -195,7 +196,7 @@ fn read_database(path: &Path) -> Result<Database, IdentifyFailure> {
     Database::parse(&text).map_err(|error| fault(error.to_string()))
 }
 
-/// What is taken as known, and remarks on it.
+/// The plant with the known parameters, and remarks on it.
 struct KnownPlant {
     plant: Sma,
     notes: Vec<String>,
@@ -226,8 +227,8 @@ fn known(
     })
 }
 
-/// A note that the scenario's plant is not nominal: it may be what is known of the rig, or what identification must not
-/// know.
+/// Returns a note if the scenario's plant is not nominal. The difference may be knowledge about the rig, or the truth
+/// that identification must not use.
 fn differences(plant: &Sma) -> Option<String> {
     let nominal = Sma::default();
     let mut names: Vec<&str> = parameter::ALL
@@ -257,7 +258,7 @@ fn differences(plant: &Sma) -> Option<String> {
     })
 }
 
-/// What other programs read.
+/// Results for other programs.
 #[derive(Serialize)]
 struct IdentificationNumbers<'a> {
     schema: u32,
@@ -325,7 +326,7 @@ fn numbers<'a>(fit: &Fit<'_>, found: &'a Solution) -> IdentificationNumbers<'a> 
     }
 }
 
-/// One picture per recording; the part of the report that shows them.
+/// Writes one picture per recording; returns the part of the report that shows them.
 fn write_pictures(
     folder: &RunFolder,
     fit: &Fit<'_>,

@@ -1,4 +1,4 @@
-//! What identification takes from a recording: the inputs over time and the measured positions.
+//! Data that identification takes from a recording: the inputs over time and the measured positions.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -19,42 +19,42 @@ use recording::session::{FramesError, ReadError, read_plan};
 use recording::timeline::{self, Timeline};
 use worlds::catalogue::catalogue;
 
-/// Distance of the positions that are compared. The wire's time constant is 0.65 s; closer ones would add little.
+/// Time between the positions that are compared. The wire's time constant is 0.65 s; closer positions would add little.
 const GRID_SECONDS: f64 = 0.01;
-/// Shortest recording, some time constants of the wire.
+/// Duration of the shortest recording, some time constants of the wire.
 const DURATION_SECONDS_MIN: f64 = 3.0;
-/// Longest gap that is bridged by holding the inputs …
+/// Longest gap that is bridged by holding the inputs, unless [`GAP_CYCLES_MAX`] is longer.
 const GAP_SECONDS_MAX: f64 = 0.02;
-/// … or so many cycles where that is longer: without a SYNC the drive itself holds its command.
+/// The same in cycles: without a SYNC the drive itself holds its command.
 const GAP_CYCLES_MAX: f64 = 2.5;
-/// A command that comes in the cycle of row k flows until row k + 2.
+/// Delay of a command: if it comes in the cycle of row k, it flows until row k + 2.
 const COMMAND_CYCLES: usize = 2;
-/// Most cycles without a position.
+/// Largest share of cycles without a position.
 const MISSED_PERCENT_MAX: f64 = 1.0;
-/// Least motion, in steps of the sensor.
+/// Smallest motion, in steps of the sensor.
 const MOTION_STEPS_MIN: f64 = 20.0;
-/// Farthest from the stop, in steps of the sensor, that a recording may begin.
+/// Largest distance from the stop at the start of a recording, in steps of the sensor.
 const START_STEPS_MAX: f64 = 8.0;
 
-/// Why a recording cannot be used.
+/// Reason why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {fault}", path.display())]
 pub struct RecordingError {
-    /// Which one.
+    /// Path of the recording.
     pub path: PathBuf,
-    /// Why.
+    /// Error in it.
     pub fault: RecordingFault,
 }
 
-/// What is wrong with a recording.
+/// Error in a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingFault {
     /// A file cannot be read.
     #[error("{name} cannot be read: {source}")]
     Read {
-        /// Which one.
+        /// Name of the file.
         name: String,
-        /// Why.
+        /// Error of the system.
         source: io::Error,
     },
     /// The scenario is invalid.
@@ -63,17 +63,17 @@ pub enum RecordingFault {
     /// The folder's DBC is invalid.
     #[error(transparent)]
     Frames(#[from] FramesError),
-    /// The plant has other parameters.
+    /// The plant is not a shape-memory-alloy wire.
     #[error(
         "its plant is `{0}`; identification knows the equations of the shape-memory-alloy wire only"
     )]
     OtherPlant(String),
-    /// Several drives.
+    /// The scenario has several drives.
     #[error(
         "it is of {0} loops; identification explains one wire behind one drive, so play a scenario of one loop and take its recording"
     )]
     SeveralLoops(usize),
-    /// A log without its scenario.
+    /// The recording is a log without its scenario.
     #[error(
         "a log alone does not hold the cycle time and the sensor; name the scenario that was played with --scenario"
     )]
@@ -81,64 +81,64 @@ pub enum RecordingFault {
     /// The DBC lacks a signal.
     #[error("{0}; identification needs the rig's own DBC")]
     Signal(#[from] SignalMissing),
-    /// No frame of the drive.
+    /// No frame is of the drive.
     #[error(
         "none of its {frames} frames is {message} (0x{id:03X}), the drive's position and current: is it the right DBC?"
     )]
     NoDriveFrames {
-        /// Frames in the log.
+        /// Number of frames in the log.
         frames: usize,
-        /// The message that was looked for.
+        /// Name of the message that was sought.
         message: String,
-        /// Its identifier.
+        /// Identifier of the message.
         id: u32,
     },
-    /// Frames of the drive, and no scenario time.
+    /// There are frames of the drive, but the scenario time never begins.
     #[error("{reason}, so scenario time never begins: is it the right DBC?")]
     NeverBegan {
-        /// What is missing.
+        /// Missing condition for the beginning.
         reason: &'static str,
     },
-    /// Too short.
+    /// The recording is too short.
     #[error("it is {seconds:.2} s long, identification needs {DURATION_SECONDS_MIN} s")]
     TooShort {
-        /// Its length.
+        /// Duration of the recording.
         seconds: f64,
     },
-    /// A gap.
+    /// The recording has a long gap.
     #[error(
         "it has a gap of {gap_seconds:.3} s at {at_seconds:.3} s (limit {limit_seconds:.3} s): the current in it is unknown"
     )]
     Gap {
-        /// Where.
+        /// Time of the gap.
         at_seconds: f64,
-        /// How long.
+        /// Duration of the gap.
         gap_seconds: f64,
-        /// Longest that is bridged.
+        /// Longest gap that is bridged.
         limit_seconds: f64,
     },
-    /// Many small gaps.
+    /// Too many cycles have no position.
     #[error("{percent:.1} % of its cycles have no position (limit {MISSED_PERCENT_MAX} %)")]
     MissedCycles {
-        /// How many.
+        /// Share of those cycles.
         percent: f64,
     },
-    /// A value that the rig cannot have.
+    /// A value is outside the range of the rig.
     #[error(
         "the {quantity} is {value} {unit} at {at_seconds:.3} s, outside {lower} to {upper} {unit}: is it the right DBC?"
     )]
     Implausible {
-        /// Which.
+        /// Name of the quantity.
         quantity: &'static str,
-        /// Its value.
+        /// Value of the quantity.
         value: f64,
-        /// Its unit.
+        /// Unit of the quantity.
         unit: &'static str,
-        /// When.
+        /// Time of the value.
         at_seconds: f64,
-        /// Smallest plausible.
+        /// Smallest plausible value.
         lower: f64,
-        /// Largest plausible.
+        /// Largest plausible value.
         upper: f64,
     },
     /// The load is up at the start.
@@ -149,52 +149,52 @@ pub enum RecordingFault {
         /// First position.
         millimetres: f64,
     },
-    /// Nothing moves.
+    /// The load does not move enough.
     #[error(
         "the load moves by {millimetres:.2} mm at most (identification needs {needed_millimetres:.2} mm), with currents up to \
          {current_amperes_max:.3} A: without motion the position shows nothing of the parameters"
     )]
     NoMotion {
-        /// Highest less lowest position.
+        /// Difference of the highest and the lowest position.
         millimetres: f64,
-        /// What would do.
+        /// Smallest sufficient motion.
         needed_millimetres: f64,
         /// Largest current.
         current_amperes_max: f64,
     },
 }
 
-/// A stretch of time under constant inputs.
+/// A period of constant inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
-    /// Its length.
+    /// Length of the period.
     pub duration_seconds: f64,
-    /// What acts.
+    /// Inputs of the plant.
     pub inputs: Inputs,
-    /// Where in [`IdentificationData::positions_metres`] the position at its end is, if it was measured.
+    /// Index in [`IdentificationData::positions_metres`] of the position at the end of the period, if it was measured.
     pub sample: Option<usize>,
 }
 
-/// One recording, ready to be compared with a simulation from the start state.
+/// One recording, ready for comparison with a simulation from the start state.
 #[derive(Clone, Debug)]
 pub struct IdentificationData {
-    /// Where it came from.
+    /// Path of the recording.
     pub path: PathBuf,
-    /// The text of the scenario that was played; empty where there is none.
+    /// Text of the scenario that was played; empty if there is none.
     pub text: String,
-    /// Its loop.
+    /// Loop of the recording.
     pub own: ControlLoop,
-    /// The tables that it names, by these names.
+    /// Tables that the scenario names, by these names.
     pub tables: BTreeMap<String, String>,
-    /// The sensor that measured.
+    /// Sensor of the recording.
     pub sensor: Sensor,
-    /// The inputs from scenario time 0 on.
+    /// Inputs from scenario time 0 on.
     pub stretches: Vec<Stretch>,
     /// Scenario time of each position.
     pub times_seconds: Vec<f64>,
     /// Measured positions.
     pub positions_metres: Vec<f64>,
-    /// The current at each position, for plots.
+    /// Current at each position, for plots.
     pub currents_amperes: Vec<f64>,
 }
 
@@ -212,11 +212,11 @@ impl From<ReadError> for RecordingFault {
 }
 
 impl IdentificationData {
-    /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames mean what `database`
-    /// says, else what the run folder says, else what the emulated drive's mean.
+    /// Reads a run folder, or a log of `candump -L` together with the scenario that was played. Frames are decoded by
+    /// `database`; without it by the DBC of the run folder, else by the DBC of the emulated drive.
     ///
     /// # Errors
-    /// It cannot be read, or identification cannot use it.
+    /// The recording cannot be read, or identification cannot use it.
     pub fn load(
         path: &Path,
         scenario: Option<&Path>,
@@ -257,7 +257,7 @@ impl IdentificationData {
     /// Reads the frames of a recording on the emulated rig.
     ///
     /// # Errors
-    /// Identification cannot use it.
+    /// Identification cannot use the recording.
     pub fn from_frames(
         path: &Path,
         frames: &[Stamped],
@@ -316,7 +316,7 @@ impl IdentificationData {
         measurement
     }
 
-    /// Appends a stretch; one that continues the last is joined to it.
+    /// Appends a period. A period with the inputs of the last one is joined to it.
     fn extend(&mut self, duration_seconds: f64, inputs: Inputs, sample: Option<usize>) {
         match self.stretches.last_mut() {
             Some(last) if last.sample.is_none() && last.inputs == inputs => {
@@ -331,31 +331,31 @@ impl IdentificationData {
         }
     }
 
-    /// One step of the sensor's converter.
+    /// Returns one step of the sensor's converter.
     #[must_use]
     pub fn sensor_step_metres(&self) -> f64 {
         sensor_step_millimetres(&self.sensor) * 1e-3
     }
 }
 
-/// The plan of a scenario's file on the emulated rig.
+/// Reads the plan of a scenario's file on the emulated rig.
 fn plan_of(path: &Path) -> Result<Plan, RecordingFault> {
     let invalid = |error| RecordingFault::Scenario(Box::new(error));
     Plan::load(path, catalogue()).map_err(invalid)
 }
 
-/// What the frames of the SMA actuator under a shipped law mean.
+/// Returns the DBC of the SMA actuator under a shipped law.
 fn shipped() -> Arc<Database> {
     Arc::new(Database::shipped().clone())
 }
 
-/// The current up to each row, in amperes.
+/// Returns the current up to each row, in amperes.
 fn flowed(timeline: &Timeline) -> Vec<f64> {
     let reported = timeline.current();
     if reported.iter().all(|value| value.is_nan()) {
         return commanded(timeline);
     }
-    // What the drive reports at a SYNC flowed until then.
+    // The current that the drive reports at a SYNC flowed until then.
     let mut flowed = reported.to_vec();
     let mut next = 0.0;
     for value in flowed.iter_mut().rev() {
@@ -367,8 +367,8 @@ fn flowed(timeline: &Timeline) -> Vec<f64> {
     flowed
 }
 
-/// The command that acts up to each row, for a drive that does not report its current: one computed from the sample of a
-/// SYNC acts from the next one on.
+/// Returns the command that acts up to each row, for a drive that does not report its current. A command that is
+/// computed from the sample of a SYNC acts from the next SYNC on.
 fn commanded(timeline: &Timeline) -> Vec<f64> {
     let column = timeline.column(names::TARGET_CURRENT);
     let mut last = 0.0;
@@ -385,7 +385,7 @@ fn commanded(timeline: &Timeline) -> Vec<f64> {
     delayed.take(timeline.cycle.len()).collect()
 }
 
-/// The sensor of a real drive: counts that reach over the travel.
+/// Returns the sensor of a real drive, with counts that cover the travel.
 fn sensor_of(real: &RealDrive) -> Sensor {
     let step = real.drive.position.resolution;
     let bits = libm::ceil(libm::log2(real.limits.max / step)).clamp(1.0, 24.0);
@@ -418,7 +418,7 @@ fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {
     log::open(path).and_then(log::read_log).map_err(fault)
 }
 
-/// The columns of the disturbance node.
+/// Columns of the disturbance node.
 struct Disturbances<'a> {
     convection_factor: &'a [f64],
     added_load_grams: &'a [f64],
@@ -436,7 +436,7 @@ impl<'a> Disturbances<'a> {
         }
     }
 
-    /// What acts from a row on; still air and the load alone until the node is commanded otherwise.
+    /// Returns the inputs from a row on. Until the node is commanded, air is still and the load has no addition.
     fn at(&self, row: usize) -> Inputs {
         let value = |column: &[f64]| column.get(row).copied().filter(|value| !value.is_nan());
         let default = Inputs::default();
@@ -449,7 +449,7 @@ impl<'a> Disturbances<'a> {
     }
 }
 
-/// Are these the frames of the rig?
+/// Checks whether the frames are of the rig.
 fn check_frames(
     frames: &[Stamped],
     one: &ControlLoop,

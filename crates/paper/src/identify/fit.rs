@@ -1,4 +1,4 @@
-//! The question put to the optimisers: how far is the simulated position from the measured one?
+//! The problem of the optimisers: the distance between simulated and measured positions.
 
 use plant_emulator::plants::sma::{self, Actuator, STEP_SECONDS_MAX};
 use scenario::plant::Sma;
@@ -7,46 +7,46 @@ use super::data::IdentificationData;
 use super::parameter::{Inequality, Parameter, ordering};
 use super::sensor_model::SensorModel;
 
-/// Recordings, the parameters sought, and what is taken as known.
+/// Recordings, the parameters to identify, and the known rest of the plant.
 pub struct Fit<'a> {
-    /// What was measured.
+    /// Recordings to fit.
     pub measurements: &'a [IdentificationData],
-    /// What is sought.
+    /// Parameters to identify.
     pub parameters: Vec<&'static Parameter>,
-    /// Everything else of the plant.
+    /// Plant with the values of all other parameters.
     pub known: Sma,
     accuracy: Accuracy,
 }
 
-/// How exactly the question is answered.
+/// Accuracy of the simulation and of its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Accuracy {
-    /// Good for all but the end of a search: one integration step per position, differences to one side.
+    /// One integration step per position, and one-sided differences. It suffices for all but the end of a search.
     Coarse,
-    /// The emulator's integration step, differences to both sides.
+    /// The emulator's integration step, and central differences.
     Full,
 }
 
-/// Derivatives of all predicted positions by one parameter after the other.
+/// Derivatives of all predicted positions, one column for each parameter.
 pub type Derivatives = Vec<Vec<f64>>;
 
 /// Step of a coarse integration: one per position. The motion's fastest rate is some 60 1/s.
 const COARSE_STEP_SECONDS: f64 = 10e-3;
-/// Differences to one side, by the parameter's range.
+/// Step of one-sided differences, as a fraction of the parameter's range.
 const ONE_SIDED_DIFFERENCE: f64 = 1e-5;
-/// Differences to both sides, by the parameter's range: large enough that impacts on the stop, whose times have the
-/// integration's step, do not matter.
+/// Step of central differences, as a fraction of the parameter's range. It is so large that impacts on the stop do not
+/// matter, whose times have the resolution of the integration step.
 const CENTRAL_DIFFERENCE: f64 = 3e-4;
 
 impl<'a> Fit<'a> {
-    /// The symbols of what is sought.
+    /// Returns the symbols of the parameters to identify.
     #[must_use]
     pub fn symbols(&self) -> Vec<&'static str> {
         let parameters = self.parameters.iter();
         parameters.map(|parameter| parameter.symbol).collect()
     }
 
-    /// The question, to be answered with the emulator's accuracy.
+    /// Makes the problem, with the emulator's accuracy.
     #[must_use]
     pub fn new(
         measurements: &'a [IdentificationData],
@@ -62,7 +62,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// The same question, answered several times faster and a little less exactly.
+    /// Returns the same problem with the coarse accuracy, which is several times faster.
     #[must_use]
     pub fn coarse(&self) -> Self {
         Self {
@@ -73,13 +73,13 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// True for [`Fit::coarse`].
+    /// Returns whether the problem is from [`Fit::coarse`].
     #[must_use]
     pub fn is_coarse(&self) -> bool {
         self.accuracy == Accuracy::Coarse
     }
 
-    /// The known plant with these values of the parameters.
+    /// Returns the known plant with these values of the parameters.
     #[must_use]
     pub fn plant(&self, values: &[f64]) -> Sma {
         let mut plant = self.known.clone();
@@ -89,7 +89,7 @@ impl<'a> Fit<'a> {
         plant
     }
 
-    /// The values that the parameters have in a plant.
+    /// Returns the values of the parameters in a plant.
     #[must_use]
     pub fn values_of(&self, plant: &Sma) -> Vec<f64> {
         self.parameters
@@ -98,13 +98,13 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    /// The order of the transformation temperatures.
+    /// Returns the inequalities of the transformation temperatures.
     #[must_use]
     pub fn ordering(&self) -> Vec<Inequality> {
         ordering(&self.parameters, &self.known)
     }
 
-    /// True inside the bounds and in order.
+    /// Returns whether values are inside the bounds and in order.
     #[must_use]
     pub fn admits(&self, values: &[f64]) -> bool {
         let is_inside = |(parameter, value): (&&Parameter, &f64)| {
@@ -113,7 +113,7 @@ impl<'a> Fit<'a> {
         self.parameters.iter().zip(values).all(is_inside) && self.is_ordered(values)
     }
 
-    /// True where the transformation temperatures are in order.
+    /// Returns whether the transformation temperatures are in order.
     #[must_use]
     pub fn is_ordered(&self, values: &[f64]) -> bool {
         self.ordering().iter().all(|order| {
@@ -127,7 +127,7 @@ impl<'a> Fit<'a> {
         })
     }
 
-    /// How many positions are compared.
+    /// Returns the number of positions that are compared.
     #[must_use]
     pub fn sample_count(&self) -> usize {
         self.measurements
@@ -136,7 +136,7 @@ impl<'a> Fit<'a> {
             .sum()
     }
 
-    /// Measured positions of all recordings, one after the other.
+    /// Returns the measured positions of all recordings, one after the other.
     #[must_use]
     pub fn measured_metres(&self) -> Vec<f64> {
         self.measurements
@@ -145,7 +145,7 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    /// True positions at the times of the measured ones. `None` for a plant that makes no sense.
+    /// Returns the true positions at the times of the measured ones; `None` for an invalid plant.
     #[must_use]
     pub fn simulated_metres(&self, values: &[f64]) -> Option<Vec<f64>> {
         let plant = self.plant(values);
@@ -177,7 +177,7 @@ impl<'a> Fit<'a> {
         positions
     }
 
-    /// What the sensor shows on average for these true positions.
+    /// Returns the sensor's mean readings for these true positions.
     #[must_use]
     pub fn expected_metres(&self, true_metres: &[f64]) -> Vec<f64> {
         let mut positions = true_metres.iter();
@@ -190,7 +190,7 @@ impl<'a> Fit<'a> {
         expected.collect()
     }
 
-    /// Measured less expected positions. `None` for a plant that makes no sense.
+    /// Returns the measured less the expected positions; `None` for an invalid plant.
     #[must_use]
     pub fn residual_metres(&self, values: &[f64]) -> Option<Vec<f64>> {
         let expected = self.expected_metres(&self.simulated_metres(values)?);
@@ -202,14 +202,14 @@ impl<'a> Fit<'a> {
         )
     }
 
-    /// Derivatives of the residual by differences, to the sides that the bounds and the order leave. The columns are
-    /// independent, so each has a thread.
+    /// Returns the derivatives of the residual by differences. The side of a difference depends on the bounds and the
+    /// order. The columns are independent, so each has a thread.
     #[must_use]
     pub fn jacobian(&self, values: &[f64]) -> Option<Derivatives> {
         self.jacobian_at(values, &self.residual_metres(values)?)
     }
 
-    /// As [`Fit::jacobian`], where the residual is known already.
+    /// Works as [`Fit::jacobian`], with a residual that is known already.
     #[must_use]
     pub fn jacobian_at(&self, values: &[f64], base: &[f64]) -> Option<Derivatives> {
         std::thread::scope(|scope| {
@@ -250,13 +250,13 @@ impl<'a> Fit<'a> {
     }
 }
 
-/// Root of the mean square.
+/// Returns the root of the mean square.
 #[must_use]
 pub fn rms(values: &[f64]) -> f64 {
     libm::sqrt(mean_square(values))
 }
 
-/// Mean square.
+/// Returns the mean square.
 #[must_use]
 pub fn mean_square(values: &[f64]) -> f64 {
     #[expect(

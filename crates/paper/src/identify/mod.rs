@@ -1,8 +1,9 @@
-//! Identification: which plant explains the recordings?
+//! Identification: finds the plant that explains recordings.
 //!
-//! Recordings become `data`; `fit` simulates the plant under their inputs and takes the residual on the position;
-//! `search` makes it small from a `start` with the optimisers of `optimiser`; `statistics` says what the result is worth,
-//! and `residual_test` whether the model is right; `report` and `picture` show it, and `command` does all of this for the command line.
+//! `data` reads recordings. `fit` simulates the plant under their inputs and takes the residual of the position.
+//! `search` minimises the residual from a `start` with the optimisers of `optimiser`. `statistics` rates the result,
+//! and `residual_test` tests the model. `report` and `picture` show them. `command` does all of this for the command
+//! line.
 
 pub mod command;
 pub mod data;

@@ -1,9 +1,9 @@
-//! A plant as the controller's model of it.
+//! A plant as the controller's model.
 
 use scenario::controller::NominalModel;
 use scenario::plant::Sma;
 
-/// The model with the plant's numbers. Its equations are those of the plant's simpler law of stress and strain.
+/// Returns the model with the plant's numbers. Its equations are those of the plant's simpler law of stress and strain.
 #[must_use]
 pub fn nominal_model(plant: &Sma) -> NominalModel {
     let Sma {

@@ -1,4 +1,4 @@
-//! The optimisers, all of the crate `basin`; nothing else names it.
+//! The optimisers, all from the crate `basin`; no other module uses it.
 
 use std::cell::{Cell, RefCell};
 use std::convert::Infallible;
@@ -13,40 +13,42 @@ use nalgebra::{DMatrix, DVector};
 use super::fit::{Derivatives, Fit, mean_square};
 use super::parameter::Inequality;
 
-/// Rounds of sequential quadratic programming.
+/// Largest number of rounds of sequential quadratic programming.
 const ROUNDS_MAX: u32 = 30;
-/// Iterations of one round; with more, BFGS has to find out what new coordinates know.
+/// Iterations of one round. With more, BFGS would have to learn the curvature that new coordinates contain.
 const ITERATIONS_PER_ROUND: u64 = 3;
-/// A round that lowers the mean square by less than this part was the last: far less than one sample of thousands weighs.
+/// Smallest relative progress of a round; with less, the search ends. One sample of thousands has far more weight.
 const PROGRESS_MIN: f64 = 1e-6;
-/// Smallest singular value that scales a direction, by the largest: it bounds the steps along what the data hardly determine.
+/// Smallest singular value that scales a direction, relative to the largest. It bounds steps in poorly determined
+/// directions.
 const SCALE_MIN: f64 = 1e-8;
-/// Accuracy of a round, by its first cost.
+/// Accuracy of a round, relative to its first cost.
 const ACCURACY: f64 = 1e-9;
-/// Smallest mean square that costs are divided by, m²: a nanometre.
+/// Smallest divisor of costs, a mean square in m²: that of a nanometre.
 const MEAN_SQUARE_MIN: f64 = 1e-18;
-/// Iterations of the second optimiser.
+/// Largest number of iterations of the second optimiser.
 const CHECK_ITERATIONS_MAX: u64 = 60;
 
-/// Where an optimiser ended.
+/// Result of an optimiser.
 #[derive(Clone, Debug)]
 pub struct Optimum {
-    /// The parameters' values.
+    /// Values of the parameters.
     pub values: Vec<f64>,
     /// Mean square of the residual in m².
     pub mean_square: f64,
-    /// Steps taken.
+    /// Number of steps.
     pub iterations: u64,
-    /// True when further steps would not have lowered the mean square.
+    /// Whether further steps would not have lowered the mean square.
     pub has_converged: bool,
 }
 
-/// Called at every gradient: number of the iteration, RMS of the residual in metres.
+/// Callback for every gradient: number of the iteration, RMS of the residual in metres.
 pub type OnIteration<'a> = &'a dyn Fn(u64, f64);
 
-/// Sequential quadratic programming (Kraft's SLSQP) with bounds and order, in rounds. Each round has coordinates of its
-/// own, in which the Gauss-Newton approximation of the Hessian is the identity, since BFGS alone is slow in the long
-/// valleys of this problem. Bounds and order are linear in any coordinates. `None` where the model has no derivative.
+/// Runs sequential quadratic programming (Kraft's SLSQP) with bounds and order, in rounds. Each round has its own
+/// coordinates, in which the Gauss-Newton approximation of the Hessian is the identity, because BFGS alone is slow in
+/// the long valleys of this problem. Bounds and order are linear in any coordinates. It returns `None` if the model has
+/// no derivative.
 #[must_use]
 pub fn sequential_quadratic_programming(
     fit: &Fit<'_>,
@@ -104,11 +106,11 @@ fn round(fit: &Fit<'_>, from: &Optimum, progress: OnIteration<'_>) -> Option<Opt
     })
 }
 
-/// `values = origin + transform · place`.
+/// Linear coordinates: `values = origin + transform · place`.
 struct Coordinates {
     origin: Vec<f64>,
     transform: DMatrix<f64>,
-    /// Mean square of the residual at the origin, by which costs are divided.
+    /// Mean square of the residual at the origin; costs are divided by it.
     scale: f64,
 }
 
@@ -147,7 +149,7 @@ impl Coordinates {
         })
     }
 
-    /// The parameters at a place; rounding never leads out of the bounds.
+    /// Returns the parameters at a place. Rounding never leads out of the bounds.
     fn values(&self, fit: &Fit<'_>, place: &[f64]) -> Vec<f64> {
         let moved = &self.transform * DVector::from_column_slice(place);
         let values = self.origin.iter().zip(moved.iter()).zip(&fit.parameters);
@@ -156,7 +158,7 @@ impl Coordinates {
             .collect()
     }
 
-    /// Bounds and order, `rows · place ≤ limits`.
+    /// Returns bounds and order, `rows · place ≤ limits`.
     fn constraints(&self, fit: &Fit<'_>) -> LinearBlock<DenseMatrix, Vec<f64>> {
         let count = self.origin.len();
         let mut inequalities = fit.ordering();
@@ -184,11 +186,11 @@ impl Coordinates {
     }
 }
 
-/// Half the mean square over the coordinates of a round.
+/// Cost of a round: half the mean square over its coordinates.
 struct Round<'a> {
     fit: &'a Fit<'a>,
     coordinates: &'a Coordinates,
-    /// The residual at the latest place, which the gradient needs again.
+    /// Latest place and its residual, which the gradient needs again.
     latest: RefCell<Option<(Vec<f64>, Vec<f64>)>>,
     progress: OnIteration<'a>,
     iterations: Cell<u64>,
@@ -250,8 +252,8 @@ impl Gradient for Round<'_> {
     }
 }
 
-/// A second opinion: trust-region reflective least squares from the same start, on the same residual. It knows bounds
-/// only; where the order is broken there is no residual, and it steps less far.
+/// Runs trust-region reflective least squares from the same start, on the same residual, as a cross-check. It knows
+/// bounds only. If the order is violated, there is no residual, and it takes a shorter step.
 #[must_use]
 pub fn trust_region_reflective(fit: &Fit<'_>, start: &[f64]) -> Option<Optimum> {
     let scale = libm::sqrt(mean_square(&fit.residual_metres(start)?).max(MEAN_SQUARE_MIN));
@@ -278,7 +280,7 @@ pub fn trust_region_reflective(fit: &Fit<'_>, start: &[f64]) -> Option<Optimum> 
     })
 }
 
-/// The residual over the parameters as fractions of their ranges.
+/// Cost of the second optimiser: the residual over the parameters as fractions of their ranges.
 struct LeastSquares<'a> {
     fit: &'a Fit<'a>,
     scale: f64,
@@ -346,7 +348,7 @@ fn at_fractions(fit: &Fit<'_>, place: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Columns as a matrix.
+/// Returns columns as a matrix.
 #[must_use]
 pub fn to_matrix(columns: &Derivatives) -> DMatrix<f64> {
     let rows = columns.first().map_or(0, Vec::len);

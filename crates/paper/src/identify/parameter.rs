@@ -1,45 +1,45 @@
-//! The plant's parameters by name, with the ranges in which they are sought.
+//! Parameters of the plant by name, with the bounds of the search.
 
 use scenario::plant::Sma;
 
-/// Smallest distance between start and finish of a transformation.
+/// Smallest difference between start and finish of a transformation.
 const TRANSFORMATION_KELVINS_MIN: f64 = 1.0;
 
 /// One parameter of the plant.
 pub struct Parameter {
-    /// The paper's letter.
+    /// Letter of the parameter in the paper.
     pub symbol: &'static str,
-    /// Its table and key below `[plant.NAME]`.
+    /// Table and key below `[plant.NAME]`.
     pub path: &'static str,
-    /// Its unit.
+    /// Unit of the parameter.
     pub unit: &'static str,
-    /// Smallest value that is tried.
+    /// Lower bound of the search.
     pub lower: f64,
-    /// Largest value that is tried.
+    /// Upper bound of the search.
     pub upper: f64,
     field: fn(&mut Sma) -> &mut f64,
 }
 
 impl Parameter {
-    /// Its value in a plant.
+    /// Returns its value in a plant.
     #[must_use]
     pub fn get(&self, plant: &Sma) -> f64 {
         // The accessor needs `&mut`; a plant is a hundred numbers, and this is not called in loops.
         *(self.field)(&mut plant.clone())
     }
 
-    /// Gives it a value in a plant.
+    /// Sets its value in a plant.
     pub fn set(&self, plant: &mut Sma, value: f64) {
         *(self.field)(plant) = value;
     }
 
-    /// The width of its range.
+    /// Returns the width of its range.
     #[must_use]
     pub fn range(&self) -> f64 {
         self.upper - self.lower
     }
 
-    /// The key in its table.
+    /// Returns the key in its table.
     #[must_use]
     pub fn key(&self) -> &'static str {
         self.path.split_once('.').map_or(self.path, |(_, key)| key)
@@ -59,7 +59,7 @@ macro_rules! parameter {
     };
 }
 
-/// All parameters of heat, phase and mechanics. The ranges of the first six are those of PAPER, "identification"; the
+/// All parameters of heat, phase and mechanics. The ranges of the first six are from PAPER, "identification"; the
 /// others are assumed.
 pub static ALL: [Parameter; 23] = [
     parameter!(
@@ -123,25 +123,25 @@ pub static ALL: [Parameter; 23] = [
     ),
 ];
 
-/// Colder and hotter end of a transformation.
+/// Pairs of the colder and the hotter end of a transformation.
 const ORDERED: [(&str, &str); 2] = [("As", "Af"), ("Mf", "Ms")];
 
-/// A list of parameters is of no use.
+/// Error in a list of parameters.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ParameterError {
-    /// No parameter of this name.
+    /// No parameter has this name.
     #[error("there is no plant parameter \"{name}\"; there are {}", names())]
     Unknown {
-        /// What was asked for.
+        /// Name in the list.
         name: String,
     },
-    /// The same one twice.
+    /// A parameter is listed twice.
     #[error("the plant parameter {symbol} is named twice")]
     Twice {
-        /// Which one.
+        /// Symbol of the parameter.
         symbol: &'static str,
     },
-    /// None at all.
+    /// The list is empty.
     #[error("no plant parameter is named; there are {}", names())]
     None,
 }
@@ -154,7 +154,7 @@ fn names() -> String {
 /// Finds parameters by the paper's letters or the keys of the plant in a scenario, separated by commas.
 ///
 /// # Errors
-/// A name that is unknown or comes twice, or no name.
+/// A name is unknown or is listed twice, or the list is empty.
 pub fn parse_list(text: &str) -> Result<Vec<&'static Parameter>, ParameterError> {
     let mut list: Vec<&'static Parameter> = Vec::new();
     for name in text
@@ -186,13 +186,13 @@ fn find(name: &str) -> Option<&'static Parameter> {
 /// A linear inequality `coefficients · values ≤ limit`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inequality {
-    /// One per parameter.
+    /// Coefficients, one per parameter.
     pub coefficients: Vec<f64>,
-    /// The right-hand side.
+    /// Right-hand side.
     pub limit: f64,
 }
 
-/// The order of the transformation temperatures, `As < Af` and `Mf < Ms`; a temperature that is not among the
+/// Returns the order of the transformation temperatures, `As < Af` and `Mf < Ms`. A temperature that is not among the
 /// parameters has its value in `plant`.
 #[must_use]
 pub fn ordering(parameters: &[&Parameter], plant: &Sma) -> Vec<Inequality> {

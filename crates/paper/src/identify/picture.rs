@@ -4,8 +4,8 @@ use super::data::IdentificationData;
 use report::picture;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 
-/// The picture of one recording as SVG: what was measured, and what the sensor should show with the start values and
-/// with those found.
+/// Returns the picture of one recording as SVG: the measured positions, and the expected readings with the start values
+/// and with the result.
 pub(crate) fn to_svg(
     measurement: &IdentificationData,
     start_metres: &[f64],
@@ -20,7 +20,7 @@ pub(crate) fn to_svg(
     positions.extent = Extent::FromZero;
     positions.draw("measured", Colour::Measured, Shape::Line, times, &measured);
     positions.draw("start values", Colour::Run(3), Shape::Line, times, &start);
-    // Broken, so that what was measured shows behind it.
+    // The line is dashed, so the measured positions remain visible behind it.
     positions.draw("found", Colour::Estimated, Shape::Dashed, times, &fitted);
     let pairs = measured.iter().zip(&fitted);
     let residual: Vec<f64> = pairs

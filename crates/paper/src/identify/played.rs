@@ -1,4 +1,4 @@
-//! The text of a scenario that plays an identified plant.
+//! Scenarios that play an identified plant.
 
 use plan::ControlLoop;
 use scenario::CurrentRange;
@@ -6,15 +6,15 @@ use scenario::node::LoopNodes;
 use scenario::plant::{Amplifier, Sensor, Sma};
 use toml::{Table, Value};
 
-/// The rig that emulates the plant, whatever rig it was identified on, and its plant and its loop.
+/// The shipped rig, which emulates the plant whatever rig it was identified on; then its plant and its loop.
 const RIG: &str = "sma_actuator";
 pub(super) const PLANT: &str = "wire";
 const LOOP: &str = "position";
 
-/// The text of a scenario of one loop with this plant, on the rig that ships.
+/// Returns the text of a scenario of one loop with this plant, on the rig that ships.
 ///
 /// # Errors
-/// The text is no TOML, or a value has no form in it.
+/// The text is not TOML, or TOML cannot express a value.
 pub fn text_on_shipped_rig(
     text: &str,
     own: &ControlLoop,
@@ -57,7 +57,7 @@ pub fn text_on_shipped_rig(
     ))
 }
 
-/// The names of the loop and its nodes, each with that of the rig that ships.
+/// Returns the names of the loop and its nodes, each with the corresponding name of the rig that ships.
 fn names(own: &ControlLoop) -> Vec<(&str, String)> {
     let nodes = &own.nodes;
     let shipped = LoopNodes::default();
@@ -68,7 +68,7 @@ fn names(own: &ControlLoop) -> Vec<(&str, String)> {
     [own_loop].into_iter().chain(named).collect()
 }
 
-/// Gives texts that are names the names of the rig that ships.
+/// Replaces the names in a value by those of the rig that ships.
 fn rename(value: &mut Value, names: &[(&str, String)]) {
     match value {
         Value::String(text) => {

@@ -1,4 +1,4 @@
-//! The report in words and tables: Markdown, which reads well on a terminal too.
+//! The report: Markdown, which is readable on a terminal too.
 
 use comfy_table::{Table, presets};
 
@@ -6,26 +6,26 @@ use super::fit::Fit;
 use super::search::{Detour, Solution};
 use super::statistics::{Estimate, REPLICAS};
 
-/// A temperature is determined when its standard error is within this.
+/// Largest standard error of a temperature that counts as determined.
 const DETERMINED_KELVINS: f64 = 1.0;
-/// Any other parameter is determined when its standard error is within this part of it.
+/// Largest relative standard error of any other parameter that counts as determined.
 const DETERMINED_PART: f64 = 0.05;
-/// Pairs of estimates above this are named.
+/// Smallest correlation of a pair of estimates that is reported.
 const CORRELATION_NAMED: f64 = 0.95;
-/// Independent residuals would make the standard errors too small by this factor before it is worth a warning.
+/// Factor by which independent residuals must understate the standard errors to be worth a warning.
 const DEPENDENCE_NAMED: f64 = 1.5;
-/// What is worth seeking where the model does not explain the data.
+/// Parameters to add if the model does not explain the data.
 const MECHANICAL: [&str; 2] = ["c", "EA"];
-/// The combinations that are reported, from the worst on.
+/// Names of the combinations that are reported, from the worst determined on.
 const COMBINATIONS: [&str; 2] = ["worst", "second worst"];
-/// A combination is reported for a change of this part in its largest component.
+/// Relative change of the largest component for which a combination is reported.
 const EXAMPLE_PART: f64 = 0.1;
-/// Shifts by the sensor above this part of a value are named.
+/// Smallest relative shift by the sensor that is reported.
 const SHIFT_NAMED: f64 = 1e-3;
-/// A value this close to a bound, in ranges, is at the bound.
+/// Distance from a bound, in ranges, below which a value is at the bound.
 const AT_BOUND: f64 = 1e-6;
 
-/// The whole report.
+/// Returns the whole report.
 #[must_use]
 pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
     let mut text = String::from("# Identification\n\n");
@@ -66,7 +66,7 @@ pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
     text
 }
 
-/// What a terminal shows.
+/// Returns the summary for the terminal.
 #[must_use]
 pub fn summary(fit: &Fit<'_>, found: &Solution) -> String {
     let mut lines = search(fit, found);
@@ -214,7 +214,7 @@ fn explanation(fit: &Fit<'_>, found: &Solution) -> String {
     )
 }
 
-/// What else may be sought: parameters that no current balance and no temperature can stand in for.
+/// Returns the parameters to add: those that neither the current balance nor a temperature can replace.
 fn advice(fit: &Fit<'_>) -> String {
     let symbols = fit.symbols();
     let more: Vec<&str> = MECHANICAL
@@ -230,7 +230,7 @@ fn advice(fit: &Fit<'_>) -> String {
     )
 }
 
-/// True where a standard error is small enough to call the parameter determined.
+/// Returns whether a standard error is small enough to call the parameter determined.
 fn is_determined(unit: &str, estimate: &Estimate) -> bool {
     if unit == "°C" {
         estimate.standard_error <= DETERMINED_KELVINS
@@ -267,7 +267,7 @@ fn undetermined(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     lines
 }
 
-/// The worst determined combinations, with what they do to the position.
+/// Returns the worst determined combinations, with their effect on the position.
 fn weakest(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     let statistics = &found.statistics;
     let combinations = statistics
@@ -353,13 +353,13 @@ fn errors(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     lines
 }
 
-/// True where quantisation moves an estimate beyond the usual standard error, and so far that it matters.
+/// Returns whether quantisation shifts an estimate beyond the usual standard error, by a relevant amount.
 fn is_shifted(estimate: &Estimate) -> bool {
     let shift = estimate.sensor_shift.abs();
     shift > estimate.standard_error_if_independent && shift > SHIFT_NAMED * estimate.value.abs()
 }
 
-/// Where quantisation moves an estimate by more than the usual standard error.
+/// Returns a warning if quantisation shifts an estimate by more than the usual standard error.
 fn shift_warning(fit: &Fit<'_>, found: &Solution) -> Option<String> {
     let estimates = fit.parameters.iter().zip(&found.statistics.estimates);
     let shifted: Vec<String> = estimates
@@ -397,7 +397,7 @@ fn correlation_table(fit: &Fit<'_>, found: &Solution) -> Table {
     table
 }
 
-/// A number with so many significant digits, without an exponent where it needs none.
+/// Formats a number with the given significant digits, without an exponent if possible.
 fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");

@@ -1,9 +1,9 @@
-//! Does the sensor alone explain the residual?
+//! Test of whether the sensor alone explains the residual.
 //!
-//! A wrong model shows in the residual's size, or in neighbours that deviate together. So the residual is averaged over
-//! spans of several lengths, and each average's size is compared with those that the sensor leaves in emulated
-//! measurements of the fitted motion. Where the model is right, the measurement is one more of them: that it exceeds all
-//! `n` others at one length has a probability of `1 / (n + 1)`.
+//! A wrong model shows in the residual's size, or in neighbours that deviate together. The test therefore averages the
+//! residual over spans of several lengths, and compares each average's size with those that the sensor leaves in
+//! emulated measurements of the fitted motion. If the model is right, the measurement is one more of them. The
+//! probability that it exceeds all `n` others at one length is `1 / (n + 1)`.
 
 use serde::Serialize;
 
@@ -13,20 +13,20 @@ use super::fit::rms;
 /// Spans over which the residual is averaged; the first is shorter than the distance of two positions.
 const SPANS_SECONDS: [f64; 3] = [0.0, 0.25, 1.0];
 
-/// The residual's size at one length of averages, beside the sensor's.
+/// Size of the residual at one length of averages, and that of the sensor alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ResidualTest {
     /// Length of the averages; 0 for single positions.
     pub averaged_seconds: f64,
     /// RMS of the averages of the residual.
     pub residual_metres_rms: f64,
-    /// The largest RMS that the sensor alone left.
+    /// Largest RMS that the sensor alone left.
     pub sensor_metres_rms_max: f64,
 }
 
 impl ResidualTest {
-    /// Tests a residual of all recordings, one after the other, at every length. `sensor` has the residual that each of the
-    /// emulated measurements leaves after a fit.
+    /// Tests a residual of all recordings, one after the other, at every length. `sensor` has the residual that each of
+    /// the emulated measurements leaves after a fit.
     #[must_use]
     pub fn all(
         measurements: &[IdentificationData],
@@ -48,14 +48,15 @@ impl ResidualTest {
         SPANS_SECONDS.map(test).to_vec()
     }
 
-    /// How many times larger the residual is than the sensor's largest.
+    /// Returns the ratio of the residual to the sensor's largest.
     #[must_use]
     pub fn excess(&self) -> f64 {
         self.residual_metres_rms / self.sensor_metres_rms_max
     }
 }
 
-/// Means over spans that begin with each recording. `times` has the times of the values, recording by recording.
+/// Returns means over spans that begin with each recording. `times` has the times of the values, recording by
+/// recording.
 fn averages(times: &[&[f64]], values: &[f64], span_seconds: f64) -> Vec<f64> {
     let mut rest = values;
     let mut averages = Vec::new();

@@ -5,69 +5,69 @@ use super::optimiser::{self, OnIteration, Optimum};
 use super::start;
 use super::statistics::{FitStatistics, sensor_metres_rms};
 
-/// A residual so many times what the sensor leaves is worth a second attempt from elsewhere.
+/// Ratio of the residual to the sensor's from which a second attempt from another start is made.
 const POOR_MISFIT: f64 = 3.0;
-/// Two optima agree within this part of a standard error, or of a range where the errors are tiny.
+/// Largest distance of two optima that agree, in standard errors; below it in ranges, for very small errors.
 const AGREEMENT_STANDARD_ERRORS: f64 = 0.1;
 const AGREEMENT_RANGES: f64 = 1e-4;
-/// A mean square so many times the other optimiser's is another valley.
+/// Ratio of two mean squares above which the optimisers ended in different valleys.
 const LOST: f64 = 1.01;
-/// A sum of squares that is lower by this part of one sample's is worth going on from.
+/// Decrease of the sum of squares from which the search continues from the second optimum, as a part of one sample's.
 const LOWER_SAMPLES: f64 = 0.1;
 
-/// Why nothing was found.
+/// Reason why a search has no result.
 #[derive(Debug, thiserror::Error)]
 pub enum SearchError {
-    /// The start is not admissible.
+    /// The start values are not admissible.
     #[error("the start values are not admissible: {0}")]
     Start(String),
-    /// Nothing lifts the load.
+    /// No plant within the bounds lifts the load.
     #[error(
         "no plant within the bounds lifts the load under the recorded current, though it was lifted; are the known parameters right?"
     )]
     NeverLifts,
-    /// No derivative.
+    /// The model has no derivative.
     #[error("the simulated position does not depend on the parameters ({0}) in these recordings")]
     NoDerivative(String),
 }
 
-/// Why the search did not begin at the start values, or not only there.
+/// Reason why the search began at other values than the start values, or at both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detour {
     /// With the start values the load never lifts, so there is no gradient.
     NeverLifts,
-    /// From the start values the fit stayed poor; another start gave a better one.
+    /// The fit from the start values was poor; another start gave a better one.
     PoorFit,
 }
 
-/// Where the first optimiser ended, and how it came there.
+/// Result of the first optimiser, with its origin.
 #[derive(Clone, Debug)]
 pub struct Descent {
-    /// Where the search really began, and why not at the start values.
+    /// Reason for another origin than the start values, and that origin.
     pub detour: Option<(Detour, Vec<f64>)>,
-    /// Where it ended.
+    /// Result of the optimiser.
     pub optimum: Optimum,
 }
 
-/// What was found.
+/// Result of a search.
 #[derive(Clone, Debug)]
 pub struct Solution {
-    /// The start values that were asked for.
+    /// Start values that were asked for.
     pub start: Vec<f64>,
-    /// Sequential quadratic programming.
+    /// Result of sequential quadratic programming.
     pub descent: Descent,
-    /// Where the second optimiser ended.
+    /// Result of the second optimiser.
     pub check: Option<Optimum>,
-    /// True when the second optimiser was lost from the first one's origin and began at a scanned point.
+    /// Whether the second optimiser failed from the first one's origin and began at a scanned point.
     pub is_check_from_scan: bool,
-    /// True when the second optimiser came lower, and the first one went on from there.
+    /// Whether the second optimiser came lower, and the first one continued from there.
     pub is_continued: bool,
-    /// What the optimum is worth.
+    /// Quality of the optimum.
     pub statistics: FitStatistics,
 }
 
 impl Solution {
-    /// Largest distance of the two optima in standard errors.
+    /// Returns the largest distance of the two optima in standard errors.
     #[must_use]
     pub fn disagreement(&self) -> Option<f64> {
         let check = self.check.as_ref()?;
@@ -78,7 +78,7 @@ impl Solution {
         Some(distances.fold(0.0, f64::max))
     }
 
-    /// True when two optimisers found the same independently and the first has converged.
+    /// Returns whether two optimisers found the same values independently and the first has converged.
     #[must_use]
     pub fn is_confirmed(&self, fit: &Fit<'_>) -> bool {
         let Some(check) = &self.check else {
@@ -96,7 +96,7 @@ impl Solution {
     }
 }
 
-/// Searches from the start values, checks the optimum with a second optimiser and says what it is worth.
+/// Searches from the start values, checks the optimum with a second optimiser, and rates it.
 ///
 /// # Errors
 /// The start is not admissible, or no plant within the bounds can explain any motion.
@@ -144,8 +144,8 @@ pub fn search(
     })
 }
 
-/// Sequential quadratic programming from the start values. Where the load never lifts with them, or the fit stays poor,
-/// it begins at the best of points spread over the bounds.
+/// Runs sequential quadratic programming from the start values. If the load never lifts with them, or the fit stays
+/// poor, it begins at the best of points spread over the bounds.
 ///
 /// # Errors
 /// As [`search`].
@@ -188,7 +188,7 @@ fn is_poor(fit: &Fit<'_>, optimum: &Optimum) -> bool {
     sensor.is_none_or(|sensor| libm::sqrt(optimum.mean_square) > POOR_MISFIT * sensor)
 }
 
-/// From the best of the scanned points; `None` unless that ends lower.
+/// Searches from the best of the scanned points; returns `None` unless the result is lower.
 fn second_attempt(
     fit: &Fit<'_>,
     first: &Optimum,
@@ -199,7 +199,7 @@ fn second_attempt(
     (second.mean_square < 0.99 * first.mean_square).then_some((origin, second))
 }
 
-/// Coarse steps of integration first, since they are cheap; the end is found with the fit's own.
+/// Searches with coarse integration steps first, since they are cheap, then with the fit's own steps.
 fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: OnIteration<'_>) -> Option<Optimum> {
     let near = optimiser::sequential_quadratic_programming(&fit.coarse(), origin, progress)?;
     if fit.is_coarse() {
@@ -212,7 +212,7 @@ fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: OnIteration<'_>) -> Opt
     })
 }
 
-/// The second optimiser, coarse steps first as well.
+/// Runs the second optimiser, with coarse steps first as well.
 fn second_opinion(fit: &Fit<'_>, origin: &[f64]) -> Option<Optimum> {
     let near = optimiser::trust_region_reflective(&fit.coarse(), origin)?;
     if fit.is_coarse() {

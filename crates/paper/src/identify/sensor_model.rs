@@ -1,4 +1,4 @@
-//! What the position sensor shows on average.
+//! Model of the position sensor's mean reading.
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
@@ -12,7 +12,7 @@ pub struct SensorModel {
 }
 
 impl SensorModel {
-    /// The model of a sensor.
+    /// Returns the model of a sensor.
     #[must_use]
     pub fn new(sensor: &Sensor) -> Self {
         let counts = f64::from(1_u32 << sensor.resolution_bits.clamp(1, 24));
@@ -23,8 +23,8 @@ impl SensorModel {
         }
     }
 
-    /// The mean of what is shown for a true position. Noise about an end of the span is cut off on one side, so that the
-    /// mean lies inside: on the stop, noise of one step shows as 0.4 steps.
+    /// Returns the mean reading for a true position. At an end of the span noise is cut off on one side, so the mean
+    /// lies inside: on the stop, noise of one step reads as 0.4 steps.
     #[must_use]
     pub fn expected_metres(&self, position_metres: f64) -> f64 {
         let sigma = self.noise_metres_rms;
@@ -36,7 +36,7 @@ impl SensorModel {
     }
 }
 
-/// `E max(x + n, 0)` for normal `n` of standard deviation `sigma`: `x Φ(x/σ) + σ φ(x/σ)`.
+/// Returns `E max(x + n, 0)` for normal `n` of standard deviation `sigma`: `x Φ(x/σ) + σ φ(x/σ)`.
 fn excess(x: f64, sigma: f64) -> f64 {
     let ratio = x / sigma;
     let distribution = 0.5 * libm::erfc(-ratio * FRAC_1_SQRT_2);

@@ -1,4 +1,4 @@
-//! Where the search starts.
+//! Start values of the search.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -7,9 +7,9 @@ use scenario::plant::Sma;
 
 use super::fit::{Fit, mean_square};
 
-/// A load that rises less than this in the simulation has not lifted.
+/// Smallest rise of the load in the simulation that counts as lifted.
 const LIFT_METRES_MIN: f64 = 1e-3;
-/// Points of a scan.
+/// Number of points of a scan.
 const SCAN_POINTS: u32 = 96;
 /// Bases of the Halton sequence, one per parameter.
 const PRIMES: [u32; 23] = [
@@ -25,18 +25,18 @@ const SECTION_3: [(&str, f64); 6] = [
     ("Mf", 42.0),
 ];
 
-/// Which start values.
+/// Source of the start values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Start {
-    /// The paper's a-priori values; nominal ones for what it does not name.
+    /// The paper's a-priori values, with nominal ones for the other parameters.
     Section3,
-    /// The nominal plant's, which are the paper's identified values.
+    /// The values of the nominal plant, which are the paper's identified values.
     Nominal,
     /// The plant of a file.
     File(PathBuf),
 }
 
-/// A file has no plant.
+/// Reason why a file has no usable plant.
 #[derive(Debug, thiserror::Error)]
 #[error("{} gives no plant: {reason}", path.display())]
 pub struct PlantFileError {
@@ -44,7 +44,7 @@ pub struct PlantFileError {
     reason: String,
 }
 
-/// Reads the plant of a file, as `[plant.NAME]` of a scenario has it; other tables are not looked at.
+/// Reads the plant of a file from its table `[plant.NAME]`, as in a scenario; other tables are ignored.
 ///
 /// # Errors
 /// The file cannot be read or has no such table.
@@ -74,7 +74,7 @@ impl FromStr for Start {
 }
 
 impl Start {
-    /// The plant whose values are the start.
+    /// Returns the plant with the start values.
     ///
     /// # Errors
     /// The file cannot be used.
@@ -98,14 +98,16 @@ impl Start {
     }
 }
 
-/// True when the load of the simulated plant leaves its stop. Where it does not, no derivative shows where to go.
+/// Returns whether the load of the simulated plant leaves its stop. If it does not, all derivatives are zero and show
+/// no direction.
 #[must_use]
 pub fn lifts(fit: &Fit<'_>, values: &[f64]) -> bool {
     let positions = fit.simulated_metres(values).unwrap_or_default();
     positions.iter().any(|position| *position > LIFT_METRES_MIN)
 }
 
-/// The admissible point with the smallest residual among points spread evenly over the bounds (Halton's sequence).
+/// Returns the admissible point with the smallest residual among points spread evenly over the bounds (Halton's
+/// sequence).
 #[must_use]
 pub fn scan(fit: &Fit<'_>) -> Option<Vec<f64>> {
     let coarse = fit.coarse();
@@ -121,7 +123,7 @@ pub fn scan(fit: &Fit<'_>) -> Option<Vec<f64>> {
         .map(|(_, values)| values)
 }
 
-/// A point of Halton's sequence within the bounds.
+/// Returns a point of Halton's sequence within the bounds.
 fn point(fit: &Fit<'_>, index: u32) -> Vec<f64> {
     let coordinates = fit.parameters.iter().zip(PRIMES);
     coordinates
@@ -129,7 +131,7 @@ fn point(fit: &Fit<'_>, index: u32) -> Vec<f64> {
         .collect()
 }
 
-/// The digits of `index` mirrored at the point.
+/// Returns the digits of `index` mirrored at the point.
 fn radical_inverse(mut index: u32, base: u32) -> f64 {
     let (mut value, mut digit) = (0.0, 1.0 / f64::from(base));
     while index > 0 {

@@ -1,4 +1,4 @@
-//! What an estimate is worth: standard errors, correlations, and what the data do not determine.
+//! Quality of an estimate: standard errors, correlations, and combinations that the data do not determine.
 
 use nalgebra::{DMatrix, DVector};
 use plant_emulator::sensor::PositionSensor;
@@ -11,54 +11,54 @@ use super::optimiser::to_matrix;
 use super::residual_test::ResidualTest;
 use super::sensor_model::SensorModel;
 
-/// Residuals within this time of each other are taken as dependent.
+/// Longest time between residuals that are treated as dependent.
 const CORRELATION_SECONDS: f64 = 1.0;
-/// Emulated measurements from which the sensor's part in the errors follows.
+/// Number of emulated measurements that give the sensor's part in the errors.
 pub const REPLICAS: u32 = 99;
-/// Singular values below the largest times this count as zero.
+/// Largest ratio to the largest singular value of one that counts as zero.
 const RANK_TOLERANCE: f64 = 1e-12;
 
-/// One parameter's estimate.
+/// Estimate of one parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// The estimate: the least squares, less the shift by the sensor where [`FitStatistics::is_corrected`].
+    /// The estimate: the least squares, less the shift by the sensor if [`FitStatistics::is_corrected`].
     pub value: f64,
-    /// Where the search ended.
+    /// Value at the end of the search.
     pub least_squares: f64,
     /// Root of the diagonal of `σ² (JᵀJ)⁻¹`: right if the residuals were independent.
     pub standard_error_if_independent: f64,
     /// Standard error that allows for residuals that depend on their neighbours (Newey and West) and for the sensor's
     /// steps.
     pub standard_error: f64,
-    /// By how much the sensor's steps and ends shift the least squares, according to the fitted model.
+    /// Shift of the least squares by the sensor's steps and ends, according to the fitted model.
     pub sensor_shift: f64,
 }
 
-/// What an estimate is worth.
+/// Statistics of a fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FitStatistics {
-    /// One per parameter.
+    /// Estimates, one per parameter.
     pub estimates: Vec<Estimate>,
     /// Correlation of each pair of estimates, from `(JᵀJ)⁻¹`.
     pub correlations: Vec<Vec<f64>>,
-    /// Singular values of the Jacobian in metres RMS: how much the position changes for a change of 100 %, from the best
+    /// Singular values of the Jacobian in metres RMS: the change of the position for a change of 100 %, from the best
     /// determined combination of parameters to the worst.
     pub singular_values_metres: Vec<f64>,
-    /// The combinations of parameters that belong to the singular values: relative changes, their squares sum to 1.
+    /// The combinations of parameters that belong to the singular values: relative changes, whose squares sum to 1.
     pub directions: Vec<Vec<f64>>,
-    /// True when the values are corrected by the sensor's shift: without noise it is no chance, and where the model
+    /// Whether the values are corrected by the sensor's shift. Without noise the shift is not random, and if the model
     /// explains the data it is known.
     pub is_corrected: bool,
     /// RMS of the residual.
     pub residual_metres_rms: f64,
     /// RMS of the residual that the sensor alone would leave.
     pub sensor_metres_rms: f64,
-    /// Whether the sensor alone explains the residual.
+    /// Tests of whether the sensor alone explains the residual.
     pub residual_tests: Vec<ResidualTest>,
 }
 
 impl FitStatistics {
-    /// Of an estimate. `None` where the model has no derivative.
+    /// Returns the statistics of an estimate; `None` if the model has no derivative.
     #[must_use]
     pub fn new(fit: &Fit<'_>, values: &[f64]) -> Option<Self> {
         let columns = fit.jacobian(values)?;
@@ -113,7 +113,7 @@ impl FitStatistics {
         })
     }
 
-    /// The estimates' values.
+    /// Returns the values of the estimates.
     #[must_use]
     pub fn values(&self) -> Vec<f64> {
         self.estimates
@@ -122,19 +122,19 @@ impl FitStatistics {
             .collect()
     }
 
-    /// How much larger the residual is than the sensor explains; well above 1 where the model is not the plant's.
+    /// Returns the ratio of the residual to the sensor's. It is well above 1 if the model is not the plant's.
     #[must_use]
     pub fn misfit(&self) -> f64 {
         self.residual_metres_rms / self.sensor_metres_rms
     }
 
-    /// True when the sensor explains the residual.
+    /// Returns whether the sensor explains the residual.
     #[must_use]
     pub fn explains(&self) -> bool {
         is_passed(&self.residual_tests)
     }
 
-    /// The test that the residual exceeds most, if it exceeds one.
+    /// Returns the test that the residual exceeds most, if it exceeds one.
     #[must_use]
     pub fn worst_test(&self) -> Option<&ResidualTest> {
         let failed = self
@@ -149,7 +149,7 @@ fn is_passed(tests: &[ResidualTest]) -> bool {
     tests.iter().all(|test| test.excess() <= 1.0)
 }
 
-/// `Σ r² / (samples − parameters)`.
+/// Returns `Σ r² / (samples − parameters)`.
 fn degrees_of_freedom_scaled(residual: &[f64], parameters: usize) -> f64 {
     #[expect(
         clippy::cast_precision_loss,
@@ -159,12 +159,12 @@ fn degrees_of_freedom_scaled(residual: &[f64], parameters: usize) -> f64 {
     residual.iter().map(|value| value * value).sum::<f64>() / freedom
 }
 
-/// The Jacobian, decomposed; parameters in units of their own size.
+/// The decomposed Jacobian; parameters are in units of their own size.
 struct Linear {
     jacobian: DMatrix<f64>,
     sizes: Vec<f64>,
     singular_values: DVector<f64>,
-    /// Right singular vectors, one a column.
+    /// Right singular vectors, one per column.
     directions: DMatrix<f64>,
     /// `(JᵀJ)⁻¹` in scaled parameters.
     inverse: DMatrix<f64>,
@@ -196,7 +196,7 @@ impl Linear {
         })
     }
 
-    /// A matrix of scaled parameters in the parameters' own units.
+    /// Converts a matrix of scaled parameters to the parameters' own units.
     fn unscaled(&self, scaled: &DMatrix<f64>) -> DMatrix<f64> {
         DMatrix::from_fn(scaled.nrows(), scaled.ncols(), |row, column| {
             scaled[(row, column)] * self.sizes[row] * self.sizes[column]
@@ -207,7 +207,8 @@ impl Linear {
         self.unscaled(&(&self.inverse * variance))
     }
 
-    /// `(JᵀJ)⁻¹ S (JᵀJ)⁻¹` with Newey and West's estimate of `S = cov(Jᵀr)`, whose weights fall linearly to zero.
+    /// Returns `(JᵀJ)⁻¹ S (JᵀJ)⁻¹` with Newey and West's estimate of `S = cov(Jᵀr)`, whose weights fall linearly to
+    /// zero.
     fn robust_covariance(&self, fit: &Fit<'_>, residual: &[f64]) -> DMatrix<f64> {
         let count = self.sizes.len();
         let mut spread = DMatrix::zeros(count, count);
@@ -223,7 +224,8 @@ impl Linear {
         self.unscaled(&(&self.inverse * spread * &self.inverse))
     }
 
-    /// The step to the least squares for a change of the measured positions: `−(JᵀJ)⁻¹ Jᵀ e`, `J` being the residual's.
+    /// Returns the step to the least squares for a change of the measured positions: `−(JᵀJ)⁻¹ Jᵀ e`, where `J` is the
+    /// residual's.
     fn shift(&self, error: &[f64]) -> Vec<f64> {
         let shift = self.scaled_shift(error);
         shift
@@ -233,7 +235,7 @@ impl Linear {
             .collect()
     }
 
-    /// What a change of the measured positions leaves after that step.
+    /// Returns the rest of a change of the measured positions after that step.
     fn left_over(&self, error: &[f64]) -> Vec<f64> {
         let explained = &self.jacobian * self.scaled_shift(error);
         error
@@ -267,7 +269,7 @@ impl Linear {
             .collect()
     }
 
-    /// A right singular vector, its largest component positive.
+    /// Returns a right singular vector with a positive largest component.
     fn direction(&self, place: usize) -> Vec<f64> {
         let direction: Vec<f64> = self.directions.column(place).iter().copied().collect();
         let largest = direction
@@ -279,7 +281,7 @@ impl Linear {
     }
 }
 
-/// Samples within [`CORRELATION_SECONDS`].
+/// Returns the number of samples within [`CORRELATION_SECONDS`].
 fn lags(measurement: &IdentificationData) -> usize {
     let Some(first) = measurement.times_seconds.first() else {
         return 0;
@@ -316,16 +318,16 @@ fn correlations(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
     (0..count).map(row).collect()
 }
 
-/// What the sensor does to the estimate: the fitted motion, measured by the emulated sensor many times.
+/// Effect of the sensor on the estimate: the fitted motion, measured by the emulated sensor many times.
 ///
-/// Without noise the sensor's steps are no random error: the same motion gives the same readings, and the estimate is
-/// shifted. The shift follows from the fitted motion; how sure it is, from motions that are up to half a step higher or
-/// lower.
+/// Without noise the sensor's steps are not a random error: the same motion gives the same readings, and the estimate
+/// is shifted. The fitted motion gives the shift. Motions that are up to half a step higher or lower give its
+/// uncertainty.
 struct Replicas {
     shift: Vec<f64>,
     spread: Vec<f64>,
     sensor_metres_rms: f64,
-    /// What a fit to each emulated measurement leaves.
+    /// Residuals after a fit to each emulated measurement.
     residuals: Vec<Vec<f64>>,
 }
 
@@ -365,13 +367,14 @@ fn is_noisy(fit: &Fit<'_>) -> bool {
         .any(|measurement| measurement.sensor.noise_rms > 0.0)
 }
 
-/// RMS of the residual that the sensor alone would leave for this motion.
+/// Returns the RMS of the residual that the sensor alone would leave for this motion.
 #[must_use]
 pub fn sensor_metres_rms(fit: &Fit<'_>, true_metres: &[f64]) -> f64 {
     rms(&sensor_errors(fit, true_metres, 0))
 }
 
-/// Measured less expected positions for one emulated measurement; replica 0 is exactly the fitted motion.
+/// Returns the measured less the expected positions for one emulated measurement; replica 0 is exactly the fitted
+/// motion.
 fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
     let mut positions = true_metres.iter();
     let errors = fit.measurements.iter().flat_map(|measurement| {
@@ -391,10 +394,10 @@ fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
 }
 
 fn trace_errors(sensor: &Sensor, true_metres: &[f64], step: f64, replica: u32) -> Vec<f64> {
-    // Scenarios have small seeds: none may have the noise of a replica.
+    // Scenarios have small seeds, so none has the noise of a replica.
     let mut emulated = PositionSensor::new(sensor, 1e-3, u64::MAX - u64::from(replica));
     let model = SensorModel::new(sensor);
-    // Offsets of −1/2 to 1/2 step, evenly; on the stop there is no doubt where the load is.
+    // Offsets of −1/2 to 1/2 step, evenly spread. On the stop the position of the load is certain.
     let offset = if replica == 0 {
         0.0
     } else {
@@ -418,7 +421,7 @@ mod tests {
 
     #[test]
     fn independent_scores_have_no_long_run() {
-        // Alternating signs: neighbours cancel, so that the long-run spread is far smaller than the sum of squares.
+        // Alternating signs: neighbours cancel, so the long-run spread is far smaller than the sum of squares.
         let scores = DMatrix::from_fn(1000, 1, |row, _| if row % 2 == 0 { 1.0 } else { -1.0 });
         assert!(long_run_spread(&scores, 50)[(0, 0)] < 30.0);
         // Equal neighbours add up: about `lags` times the sum of squares.

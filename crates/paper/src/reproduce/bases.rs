@@ -1,4 +1,4 @@
-//! The scenario files that the experiments start from. They are part of the program, so it needs no checkout.
+//! Scenario files that the experiments start from. They are part of the program, so it needs no checkout.
 
 use std::path::Path;
 
@@ -45,7 +45,7 @@ bases!(
     step_other_truth
 );
 
-/// `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
+/// Returns the cases of `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
 pub(super) fn plants() -> SweepCases {
     let text = include_str!("../../../../scenarios/sweeps/plants.toml");
     let beside = Beside::new(Path::new("plants.toml"));
@@ -54,12 +54,12 @@ pub(super) fn plants() -> SweepCases {
     SweepCases::new(&plan).expect("a test plays every plant")
 }
 
-/// The loop of a case, whose rig has one.
+/// Returns the only loop of a case.
 pub(super) fn only(plan: &Plan) -> &Trial {
     &plan.only_loop().expect("a rig with one loop").trial
 }
 
-/// A plant that no law has as its model: the first of [`plants`].
+/// Returns a plant that is no law's model: the first of [`plants`].
 pub(super) fn twin() -> PlantModel {
     let plan = plants().case(1).plan();
     let plan = plan.expect("a test plays every plant");

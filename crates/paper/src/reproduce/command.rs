@@ -19,10 +19,10 @@ use runner::run::RUNS;
 
 /// Name of the file with all numbers.
 const NUMBERS: &str = "reproduction.json";
-/// The experiments have seeds of their own; this one names the folder.
+/// Seed that names the folder; each experiment has its own seeds.
 const SEED: u64 = 0;
 
-/// Every experiment, in the order of the page.
+/// Returns every experiment, in the order of the page.
 #[must_use]
 pub fn experiments(effort: Effort) -> Vec<Experiment> {
     let mut experiments = material::experiments(effort);
@@ -51,7 +51,7 @@ pub struct ReproduceArgs {
     pub quiet: bool,
 }
 
-/// Does what the command line says.
+/// Executes the command.
 #[must_use]
 pub fn reproduce(args: &ReproduceArgs) -> Exit {
     let effort = if args.reduced {
@@ -98,7 +98,7 @@ fn play(
     Campaign::on_all_cores(is_shown).play(plans, |played| runs[played.index].keep(played))
 }
 
-/// Gives each experiment its runs back and has it make something of them; the identification takes some seconds.
+/// Gives the runs to their experiments, and evaluates these; the identification takes some seconds.
 fn evaluated(
     experiments: Vec<Experiment>,
     kept: Vec<Kept>,
@@ -125,7 +125,7 @@ fn evaluated(
     )
 }
 
-/// What other programs read.
+/// Results for other programs.
 #[derive(Serialize)]
 struct ReproductionNumbers<'a> {
     schema: u32,

@@ -1,4 +1,4 @@
-//! How fast it goes down: a step, with the thermoelectric element and without it.
+//! Speed of cooling: a step down, with the thermoelectric element and without it.
 
 use scenario::Trial;
 use scenario::expect::Expect;
@@ -13,32 +13,32 @@ use super::response::steps;
 use report::plot::Colour;
 use report::terminal::significant;
 
-/// Targets of the step down: its height, too, is 25 mm.
+/// Targets of the step down, whose height is 25 mm as well.
 const DOWN_SECONDS: f64 = 0.3;
 const DOWN_PERCENT: f64 = 0.6;
-/// Time that the step down has without the thermoelectric element.
+/// Time for the step down without the thermoelectric element.
 const COOLING_SECONDS: f64 = 60.0;
-/// Convection of still air in W/(m² K): the paper's own, and what is usual for thin wires.
+/// Convection of still air in W/(m² K): the paper's value, and usual values for thin wires.
 const CONVECTIONS: [f64; 4] = [7.0, 30.0, 70.0, 100.0];
-/// Its conduction there. The controller's model needs one above 0.
+/// Conduction without the element. The controller's model needs one above 0.
 const CONDUCTION_WITHOUT: f64 = 1e-6;
-/// The element must make the step so many times faster at least, with the paper's convection.
+/// Smallest ratio of the two durations, with the paper's convection.
 const FASTER_TIMES: f64 = 10.0;
 const WITH_ELEMENT: &str = "thermoelectric element";
 const TIME: &str = "settling_time_seconds";
 const DOWN: &str = "time_down_seconds";
 const NEVER: &str = "never";
-/// The band about the new place: 5 % of the step's height.
+/// Half width of the band about the new place: 5 % of the step's height.
 const BAND_MILLIMETRES: f64 = 1.25;
-/// A load that was in the band for less than this at the end of a run may leave it again.
+/// Shortest stay in the band at the end of a run that counts as settled; after less, the load may leave it again.
 const OPEN_SECONDS: f64 = 20.0;
 
-/// The experiments of this file.
+/// Returns the experiments of this file.
 pub(super) fn experiments() -> Vec<Experiment> {
     vec![step_down(), cooling()]
 }
 
-/// As the step, the other way.
+/// Returns the step in the other direction.
 fn down() -> Trial {
     let mut scenario = bases::step();
     scenario.run_mut().name = "25 mm down from a warm hold".to_owned();
@@ -91,7 +91,7 @@ fn cooling() -> Experiment {
     }
 }
 
-/// The step down in air of this convection, with a conduction other than the paper's where one is given.
+/// Returns the step down in air of this convection; `conduction` replaces the paper's value.
 fn cooled_by(convection: f64, conduction: Option<f64>) -> Trial {
     let mut trial = down();
     trial.run_mut().duration_seconds = 10.0 + COOLING_SECONDS;
@@ -162,7 +162,7 @@ fn cooled(runs: &[Kept]) -> Evaluation {
     }
 }
 
-/// Time from the step until the load is first in the band about its new place.
+/// Returns the time from the step until the load is first in the band about its new place.
 fn seconds_down(run: &Kept) -> Option<f64> {
     let step = run.scenario.reference.step.first()?;
     let signals = &run.signals;
@@ -176,14 +176,14 @@ fn seconds_down(run: &Kept) -> Option<f64> {
     Some(time - step.at_seconds)
 }
 
-/// The settling time; a load that comes back into the band in the last seconds only has not settled.
+/// Returns the settling time. A load that comes back into the band only in the last seconds has not settled.
 fn settled(run: &Kept) -> String {
     let is_over = |seconds: &f64| *seconds < COOLING_SECONDS - OPEN_SECONDS;
     let seconds = run.metric(TIME).filter(is_over);
     seconds.map_or_else(|| format!("not within {COOLING_SECONDS} s"), significant)
 }
 
-/// How many times longer the second run takes to come down.
+/// Returns the ratio of the second run's time down to the first one's.
 fn times_longer(with: &Kept, without: &Kept) -> Option<f64> {
     let times = seconds_down(with).zip(seconds_down(without));
     times.map(|(with, without)| without / with)

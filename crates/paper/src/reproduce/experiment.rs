@@ -1,4 +1,4 @@
-//! What an experiment is: runs, and what is made of their recordings.
+//! Experiments: runs, and the evaluation of their recordings.
 
 use std::path::Path;
 
@@ -17,43 +17,43 @@ use judge::verdict::Verdict;
 use recording::timeline::Timeline;
 use report::plot::{Colour, Shape};
 
-/// How much is played.
+/// Extent of a reproduction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
     /// Everything.
     Full,
-    /// Every experiment, with fewer plants, frequencies and settings: to see that all of it works.
+    /// Every experiment, with fewer plants, frequencies and settings, as a check that all of it works.
     Reduced,
 }
 
-/// An experiment: data, and the function that makes numbers and figures of its runs.
+/// An experiment: data, and the function that evaluates its runs.
 pub struct Experiment {
-    /// Its name in other programs.
+    /// Name of the experiment for other programs.
     pub id: &'static str,
-    /// Its heading.
+    /// Heading of the experiment.
     pub title: &'static str,
-    /// What is done and what the paper says of it.
+    /// Description of the experiment, and of the paper's statement on it.
     pub text: &'static str,
-    /// What is played.
+    /// Runs to play.
     pub runs: Vec<PlannedRun>,
-    /// Numbers and figures of the runs, which come in the same order.
+    /// Function that makes numbers and figures of the runs, which come in the same order.
     pub evaluate: fn(&[Kept]) -> Evaluation,
 }
 
 /// A run that an experiment needs.
 pub struct PlannedRun {
-    /// What distinguishes it from the others of the experiment.
+    /// Difference from the other runs of the experiment.
     pub label: String,
-    /// What is played.
+    /// Scenario to play.
     pub scenario: Trial,
-    /// What is kept of it besides its verdict.
+    /// Data to keep besides the verdict.
     pub keep: Keep,
 }
 
-/// What is kept of a run besides its verdict.
+/// Data to keep of a run besides its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Keep {
-    /// Nothing.
+    /// No further data.
     Verdict,
     /// The signals in a span of time.
     Signals(Window),
@@ -61,17 +61,17 @@ pub enum Keep {
     IdentificationData,
 }
 
-/// What is left of a run.
+/// The data of a played run.
 pub struct Kept {
-    /// As in [`PlannedRun`].
+    /// Label as in [`PlannedRun`].
     pub label: String,
-    /// What was played.
+    /// Scenario that was played.
     pub scenario: Trial,
-    /// What it came to.
+    /// Verdict of the run.
     pub verdict: Verdict,
     /// The signals that were kept.
     pub signals: Signals,
-    /// The positions for identification, or why they do not serve.
+    /// Positions for identification, or the reason why they are not usable.
     pub measurement: Option<Result<IdentificationData, String>>,
 }
 
@@ -82,81 +82,81 @@ pub struct Signals {
     pub time_seconds: Vec<f64>,
     /// The raw set-point.
     pub set_point_millimetres: Vec<f64>,
-    /// The position as the drive measures it.
+    /// Position as the drive measures it.
     pub position_millimetres: Vec<f64>,
     /// The current.
     pub current_amperes: Vec<f64>,
-    /// The wire's true temperature.
+    /// True temperature of the wire.
     pub temperature_celsius: Vec<f64>,
-    /// The true martensite fraction.
+    /// True martensite fraction.
     pub martensite_fraction: Vec<f64>,
 }
 
-/// What an experiment came to.
+/// Result of an experiment.
 #[derive(Default)]
 pub struct Evaluation {
-    /// Its numbers.
+    /// Numbers of the experiment.
     pub numbers: Vec<Quantity>,
-    /// Its plots.
+    /// Plots of the experiment.
     pub figures: Vec<Figure>,
-    /// Numbers that are better seen side by side.
+    /// Tables, for numbers that are compared with each other.
     pub tables: Vec<NumberTable>,
 }
 
 /// A plot as data.
 pub struct Figure {
-    /// Its title.
+    /// Title of the plot.
     pub title: String,
-    /// The unit of its height; empty for numbers without one.
+    /// Unit of y; empty for numbers without one.
     pub y_unit: &'static str,
-    /// What goes to the right.
+    /// Label of the x axis.
     pub x_label: &'static str,
-    /// Its curves.
+    /// Curves of the plot.
     pub curves: Vec<FigureCurve>,
-    /// Where a target lies: a rectangle behind the curves.
+    /// Range of x and of y of a target: a rectangle behind the curves.
     pub target: Option<((f64, f64), (f64, f64))>,
-    /// A span of x in which something disturbs.
+    /// Span of x with a disturbance.
     pub shaded: Option<(f64, f64)>,
 }
 
 /// A curve of a plot.
 pub struct FigureCurve {
-    /// What it shows.
+    /// Label of the curve.
     pub label: String,
-    /// Its colour.
+    /// Colour of the curve.
     pub colour: Colour,
-    /// How its points are joined.
+    /// Line between its points.
     pub shape: Shape,
-    /// To the right.
+    /// Values of x.
     pub x: Vec<f64>,
-    /// Upwards.
+    /// Values of y.
     pub y: Vec<f64>,
 }
 
 /// A table of numbers.
 pub struct NumberTable {
-    /// The heads of its columns.
+    /// Heads of the columns.
     pub header: Vec<String>,
-    /// Its rows.
+    /// Rows of cells.
     pub rows: Vec<Vec<String>>,
 }
 
-/// The laws that are compared.
+/// Laws that are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ComparedLaw {
-    /// Ours, with an observer.
+    /// The bench's own law, with an observer.
     SlidingMode,
-    /// As the paper prints it, with errata.
+    /// The law as the paper prints it, with errata.
     SlidingModePaper,
     /// PID, tuned by ITAE.
     Pid,
 }
 
 impl ComparedLaw {
-    /// All of them, ours first.
+    /// All laws, the bench's own first.
     pub const ALL: [Self; 3] = [Self::SlidingMode, Self::SlidingModePaper, Self::Pid];
 
-    /// Its table in a scenario.
+    /// Returns the name of its table in a scenario.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -166,13 +166,13 @@ impl ComparedLaw {
         }
     }
 
-    /// The same law on a plant that is not its model.
+    /// Returns the label of the same law on a plant that is not its model.
     #[must_use]
     pub fn on_twin(self) -> String {
         format!("{}, another plant", self.name())
     }
 
-    /// The law with its shipped gains.
+    /// Returns the law with its shipped gains.
     fn controller(self) -> Controller {
         let none = Controller::default();
         match self {
@@ -191,7 +191,8 @@ impl ComparedLaw {
         }
     }
 
-    /// The same scenario under this law. The limits are meant for `sliding_mode`; others are only reported.
+    /// Returns the scenario under this law. The limits are meant for `sliding_mode`; those of other laws are only
+    /// reported.
     #[must_use]
     pub fn plays(self, base: &Trial) -> Trial {
         let mut scenario = Trial {
@@ -205,7 +206,7 @@ impl ComparedLaw {
         scenario
     }
 
-    /// Its colour in plots.
+    /// Returns the colour of the law in plots.
     #[must_use]
     pub fn colour(self) -> Colour {
         match self {
@@ -217,7 +218,7 @@ impl ComparedLaw {
 }
 
 impl PlannedRun {
-    /// A scenario as it stands.
+    /// Makes a run of a scenario without a change.
     #[must_use]
     pub fn new(label: impl Into<String>, scenario: Trial, keep: Keep) -> Self {
         Self {
@@ -227,14 +228,15 @@ impl PlannedRun {
         }
     }
 
-    /// One run for each law.
+    /// Returns one run for each law.
     #[must_use]
     pub fn for_laws(base: &Trial, laws: &[ComparedLaw], keep: Keep) -> Vec<Self> {
         let run = |law: &ComparedLaw| Self::new(law.name(), law.plays(base), keep);
         laws.iter().map(run).collect()
     }
 
-    /// As [`PlannedRun::for_laws`] for all laws, and ours on another plant, which no limit is meant for.
+    /// Returns the runs of [`PlannedRun::for_laws`] for all laws, and one of `sliding_mode` on another plant, without
+    /// limits.
     #[must_use]
     pub fn with_twin(base: &Trial, keep: Keep) -> Vec<Self> {
         let mut runs = Self::for_laws(base, &ComparedLaw::ALL, keep);
@@ -249,7 +251,7 @@ impl PlannedRun {
         runs
     }
 
-    /// Keeps of a recording what the experiment needs.
+    /// Keeps the data of a recording that the experiment needs.
     #[must_use]
     pub fn keep(&self, played: &campaign::CampaignRun<'_>) -> Kept {
         let window = match self.keep {
@@ -301,7 +303,7 @@ impl Signals {
 }
 
 impl Kept {
-    /// What the law's model has to do with the plant; none for laws without a model.
+    /// Returns the relation of the law's model to the plant; `None` for laws without a model.
     #[must_use]
     pub fn model(&self) -> Option<Model> {
         let controller = &self.scenario.controller;
@@ -322,7 +324,7 @@ impl Kept {
         })
     }
 
-    /// These metrics of its verdict, with what the law knows.
+    /// Returns these metrics of the verdict, with the relation of the law's model to the plant.
     #[must_use]
     pub fn numbers(&self, metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
         let numbers = Quantity::from_verdict(&self.label, &self.verdict, metrics, paper);
@@ -330,7 +332,7 @@ impl Kept {
         numbers.into_iter().map(with_model).collect()
     }
 
-    /// A metric of its verdict.
+    /// Returns a metric of the verdict.
     #[must_use]
     pub fn metric(&self, name: &str) -> Option<f64> {
         let metric = self
@@ -343,7 +345,7 @@ impl Kept {
 }
 
 impl Figure {
-    /// A plot without curves.
+    /// Makes a plot without curves.
     #[must_use]
     pub fn new(title: impl Into<String>, y_unit: &'static str, x_label: &'static str) -> Self {
         Self {
@@ -356,7 +358,7 @@ impl Figure {
         }
     }
 
-    /// Positions of these runs over time, the first on top, and its set-point.
+    /// Makes a plot of the positions of these runs over time, the first on top, and of its set-point.
     #[must_use]
     pub fn positions(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
         let mut figure = Self::new(title, "mm", "time (s)");
@@ -377,13 +379,13 @@ impl Figure {
         figure
     }
 
-    /// Currents of these runs over time, the first on top.
+    /// Makes a plot of the currents of these runs over time, the first on top.
     #[must_use]
     pub fn currents(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
         Self::new(title, "A", "time (s)").of_runs(runs, |signals| &signals.current_amperes)
     }
 
-    /// Temperatures of the wire in these runs over time, the first on top.
+    /// Makes a plot of the temperatures of the wire in these runs over time, the first on top.
     #[must_use]
     pub fn temperatures(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
         Self::new(title, "°C", "time (s)").of_runs(runs, |signals| &signals.temperature_celsius)
@@ -421,7 +423,7 @@ impl Figure {
     }
 }
 
-/// Whether a model has the numbers of a plant, each of them, and its equations.
+/// Returns whether a model has every number of a plant and its equations.
 fn is_equal(model: &NominalModel, plant: &Sma) -> bool {
     plant.kinetics == Kinetics::Paper
         && plant.heat.latent_heat_joules_per_kilogram == 0.0
@@ -429,7 +431,7 @@ fn is_equal(model: &NominalModel, plant: &Sma) -> bool {
         && *model == nominal_model(plant)
 }
 
-/// A span of scenario time.
+/// Makes a window of scenario time.
 #[must_use]
 pub fn span(from_seconds: f64, until_seconds: f64) -> Window {
     Window {

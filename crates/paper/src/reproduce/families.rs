@@ -1,13 +1,13 @@
-//! Many scenarios of one: other frequencies, cycle times, sensors.
+//! Families of scenarios: one scenario with other frequencies, cycle times, sensors.
 
 use scenario::Trial;
 use scenario::controller::CurrentRamp;
 use scenario::plant::Sensor;
 
-/// Least periods of a sine (PAPER, "Definitions").
+/// Smallest number of periods of a sine (PAPER, "Definitions").
 const PERIODS_MIN: f64 = 10.0;
 
-/// The last sine of the scenario at another frequency, for ten periods.
+/// Changes the last sine of the scenario to another frequency, for ten periods.
 #[must_use]
 pub fn at_frequency(base: &Trial, hertz: f64) -> Trial {
     let mut scenario = base.clone();
@@ -19,7 +19,7 @@ pub fn at_frequency(base: &Trial, hertz: f64) -> Trial {
     scenario
 }
 
-/// The scenario with another time between two SYNCs.
+/// Changes the time between two SYNCs.
 #[must_use]
 pub fn with_cycle(base: &Trial, milliseconds: f64) -> Trial {
     let mut scenario = base.clone();
@@ -28,8 +28,8 @@ pub fn with_cycle(base: &Trial, milliseconds: f64) -> Trial {
     scenario
 }
 
-/// The scenario with another converter at the position sensor. Its resolution is in the sensor's data sheet, so the
-/// observer knows it too.
+/// Changes the converter of the position sensor. Its resolution is in the sensor's data sheet, so the observer knows it
+/// too.
 #[must_use]
 pub fn with_resolution(base: &Trial, bits: u32) -> Trial {
     let mut scenario = base.clone();
@@ -43,7 +43,7 @@ pub fn with_resolution(base: &Trial, bits: u32) -> Trial {
     scenario
 }
 
-/// The scenario with normal noise at the position sensor, in steps of its converter.
+/// Adds normal noise to the position sensor, in steps of its converter.
 #[must_use]
 pub fn with_noise(base: &Trial, steps: f64) -> Trial {
     let mut scenario = base.clone();
@@ -53,7 +53,7 @@ pub fn with_noise(base: &Trial, steps: f64) -> Trial {
     scenario
 }
 
-/// The scenario with another jerk at the start of a move of `sliding_mode`.
+/// Changes the jerk at the start of a move of `sliding_mode`.
 #[must_use]
 pub fn with_launch_jerk(base: &Trial, jerk_metres_per_second_cubed: f64) -> Trial {
     let mut scenario = base.clone();
@@ -64,12 +64,12 @@ pub fn with_launch_jerk(base: &Trial, jerk_metres_per_second_cubed: f64) -> Tria
     scenario
 }
 
-/// One step of a sensor's converter.
+/// Returns one step of a sensor's converter.
 fn sensor_step_millimetres(sensor: &Sensor) -> f64 {
     sensor.span / f64::from(1_u32 << sensor.resolution_bits)
 }
 
-/// The last two ramps of the current, played so many times more.
+/// Appends `times` repetitions of the last two ramps of the current.
 #[must_use]
 pub fn with_loops_repeated(base: &Trial, times: usize) -> Trial {
     let mut scenario = base.clone();

@@ -1,4 +1,4 @@
-//! The wire itself: transformation, stress and strain, and which parameters explain what it does.
+//! Experiments on the wire itself: transformation, stress and strain, and identification of its parameters.
 
 use plant_emulator::plants::sma::stress_pascals;
 use scenario::plant::{Mechanics, Sma, StressStrain};
@@ -18,12 +18,12 @@ use crate::identify::start::Start;
 use crate::identify::statistics::FitStatistics;
 use report::plot::{Colour, Shape};
 
-/// Minor loops after the first; they close within 1e-3 after about ten (PAPER E2).
+/// Number of minor loops after the first; they close within 1e-3 after about ten (PAPER E2).
 const LOOPS_MORE: usize = 24;
-/// What counts as closed.
+/// Largest gap of a loop that counts as closed.
 const CLOSED: f64 = 1e-3;
 
-/// The parameters that the paper identifies, with its values in its words.
+/// Parameters that the paper identifies, with its values as printed.
 const IDENTIFIED: [(&str, &str); 6] = [
     ("C", "0.255 W/°C/m"),
     ("h", "7 W/m²°C/m"),
@@ -33,7 +33,7 @@ const IDENTIFIED: [(&str, &str); 6] = [
     ("Mf", "34 °C"),
 ];
 
-/// The experiments of this file, in the order of the paper's figures.
+/// Returns the experiments of this file, in the order of the paper's figures.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
     vec![hysteresis(), martensite(), identification(effort)]
 }
@@ -109,7 +109,7 @@ fn loops(run: &Kept) -> Evaluation {
     }
 }
 
-/// Start and length of the first minor loop: the last two ramps of the file.
+/// Returns start and length of the first minor loop: the last two ramps of the file.
 fn minor_loop(run: &Kept) -> (f64, f64) {
     let ramps = run
         .scenario
@@ -233,7 +233,7 @@ fn identified(runs: &[Kept]) -> Evaluation {
     evaluation
 }
 
-/// A target that is missed.
+/// Returns a missed target with the reason.
 fn not_found(run: &Kept, reason: String) -> Quantity {
     let of = run.label.as_str();
     Quantity::derived("identification", of, Err(reason), at_least(0.0))
@@ -260,7 +260,7 @@ fn fit(measurement: &IdentificationData) -> Fit<'_> {
     )
 }
 
-/// The values of Sec. 3.
+/// Returns the start values from the paper's Sec. 3.
 fn a_priori(fit: &Fit<'_>) -> Result<Vec<f64>, String> {
     let plant = Start::Section3.plant().map_err(|error| error.to_string())?;
     Ok(fit.values_of(&plant))
@@ -273,7 +273,7 @@ fn search(run: &Kept) -> Result<FitStatistics, String> {
     Ok(found.statistics)
 }
 
-/// The values found, beside those that the recording was made with, and how good the fit is.
+/// Returns the identified values with the true ones of the recording, and the quality of the fit.
 fn found(of: &str, statistics: &FitStatistics) -> Vec<Quantity> {
     let truth = Sma::default();
     let values = statistics.values();
@@ -292,7 +292,7 @@ fn found(of: &str, statistics: &FitStatistics) -> Vec<Quantity> {
     numbers.chain(residuals(of, statistics)).collect()
 }
 
-/// How good a fit is.
+/// Returns the quality of a fit.
 fn residuals(of: &str, statistics: &FitStatistics) -> [Quantity; 2] {
     let excesses = statistics.residual_tests.iter().map(ResidualTest::excess);
     let excess = excesses.fold(0.0, f64::max);
@@ -307,7 +307,7 @@ fn residuals(of: &str, statistics: &FitStatistics) -> [Quantity; 2] {
     ]
 }
 
-/// Measured and simulated positions.
+/// Makes plots of measured and simulated positions.
 fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Figure> {
     let drawn = [
         ("Fig. 9 (b) and 10: position under the ramp", ramp),
@@ -348,7 +348,7 @@ fn fits(ramp: &Kept, rich: &Kept, values: &[f64]) -> Vec<Figure> {
     drawn.into_iter().filter_map(figure).collect()
 }
 
-/// What the ramp alone gives, and how sure that is.
+/// Returns the values from the ramp alone, with their standard errors.
 fn found_in_ramp(statistics: &FitStatistics) -> Vec<Quantity> {
     let of = "from the ramp alone";
     let numbers = parameters()

@@ -1,8 +1,8 @@
-//! `canrig reproduce`: every experiment of the paper, and what a user asks beyond it.
+//! `canrig reproduce`: plays every experiment of the paper, and further ones for the users of the bench.
 //!
-//! `bases` are shipped scenario files; `families` make many scenarios of one; `experiment` says what one is, and
-//! `response`, `cooling`, `ripple`, `robustness`, `sensitivity` and `material` are the experiments themselves: which runs, and what to make of
-//! their recordings. `command` plays them all at once and hands the `number`s and figures to `page`.
+//! `bases` has shipped scenario files, and `families` changes them. `experiment` defines an experiment. The experiments
+//! are in `response`, `cooling`, `ripple`, `robustness`, `sensitivity` and `material`, each with its runs and their
+//! evaluation. `command` plays them all at once and gives the numbers (`quantity`) and figures to `page`.
 
 mod bases;
 pub mod command;

@@ -1,4 +1,4 @@
-//! The page of `canrig reproduce`: every figure redrawn, every number beside the paper's and beside its target.
+//! The page of `canrig reproduce`: every figure redrawn, every number next to the paper's and its target.
 
 use comfy_table::{Cell, CellAlignment};
 use maud::{Markup, html};
@@ -11,7 +11,7 @@ use report::page;
 use report::plot::{Extent, Patch, Plot};
 use report::terminal::{self, empty_table, limit, measured};
 
-/// What a reader must know before the first number.
+/// Introduction for the reader.
 const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on shape memory alloys actuators\", played on the emulated \
     actuator in virtual time: controller and plant exchange CAN frames in cycles of 1 ms with one cycle of delay, and every number is read from the \
     recording of that bus. The position is measured by a 10-bit converter over 60 mm, without noise where none is named. Where the paper gives no value \
@@ -19,7 +19,7 @@ const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on 
     such rows say that the model equals the plant, number for number, and what they show is how well a law does that knows everything. Beside each of them \
     stands our law on another plant, drawn at random, of which it knows nothing.";
 
-/// The page.
+/// Returns the page.
 #[must_use]
 pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
     let numbers = || results.iter().flat_map(|result| &result.evaluation.numbers);
@@ -56,7 +56,7 @@ pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
     page::page(&title, &body)
 }
 
-/// The numbers of a reproduction that the paper or a target speaks of.
+/// Returns the numbers of a reproduction that have a value in the paper or a target.
 #[must_use]
 pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
     let header = [

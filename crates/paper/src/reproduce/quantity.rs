@@ -1,4 +1,4 @@
-//! A number beside the paper's and beside its target.
+//! A number with the paper's value and its target.
 
 use scenario::expect::Limit;
 use serde::Serialize;
@@ -8,30 +8,30 @@ use judge::verdict::{Metric, Outcome, Verdict};
 /// One number of the reproduction.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Quantity {
-    /// Of which run: the control law, or what else distinguishes it from others.
+    /// Run of the number: the control law, or another distinction from other runs.
     pub of: String,
-    /// What the paper says, in its words.
+    /// Value in the paper, as printed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub paper: Option<&'static str>,
-    /// What the law's model has to do with the plant, where the law has one.
+    /// Relation of the law's model to the plant, if the law has a model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<Model>,
-    /// What was measured, its target, and whether that is met.
+    /// Measured value, its target, and whether the target is met.
     pub metric: Metric,
 }
 
-/// A law's nominal model beside the plant.
+/// Relation of a law's nominal model to the plant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
-    /// It has the plant's numbers, each of them.
+    /// The model has every number of the plant.
     EqualsThePlant,
-    /// It has others, or the plant is of another kind.
+    /// The model has other numbers, or the plant is of another kind.
     Differs,
 }
 
 impl Model {
-    /// In a table.
+    /// Returns the text for a table.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -41,11 +41,11 @@ impl Model {
     }
 }
 
-/// What the paper says about metrics: by name.
+/// Values in the paper, by name of the metric.
 pub type Paper = [(&'static str, &'static str)];
 
 impl Quantity {
-    /// A number that was worked out of several runs.
+    /// Makes a number that is computed from several runs.
     #[must_use]
     pub fn derived(
         name: &'static str,
@@ -61,7 +61,7 @@ impl Quantity {
         }
     }
 
-    /// The same number, with the paper's beside it.
+    /// Adds the paper's value.
     #[must_use]
     pub fn beside(self, paper: &'static str) -> Self {
         Self {
@@ -70,14 +70,14 @@ impl Quantity {
         }
     }
 
-    /// The same number, of a law with this model.
+    /// Adds the relation of the law's model to the plant.
     #[must_use]
     pub fn with_model(self, model: Option<Model>) -> Self {
         Self { model, ..self }
     }
 
-    /// These metrics of a verdict, in this order; those that the run does not have are left out. In a run that decides
-    /// nothing no limit is met.
+    /// Returns these metrics of a verdict, in this order; metrics that the run lacks are left out. In a run without a
+    /// decision no limit is met.
     #[must_use]
     pub fn from_verdict(of: &str, verdict: &Verdict, metrics: &[&str], paper: &Paper) -> Vec<Self> {
         let find = |name: &&str| verdict.metrics.iter().find(|metric| metric.name == *name);
@@ -96,26 +96,26 @@ impl Quantity {
         metrics.iter().filter_map(find).map(number).collect()
     }
 
-    /// What was measured; the unit is in the name.
+    /// Returns the name of the quantity, which has its unit.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.metric.name
     }
 
-    /// True where the paper or a target speaks of it.
+    /// Returns whether the number has a value in the paper or a target.
     #[must_use]
     pub fn is_compared(&self) -> bool {
         self.paper.is_some() || self.metric.limit.is_some()
     }
 
-    /// False where a target is missed.
+    /// Returns whether no target is missed.
     #[must_use]
     pub fn holds(&self) -> bool {
         self.metric.passed != Some(false)
     }
 }
 
-/// A limit from above.
+/// Returns an upper limit.
 #[must_use]
 pub fn at_most(max: f64) -> Option<Limit> {
     Some(Limit {
@@ -124,7 +124,7 @@ pub fn at_most(max: f64) -> Option<Limit> {
     })
 }
 
-/// A limit from below.
+/// Returns a lower limit.
 #[must_use]
 pub fn at_least(min: f64) -> Option<Limit> {
     Some(Limit {
@@ -133,10 +133,10 @@ pub fn at_least(min: f64) -> Option<Limit> {
     })
 }
 
-/// A limit on both sides of a value: within a part of it.
+/// Returns limits on both sides of a value, at a relative distance.
 #[must_use]
 pub fn within(value: f64, part: f64) -> Option<Limit> {
-    // Six decimals, as metrics have.
+    // Metrics have six decimals as well.
     let rounded = |value: f64| (value * 1e6).round() / 1e6;
     Some(Limit {
         min: Some(rounded(value * (1.0 - part))),

@@ -1,4 +1,4 @@
-//! How the closed loop responds: steps, sines, fan, load, and set-points that nobody can follow.
+//! Response of the closed loop: steps, sines, fan, load, and unreachable set-points.
 
 use scenario::Trial;
 use scenario::events::Window;
@@ -13,15 +13,15 @@ use super::families::at_frequency;
 use super::quantity::{Model, Paper, Quantity, at_least};
 use report::plot::{Colour, Shape};
 
-/// Frequencies of the stepped sine. They are close to each other where the bandwidths lie.
+/// Frequencies of the stepped sine. They are dense near the bandwidths.
 const FREQUENCIES_HERTZ: [f64; 22] = [
     0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.25, 3.5, 3.75, 4.0,
     4.25, 4.5, 4.75, 5.0,
 ];
 const FREQUENCIES_REDUCED: usize = 6;
-/// The gain at which the bandwidth ends: −3 dB.
+/// Gain at which the bandwidth ends: −3 dB.
 const CUT_OFF_GAIN: f64 = 0.708;
-/// A mean this close to the set-point's still counts as following it.
+/// Largest mean distance from the set-point that counts as following it.
 const CENTRED_MILLIMETRES: f64 = 1.0;
 
 const STEP_METRICS: [&str; 3] = [
@@ -35,7 +35,7 @@ const DISTURBANCE_METRICS: [&str; 3] = [
     "steady_state_error_millimetres",
 ];
 
-/// The experiments of this file, in the order of the paper's figures.
+/// Returns the experiments of this file, in the order of the paper's figures.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
     vec![
         step(),
@@ -155,12 +155,12 @@ fn bandwidth(effort: Effort) -> Experiment {
         Effort::Reduced => FREQUENCIES_HERTZ.len().div_ceil(FREQUENCIES_REDUCED),
     };
     let of_law = |law: ComparedLaw| {
-        // From the highest on, so that few frequencies still show where the gain falls.
+        // Frequencies are chosen from the highest on, so that few of them still show the fall of the gain.
         let frequencies = FREQUENCIES_HERTZ.into_iter().rev().step_by(every);
         let base = law.plays(&base);
         let runs = frequencies.map(|hertz| {
             let mut scenario = at_frequency(&base, hertz);
-            // The limits of the file are those of its own frequency.
+            // The limits of the file apply to its own frequency.
             scenario.expect = Expect::default();
             PlannedRun::new(law.name(), scenario, Keep::Verdict)
         });
@@ -220,12 +220,12 @@ impl Response {
         }
     }
 
-    /// The last frequency before the gain first falls below the cut-off, as its place.
+    /// Returns the index of the last frequency before the gain first falls below the cut-off.
     fn last_by_gain(&self) -> Option<usize> {
         last_before(&self.gain, |gain| gain >= CUT_OFF_GAIN)
     }
 
-    /// The same, while the position also stays about the set-point on average.
+    /// Returns the same index, as long as the position also stays about the set-point on average.
     fn last_centred(&self) -> Option<usize> {
         let is_centred = |offset: f64| offset.abs() <= CENTRED_MILLIMETRES;
         let centred = last_before(&self.offset_millimetres, is_centred);
@@ -313,13 +313,13 @@ fn hertz(run: &Kept) -> Option<f64> {
     Some(libm::round(1e6 / sine.period_seconds) / 1e6)
 }
 
-/// The place before the first value that is not good.
+/// Returns the index before the first value that is not good.
 fn last_before(values: &[f64], is_good: impl Fn(f64) -> bool) -> Option<usize> {
     let good = values.iter().take_while(|value| is_good(**value));
     good.count().checked_sub(1)
 }
 
-/// What is shown of a disturbance, before its start and after it.
+/// Times relative to the start of a disturbance between which it is shown.
 const AROUND_SECONDS: (f64, f64) = (-1.0, 6.0);
 
 /// The runs without feedback, by the kinetics of the wire.
@@ -404,7 +404,7 @@ fn load() -> Experiment {
     }
 }
 
-/// When the first disturbance begins.
+/// Returns the start of the first disturbance.
 fn start(scenario: &Trial) -> f64 {
     let windows = scenario.disturbance_windows();
     windows
@@ -412,7 +412,7 @@ fn start(scenario: &Trial) -> f64 {
         .map_or(0.0, |disturbance| disturbance.window.from_seconds)
 }
 
-/// Positions over the time since the disturbance began.
+/// Makes a plot of the positions over the time since the disturbance began.
 fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Figure {
     let mut figure = Figure::new(title, "mm", "time since the fan started (s)");
     for (run, colour) in runs.iter().rev() {
@@ -443,7 +443,7 @@ fn disturbed(title: &str, runs: &[(&Kept, Colour)]) -> Figure {
     figure
 }
 
-/// Each run with the colour of its law; the labels are the laws' names.
+/// Returns each run with the colour of its law; the labels are the laws' names.
 fn coloured(runs: &[Kept]) -> Vec<(&Kept, Colour)> {
     let colour = |run: &Kept| {
         let law = ComparedLaw::ALL
@@ -454,7 +454,7 @@ fn coloured(runs: &[Kept]) -> Vec<(&Kept, Colour)> {
     runs.iter().map(|run| (run, colour(run))).collect()
 }
 
-/// These metrics of each run; the paper's numbers stand beside those of `sliding_mode`.
+/// Returns these metrics of each run; those of `sliding_mode` have the paper's values.
 fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
     let of_run = |run: &Kept| {
         let paper = if run.label == ComparedLaw::SlidingMode.name() {

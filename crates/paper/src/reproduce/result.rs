@@ -1,24 +1,24 @@
-//! What an experiment came to.
+//! Result of an experiment.
 
 use super::experiment::{Evaluation, Experiment};
 use super::quantity::Quantity;
 
-/// An experiment with what it came to.
+/// An experiment with its result.
 pub(crate) struct ExperimentResult {
-    /// What was done.
+    /// The experiment.
     pub experiment: Experiment,
-    /// What came of it.
+    /// Numbers and figures.
     pub evaluation: Evaluation,
 }
 
 impl ExperimentResult {
-    /// False where a target is missed.
+    /// Returns whether no target is missed.
     #[must_use]
     pub(crate) fn holds(&self) -> bool {
         self.evaluation.numbers.iter().all(Quantity::holds)
     }
 
-    /// The quantities of which the paper or a target speaks, of every law and plant.
+    /// Returns the quantities that have a value in the paper or a target, for every law and plant.
     #[must_use]
     pub(crate) fn headline(&self) -> Vec<&Quantity> {
         let numbers = &self.evaluation.numbers;

@@ -1,4 +1,4 @@
-//! How quietly the current holds a position.
+//! Ripple of the current while the load is held.
 
 use scenario::expect::Expect;
 
@@ -6,11 +6,11 @@ use super::bases;
 use super::experiment::{ComparedLaw, Evaluation, Experiment, Keep, Kept, PlannedRun};
 use super::quantity::{Quantity, at_most};
 
-/// Heights at which the ripple is measured, and what it may be.
+/// Heights at which the ripple is measured, and its target.
 const HEIGHTS_MILLIMETRES: [f64; 4] = [5.0, 20.1, 35.0, 45.0];
 const RIPPLE_AMPERES: f64 = 0.02;
 
-/// The experiment of this file.
+/// Returns the experiment of this file.
 pub(super) fn experiment() -> Experiment {
     let runs = HEIGHTS_MILLIMETRES.into_iter().flat_map(|height| {
         let mut scenario = bases::step();
@@ -40,7 +40,7 @@ pub(super) fn experiment() -> Experiment {
     }
 }
 
-/// Of our law with a target, which others are only beside.
+/// Returns the ripple: with a target for `sliding_mode`, without one for the other laws.
 fn ripple(run: &Kept) -> Quantity {
     let name = "current_ripple_amperes_rms";
     let metric = run

@@ -1,4 +1,4 @@
-//! How the closed loop does on plants that the controller does not know.
+//! Robustness of the closed loop on plants that the controller does not know.
 
 use scenario::Trial;
 use scenario::expect::Expect;
@@ -10,19 +10,19 @@ use super::experiment::{
 use super::quantity::{Quantity, at_most};
 use campaigns::distribution::{quantile, staircase};
 
-/// Plants (PAPER, "Robustness").
+/// Number of plants (PAPER, "Robustness").
 const PLANTS: usize = 200;
 const PLANTS_REDUCED: usize = 12;
-/// A step that has not settled by then is unstable.
+/// Longest settling time of a stable step.
 const UNSTABLE_SECONDS: f64 = 1.0;
-/// So is a loop whose position goes further than this in the last second.
+/// Largest motion in the last second of a stable loop.
 const HUNTING_MILLIMETRES: f64 = 0.25;
 /// Targets of the p95 of settling time in seconds and of overshoot in per cent.
 const TARGETS: [f64; 2] = [0.21, 2.5];
-/// The laws that are compared.
+/// Laws that are compared.
 const LAWS: [ComparedLaw; 3] = ComparedLaw::ALL;
 
-/// The experiments of this file.
+/// Returns the experiments of this file.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
     vec![plants(effort), other_truth()]
 }
@@ -57,7 +57,7 @@ fn plants(effort: Effort) -> Experiment {
     }
 }
 
-/// The first cases of `scenarios/sweeps/plants.toml`: as many plants as are drawn there, without noise.
+/// Returns the first cases of `scenarios/sweeps/plants.toml`: as many plants as are drawn there, without noise.
 fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
     let cases = bases::plants();
     (1..=count).map(move |number| {
@@ -118,13 +118,13 @@ fn is_unsettled(run: &Kept) -> bool {
     time.is_none_or(|seconds| seconds > UNSTABLE_SECONDS)
 }
 
-/// A run without a value counts too.
+/// Returns whether a run hunts. A run without the metric counts as hunting.
 fn hunts(run: &Kept) -> bool {
     let range = run.metric("hunting_millimetres");
     range.is_none_or(|millimetres| millimetres > HUNTING_MILLIMETRES)
 }
 
-/// Per cent of the plants up to each value. The laws differ too much for one plot.
+/// Makes a plot of the per cent of the plants up to each value. The laws differ too much for one plot.
 fn distribution(
     law: ComparedLaw,
     quantity: &'static str,
@@ -139,7 +139,7 @@ fn distribution(
     figure
 }
 
-/// The p95 of the sorted values, of which those that are infinite never settled.
+/// Returns the p95 of the sorted values; infinite ones never settled.
 fn p95(sorted: &[f64]) -> Result<f64, String> {
     match quantile(sorted, 95) {
         None => Err("no run".to_owned()),

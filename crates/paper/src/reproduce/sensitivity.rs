@@ -1,4 +1,4 @@
-//! What cycle time, resolution and noise do to the closed loop, and what a faster launch costs.
+//! Sensitivity of the closed loop to cycle time, resolution and noise, and the price of a faster launch.
 
 use scenario::Trial;
 use scenario::controller::SlidingModePaper;
@@ -16,10 +16,10 @@ const RESOLUTIONS_BITS: [u32; 4] = [8, 10, 12, 16];
 const NOISES_STEPS: [f64; 4] = [0.0, 0.5, 1.0, 2.0];
 const LAUNCH_JERKS: [f64; 4] = [430.0, 250.0, 350.0, 500.0];
 
-/// A column of a table: its head, which run of a row it is read from, and the metric.
+/// Column of a table: its head, the index of its run in a row, and the metric.
 type TableColumn = (&'static str, usize, &'static str);
 
-/// What is played for each setting of the rig, and what is read from it.
+/// Scenarios and laws for each setting of the rig, and the columns of the table.
 const RIG_BASES: [fn() -> Trial; 2] = [bases::step, bases::sine_5s];
 const RIG_LAWS: [ComparedLaw; 2] = [ComparedLaw::SlidingMode, ComparedLaw::Pid];
 const RIG_COLUMNS: [TableColumn; 5] = [
@@ -38,7 +38,7 @@ const RIG_COLUMNS: [TableColumn; 5] = [
     ("cycles missed (%)", 0, "missed_cycles_percent"),
 ];
 
-/// What is played for each launch, and what is read from it.
+/// Scenarios for each launch, and the columns of the table.
 const LAUNCH_BASES: [fn() -> Trial; 3] = [bases::step, bases::step_cold, bases::step_other_truth];
 const LAUNCH_COLUMNS: [TableColumn; 6] = [
     ("settling (s)", 0, "settling_time_seconds"),
@@ -56,7 +56,7 @@ const FILTER_COLUMNS: [TableColumn; 2] = [
     ("overshoot (%)", 0, "overshoot_percent"),
 ];
 
-/// The experiments of this file.
+/// Returns the experiments of this file.
 pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
     let count = match effort {
         Effort::Full => 4,
@@ -115,7 +115,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
     ]
 }
 
-/// Step and sine under each law, for each setting of the rig.
+/// Returns step and sine under each law, for each setting of the rig.
 fn on_rigs<T: Copy>(
     settings: impl Iterator<Item = T>,
     set: impl Fn(&Trial, T) -> (String, Trial),
@@ -139,7 +139,7 @@ fn launches(jerks: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
     jerks.flat_map(of_jerk).collect()
 }
 
-/// The step under the paper's law with each filter, and as printed.
+/// Returns the step under the paper's law with each filter, and as printed.
 fn filters(poles: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
     let step = |label: String, change: &dyn Fn(&mut SlidingModePaper)| {
         let mut trial = ComparedLaw::SlidingModePaper.plays(&bases::step());
@@ -180,13 +180,13 @@ fn of_filters(runs: &[Kept]) -> Evaluation {
     }
 }
 
-/// A run without limits: those of the files are for their own settings.
+/// Returns a run without limits: those of the files apply to their own settings.
 fn reported(label: String, scenario: Trial) -> PlannedRun {
     let expect = Expect::default();
     PlannedRun::new(label, Trial { expect, ..scenario }, Keep::Verdict)
 }
 
-/// One row for each setting; its runs follow each other.
+/// Returns a table with one row for each setting; the runs of a row follow each other.
 fn table(columns: &[TableColumn], runs_per_row: usize, runs: &[Kept]) -> Evaluation {
     let header = std::iter::once("setting").chain(columns.iter().map(|(head, ..)| *head));
     let rows = runs.chunks(runs_per_row).map(|row| {

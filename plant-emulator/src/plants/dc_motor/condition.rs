@@ -5,14 +5,14 @@ use crate::plant::Faults;
 /// Condition of pinion and load; sound by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Condition {
-    /// The pinion does not turn.
+    /// Whether the pinion is blocked.
     pub(super) is_jammed: bool,
-    /// The load has come off the rack.
+    /// Whether the load has come off the rack.
     pub(super) is_load_dropped: bool,
 }
 
 impl Condition {
-    /// That at a scenario time.
+    /// Returns the condition at a scenario time.
     pub(super) fn at(faults: &Faults, time_seconds: f64) -> Self {
         Self {
             is_jammed: faults.any_acts("jammed_pulley", time_seconds),

@@ -1,4 +1,4 @@
-//! The motor's temperatures: winding and housing, the two bodies that its data sheet describes.
+//! Temperatures of the motor: winding and housing, the two bodies in its data sheet.
 
 use scenario::plant::DcMotor;
 
@@ -7,7 +7,7 @@ use crate::plant::Inputs;
 
 /// Temperature coefficient of copper, 1/K.
 const COPPER_PER_KELVIN: f64 = 0.003_93;
-/// Where the data sheet gives the winding's resistance.
+/// Temperature of the winding's resistance in the data sheet.
 const REFERENCE_CELSIUS: f64 = 25.0;
 
 /// The heat balance and its state.
@@ -29,7 +29,7 @@ pub(super) struct Heat {
 }
 
 impl Heat {
-    /// As warm as the air.
+    /// Makes a motor as warm as the air.
     pub(super) fn new(config: &DcMotor) -> Self {
         Self {
             resistance: config.winding_resistance_ohms,
@@ -45,7 +45,7 @@ impl Heat {
         }
     }
 
-    /// One step of both balances.
+    /// Takes one step of both balances.
     pub(super) fn step(&mut self, duration_seconds: f64, inputs: &Inputs) {
         let state = [self.winding_celsius, self.housing_celsius];
         [self.winding_celsius, self.housing_celsius] =
@@ -54,7 +54,8 @@ impl Heat {
             });
     }
 
-    /// `Cw dTw/dt = R(Tw) i² − (Tw − Ts) / Rth2` and `Cs dTs/dt = (Tw − Ts) / Rth2 − f (Ts − Tamb) / Rth1`, in K/s.
+    /// Returns `Cw dTw/dt = R(Tw) i² − (Tw − Ts) / Rth2` and `Cs dTs/dt = (Tw − Ts) / Rth2 − f (Ts − Tamb) / Rth1`, in
+    /// K/s.
     fn rates(&self, &[winding, housing]: &[f64; 2], inputs: &Inputs) -> [f64; 2] {
         let resistance =
             self.resistance * (1.0 + COPPER_PER_KELVIN * (winding - REFERENCE_CELSIUS));
@@ -68,7 +69,7 @@ impl Heat {
         ]
     }
 
-    /// An upper limit of how fast the balances change, at the strongest fan that the bus can command.
+    /// Returns an upper bound of the balances' rates, at the strongest fan that the bus can command.
     pub(super) fn fastest_rate_per_second(&self) -> f64 {
         let housing = self.winding_conductance
             + crate::plants::sma::CONVECTION_FACTOR_MAX * self.housing_conductance;

@@ -1,7 +1,7 @@
 //! A DC motor that lifts a load through gearbox, pinion and rack, against a spring: current in, position and speed out.
 //!
-//! The amplifier sources the current, so neither inductance nor back electromotive force shows: up to the motor's no-load
-//! speed at 12 V the shipped motor needs less than 15 V for 1 A.
+//! The amplifier sources the current, so neither inductance nor back electromotive force matters: up to the motor's
+//! no-load speed at 12 V the shipped motor needs less than 15 V for 1 A.
 
 mod condition;
 mod heat;
@@ -26,7 +26,7 @@ pub struct DcMotor {
 }
 
 impl DcMotor {
-    /// A motor with these parameters, at rest on the stop, without current and as warm as the air.
+    /// Makes a motor with these parameters, at rest on the stop, without current and as warm as the air.
     #[must_use]
     pub fn with(config: &scenario::plant::DcMotor) -> Self {
         Self {
@@ -36,7 +36,7 @@ impl DcMotor {
         }
     }
 
-    /// As [`DcMotor::with`], lifted to a height and let go there.
+    /// Works as [`DcMotor::with`], for a motor that is lifted to a height and released there.
     #[must_use]
     pub fn let_go_at(config: &scenario::plant::DcMotor, position_metres: f64) -> Self {
         let mut motor = Self::with(config);
@@ -44,12 +44,12 @@ impl DcMotor {
         motor
     }
 
-    /// Lets time pass under constant inputs, in equal steps of at most [`STEP_SECONDS_MAX`].
+    /// Advances the time under constant inputs, in equal steps of at most [`STEP_SECONDS_MAX`].
     pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
         if !duration_seconds.is_finite() || duration_seconds <= 0.0 {
             return;
         }
-        // A duration that exceeds a whole number of steps by rounding only needs no step more.
+        // A duration that exceeds a whole number of steps by rounding needs no further step.
         let steps = libm::ceil(duration_seconds / STEP_SECONDS_MAX - 1e-9).max(1.0);
         let step_seconds = duration_seconds / steps;
         let mut index = 0.0;
@@ -60,43 +60,43 @@ impl DcMotor {
         }
     }
 
-    /// Height of the load above its stop.
+    /// Returns the height of the load above its stop.
     #[must_use]
     pub fn position_metres(&self) -> f64 {
         self.motion.position_metres()
     }
 
-    /// Speed of the load, upwards.
+    /// Returns the speed of the load, upwards.
     #[must_use]
     pub fn velocity_metres_per_second(&self) -> f64 {
         self.motion.velocity_metres_per_second()
     }
 
-    /// Speed of the motor's shaft.
+    /// Returns the speed of the motor's shaft.
     #[must_use]
     pub fn speed_revolutions_per_minute(&self) -> f64 {
         self.motion.speed_radians_per_second() * 60.0 / std::f64::consts::TAU
     }
 
-    /// Angle by which the pinion has turned since the load left its stop.
+    /// Returns the angle of the pinion since the load left its stop.
     #[must_use]
     pub fn pinion_angle_degrees(&self) -> f64 {
         self.motion.pinion_angle_radians().to_degrees()
     }
 
-    /// Force of the spring, downwards.
+    /// Returns the force of the spring, downwards.
     #[must_use]
     pub fn spring_newtons(&self) -> f64 {
         self.motion.spring_newtons()
     }
 
-    /// Temperature of the winding.
+    /// Returns the temperature of the winding.
     #[must_use]
     pub fn winding_celsius(&self) -> f64 {
         self.heat.winding_celsius()
     }
 
-    /// Temperature of the housing.
+    /// Returns the temperature of the housing.
     #[must_use]
     pub fn housing_celsius(&self) -> f64 {
         self.heat.housing_celsius()
@@ -130,7 +130,7 @@ impl Plant for DcMotor {
             Port::output("spring_force_newtons", [-327.68, 327.67])
                 .in_steps(1e2)
                 .with_comment("Force of the spring, downwards."),
-            // Without a range it is there for a sensor only.
+            // Without a range the port is for a sensor only.
             Port::output("pinion_angle_degrees", [f64::NEG_INFINITY, f64::INFINITY])
                 .with_comment("Angle of the pinion, or of a spindle in its place, upwards."),
         ])
@@ -163,7 +163,7 @@ impl Plant for DcMotor {
     }
 }
 
-/// Checks what the equations divide by, and that the integrator follows.
+/// Checks the divisors of the equations, and that the integrator can follow.
 fn check(config: &scenario::plant::DcMotor) -> Result<(), InvalidPlant> {
     positive(
         "torque_constant_newton_metres_per_ampere",

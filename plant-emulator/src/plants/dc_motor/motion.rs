@@ -1,4 +1,4 @@
-//! The motion of rack and load, with everything that turns seen as a mass at the rack.
+//! Motion of rack and load; all rotating parts are reduced to a mass at the rack.
 
 use scenario::plant::DcMotor;
 
@@ -8,7 +8,7 @@ use crate::plant::Inputs;
 
 /// `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
-/// Turns of direction in one step; after these the load rests until the next one.
+/// Largest number of reversals in one step; then the load rests until the next step.
 const TURNS_MAX: u32 = 4;
 
 /// The equation of motion and its state.
@@ -36,15 +36,15 @@ pub(super) struct Motion {
     velocity_metres_per_second: f64,
 }
 
-/// The forces that constant inputs put on the rack, and the mass that they move.
+/// Forces of constant inputs on the rack, and the moved mass.
 struct Forces {
-    /// Motor less weight, N.
+    /// Force of the motor minus the weight, N.
     constant_newtons: f64,
     mass_kilograms: f64,
 }
 
 impl Motion {
-    /// At rest on the stop.
+    /// Makes a motion at rest on the stop.
     pub(super) fn new(config: &DcMotor) -> Self {
         let transmission = config.gear_ratio / config.pinion_radius_metres;
         let inertia = config.rotor_inertia_kilogram_square_metres
@@ -64,13 +64,13 @@ impl Motion {
         }
     }
 
-    /// At rest at a height.
+    /// Moves the load to rest at a height.
     pub(super) fn lift_to(&mut self, position_metres: f64) {
         self.position_metres = position_metres;
         self.velocity_metres_per_second = 0.0;
     }
 
-    /// One step. Coulomb friction and the stop change the equation where the load turns, so the step is divided there.
+    /// Takes one step. Coulomb friction and the stop change the equation at a reversal, so the step is divided there.
     pub(super) fn step(&mut self, duration_seconds: f64, inputs: &Inputs, condition: Condition) {
         let forces = self.forces(inputs, condition);
         let mut left = duration_seconds;
@@ -111,7 +111,7 @@ impl Motion {
         }
     }
 
-    /// Whether the load moves or is about to, upwards (1) or downwards (−1), or rests (0).
+    /// Returns the direction in which the load moves or is about to: upwards (1), downwards (−1), or none (0).
     fn direction(&self, forces: &Forces) -> f64 {
         let velocity = self.velocity_metres_per_second;
         if velocity != 0.0 {
@@ -127,7 +127,7 @@ impl Motion {
         }
     }
 
-    /// `M ẍ = kM i n/r − mL g − k x − B ẋ − sgn(ẋ) MC`, in one direction.
+    /// Integrates `M ẍ = kM i n/r − mL g − k x − B ẋ − sgn(ẋ) MC` in one direction.
     fn integrated(&self, duration_seconds: f64, direction: f64, forces: &Forces) -> [f64; 2] {
         let constant = forces.constant_newtons - direction * self.coulomb_newtons;
         let state = [self.position_metres, self.velocity_metres_per_second];
@@ -137,14 +137,14 @@ impl Motion {
         })
     }
 
-    /// An impact on the stop is inelastic.
+    /// Sets the state. An impact on the stop is inelastic.
     fn settle(&mut self, [position, velocity]: [f64; 2]) {
         let is_beyond = position < 0.0;
         self.position_metres = if is_beyond { 0.0 } else { position };
         self.velocity_metres_per_second = if is_beyond { 0.0 } else { velocity };
     }
 
-    /// An upper limit of how fast the motion changes: with the load off.
+    /// Returns an upper bound of the motion's rate: that without the load.
     pub(super) fn fastest_rate_per_second(&self) -> f64 {
         let mass = self.rotating_kilograms;
         libm::sqrt(self.stiffness / mass) + self.damping / mass

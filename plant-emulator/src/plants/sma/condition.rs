@@ -7,15 +7,15 @@ use crate::plant::{Faults, Inputs};
 /// Condition of wire and mechanics; sound by default.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Condition {
-    /// Multiplies `R`.
+    /// Factor of `R`.
     pub(super) resistance_factor: f64,
-    /// Multiplies `Δ`.
+    /// Factor of `Δ`.
     pub(super) recoverable_strain_factor: f64,
-    /// The wire carries nothing.
+    /// Whether the wire is broken and carries nothing.
     pub(super) is_wire_broken: bool,
-    /// The load stays where it is.
+    /// Whether the load cannot move.
     pub(super) is_pulley_jammed: bool,
-    /// No load hangs on the pulley.
+    /// Whether the load has fallen off the pulley.
     pub(super) is_load_dropped: bool,
 }
 
@@ -32,7 +32,7 @@ impl Default for Condition {
 }
 
 impl Condition {
-    /// That at a scenario time.
+    /// Returns the condition at a scenario time.
     pub(super) fn at(faults: &Faults, time_seconds: f64) -> Self {
         let aged = |factor: &str| {
             let factors = faults.of("ageing").map(|ageing| {
@@ -50,7 +50,7 @@ impl Condition {
         }
     }
 
-    /// The current that would heat a sound wire as much.
+    /// Returns the current that heats a sound wire as much.
     pub(super) fn heating_amperes(&self, inputs: &Inputs) -> f64 {
         let factor = self.resistance_factor;
         if factor == 1.0 {
@@ -60,7 +60,7 @@ impl Condition {
         }
     }
 
-    /// The mass that is added to the load, or takes all of it away.
+    /// Returns the mass that is added to the load, or that removes all of it.
     pub(super) fn added_load_kilograms(&self, inputs: &Inputs) -> f64 {
         if self.is_load_dropped {
             f64::NEG_INFINITY
@@ -70,7 +70,7 @@ impl Condition {
     }
 }
 
-/// From 0 at the start of the ageing to 1 at its end, and so for ever.
+/// Returns the progress of the ageing: 0 at its start, 1 from its end on.
 fn progress(ageing: &Fault, time_seconds: f64) -> f64 {
     let (Some(from), Some(until)) = (ageing.from_seconds, ageing.until_seconds) else {
         return 0.0;

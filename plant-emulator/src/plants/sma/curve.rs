@@ -1,9 +1,10 @@
 //! Curves of the martensite fraction over the temperature.
 
-/// Largest argument of an exponential here, so that every product of Eq. (2) stays finite.
+/// Largest argument of an exponential here; it keeps every product of Eq. (2) finite.
 const EXPONENT_MAX: f64 = 300.0;
 
-/// One branch of Eq. (2): the phase that vanishes along it is `1 / (1 + exp(slope (T − centre)))` of what it is far before.
+/// One branch of Eq. (2): the phase that vanishes along it is `1 / (1 + exp(slope (T − centre)))` of its value far
+/// before.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sigmoid {
     /// `aA = 6.2 / (Af − As)` while heating, `−aM = −6.2 / (Ms − Mf)` while cooling (PAPER E1), 1/K.
@@ -20,14 +21,14 @@ impl Sigmoid {
         }
     }
 
-    /// `e = exp(slope (T − centre))`.
+    /// Returns `e = exp(slope (T − centre))`.
     #[inline]
     pub(super) fn exponential(&self, temperature_celsius: f64) -> f64 {
         let exponent = self.slope * (temperature_celsius - self.centre_celsius);
         libm::exp(exponent.clamp(-EXPONENT_MAX, EXPONENT_MAX))
     }
 
-    /// `D = 1 + e`.
+    /// Returns `D = 1 + e`.
     #[inline]
     pub(super) fn denominator(&self, temperature_celsius: f64) -> f64 {
         1.0 + self.exponential(temperature_celsius)
@@ -43,7 +44,7 @@ pub(super) struct Point {
     pub(super) fraction_per_kelvin: f64,
 }
 
-/// Eq. (2): `ξ = origin + amplitude / D`.
+/// A curve of Eq. (2): `ξ = origin + amplitude / D`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Whole {
     pub(super) sigmoid: Sigmoid,
@@ -52,14 +53,14 @@ pub(super) struct Whole {
 }
 
 impl Whole {
-    /// `ξ`.
+    /// Returns `ξ`.
     #[inline]
     pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
         let part = self.amplitude / self.sigmoid.denominator(temperature_celsius);
         (self.origin + part).clamp(0.0, 1.0)
     }
 
-    /// `dξ/dT`.
+    /// Returns `dξ/dT`.
     fn fraction_per_kelvin(&self, temperature_celsius: f64) -> f64 {
         let exponential = self.sigmoid.exponential(temperature_celsius);
         let denominator = 1.0 + exponential;
@@ -68,18 +69,18 @@ impl Whole {
     }
 }
 
-/// `ξ` over `T` from the last turn on, with `e` and `D` of a branch at `T`.
+/// Curve of `ξ` over `T` since the last turn, with `e` and `D` of a branch at `T`.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Curve {
     Whole(Whole),
-    /// What leaves a turn `(T₁, ξ₁)`: `ξ = ξ₁ + amplitude (e − e₁) / D`.
+    /// A curve that leaves a turn `(T₁, ξ₁)`: `ξ = ξ₁ + amplitude (e − e₁) / D`.
     Part {
         sigmoid: Sigmoid,
         origin: f64,
         exponential_at_turn: f64,
         amplitude: f64,
     },
-    /// The heating that takes back cooling curves from a turn `(m, ξm)` on: `ξ = ξm − F(T, m)`.
+    /// Heating that reverts cooling curves from a turn `(m, ξm)` on: `ξ = ξm − F(T, m)`.
     TakenBack {
         heating: Sigmoid,
         cooling: Sigmoid,
@@ -116,7 +117,7 @@ impl Curve {
                 origin,
                 exponential_at_turn,
             } => {
-                // F(T, m) = (1 − gA(T)) (1 − DM(T) / DM(m)), and its derivative.
+                // This is F(T, m) = (1 − gA(T)) (1 − DM(T) / DM(m)), and its derivative.
                 let of_heating = heating.exponential(temperature_celsius);
                 let of_cooling = cooling.exponential(temperature_celsius);
                 let austenite = of_heating / (1.0 + of_heating);

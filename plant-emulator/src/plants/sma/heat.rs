@@ -21,7 +21,7 @@ pub(super) struct HeatBalance {
     cooling_element_celsius: f64,
 }
 
-/// What acts on the wire's heat, per metre of it.
+/// Heat input and loss of the wire, per metre.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heating {
     /// `i² R`, W/m.
@@ -47,7 +47,7 @@ impl HeatBalance {
         }
     }
 
-    /// What a current and a fan, which multiplies `h`, do to the heat.
+    /// Returns the heating by a current and a fan, which multiplies `h`.
     #[inline]
     pub(super) fn heating(&self, current_amperes: f64, convection_factor: f64) -> Heating {
         Heating {
@@ -56,7 +56,7 @@ impl HeatBalance {
         }
     }
 
-    /// `dT/dt` in K/s, Eq. (1): `m cp dT/dt = i² R − h A (T − Tamb) − C (T − Tp)`.
+    /// Returns `dT/dt` in K/s, Eq. (1): `m cp dT/dt = i² R − h A (T − Tamb) − C (T − Tp)`.
     #[inline]
     pub(super) fn rate_kelvin_per_second(
         &self,
@@ -68,8 +68,8 @@ impl HeatBalance {
         self.inverse_heat_capacity * (heating.joule - convection - conduction)
     }
 
-    /// `dT/dt` in K/s of a wire that transforms by `ξ′ = dξ/dT`, and so takes up or gives off its latent heat:
-    /// `m (cp − L ξ′) dT/dt = q` with `q` the right side of Eq. (1). The paper leaves `L` out.
+    /// Returns `dT/dt` in K/s of a wire that transforms by `ξ′ = dξ/dT`, and so absorbs or releases its latent heat:
+    /// `m (cp − L ξ′) dT/dt = q` with `q` the right side of Eq. (1). The paper neglects `L`.
     #[inline]
     pub(super) fn transforming_rate_kelvin_per_second(
         &self,
@@ -84,12 +84,12 @@ impl HeatBalance {
         }
     }
 
-    /// Inverse of the time constant of Eq. (1): `(h A + C) / (m cp)`.
+    /// Returns the inverse of the time constant of Eq. (1): `(h A + C) / (m cp)`.
     pub(super) fn rate_per_second(&self, convection_factor: f64) -> f64 {
         self.inverse_heat_capacity * (convection_factor * self.convection + self.conduction)
     }
 
-    /// Temperature at which Eq. (1) rests: `T = (i² R + h A Tamb + C Tp) / (h A + C)`.
+    /// Returns the equilibrium temperature of Eq. (1): `T = (i² R + h A Tamb + C Tp) / (h A + C)`.
     pub(super) fn equilibrium_celsius(&self, current_amperes: f64, convection_factor: f64) -> f64 {
         let convection = convection_factor * self.convection;
         (current_amperes * current_amperes * self.resistance

@@ -1,4 +1,4 @@
-//! The SMA actuator: heat, phase and motion put together and integrated.
+//! The SMA actuator: heat, phase and motion, combined and integrated.
 
 mod condition;
 mod curve;
@@ -24,7 +24,7 @@ use scenario::plant::SMA_ACTUATOR;
 use crate::integrator::runge_kutta_4_from;
 use crate::plant::{Faults, Inputs, InvalidPlant, Plant, Port, Ports, one_axis};
 
-/// Share of a step by which the steps together may be longer: a SYNC of 1 kHz that comes some bits late, as every fourth does,
+/// Tolerated excess of the steps' total length, as a share of a step. Every fourth SYNC of 1 kHz is some bits late and
 /// needs no second step.
 const STEP_EXCESS: f64 = 0.1;
 
@@ -61,7 +61,7 @@ pub struct Actuator {
 }
 
 impl Actuator {
-    /// The start state: at rest on the stop, without current, as warm as cooling element and air make it, all
+    /// Makes the start state: at rest on the stop, without current, at the equilibrium of cooling element and air, all
     /// martensite.
     #[must_use]
     pub fn new(plant: &scenario::plant::Sma) -> Self {
@@ -84,7 +84,7 @@ impl Actuator {
         }
     }
 
-    /// The same state, continued with another longest integration step.
+    /// Returns the same state with another longest integration step.
     #[must_use]
     pub fn continued_with_step(&self, step_seconds_max: f64) -> Self {
         Self {
@@ -93,15 +93,15 @@ impl Actuator {
         }
     }
 
-    /// Lets `duration_seconds` pass under constant inputs, in equal steps of the longest step or less, a small excess
-    /// apart.
+    /// Advances by `duration_seconds` under constant inputs, in equal steps of at most the longest step plus a small
+    /// excess.
     pub fn advance(&mut self, duration_seconds: f64, inputs: &Inputs) {
         let acting = self.acting(inputs);
         self.advance_under(duration_seconds, |_, _| &acting);
     }
 
-    /// As [`Actuator::advance`], with inputs that are a continuous function of the seconds since the call; where they
-    /// jump, the caller divides the time into two calls.
+    /// Works as [`Actuator::advance`], with inputs that are a continuous function of the seconds since the call. If
+    /// they jump, the caller must divide the time into two calls.
     pub fn advance_varying(&mut self, duration_seconds: f64, inputs: impl Fn(f64) -> Inputs) {
         self.advance_under(duration_seconds, |actuator, time| {
             actuator.acting(&inputs(time))
@@ -118,7 +118,7 @@ impl Actuator {
         }
     }
 
-    /// What acts may be the same all the time, or be worked out for each instant.
+    /// Advances under terms that may be constant, or computed for each instant.
     fn advance_under<A: Borrow<Acting>>(
         &mut self,
         duration_seconds: f64,
@@ -139,8 +139,9 @@ impl Actuator {
         }
     }
 
-    /// One step. The branch follows the sign of `dT/dt` at its start; where varying inputs change the sign inside,
-    /// the step is divided there (PAPER E2). Constant inputs never do: Eq. (1) then goes to its equilibrium monotonically.
+    /// Takes one step. The branch follows the sign of `dT/dt` at its start. If varying inputs change the sign inside,
+    /// the step is divided there (PAPER E2). Constant inputs never do: Eq. (1) then approaches its equilibrium
+    /// monotonically.
     fn step<A: Borrow<Acting>>(&mut self, duration_seconds: f64, acting: impl Fn(&Self, f64) -> A) {
         let rate_before = self.rate_kelvin_per_second(&self.state, acting(self, 0.0).borrow());
         self.follow(rate_before);
@@ -157,7 +158,7 @@ impl Actuator {
         self.state = self.integrated(duration_seconds - turn, |time| acting(self, turn + time));
     }
 
-    /// Follows the sign of `dT/dt`. The fraction is continuous in a turn, but for the last bits.
+    /// Follows the sign of `dT/dt`. At a turn the fraction is continuous except for the last bits.
     fn follow(&mut self, rate_kelvin_per_second: f64) {
         let temperature = self.state.temperature_celsius;
         if self.phase.follow(rate_kelvin_per_second, temperature) {
@@ -165,13 +166,13 @@ impl Actuator {
         }
     }
 
-    /// `dT/dt` as it were without latent heat, which changes neither its sign nor where it is zero.
+    /// Returns `dT/dt` without latent heat, which changes neither its sign nor its zeros.
     fn rate_kelvin_per_second(&self, state: &State, acting: &Acting) -> f64 {
         self.heat
             .rate_kelvin_per_second(state.temperature_celsius, &acting.heating)
     }
 
-    /// The state one step later on the present branch.
+    /// Returns the state one step later on the present branch.
     fn integrated<A: Borrow<Acting>>(
         &self,
         duration_seconds: f64,
@@ -187,7 +188,8 @@ impl Actuator {
         }
     }
 
-    /// The state one step later with this `ξ` over the temperature; an impact on the stop is inelastic (PAPER E6).
+    /// Returns the state one step later with this `ξ` over the temperature. An impact on the stop is inelastic
+    /// (PAPER E6).
     #[inline]
     fn integrated_on<A: Borrow<Acting>>(
         &self,
@@ -216,7 +218,7 @@ impl Actuator {
         }
     }
 
-    /// `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`.
+    /// Returns `(dT/dt, ẋ, ẍ)` from Eq. (1), (2) and (7), with the stop at `x = 0`.
     #[inline]
     fn derivative(
         &self,
@@ -245,50 +247,50 @@ impl Actuator {
         }
     }
 
-    /// `T`, temperature of the wire.
+    /// Returns `T`, the temperature of the wire.
     #[must_use]
     pub fn temperature_celsius(&self) -> f64 {
         self.state.temperature_celsius
     }
 
-    /// `ξ`, from 0 (austenite) to 1 (martensite).
+    /// Returns `ξ`, from 0 (austenite) to 1 (martensite).
     #[must_use]
     pub fn martensite_fraction(&self) -> f64 {
         self.state.martensite_fraction
     }
 
-    /// Turns of the temperature that found no room in the memory of the kinetics.
+    /// Returns the number of turns of the temperature that did not fit into the memory of the kinetics.
     #[must_use]
     pub fn turns_not_remembered(&self) -> u16 {
         self.phase.turns_not_remembered()
     }
 
-    /// `x`, height of the load above its stop.
+    /// Returns `x`, the height of the load above its stop.
     #[must_use]
     pub fn position_metres(&self) -> f64 {
         self.state.position_metres
     }
 
-    /// `ẋ`, upwards.
+    /// Returns `ẋ`, upwards.
     #[must_use]
     pub fn velocity_metres_per_second(&self) -> f64 {
         self.state.velocity_metres_per_second
     }
 
-    /// `T2`, tension of a sound wire; never negative.
+    /// Returns `T2`, the tension of a sound wire; never negative.
     #[must_use]
     pub fn tension_newtons(&self) -> f64 {
         self.mechanics
             .tension_newtons(self.martensite_fraction(), self.state.position_metres, 1.0)
     }
 
-    /// The branch of the hysteresis that the wire is on.
+    /// Returns the present branch of the hysteresis.
     #[must_use]
     pub fn branch(&self) -> Branch {
         self.phase.branch()
     }
 
-    /// Where the wire's temperature would settle under these inputs.
+    /// Returns the equilibrium temperature of the wire under these inputs.
     #[must_use]
     pub fn equilibrium_celsius(&self, inputs: &Inputs) -> f64 {
         self.heat.equilibrium_celsius(
@@ -298,7 +300,7 @@ impl Actuator {
     }
 }
 
-/// The port that counts what found no room in the memory of a wire.
+/// Returns the port that counts the turns that did not fit into the memory of a wire.
 fn turns_not_remembered(name: &str) -> Port {
     Port::output(name, [0.0, f64::from(u16::MAX)])
         .in_steps(1.0)

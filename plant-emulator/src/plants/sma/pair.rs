@@ -1,8 +1,8 @@
-//! A joint that two wires turn, one each way: two currents in, an angle out. The wire that is not heated goes slack.
+//! A joint with two antagonistic wires: two currents in, an angle out. The wire that is not heated is slack.
 //!
-//! Each wire is that of the actuator: heat, Eq. (1), phase, Eq. (2), and tension, Eq. (9). What is between them is the joint:
-//! `J θ̈ + c θ̇ = r (T_flexor − T_extensor) − r m g`, with an added load on a cord round the same pulley, which pulls towards the
-//! extensor's side.
+//! Each wire is that of the actuator: heat, Eq. (1), phase, Eq. (2), and tension, Eq. (9). The joint between them is
+//! `J θ̈ + c θ̇ = r (T_flexor − T_extensor) − r m g`. An added load hangs on a cord around the same pulley and pulls
+//! towards the extensor's side.
 
 use scenario::plant::{self, Mechanics as MechanicsConfig, SmaPair as Config};
 
@@ -19,19 +19,19 @@ use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows, not_negati
 
 /// `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
-/// Share of a step by which the steps together may be longer, as the actuator's.
+/// Tolerated excess of the steps' total length, as a share of a step, as for the actuator.
 const STEP_EXCESS: f64 = 0.1;
 
 const FLEXOR: usize = 0;
 const EXTENSOR: usize = 1;
-/// Which way each wire turns the joint.
+/// Direction in which each wire turns the joint.
 const SIGNS: [f64; 2] = [1.0, -1.0];
 
-/// Places of the inputs; the currents of the wires come first, in their order.
+/// Indices of the inputs; the currents of the wires come first, in their order.
 const CONVECTION_FACTOR: usize = 2;
 const ADDED_LOAD: usize = 3;
 
-/// A wire without what it moves.
+/// A wire without its load.
 #[derive(Clone, Debug)]
 struct Wire {
     phase: Transformation,
@@ -53,7 +53,7 @@ pub struct SmaPair {
     damping: f64,
     /// Contraction of both wires in the middle, m.
     middle: f64,
-    /// The stops, from the middle.
+    /// Angle of the stops, from the middle.
     stop_degrees: f64,
     stop_radians: f64,
     /// `θ`, towards the flexor's side.
@@ -70,7 +70,8 @@ struct Acting {
 }
 
 impl SmaPair {
-    /// The joint in its middle, without current and as warm as cooling element and air make the wires, all martensite.
+    /// Makes the joint in its middle, without current, wires at the equilibrium of cooling element and air, all
+    /// martensite.
     fn with(config: &Config) -> Self {
         let heat = HeatBalance::new(&config.heat);
         let wire = Wire {
@@ -94,7 +95,7 @@ impl SmaPair {
         }
     }
 
-    /// `T` of a wire at a temperature, an angle and on its present branch; a slack one pulls nothing.
+    /// Returns `T` of a wire at a temperature and an angle, on its present branch; 0 for a slack wire.
     fn tension_newtons(&self, place: usize, celsius: f64, angle_radians: f64) -> f64 {
         let wire = &self.wires[place];
         if wire.condition.is_wire_broken {
@@ -111,13 +112,13 @@ impl SmaPair {
         wires.any(|wire| wire.condition.is_pulley_jammed)
     }
 
-    /// Whether the joint rests on a stop, against which it is pushed.
+    /// Returns whether the joint is pushed against a stop and rests there.
     fn is_resting(&self, angle: f64, speed: f64, acceleration: f64) -> bool {
         let side = angle.signum();
         angle.abs() >= self.stop_radians && speed * side >= 0.0 && acceleration * side >= 0.0
     }
 
-    /// `(dT/dt, dT/dt, θ̇, θ̈)`.
+    /// Returns `(dT/dt, dT/dt, θ̇, θ̈)`.
     fn derivative(
         &self,
         &[flexor, extensor, angle, speed]: &[f64; 4],
@@ -155,8 +156,8 @@ impl SmaPair {
         }
     }
 
-    /// One step. Each wire's branch follows the sign of its `dT/dt`, which constant inputs never change. An impact on a stop is
-    /// inelastic.
+    /// Takes one step. Each wire's branch follows the sign of its `dT/dt`, which constant inputs never change. An
+    /// impact on a stop is inelastic.
     fn advance(&mut self, duration_seconds: f64, acting: &Acting) {
         for (wire, heating) in self.wires.iter_mut().zip(&acting.heating) {
             let rate = (self.heat).rate_kelvin_per_second(wire.temperature_celsius, heating);
@@ -179,7 +180,7 @@ impl SmaPair {
         self.speed_radians_per_second = if is_stopped { 0.0 } else { speed };
     }
 
-    /// An upper limit of how fast the joint moves: both wires austenite.
+    /// Returns an upper bound of the joint's rate: that with both wires austenite.
     fn fastest_rate_per_second(&self) -> f64 {
         let stiffness = 2.0 * self.mechanics.stiffness_newtons_per_metre();
         let natural = libm::sqrt(stiffness * self.radius * self.radius / self.inertia);
@@ -187,7 +188,7 @@ impl SmaPair {
     }
 }
 
-/// The wire as the actuator's equations have it, where it moves what it pulls as far as it contracts.
+/// Returns the wire in terms of the actuator's equations, with a transmission of 1.
 fn mechanics(config: &Config) -> MechanicsConfig {
     MechanicsConfig {
         austenite_modulus_pascals: config.austenite_modulus_pascals,
@@ -365,7 +366,7 @@ mod tests {
         outputs
     }
 
-    /// Seconds under the currents of flexor and extensor in still air.
+    /// Advances under the currents of flexor and extensor in still air.
     fn run(pair: &mut SmaPair, seconds: f64, [flexor, extensor]: [f64; 2], load: f64) {
         pair.step(seconds, &[flexor, extensor, 1.0, load]);
     }
@@ -378,7 +379,7 @@ mod tests {
             let [angle, _, flexor, _, extensor, ..] = read(&pair);
             assert!(angle * sign > 30.0, "{angle}");
             let slack = if sign > 0.0 { extensor } else { flexor };
-            // In the end both pull the same, which is next to nothing.
+            // In the end both tensions are equal and almost zero.
             assert!(slack < 0.05, "{slack}");
         }
     }

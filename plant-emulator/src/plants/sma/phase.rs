@@ -1,20 +1,20 @@
-//! Phase transformation with its hysteresis.
+//! Phase transformation with hysteresis.
 
 use scenario::plant::{self, Kinetics};
 
 use super::curve::{Curve, Point, Sigmoid, Whole};
 use super::turns::{Turn, Turns};
 
-/// The branch of the hysteresis that the wire is on.
+/// Branch of the hysteresis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Branch {
-    /// The wire grows warmer: martensite turns into austenite.
+    /// The wire warms: martensite becomes austenite.
     Heating,
-    /// The wire grows colder: austenite turns into martensite.
+    /// The wire cools: austenite becomes martensite.
     Cooling,
 }
 
-/// The transformation with its memory: where turns were decides the curve that is followed now.
+/// The transformation with its memory of turns, which determines the present curve.
 #[derive(Clone, Debug)]
 pub(super) struct Transformation {
     kinetics: Kinetics,
@@ -23,15 +23,15 @@ pub(super) struct Transformation {
     branch: Branch,
     turns: Turns,
     curve: Curve,
-    /// Where the wire passes a remembered turn next; infinitely far where there is none.
+    /// Temperature of the next remembered turn that the wire passes; infinite if there is none.
     next_turn_celsius: f64,
-    /// After a turn that found no room the wire follows the curve back on which it came.
+    /// Whether the wire follows the last curve back, after a turn that did not fit into the memory.
     runs_back: bool,
     turns_not_remembered: u16,
 }
 
 impl Transformation {
-    /// All martensite, on the heating branch with `ξm = 1`.
+    /// Makes a wire of martensite only, on the heating branch with `ξm = 1`.
     pub(super) fn new(config: &plant::Phase, kinetics: Kinetics) -> Self {
         let heating = Sigmoid::new(
             config.austenite_start_celsius,
@@ -61,12 +61,12 @@ impl Transformation {
         self.branch
     }
 
-    /// Turns that found no room in the memory.
+    /// Returns the number of turns that did not fit into the memory.
     pub(super) fn turns_not_remembered(&self) -> u16 {
         self.turns_not_remembered
     }
 
-    /// `ξ` and `dξ/dT` on the present branch, behind a remembered turn those of the branch that continues there.
+    /// Returns `ξ` and `dξ/dT` on the present branch; beyond a remembered turn, on the branch that continues there.
     pub(super) fn at(&self, temperature_celsius: f64) -> Point {
         if self.is_passed(temperature_celsius) {
             self.behind_turns(temperature_celsius)
@@ -75,7 +75,7 @@ impl Transformation {
         }
     }
 
-    /// The curve of Eq. (2), where the wire passes no remembered turn on it.
+    /// Returns the curve of Eq. (2), if the wire passes no remembered turn on it.
     #[inline]
     pub(super) fn endless(&self) -> Option<&Whole> {
         match &self.curve {
@@ -84,7 +84,7 @@ impl Transformation {
         }
     }
 
-    /// `ξ` on the present branch.
+    /// Returns `ξ` on the present branch.
     #[inline]
     pub(super) fn martensite_fraction(&self, temperature_celsius: f64) -> f64 {
         match self.endless() {
@@ -93,7 +93,7 @@ impl Transformation {
         }
     }
 
-    /// `dξ/dT`, which only a wire with latent heat needs.
+    /// Returns `dξ/dT`, which only a wire with latent heat needs.
     #[cold]
     pub(super) fn fraction_per_kelvin(&self, temperature_celsius: f64) -> f64 {
         self.at(temperature_celsius).fraction_per_kelvin
@@ -106,8 +106,8 @@ impl Transformation {
         further.curve.at(temperature_celsius)
     }
 
-    /// Follows the sign of `dT/dt`; zero keeps the branch. The curves of both branches go through the place of a turn (PAPER E2).
-    /// True on a turn.
+    /// Follows the sign of `dT/dt`; zero keeps the branch. The curves of both branches pass through the point of a turn
+    /// (PAPER E2). Returns whether there was a turn.
     #[inline]
     pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) -> bool {
         let branch = if rate_kelvin_per_second > 0.0 {
@@ -149,7 +149,8 @@ impl Transformation {
         self.next_turn_celsius = self.next_turn_celsius();
     }
 
-    /// A turn that `T` reaches is forgotten, and with it the later one, which ended the loop that closes there.
+    /// Forgets the turns that `T` passes. Each is forgotten together with the later one, which ended the loop that
+    /// closes there.
     #[inline]
     fn forget_passed(&mut self, temperature_celsius: f64) {
         while self.is_passed(temperature_celsius) {
@@ -173,8 +174,8 @@ impl Transformation {
         }
     }
 
-    /// Number of turns that are forgotten where the curve ends: the two between which it lies, or on the way back that from which it
-    /// came.
+    /// Returns the number of turns to forget at the end of the curve: the two at its ends, or on the way back the one
+    /// that it came from.
     fn turns_of_curve(&self) -> usize {
         if self.runs_back { 1 } else { 2 }
     }
@@ -188,8 +189,8 @@ impl Transformation {
         next.map_or(never, |turn| turn.temperature_celsius)
     }
 
-    /// The curve of the branch from the last turn on: the one place where kinetics differ. The first heating and every first cooling
-    /// are those of Eq. (2).
+    /// Returns the curve of the branch since the last turn. Kinetics differ only here. The first heating and every
+    /// first cooling are those of Eq. (2).
     fn curve(&self) -> Curve {
         match (self.kinetics, self.turns.all()) {
             (Kinetics::Paper, turns) | (_, turns @ ([] | [_])) => self.whole(turns.last()),
@@ -205,7 +206,7 @@ impl Transformation {
         }
     }
 
-    /// Eq. (2), by the amplitude that takes it through a turn at `(Tr, ξr)` (PAPER E2).
+    /// Returns a curve of Eq. (2) whose amplitude takes it through a turn at `(Tr, ξr)` (PAPER E2).
     ///
     /// Heating: `ξ = ξm / (1 + exp(aA (T − bA)))` with `ξm = ξr (1 + exp(aA (Tr − bA)))`; the first time `ξm = 1`.
     /// Cooling, with the slope of Eq. (10) (PAPER E1): `ξ = (1 − ξA) / (1 + 1/e) + ξA` with `e = exp(−aM (T − bM))`, written as
@@ -226,13 +227,13 @@ impl Transformation {
         })
     }
 
-    /// The branch `g` of Eq. (2), scaled so that it goes from the last turn `(T₁, ξ₁)` to the one before, `(T₂, ξ₂)`:
+    /// Returns the branch `g` of Eq. (2), scaled from the last turn `(T₁, ξ₁)` to the one before, `(T₂, ξ₂)`:
     /// `ξ = ξ₁ + (ξ₂ − ξ₁) (g(T₁) − g(T)) / (g(T₁) − g(T₂))`, where `g(T₁) − g(T) = (e − e₁) / (D D₁)`.
     fn scaled(&self, last: &Turn, before: &Turn) -> Curve {
         let sigmoid = self.sigmoid();
         let at_last = sigmoid.exponential(last.temperature_celsius);
         let at_before = sigmoid.exponential(before.temperature_celsius);
-        // Of a branch that is flat between the turns nothing is left to scale.
+        // A branch that is flat between the turns cannot be scaled.
         let amplitude = if at_before > at_last {
             (before.martensite_fraction - last.martensite_fraction) * (1.0 + at_before)
                 / (at_before - at_last)
@@ -247,9 +248,9 @@ impl Transformation {
         }
     }
 
-    /// Preisach's model, by the Everett function that the first cooling curves of Eq. (2) have:
-    /// `F(α, β) = (1 − gA(α)) (gM(β) − gM(α)) / (1 − gM(α))`. Heating from a turn `(m, ξm)`: `ξ = ξm − F(T, m)`; cooling from
-    /// `(M, ξM)`: `ξ = ξM + F(M, T)`.
+    /// Returns a curve of Preisach's model, by the Everett function of the first cooling curves of Eq. (2):
+    /// `F(α, β) = (1 − gA(α)) (gM(β) − gM(α)) / (1 − gM(α))`. Heating from a turn `(m, ξm)`: `ξ = ξm − F(T, m)`; cooling
+    /// from `(M, ξM)`: `ξ = ξM + F(M, T)`.
     fn everett(&self, last: &Turn) -> Curve {
         let origin = last.martensite_fraction;
         let exponential_at_turn = self.cooling.exponential(last.temperature_celsius);
@@ -282,10 +283,10 @@ mod tests {
 
     const ALL: [Kinetics; 3] = [Kinetics::Paper, Kinetics::Nested, Kinetics::Preisach];
     const REMEMBERING: [Kinetics; 2] = [Kinetics::Nested, Kinetics::Preisach];
-    /// Where a wire is without current.
+    /// Temperature of a wire without current.
     const START_CELSIUS: f64 = 15.084_735_31;
 
-    /// A wire that is led from temperature to temperature.
+    /// A wire that follows a sequence of temperatures.
     #[derive(Clone)]
     struct Led {
         phase: Transformation,
@@ -300,7 +301,7 @@ mod tests {
             }
         }
 
-        /// `ξ` after a way to a temperature.
+        /// Moves to a temperature, and returns `ξ`.
         fn to(&mut self, celsius: f64) -> f64 {
             self.phase.follow(celsius - self.celsius, self.celsius);
             self.celsius = celsius;
@@ -316,7 +317,7 @@ mod tests {
         Led::new(Kinetics::Paper).phase
     }
 
-    /// `gA` and `gM` of Eq. (2), literally.
+    /// Returns `gA` or `gM` of Eq. (2), written literally.
     fn heating(celsius: f64) -> f64 {
         1.0 / (1.0 + libm::exp(6.2 / (93.0 - 53.0) * (celsius - 73.0)))
     }
@@ -325,7 +326,7 @@ mod tests {
         1.0 / (1.0 + libm::exp(6.2 / (66.0 - 34.0) * (celsius - 50.0)))
     }
 
-    /// The rules in words: turns in a list, and nothing worked out before it is needed.
+    /// A plain implementation of the rules: a list of turns, without precomputed values.
     struct Plain {
         kinetics: Kinetics,
         turns: Vec<(f64, f64)>,
@@ -381,7 +382,7 @@ mod tests {
         }
     }
 
-    /// From a cold wire to these temperatures; the fractions there, to six digits.
+    /// The way leads from a cold wire to these temperatures; the fractions have six digits.
     #[test]
     fn turns_lead_to_the_values_of_each_kinetics() {
         let way = [
@@ -431,7 +432,7 @@ mod tests {
         wire.to(80.0);
         wire.to(79.0);
         let fraction = wire.at(80.0);
-        // ξA from PAPER E2 and ξ from Eq. (2), literally.
+        // These are ξA from PAPER E2 and ξ from Eq. (2), written literally.
         let exponential = |t: f64| libm::exp(6.2 / (66.0 - 34.0) * (t - 50.0));
         let e = exponential(80.0);
         let xi_a = (fraction * (1.0 + e) - 1.0) / e;
@@ -471,8 +472,8 @@ mod tests {
         assert!((tops[11] - tops[10]).abs() < 1e-3, "{tops:?}");
     }
 
-    /// Each turn between the two before it, until there is no room for more: from then on the wire runs back and forth on one curve,
-    /// and leaves it where it began.
+    /// Each turn lies between the two before it, until the memory is full. From then on the wire moves back and forth
+    /// on one curve, and leaves it at its beginning.
     #[test]
     fn a_turn_that_finds_no_room_leads_back_along_the_same_curve() {
         for kinetics in REMEMBERING {
@@ -494,7 +495,7 @@ mod tests {
             assert_eq!(wire.to(64.0), on_the_way[2]);
             wire.to(62.0);
             assert_eq!(wire.phase.turns_not_remembered(), 3);
-            // The last turn, and each one before it on the way out.
+            // The wire passes the last turn, and each one before it on the way out.
             for (celsius, fraction) in turns.into_iter().rev() {
                 let found = wire.to(celsius);
                 assert!((found - fraction).abs() < 1e-12, "{found} {fraction}");
@@ -571,7 +572,7 @@ mod tests {
             }
         }
 
-        /// Loops in loops, each between the turns of the one around it: on the way out each turn is met again.
+        /// Nested loops: on the way out each turn is passed again.
         #[test]
         fn loops_close(
             kinetics in remembering(),

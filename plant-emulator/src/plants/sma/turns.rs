@@ -1,9 +1,9 @@
-//! Turns of a wire's temperature, as far as its transformation remembers them.
+//! The turns of a wire's temperature that its transformation remembers.
 
-/// Largest number of turns that are remembered.
+/// Largest number of remembered turns.
 pub(super) const TURNS_MAX: usize = 64;
 
-/// A place on the hysteresis at which the temperature turned.
+/// A point of the hysteresis at which the temperature turned.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Turn {
     /// `T`.
@@ -12,7 +12,7 @@ pub(super) struct Turn {
     pub(super) martensite_fraction: f64,
 }
 
-/// A stack of turns, the last one on top.
+/// A stack of turns; the last one is on top.
 #[derive(Clone, Debug)]
 pub(super) struct Turns {
     places: [Turn; TURNS_MAX],
@@ -27,18 +27,18 @@ impl Turns {
         }
     }
 
-    /// All turns, the oldest first.
+    /// Returns all turns, the oldest first.
     pub(super) fn all(&self) -> &[Turn] {
         &self.places[..self.count]
     }
 
-    /// The turn below so many; `None` where there are no more.
+    /// Returns the turn below the topmost `count` ones; `None` if there are no more.
     pub(super) fn below(&self, count: usize) -> Option<&Turn> {
         let place = self.count.checked_sub(count + 1)?;
         self.places.get(place)
     }
 
-    /// Puts a turn on top. False if there is no room.
+    /// Puts a turn on top. Returns false if there is no room.
     pub(super) fn remember(&mut self, turn: Turn) -> bool {
         let Some(place) = self.places.get_mut(self.count) else {
             return false;
@@ -48,7 +48,7 @@ impl Turns {
         true
     }
 
-    /// Takes so many turns from the top.
+    /// Removes the topmost `count` turns.
     pub(super) fn forget(&mut self, count: usize) {
         self.count = self.count.saturating_sub(count);
     }

@@ -1,4 +1,4 @@
-//! Which plants make physical sense and can be integrated at the shipped step size.
+//! Checks whether plants make physical sense and can be integrated at the shipped step size.
 
 use scenario::plant::{Heat, Kinetics, Phase, Sma};
 
@@ -6,16 +6,16 @@ use super::heat::HeatBalance;
 use super::wire::Mechanics;
 use crate::plant::{InvalidPlant, finite, follows, not_negative, positive, require};
 
-/// Longest integration step. The reference trajectories are met a hundredfold within their tolerance with it.
+/// Longest integration step. With it the errors against the reference trajectories are a hundredth of their tolerance.
 pub const STEP_SECONDS_MAX: f64 = 1e-3;
 
-/// Largest convection factor: what 0x6411:01 can carry, with a margin.
+/// Largest convection factor: that of 0x6411:01, with a margin.
 pub const CONVECTION_FACTOR_MAX: f64 = 33.0;
 
 /// Checks all physical parameters of a plant.
 ///
 /// # Errors
-/// The first parameter that makes no sense.
+/// A parameter makes no sense; the error names the first one.
 pub fn check(plant: &Sma) -> Result<(), InvalidPlant> {
     check_heat(&plant.heat)?;
     check_phase(&plant.phase)?;
@@ -52,7 +52,7 @@ pub(super) fn check_heat(heat: &Heat) -> Result<(), InvalidPlant> {
     )?;
     finite("ambient_celsius", heat.ambient_celsius)?;
     finite("cooling_element_celsius", heat.cooling_element_celsius)?;
-    // Without any cooling there is no temperature to start from.
+    // Without any cooling there is no start temperature.
     positive(
         "convection plus conduction",
         heat.convection_watts_per_square_metre_kelvin + heat.conduction_watts_per_metre_kelvin,
@@ -89,7 +89,8 @@ pub(super) fn check_phase(phase: &Phase) -> Result<(), InvalidPlant> {
     Ok(())
 }
 
-/// A memory of turns begins with all martensite, so air and cooling element must not keep the wire above `Mf`.
+/// Checks that air and cooling element do not keep the wire above `Mf`, since a memory of turns begins with all
+/// martensite.
 pub(super) fn check_kinetics(
     kinetics: Kinetics,
     heat: &Heat,
@@ -133,7 +134,7 @@ fn check_mechanics(mechanics: &scenario::plant::Mechanics) -> Result<(), Invalid
         "outer_pulley_radius_metres",
         mechanics.outer_pulley_radius_metres,
     )?;
-    // Without inertia the pulley would move infinitely fast when the load is taken off.
+    // Without inertia the pulley would move infinitely fast when the load is removed.
     positive(
         "pulley_inertia_kilogram_square_metres",
         mechanics.pulley_inertia_kilogram_square_metres,
@@ -149,7 +150,7 @@ fn check_mechanics(mechanics: &scenario::plant::Mechanics) -> Result<(), Invalid
 mod tests {
     use super::*;
 
-    /// The message for the default plant with one change.
+    /// Returns the message for the default plant with one change.
     fn message(change: impl Fn(&mut Sma)) -> String {
         let mut plant = Sma::default();
         change(&mut plant);
@@ -161,7 +162,7 @@ mod tests {
         assert!(check(&Sma::default()).is_ok());
     }
 
-    /// Each cooling temperature above `Mf` by itself, with each kinetics.
+    /// Each cooling temperature is set above `Mf` by itself, with each kinetics.
     #[test]
     fn a_memory_of_turns_needs_a_wire_that_cools_to_martensite() {
         for (kinetics, is_refused) in [

@@ -31,7 +31,7 @@ pub(super) struct Mechanics {
     damping: f64,
 }
 
-/// What the wire has to move.
+/// Load of the wire.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
     /// `mL g`, N.
@@ -61,14 +61,14 @@ impl Mechanics {
         }
     }
 
-    /// `ε = (Δ − x/n) / l0`; a worn wire has less of `Δ`.
+    /// Returns `ε = (Δ − x/n) / l0`; ageing reduces `Δ`.
     #[inline]
     fn strain(&self, position_metres: f64, strain_factor: f64) -> f64 {
         (self.recoverable_elongation * strain_factor - position_metres * self.inverse_transmission)
             * self.inverse_austenite_length
     }
 
-    /// The load with what is added to it; it cannot weigh less than nothing.
+    /// Returns the load with the added mass; it is never negative.
     #[inline]
     pub(super) fn load(&self, added_load_kilograms: f64) -> Load {
         let load = (self.load + added_load_kilograms).max(0.0);
@@ -78,8 +78,8 @@ impl Mechanics {
         }
     }
 
-    /// `T2 = Awire σ` in N. Eq. (9) leaves `σ = (1 − ξ) EA ε`; the full law, Eq. (3)-(5), adds the martensite's
-    /// `ξ EM min(ε, ε_my)`. A wire cannot push (PAPER E6).
+    /// Returns `T2 = Awire σ` in N. Eq. (9) reduces `σ` to `(1 − ξ) EA ε`; the full law, Eq. (3)-(5), adds the
+    /// martensite's `ξ EM min(ε, ε_my)`. A wire cannot push (PAPER E6).
     #[inline]
     pub(super) fn tension_newtons(
         &self,
@@ -106,18 +106,18 @@ impl Mechanics {
         }
     }
 
-    /// `σ` in Pa.
+    /// Returns `σ` in Pa.
     fn stress_pascals(&self, martensite_fraction: f64, strain: f64) -> f64 {
         self.tension_at(martensite_fraction, strain) / self.section_square_metres
     }
 
-    /// `K0 = EA Awire / l0`, Eq. (9): the wire as austenite.
+    /// Returns `K0 = EA Awire / l0`, Eq. (9): the stiffness of the wire as austenite.
     pub(super) fn stiffness_newtons_per_metre(&self) -> f64 {
         self.austenite_stiffness * self.inverse_austenite_length
     }
 
-    /// Fastest rate of Eq. (7), with the load taken off and the wire as stiff as it gets: the natural frequency
-    /// `sqrt(K / n² / m)` or the damping's `c / m`, whichever is higher.
+    /// Returns the fastest rate of Eq. (7), with the load removed and the wire at its stiffest. It is the natural
+    /// frequency `sqrt(K / n² / m)` or the damping's `c / m`, whichever is higher.
     pub(super) fn fastest_rate_per_second(&self) -> f64 {
         let stiffness = self.austenite_stiffness.max(self.martensite_stiffness)
             * self.inverse_austenite_length
@@ -127,7 +127,7 @@ impl Mechanics {
         natural.max(self.damping / self.pulley_mass)
     }
 
-    /// `ẍ` in m/s², Eq. (7): `(J/r2² + mL) ẍ + c ẋ = −mL g + T2/n`, as if there were no stop.
+    /// Returns `ẍ` in m/s², Eq. (7): `(J/r2² + mL) ẍ + c ẋ = −mL g + T2/n`, without the stop.
     #[inline]
     pub(super) fn acceleration(
         &self,
@@ -142,13 +142,13 @@ impl Mechanics {
     }
 }
 
-/// The stress `σ` in Pa at a strain `ε`, Eq. (3)-(5), or what Eq. (9) leaves of it.
+/// Returns the stress `σ` in Pa at a strain `ε`, by Eq. (3)-(5) or by Eq. (9).
 #[must_use]
 pub fn stress_pascals(config: &plant::Mechanics, martensite_fraction: f64, strain: f64) -> f64 {
     Mechanics::new(config).stress_pascals(martensite_fraction, strain)
 }
 
-/// True while the load rests on its stop at `x = 0` (PAPER E6).
+/// Returns whether the load rests on its stop at `x = 0` (PAPER E6).
 #[inline]
 pub(super) fn is_resting(position_metres: f64, velocity: f64, acceleration: f64) -> bool {
     position_metres <= 0.0 && velocity <= 0.0 && acceleration <= 0.0

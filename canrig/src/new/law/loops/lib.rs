@@ -1,10 +1,10 @@
-//! my_law: PI control of two axes that carry one beam, which it keeps level. Put your law in its place.
+//! my_law: PI control of two axes that carry one beam. The law keeps the beam level. Put your law in its place.
 
 use controller::law::{CurrentRange, Cycle, Law, Port, Ports};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// What the drives of the rig give.
+/// Range of the drives' currents, in amperes.
 const CURRENT_RANGE: [f64; 2] = [0.0, 1.0];
 /// Travel of the axes, in metres.
 const TRAVEL: [f64; 2] = [0.0, 0.06];
@@ -13,7 +13,7 @@ const TRAVEL: [f64; 2] = [0.0, 0.06];
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The loops of the rig that it leads; each has one drive, which is called like the loop.
+    /// Names of the loops of the rig. Each loop has one drive of the same name.
     pub loops: [String; 2],
     /// Proportional gain of each axis.
     #[schemars(range(min = 0.0, max = 100_000.0))]
@@ -21,7 +21,7 @@ pub struct Config {
     /// Integral gain of each axis.
     #[schemars(range(min = 0.0, max = 100_000.0))]
     pub integral_amperes_per_metre_second: f64,
-    /// What an axis gets for each metre that it is behind the other one.
+    /// Additional current of an axis for each metre that it is behind the other one.
     #[schemars(range(min = 0.0, max = 100_000.0))]
     pub level_amperes_per_metre: f64,
 }
@@ -37,13 +37,13 @@ impl Default for Config {
     }
 }
 
-/// The law: what does not change from cycle to cycle.
+/// The law: the part that is constant from cycle to cycle.
 #[derive(Clone, Debug)]
 pub struct MyLaw {
     config: Config,
 }
 
-/// What the law remembers of an axis.
+/// State of one axis between cycles.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Axis {
     position_metres: f64,
@@ -52,7 +52,7 @@ pub struct Axis {
 
 impl Law for MyLaw {
     const NAME: &'static str = "my_law";
-    /// It leads all loops of a rig, whose names are in its ports.
+    /// The law leads all loops of a rig. Their names are in its ports.
     const DRIVES: Option<usize> = None;
     type Config = Config;
     type State = [Axis; 2];
@@ -72,14 +72,14 @@ impl Law for MyLaw {
                 .with_comment("Integral part of the current.")
         };
         Ports {
-            // The end of a name is the unit in which the value comes.
+            // The suffix of a name is the unit of the value.
             inputs: vec![
                 read(format!("{left}.position_metres")),
                 read(format!("{right}.position_metres")),
                 read(format!("{left}.set_point_metres")),
                 read(format!("{right}.set_point_metres")),
             ],
-            // A current for each drive; everything else is recorded.
+            // One current for each drive; the other values are recorded.
             outputs: vec![command(left), command(right), term(left), term(right)],
         }
     }
@@ -124,7 +124,7 @@ mod tests {
         period_seconds: 1e-3,
     };
 
-    /// One cycle at these positions, on the way to 20 mm: the currents.
+    /// Plays one cycle at these positions, on the way to 20 mm, and returns the currents.
     fn step(law: &MyLaw, state: &mut [Axis; 2], [left, right]: [f64; 2]) -> [f64; 2] {
         let mut writes = [0.0; 4];
         law.step(state, &CYCLE, &[left, right, 0.02, 0.02], &mut writes);
@@ -135,7 +135,7 @@ mod tests {
     fn the_axis_that_is_behind_gets_more() {
         let law = MyLaw::new(&Config::default(), &[]);
         let [left, right] = step(&law, &mut law.start(), [0.010, 0.012]);
-        // 3 A/m of 10 mm and of 8 mm, and 10 A/m of 2 mm, once more and once less.
+        // 3 A/m of 10 mm and of 8 mm, plus and minus 10 A/m of 2 mm.
         assert!((left - 0.0503).abs() < 1e-9, "{left}");
         assert!((right - 0.004_24).abs() < 1e-9, "{right}");
     }
