@@ -30,7 +30,7 @@ mod parse;
 const SMA_ACTUATOR: &str = include_str!("sma_actuator.dbc");
 
 fn main() {
-    // Whatever it is made of is compiled in, and a new build script runs again.
+    // A change of the compiled-in parts makes a new build script, which runs again.
     println!("cargo::rerun-if-changed=build.rs");
     let database =
         Database::parse(SMA_ACTUATOR).unwrap_or_else(|error| panic!("sma_actuator.dbc: {error}"));

@@ -1,10 +1,10 @@
-//! The bits of one signal and the physical value that they stand for.
+//! The bits of a signal, and the physical value that they represent.
 
 use std::cmp::Ordering;
 
 use serde::{Deserialize, Serialize};
 
-/// A bit that no payload has.
+/// Number of a bit that no payload has.
 const BEYOND_PAYLOAD: u8 = 64;
 
 /// Order of the bytes (DBC `@1` and `@0`).
@@ -16,7 +16,7 @@ pub enum ByteOrder {
     BigEndian,
 }
 
-/// What the bits are.
+/// Meaning of the bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Kind {
     /// Unsigned integer.
@@ -38,8 +38,8 @@ pub struct Range {
     pub maximum: f64,
 }
 
-/// Where a signal lies in a payload and how its bits become a physical value. Made by [`crate::Database::parse`],
-/// which lets only those through that pass [`Coding::check`].
+/// Place of a signal in a payload, and conversion of its bits to a physical value. [`crate::Database::parse`] makes it, and
+/// admits only codings that pass [`Coding::check`].
 #[non_exhaustive]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Coding {
@@ -49,24 +49,24 @@ pub struct Coding {
     pub length_bits: u8,
     /// Order of the bytes.
     pub byte_order: ByteOrder,
-    /// What the bits are.
+    /// Meaning of the bits.
     pub kind: Kind,
     /// Physical value per raw step.
     pub factor: f64,
     /// Physical value of raw 0.
     pub offset: f64,
-    /// Physical range; `None` when the file gives none (`[0|0]`).
+    /// Physical range; `None` if the file gives none (`[0|0]`).
     pub range: Option<Range>,
-    /// The factor as it is used; see [`Scale`].
+    /// Use of the factor; see [`Scale`].
     pub(crate) scale: Scale,
 }
 
-/// How a factor is used. Dividing by the 1000 of a factor 0.001 gives the decimal number that a log would show, while
-/// multiplying by 0.001 is off in the last place.
+/// Use of a factor. Division by the 1000 of a factor 0.001 gives the decimal number that a log would show, while multiplication
+/// by 0.001 is off in the last place.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Scale {
     Multiply(f64),
-    /// By the inverse of the factor, where that is a whole number.
+    /// Division by the inverse of the factor, if that is a whole number.
     Divide(f64),
 }
 
@@ -82,7 +82,7 @@ impl Scale {
 }
 
 impl Coding {
-    /// A little-endian integer whose raw value is `units` times the physical one, plus `raw_offset`.
+    /// Makes a little-endian integer whose raw value is `units` times the physical one, plus `raw_offset`.
     #[must_use]
     pub fn integer(
         start_bit: u8,
@@ -104,19 +104,19 @@ impl Coding {
         }
     }
 
-    /// The same signal with its first bit elsewhere.
+    /// Moves the signal to another first bit.
     #[must_use]
     pub fn starting_at(self, start_bit: u8) -> Self {
         Self { start_bit, ..self }
     }
 
-    /// The same signal where no payload has it.
+    /// Moves the signal to a place that no payload has.
     #[must_use]
     pub fn absent(self) -> Self {
         self.starting_at(BEYOND_PAYLOAD)
     }
 
-    /// Checks that the signal fits a payload of this many bytes and that its numbers make sense.
+    /// Checks that the signal fits a payload of this many bytes, and that its numbers make sense.
     ///
     /// # Errors
     /// The reason in words.
@@ -148,19 +148,19 @@ impl Coding {
         }
     }
 
-    /// Bytes that a payload needs for the signal to be in it.
+    /// Returns the number of bytes that a payload needs to contain the signal.
     #[must_use]
     pub fn payload_bytes(&self) -> usize {
         self.end_bit().div_ceil(8)
     }
 
-    /// The bits of the signal in a payload's 64 bits, read in the signal's own byte order.
+    /// Returns the bits of the signal in a payload's 64 bits, read in the signal's own byte order.
     #[must_use]
     pub fn mask(&self) -> u64 {
         u64::MAX >> (64 - u32::from(self.length_bits)) << self.shift()
     }
 
-    /// The same bits with byte 0 in the lowest 8 bits, whatever the byte order.
+    /// Returns the same bits with byte 0 in the lowest 8 bits, whatever the byte order.
     #[must_use]
     pub fn occupied_bits(&self) -> u64 {
         match self.byte_order {
@@ -169,7 +169,7 @@ impl Coding {
         }
     }
 
-    /// The physical value in a payload; bytes beyond the signal do not matter.
+    /// Decodes the physical value in a payload; bytes beyond the signal do not matter.
     #[must_use]
     #[inline]
     #[expect(
@@ -181,7 +181,7 @@ impl Coding {
             ByteOrder::LittleEndian => u64::from_le_bytes(*payload),
             ByteOrder::BigEndian => u64::from_be_bytes(*payload),
         };
-        // To the top, so that shifting down again leaves nothing but the signal, with its sign.
+        // First shifted to the top: the shift down then leaves only the signal, with its sign.
         let unused = 64 - usize::from(self.length_bits);
         let top = word << (unused - self.shift());
         let number = match self.kind {
@@ -196,8 +196,8 @@ impl Coding {
         }
     }
 
-    /// Writes the raw value nearest to a physical one, saturated at the range and at what the bits can hold.
-    /// Not-a-number is kept by floats and taken for the value of raw 0 by integers.
+    /// Writes the raw value nearest to a physical one, saturated at the range and at the limits of the bits. Floats keep
+    /// not-a-number; for integers it has the value of raw 0.
     pub fn encode(&self, value: f64, payload: &mut [u8; 8]) {
         let raw = self.raw(value) << self.shift() & self.mask();
         match self.byte_order {
@@ -212,13 +212,13 @@ impl Coding {
         }
     }
 
-    /// Bits from the first bit of the payload to behind the signal, in the signal's byte order.
+    /// Returns the number of bits from the first bit of the payload to the end of the signal, in the signal's byte order.
     #[inline]
     fn end_bit(&self) -> usize {
         self.first_bit() + usize::from(self.length_bits)
     }
 
-    /// Place of the start bit, counted from the lowest bit of byte 0 or, big-endian, from its highest.
+    /// Returns the place of the start bit, counted from the lowest bit of byte 0 or, big-endian, from its highest.
     #[inline]
     fn first_bit(&self) -> usize {
         let start = usize::from(self.start_bit);
@@ -228,7 +228,7 @@ impl Coding {
         }
     }
 
-    /// Place of the lowest bit in the payload's 64 bits; [`Coding::check`] keeps it below 64.
+    /// Returns the place of the lowest bit in the payload's 64 bits; [`Coding::check`] keeps it below 64.
     #[inline]
     fn shift(&self) -> usize {
         match self.byte_order {
@@ -237,7 +237,7 @@ impl Coding {
         }
     }
 
-    /// Raw bits of a physical value.
+    /// Returns the raw bits of a physical value.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -1,14 +1,14 @@
 //! The frames of a rig, composed of those of its nodes.
 //!
-//! Each node contributes its messages under its own name. The shipped DBC is the smallest rig; its messages are the patterns of
-//! all others.
+//! Each node contributes its messages under its own name. The shipped DBC describes the smallest rig; its messages are the
+//! patterns of all others.
 
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Database, Message, Signal};
 use crate::law::{self, LawTerm};
 use crate::names::{self, TERMS_MAX, WIRE_TEMPERATURE};
 
-/// The names of the nodes of the shipped DBC.
+/// Names of the nodes of the shipped DBC.
 const CONTROLLER: &str = "controller";
 const DRIVE: &str = "drive";
 const IO: &str = "disturbance";
@@ -31,7 +31,7 @@ const OF_DRIVE: [(&str, &str, u32); 8] = [
     ("drive_sdo2_answer", names::SDO2_ANSWER, 0x6C0),
     ("drive_heartbeat", names::HEARTBEAT, 0x700),
 ];
-/// The messages in which an emulated drive publishes the truth about its plant.
+/// Messages in which an emulated drive publishes the truth about its plant.
 const OF_PLANT: [(&str, &str, u32); 3] = [
     (PLANT_SIGNALS, names::TPDO2, 0x280),
     (PLANT_SIGNALS, names::TPDO3, 0x380),
@@ -52,10 +52,10 @@ const BITS: u8 = 16;
 const FLOAT_BITS: u8 = 32;
 const MILLIMETRES: &str = "mm";
 const AMPERES: &str = "A";
-/// One count of a current of the shipped drive, whose rated current is 1 A, and what its comments say of that.
+/// Count of a current of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
 const CURRENT_FACTOR: f64 = 0.001;
 const RATED: &str = "of 1 A";
-/// The words of the shipped DBC for a wire in the controller's emergencies, and those for any other plant.
+/// Texts of the shipped DBC about a wire in the controller's emergencies, and their forms for any other plant.
 const WORDS_OF_A_WIRE: [(&str, &str); 2] = [
     (
         "position changes faster than the wire moves",
@@ -67,10 +67,10 @@ const WORDS_OF_A_WIRE: [(&str, &str); 2] = [
     ),
 ];
 
-/// A signal of an emulated plant or an io node: 16 bits, signed where its range begins below zero.
+/// Signal of an emulated plant or an io node: 16 bits, signed if its range begins below zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSignal {
-    /// Name; the unit is its end.
+    /// Name, which ends in the unit.
     pub name: String,
     /// Unit; empty for a number without one.
     pub unit: String,
@@ -82,29 +82,29 @@ pub struct PlantSignal {
     pub range: Range,
 }
 
-/// The units of a loop, where they are not millimetres and amperes.
+/// Units of a loop that has others than millimetres and amperes.
 pub struct LoopUnits<'a> {
-    /// That of positions as a DBC writes it.
+    /// Unit of positions as a DBC writes it.
     pub symbol: &'a str,
-    /// That of commands.
+    /// Unit of commands as a DBC writes it.
     pub command_symbol: &'a str,
-    /// One count of the position of an emulated drive; `None` for an external one.
+    /// Count of the position of an emulated drive; `None` for an external one.
     pub resolution: Option<f64>,
     /// Whether the true position is a float in place of an integer.
     pub is_true_float: bool,
-    /// The name in these units of a signal in millimetres or amperes.
+    /// Returns the name in these units for a signal in millimetres or amperes.
     pub rename: &'a dyn Fn(&str) -> String,
 }
 
-/// The frames of an external drive where they differ from those of the emulated one.
+/// Frames of an external drive as far as they differ from those of the emulated one.
 pub struct ExternalFrames<'a> {
     /// Identifiers of its feedback and of the command to it.
     pub identifiers: [u16; 2],
     /// Lengths of both; `None` for those of the emulated drive.
     pub lengths_bytes: [Option<u8>; 2],
-    /// The coding of a signal of the feedback.
+    /// Returns the coding of a signal of the feedback.
     pub feedback: &'a dyn Fn(&Signal) -> Coding,
-    /// The coding of a signal of the command.
+    /// Returns the coding of a signal of the command.
     pub command: &'a dyn Fn(&Signal) -> Coding,
     /// Time between two heartbeats.
     pub heartbeat_milliseconds: u64,
@@ -122,7 +122,7 @@ pub struct Composer {
 }
 
 impl Composer {
-    /// A bus with its controller.
+    /// Starts a bus with its controller.
     #[must_use]
     pub fn new(controller: &str, node_id: u8) -> Self {
         let mut composer = Self {
@@ -160,13 +160,13 @@ impl Composer {
         self.messages.extend(own);
     }
 
-    /// The message of a node for a service, if it is there already.
+    /// Returns the message of a node for a service, if it has been added.
     fn message_mut(&mut self, node: &str, service: &str) -> Option<&mut Message> {
         let name = names::message(node, service);
         self.messages.iter_mut().find(|one| one.name == name)
     }
 
-    /// The name of a node of the shipped DBC on this bus, in a message of `own`.
+    /// Returns the name on this bus of a node of the shipped DBC, in a message of `own`.
     fn own(&self, shipped: &str, own: &str) -> String {
         match shipped {
             CONTROLLER => self.controller.clone(),
@@ -175,7 +175,7 @@ impl Composer {
         }
     }
 
-    /// Adds a drive, with the signals that an emulated one publishes of its plant.
+    /// Adds a drive, with the signals of its plant that an emulated one publishes.
     #[must_use]
     pub fn with_drive(
         mut self,
@@ -204,8 +204,8 @@ impl Composer {
         self
     }
 
-    /// The same with the currents of a drive, or what else it gives, in thousandths of the rated one, up to the largest. Names are as
-    /// `rename` has them.
+    /// Puts the currents of a drive, or another quantity of its amplifier, in thousandths of the rated one, up to the largest.
+    /// `rename` gives the names.
     #[must_use]
     pub fn with_currents(
         mut self,
@@ -260,7 +260,7 @@ impl Composer {
         }
     }
 
-    /// The first two signals of a plant stand before its true position, the others in a message of their own.
+    /// Adds the signals of a plant: the first two before its true position, the others in a message of their own.
     fn add_plant(&mut self, (name, node_id): (&str, u8), published: &[PlantSignal]) {
         let (first, others) = published.split_at(published.len().min(SIGNALS_IN_TPDO2));
         let place = self.messages.len();
@@ -281,7 +281,7 @@ impl Composer {
             .clone_into(&mut tpdo3.comment);
     }
 
-    /// Adds an io node with these outputs from the place `first` on; those of the shipped one stand before it.
+    /// Adds an io node with these outputs from the place `first` on; the shipped outputs come before it.
     #[must_use]
     pub fn with_io(
         mut self,
@@ -310,7 +310,7 @@ impl Composer {
         self
     }
 
-    /// The same with these identifiers for the second SDO channel of a drive, and for what its plant reports about itself.
+    /// Sets the identifiers of the second SDO channel of a drive, and of its plant's report about itself.
     #[must_use]
     pub fn with_identifiers(mut self, drive: &str, second_sdo: [u16; 2], truth: u16) -> Self {
         let [request, answer] = second_sdo;
@@ -326,7 +326,7 @@ impl Composer {
         self
     }
 
-    /// Adds the terms of the law of a loop, whose name is empty where it is the only one; `None` for those of the shipped DBC.
+    /// Adds the terms of the law of a loop, whose name is empty if it is the only one; `None` for the terms of the shipped DBC.
     #[must_use]
     pub fn with_terms(
         mut self,
@@ -396,13 +396,13 @@ impl Composer {
         self
     }
 
-    /// Whether a node has this ID already.
+    /// Checks whether a node has this ID already.
     #[must_use]
     pub fn has_node(&self, node_id: u8) -> bool {
         self.nodes.iter().any(|(id, _)| *id == node_id)
     }
 
-    /// The database. Two of its messages may have one identifier or one name: see [`Database::refuse_duplicates`].
+    /// Returns the database. Two of its messages may have the same identifier or name: see [`Database::refuse_duplicates`].
     #[must_use]
     pub fn finish(mut self) -> Database {
         let listeners = self.drives.iter().chain(&self.io_nodes).cloned();
@@ -434,7 +434,7 @@ impl Composer {
 }
 
 impl LoopUnits<'_> {
-    /// Gives these units to the signals of a message that have a loop's.
+    /// Puts the units of the loop into the signals of a message that have them.
     fn apply(&self, message: &mut Message, is_feedback: bool, is_own: impl Fn(&Signal) -> bool) {
         let signals = message.signals.iter_mut();
         for signal in signals.filter(|signal| is_own(signal)) {
@@ -461,7 +461,7 @@ impl LoopUnits<'_> {
     }
 }
 
-/// A message of the shipped DBC.
+/// Returns a message of the shipped DBC.
 fn pattern(name: &str) -> Message {
     let message = Database::shipped().message(name);
     message.expect("a test composes the shipped rig").clone()
@@ -471,8 +471,8 @@ fn bytes_of(signals: &[Signal]) -> u8 {
     signals.iter().map(|_| BITS / 8).sum()
 }
 
-/// Signals one behind the other from the first bit on, with the receivers of these patterns and the objects of those that have
-/// the same name.
+/// Places signals one after the other from the first bit on. They get the receivers of the patterns `like`, and the objects of
+/// those with the same name.
 fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
     let starts = (0..=u8::MAX).step_by(usize::from(BITS));
     let laid_out = signals
@@ -510,7 +510,7 @@ mod tests {
 
     use super::*;
 
-    /// Those of the shipped rig.
+    /// Identifiers of the shipped rig.
     const TERMS: [u16; TERMS_MAX] = [0x181, 0x281, 0x381, 0x481];
 
     fn signal(name: &str, minimum: f64) -> PlantSignal {
@@ -532,7 +532,7 @@ mod tests {
         composer.finish()
     }
 
-    /// Two loops, of which the second has no io node.
+    /// Returns a rig of two loops, of which the second has no io node.
     fn two_loops() -> Database {
         Composer::new("hand", 1)
             .with_drive(("left", 0x10), Some(&[]), None, None)

@@ -11,40 +11,40 @@ pub const DRIVE_EDS: &str = include_str!("../drive.eds");
 /// The disturbance node 0x11, CiA 401 (`disturbance.eds`).
 pub const DISTURBANCE_EDS: &str = include_str!("../disturbance.eds");
 
-/// The data type of a float of 32 bits (CiA 301, 7.4.7.1).
+/// Data type of a float of 32 bits (CiA 301, 7.4.7.1).
 const REAL32: &str = "0x0008";
-/// What the shipped data sheet says of the unit of positions in words.
+/// Text of the shipped data sheet on the unit of positions.
 const MICROMETRES: &str = "Positions count micrometres (0x60A8).";
 
-/// What an io node does when its manager is not heard for so long, in milliseconds (0x1016).
+/// Time in milliseconds after which an io node reacts to the silence of its manager (0x1016).
 const IO_WATCH_MILLISECONDS: i64 = 0xFA;
 
-/// The manager whose heartbeat an io node waits for.
+/// Returns the entry by which an io node watches the heartbeat of its manager.
 #[must_use]
 pub fn watch_of_io(manager: u8) -> Preset {
     Preset::new(0x1016, 1, i64::from(manager) << 16 | IO_WATCH_MILLISECONDS)
 }
 
-/// What of a node's data sheet is the rig's.
+/// Values of a node's data sheet that depend on the rig.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct OwnValues {
-    /// Its objects.
+    /// Objects with their values.
     pub presets: Vec<Preset>,
-    /// The word of the unit of a drive's positions, where it is another than the millimetre.
+    /// Word of the unit of a drive's positions, if it is not the millimetre.
     pub unit: Option<String>,
 }
 
-/// The parameters of the controller's first and second SDO client, and those of all that there may be.
+/// Sections of the controller's first and second SDO client, and the indices of all possible ones.
 const FIRST_CLIENT: &str = "[1280]\n";
 const SECOND_CLIENT: &str = "[1281]\n";
 const CLIENTS: RangeInclusive<u16> = 0x1280..=0x12FF;
-/// Where a data sheet lists its objects.
+/// Section in which a data sheet lists its objects.
 const OPTIONAL_OBJECTS: &str = "[OptionalObjects]\n";
 
-/// The controller's EDS for a rig: with an SDO client for each of these nodes, to which it talks.
+/// Returns the controller's EDS for a rig: with an SDO client for each of these nodes, to which it talks.
 ///
 /// # Panics
-/// Never: a test takes what is compiled in.
+/// Never: a test checks the texts that are compiled in.
 #[must_use]
 pub fn of_controller(servers: &[u8]) -> String {
     let (before, clients) = CONTROLLER_EDS
@@ -53,7 +53,7 @@ pub fn of_controller(servers: &[u8]) -> String {
     let (first, clients) = clients
         .split_once(SECOND_CLIENT)
         .expect("it has a second one");
-    // The second one is as long as the first.
+    // The second client's section is as long as the first's.
     let second: usize = clients
         .split_inclusive('\n')
         .take(first.lines().count())
@@ -74,7 +74,7 @@ pub fn of_controller(servers: &[u8]) -> String {
     text + &clients[second..]
 }
 
-/// The beginning of the controller's EDS with so many SDO clients among its objects.
+/// Returns the beginning of the controller's EDS with this number of SDO clients in the list of its objects.
 fn with_clients_listed(text: &str, count: usize) -> String {
     let (before, listed) = text
         .split_once(OPTIONAL_OBJECTS)
@@ -94,7 +94,7 @@ fn with_clients_listed(text: &str, count: usize) -> String {
     format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
 }
 
-/// An EDS for one node of a rig, with the node's name and number in it, and what of it is the rig's.
+/// Returns an EDS for one node of a rig, with the node's name and number, and with the values that depend on the rig.
 #[must_use]
 pub fn of_node(eds: &str, name: &str, node_id: u8, own: &OwnValues) -> String {
     let OwnValues { presets, unit } = own;
@@ -129,7 +129,8 @@ fn section_of(preset: &Preset) -> String {
     }
 }
 
-/// A line of the section of an object as its preset has it, in the notation that it is written in; none where it says nothing of it.
+/// Returns a line of an object's section with the value of its preset, in the notation of the line; `None` if the preset does not
+/// change it.
 fn preset_line(preset: &Preset, line: &str) -> Option<String> {
     let (key, written) = line.split_once('=')?;
     if key == "DataType" && preset.is_real32 {
@@ -147,27 +148,28 @@ fn preset_line(preset: &Preset, line: &str) -> Option<String> {
     })
 }
 
-/// An analogue output of an io node (CiA 401) that is the rig's.
+/// Analogue output of an io node (CiA 401) that the rig defines.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct AnalogueOutput {
-    /// Its place among the outputs of the node, from 0.
+    /// Place among the outputs of the node, from 0.
     pub place: usize,
-    /// Its name.
+    /// Name of the output.
     pub name: String,
-    /// What it puts out at the start and when something is wrong, in steps.
+    /// Value at the start and after an error, in steps.
     pub at_rest: i16,
 }
 
-/// Write analogue output 16-bit, error mode and error value (CiA 401), each with the data type and the access of its entries.
+/// Objects "write analogue output 16-bit", error mode and error value (CiA 401), each with the data type and the access of its
+/// entries.
 const OUTPUT_OBJECTS: [(&str, &str, &str); 3] = [
     ("6411", "0x0003", "rww"),
     ("6443", "0x0005", "rw"),
     ("6444", "0x0004", "rw"),
 ];
-/// Section before which new ones stand.
+/// Section before which new sections are inserted.
 const MANUFACTURER_OBJECTS: &str = "[ManufacturerObjects]";
 
-/// The EDS of an io node with these outputs, from the place of the first one on; those before it stay.
+/// Returns the EDS of an io node with these outputs, from the place of the first one on; outputs before it stay.
 #[must_use]
 pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
     let (Some(first), Some(last)) = (outputs.first(), outputs.last()) else {
@@ -190,7 +192,7 @@ pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
                 outputs.iter().for_each(|output| text += &entries(output));
             }
         }
-        // What is said of fan and load, and what is said anew.
+        // Comments on fan and load, and sections that are written again.
         let is_stale = line.starts_with("; Sub 1:")
             || line.starts_with("; 0: keep")
             || line.starts_with("; In the units");
@@ -203,7 +205,7 @@ pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
     text
 }
 
-/// A line of the shipped EDS as it is where there are so many outputs.
+/// Returns a line of the shipped EDS for this number of outputs.
 fn own_line(section: &str, line: &str, count: usize) -> String {
     let is_default = line.starts_with("DefaultValue=");
     let mut objects = OUTPUT_OBJECTS.iter().map(|(object, ..)| *object);
@@ -230,7 +232,7 @@ fn own_line(section: &str, line: &str, count: usize) -> String {
     }
 }
 
-/// The entries of an output.
+/// Returns the entries of an output.
 fn entries(output: &AnalogueOutput) -> String {
     let AnalogueOutput {
         place,
@@ -251,7 +253,7 @@ fn entries(output: &AnalogueOutput) -> String {
     entries.collect()
 }
 
-/// Their names, the nodes that they are of, and themselves.
+/// Names of the shipped data sheets, the node-IDs that they are for, and their texts.
 pub(crate) const SHIPPED: [(&str, u8, &str); 3] = [
     ("controller", 0x01, CONTROLLER_EDS),
     ("drive", 0x10, DRIVE_EDS),

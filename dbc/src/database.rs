@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::coding::Coding;
 use crate::error::{DbcError, SignalMissing};
 
-/// The signal that says which node an NMT command is for.
+/// Signal with the node that an NMT command is for.
 const NMT_NODE_ID: &str = "nmt_node_id";
-/// What stands there for every node.
+/// Value of this signal for all nodes.
 const ALL_NODES: i64 = 0;
 
 /// All messages of a DBC file, by identifier.
@@ -19,31 +19,31 @@ pub struct Database {
     messages: Vec<Message>,
 }
 
-/// One message.
+/// Message on the bus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Message {
     /// Name.
     pub name: String,
-    /// Identifier with the kernel's flag for 29 bits, as [`CanFrame::raw_id`] gives it.
+    /// Identifier with the kernel's flag for 29 bits, as in [`CanFrame::raw_id`].
     pub raw_id: u32,
     /// Payload length.
     pub length_bytes: u8,
     /// Node that sends it.
     pub sender: Option<String>,
-    /// Cycle time; 0 when not cyclic.
+    /// Cycle time; 0 if the message is not cyclic.
     pub cycle_time_milliseconds: u64,
-    /// What it is for.
+    /// Description of the message.
     pub comment: String,
     /// Signals in the order of the file.
     pub signals: Vec<Signal>,
 }
 
-/// One signal of a message.
+/// Signal of a message.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Signal {
     /// Name.
     pub name: String,
-    /// Unit as text; empty for numbers without.
+    /// Unit as text; empty for a number without one.
     pub unit: String,
     /// Bits and scaling.
     pub coding: Coding,
@@ -51,24 +51,24 @@ pub struct Signal {
     pub labels: Vec<(i64, String)>,
     /// Nodes that use it.
     pub receivers: Vec<String>,
-    /// The object behind it, such as `0x6064:00`; empty when there is none.
+    /// Object behind the signal, such as `0x6064:00`; empty if there is none.
     pub object: String,
-    /// What it is.
+    /// Description of the signal.
     pub comment: String,
 }
 
 impl Message {
-    /// A signal of it by its name.
+    /// Returns a signal by its name.
     #[must_use]
     pub fn signal(&self, name: &str) -> Option<&Signal> {
         self.signals.iter().find(|signal| signal.name == name)
     }
 
-    /// A handle for one of its signals.
+    /// Returns a handle for one of its signals.
     #[must_use]
     pub fn handle(&self, signal: &Signal) -> SignalHandle {
         let payload_bytes = signal.coding.payload_bytes();
-        // A signal that no payload has is longer than any.
+        // A signal that no payload has is longer than any payload.
         let is_somewhere = payload_bytes <= size_of::<u64>();
         SignalHandle {
             raw_id: self.raw_id,
@@ -84,7 +84,7 @@ impl Message {
 }
 
 impl Signal {
-    /// The label of a physical value, where the value table has one.
+    /// Returns the label of a physical value, if the value table has one.
     #[must_use]
     pub fn label(&self, value: f64) -> Option<&str> {
         let raw = ((value - self.coding.offset) / self.coding.factor).round();
@@ -93,38 +93,38 @@ impl Signal {
     }
 }
 
-/// A signal found once; decodes and encodes without search and without allocation.
+/// Handle of a signal, found once: it decodes and encodes without search and without allocation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SignalHandle {
     raw_id: u32,
     payload_bytes: usize,
-    /// The bits of the signal in the payload, byte 0 lowest.
+    /// Bits of the signal in the payload, byte 0 lowest.
     mask: u64,
     coding: Coding,
 }
 
 impl SignalHandle {
-    /// Identifier of the message, with the kernel's flag for 29 bits.
+    /// Returns the identifier of the message, with the kernel's flag for 29 bits.
     #[must_use]
     pub fn raw_id(&self) -> u32 {
         self.raw_id
     }
 
-    /// The bits of the signal in a payload, byte 0 lowest; the value is made of nothing else.
+    /// Returns the bits of the signal in a payload, byte 0 lowest; the value depends on no others.
     #[must_use]
     #[inline]
     pub fn mask(&self) -> u64 {
         self.mask
     }
 
-    /// Whether a frame has the signal: the identifier is right and the payload long enough.
+    /// Checks whether a frame has the signal: the identifier is right and the payload long enough.
     #[must_use]
     #[inline]
     pub fn is_in(&self, frame: &CanFrame) -> bool {
         frame.raw_id() == self.raw_id && frame.data().len() >= self.payload_bytes
     }
 
-    /// The physical value; `None` for a frame with another identifier or too short for the signal.
+    /// Decodes the physical value; `None` for a frame with another identifier, or too short for the signal.
     #[must_use]
     #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<f64> {
@@ -132,7 +132,7 @@ impl SignalHandle {
             .then(|| self.coding.decode(&frame.buffer()))
     }
 
-    /// The bits that the value is made of, wherever they stand in the payload; `None` as for [`SignalHandle::decode`].
+    /// Returns the bits that make the value, in their places in the payload; `None` as for [`SignalHandle::decode`].
     #[must_use]
     #[inline]
     pub fn bits(&self, frame: &CanFrame) -> Option<u64> {
@@ -146,7 +146,7 @@ impl SignalHandle {
     }
 }
 
-/// Makes frames of one message; bits of signals that were never set are 0.
+/// Builder of frames of one message; bits of signals that were never set are 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MessageBuilder {
     raw_id: u32,
@@ -158,13 +158,13 @@ impl MessageBuilder {
     /// Sets a signal to a physical value; see [`Coding::encode`] for values out of range.
     ///
     /// # Panics
-    /// When the signal belongs to another message, which is the caller's mistake.
+    /// The signal belongs to another message, which is the caller's mistake.
     pub fn set(&mut self, signal: &SignalHandle, value: f64) {
         assert_eq!(signal.raw_id, self.raw_id, "signal of another message");
         signal.encode(value, &mut self.payload);
     }
 
-    /// The frame with what was set so far.
+    /// Returns the frame with the values that were set so far.
     #[must_use]
     pub fn frame(&self) -> CanFrame {
         CanFrame::from_raw(self.raw_id, self.length_bytes, self.payload)
@@ -172,7 +172,7 @@ impl MessageBuilder {
     }
 }
 
-/// A frame taken apart.
+/// Decoded frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Decoded<'a> {
     message: &'a Message,
@@ -180,25 +180,25 @@ pub struct Decoded<'a> {
     payload_bytes: usize,
 }
 
-/// One signal of a decoded frame.
+/// Signal of a decoded frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecodedSignal<'a> {
-    /// The definition, with name and unit.
+    /// Definition, with name and unit.
     pub signal: &'a Signal,
     /// Physical value.
     pub value: f64,
-    /// Label of the value, where the value table has one.
+    /// Label of the value, if the value table has one.
     pub label: Option<&'a str>,
 }
 
 impl<'a> Decoded<'a> {
-    /// The message.
+    /// Returns the message.
     #[must_use]
     pub fn message(&self) -> &'a Message {
         self.message
     }
 
-    /// The signals that the payload is long enough for, in the order of the file.
+    /// Returns the signals for which the payload is long enough, in the order of the file.
     pub fn signals(&self) -> impl Iterator<Item = DecodedSignal<'a>> + use<'a> {
         let Self {
             message,
@@ -219,20 +219,20 @@ impl<'a> Decoded<'a> {
 }
 
 impl Database {
-    /// Whether any message has a signal of this name.
+    /// Checks whether any message has a signal of this name.
     #[must_use]
     pub fn has_signal(&self, name: &str) -> bool {
         let mut signals = self.messages.iter().flat_map(|message| &message.signals);
         signals.any(|signal| signal.name == name)
     }
 
-    /// Messages in any order, each of which has been checked.
+    /// Makes a database of messages in any order, each of which has been checked.
     pub(crate) fn from_messages(mut messages: Vec<Message>) -> Self {
         messages.sort_by_key(|message| message.raw_id);
         Self { messages }
     }
 
-    /// The same where these are the nodes that an NMT command can be for, by their node-IDs.
+    /// Labels the target of an NMT command with the names of these nodes, by their node-IDs.
     #[must_use]
     pub fn with_nodes<'a>(&self, nodes: impl IntoIterator<Item = (u8, &'a str)>) -> Self {
         let nodes = nodes.into_iter();
@@ -247,27 +247,27 @@ impl Database {
         Self { messages }
     }
 
-    /// Refuses two messages with one identifier or one name.
+    /// Refuses two messages with the same identifier or name.
     ///
     /// # Errors
-    /// Which.
+    /// The names of both.
     pub fn refuse_duplicates(&self) -> Result<(), DbcError> {
         refuse_duplicates(&self.messages)
     }
 
-    /// All messages, by identifier.
+    /// Returns all messages, by identifier.
     #[must_use]
     pub fn messages(&self) -> &[Message] {
         &self.messages
     }
 
-    /// The message of this name.
+    /// Returns the message of this name.
     #[must_use]
     pub fn message(&self, name: &str) -> Option<&Message> {
         self.messages.iter().find(|message| message.name == name)
     }
 
-    /// The message that a frame carries.
+    /// Returns the message that a frame carries.
     #[must_use]
     pub fn message_of(&self, frame: &CanFrame) -> Option<&Message> {
         let found = self
@@ -276,28 +276,28 @@ impl Database {
         found.ok().map(|place| &self.messages[place])
     }
 
-    /// The definition of a signal, by `message.signal`.
+    /// Returns the definition of a signal, by `message.signal`.
     #[must_use]
     pub fn definition(&self, path: &str) -> Option<&Signal> {
         self.find(path).map(|(_, signal)| signal)
     }
 
-    /// A handle for a signal, by `message.signal`.
+    /// Returns a handle for a signal, by `message.signal`.
     #[must_use]
     pub fn signal(&self, path: &str) -> Option<SignalHandle> {
         self.find(path)
             .map(|(message, signal)| message.handle(signal))
     }
 
-    /// As [`Database::signal`], for a signal that must be there.
+    /// Returns a handle as [`Database::signal`], for a signal that must exist.
     ///
     /// # Errors
-    /// It is not.
+    /// The signal does not exist.
     pub fn require(&self, path: &str) -> Result<SignalHandle, SignalMissing> {
         self.signal(path).ok_or_else(|| SignalMissing::new(path))
     }
 
-    /// Makes frames of the message of this name.
+    /// Returns a builder for frames of the message of this name.
     #[must_use]
     pub fn builder(&self, message: &str) -> Option<MessageBuilder> {
         self.message(message).map(|message| MessageBuilder {
@@ -307,7 +307,7 @@ impl Database {
         })
     }
 
-    /// Decodes a frame; `None` when its identifier is not in the file.
+    /// Decodes a frame; `None` if its identifier is not in the file.
     #[must_use]
     pub fn decode(&self, frame: &CanFrame) -> Option<Decoded<'_>> {
         self.message_of(frame).map(|message| Decoded {
@@ -324,7 +324,7 @@ impl Database {
     }
 }
 
-/// Refuses two messages of one identifier (neighbours, since sorted) or one name.
+/// Refuses two messages of the same identifier (neighbours, since sorted) or name.
 pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
     let mut names = BTreeSet::new();
     let is_double = |pair: &[Message]| pair[0].raw_id == pair[1].raw_id;

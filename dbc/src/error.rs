@@ -1,8 +1,8 @@
-//! Why a DBC file was refused.
+//! Errors of a DBC file, and of look-ups in a database.
 
 use thiserror::Error;
 
-/// A database lacks a signal or message that somebody needs.
+/// The database lacks a signal or a message that its user needs.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("the DBC has no signal {path}")]
 pub struct SignalMissing {
@@ -10,7 +10,7 @@ pub struct SignalMissing {
 }
 
 impl SignalMissing {
-    /// The error for what is not there.
+    /// Makes the error for the missing signal or message at a path.
     #[must_use]
     pub fn new(path: &str) -> Self {
         Self {
@@ -19,26 +19,26 @@ impl SignalMissing {
     }
 }
 
-/// Why a DBC file was refused.
+/// Reason why a DBC file was refused.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[expect(missing_docs, reason = "the messages say what the fields are")]
 pub enum DbcError {
-    /// Larger than [`crate::Database::TEXT_BYTES_MAX`].
+    /// The text is larger than [`crate::Database::TEXT_BYTES_MAX`].
     #[error("DBC text has {bytes} bytes (limit {limit})")]
     TextTooLong { bytes: usize, limit: usize },
-    /// Not the DBC grammar.
+    /// The text does not follow the DBC grammar.
     #[error("DBC syntax: {0}")]
     Syntax(String),
-    /// A standard identifier above 0x7FF.
+    /// A standard identifier is above 0x7FF.
     #[error("message {message}: identifier {id:#x} exceeds 11 bits")]
     Identifier { message: String, id: u32 },
-    /// Only classical CAN is supported.
+    /// A message is longer than in classical CAN, the only kind that is supported.
     #[error("message {message} has {bytes} bytes (classical CAN carries 8)")]
     MessageTooLong { message: String, bytes: u64 },
-    /// Two messages of one name or identifier.
+    /// Two messages have the same name or identifier.
     #[error("messages {first} and {second} have the same name or identifier")]
     DuplicateMessage { first: String, second: String },
-    /// Two signals of one name.
+    /// Two signals of a message have the same name.
     #[error("message {message} has two signals {signal}")]
     DuplicateSignal { message: String, signal: String },
     /// Two signals share bits.
@@ -48,7 +48,7 @@ pub enum DbcError {
         first: String,
         second: String,
     },
-    /// One signal cannot be coded.
+    /// A signal cannot be coded.
     #[error("signal {message}.{signal}: {reason}")]
     Signal {
         message: String,

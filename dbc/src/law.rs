@@ -5,12 +5,12 @@ use crate::database::{Message, Signal};
 use crate::loops::TERMS_EVERY_CYCLES;
 use crate::names::TERMS_MAX;
 
-/// Object of the first term; the others follow.
+/// Index of the first term's object; the others follow.
 pub const LAW_TERMS_OBJECT: u16 = 0x2200;
 const MESSAGE_BITS: u8 = 64;
 const BYTE: u8 = 8;
 
-/// The messages of the shipped DBC, which hold the terms of the sliding-mode law.
+/// Messages of the shipped DBC, which hold the terms of the sliding-mode law.
 pub(crate) const SHIPPED: [&str; TERMS_MAX] = [
     "controller_tpdo1",
     "controller_tpdo2",
@@ -18,18 +18,18 @@ pub(crate) const SHIPPED: [&str; TERMS_MAX] = [
     "controller_tpdo4",
 ];
 
-/// A term of a law.
+/// Term of a law.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LawTerm {
-    /// Name; the unit is its end.
+    /// Name, which ends in the unit.
     pub name: String,
     /// Unit; empty for a number without one.
     pub unit: String,
-    /// What it is.
+    /// Description of the term.
     pub comment: String,
-    /// Its bits: 8, 16 or 32, or fewer than 8.
+    /// Number of bits: 8, 16 or 32, or fewer than 8.
     pub bits: u8,
-    /// What the bits are.
+    /// Meaning of the bits.
     pub kind: Kind,
     /// Counts of one unit.
     pub counts_per_unit: f64,
@@ -37,20 +37,21 @@ pub struct LawTerm {
     pub range: Range,
 }
 
-/// An object that holds a term, or several that share a byte.
+/// Object that holds a term, or several that share a byte.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct TermObject {
     /// Place of its TPDO, from 0.
     pub message: usize,
-    /// Its first bit there.
+    /// First bit in the TPDO.
     pub start_bit: u8,
-    /// Its bits.
+    /// Number of bits.
     pub bits: u8,
     /// Places of its terms, each with its first bit in the object.
     pub terms: Vec<(usize, u8)>,
 }
 
-/// Lays out terms in objects, and these in TPDOs of 8 bytes, in their order. `None` where they need more than the controller has.
+/// Lays out terms in objects, and these in TPDOs of 8 bytes, in their order; `None` if they need more TPDOs than the controller
+/// has.
 #[must_use]
 pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
     let mut objects: Vec<TermObject> = Vec::new();
@@ -80,7 +81,7 @@ pub fn layout(terms: &[LawTerm]) -> Option<Vec<TermObject>> {
     (message < TERMS_MAX).then_some(objects)
 }
 
-/// The messages of a law with these terms, for a loop of a controller that are yet without names and identifiers.
+/// Returns the messages of a law with these terms, still without names and identifiers.
 pub(crate) fn messages(terms: &[LawTerm]) -> Vec<Message> {
     let objects = layout(terms).unwrap_or_default();
     let own = (0..TERMS_MAX).map(|place| message(place, terms, &objects));

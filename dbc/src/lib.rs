@@ -1,13 +1,13 @@
-//! What the bytes mean: the DBC database and the EDS files of the rig.
+//! The meaning of the bytes on the bus: the DBC database and the EDS files of the rig.
 //!
-//! Comes in: frames, the text of a DBC or EDS file, the signals of a plant or the terms of a law. Goes out: the values of
-//! signals by their names, frames with values in them, the objects of a data sheet, scenario time.
+//! Input: frames, the text of a DBC or EDS file, the signals of a plant or the terms of a law. Output: the values of signals by
+//! their names, frames with values in them, the objects of a data sheet, scenario time.
 //!
 //! [`SMA_ACTUATOR`] lays out every frame on the bus; [`DRIVE_EDS`], [`DISTURBANCE_EDS`] and [`CONTROLLER_EDS`] lay out the
-//! objects behind them, and a test holds them to each other. Recorder, judge and tools read frames through [`Database`];
+//! objects behind them, and a test checks that they agree. Recorder, judge and tools read frames through [`Database`];
 //! [`Composer`] makes the database of a rig; [`names`] has the names that the bench itself uses.
 //!
-//! It does not know: scenarios, plants and laws beyond their signals, recordings, who sent a frame and why.
+//! The crate does not know scenarios, plants and laws beyond their signals, recordings, or the sender of a frame and its reason.
 //!
 //! ```
 //! use canopen::CanFrame;
@@ -51,20 +51,20 @@ pub use law::{LAW_TERMS_OBJECT, LawTerm, TermObject, layout};
 
 /// The frames of the rig (`sma_actuator.dbc`).
 pub const SMA_ACTUATOR: &str = include_str!("../sma_actuator.dbc");
-/// What the build script read of the [`data_sheets::SHIPPED`], in their order.
+/// Dictionaries of the [`data_sheets::SHIPPED`] as the build script wrote them, in their order.
 const READ: [&[u8]; 3] = [
     include_bytes!(concat!(env!("OUT_DIR"), "/controller.postcard")),
     include_bytes!(concat!(env!("OUT_DIR"), "/drive.postcard")),
     include_bytes!(concat!(env!("OUT_DIR"), "/disturbance.postcard")),
 ];
 
-/// The objects of a data sheet for a node, as [`eds::parse`] reads them; those of the rig as the build script read them.
+/// Returns the objects of a data sheet for a node, as [`eds::parse`] reads them; the build script has read those of the rig.
 ///
 /// # Errors
 /// As [`eds::parse`].
 ///
 /// # Panics
-/// Never: a test takes what is compiled in.
+/// Never: a test checks the texts that are compiled in.
 pub fn dictionary(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
     let is_it = |shipped: &(&str, u8, &str)| (shipped.1, shipped.2) == (node_id, text);
     Ok(match data_sheets::SHIPPED.iter().position(is_it) {
@@ -75,7 +75,7 @@ pub fn dictionary(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError>
     })
 }
 
-/// Those of the shipped texts for other nodes than theirs, each read once.
+/// Dictionaries of the shipped texts for other nodes than theirs, each read once.
 static OF_OTHER_NODES: Mutex<BTreeMap<(usize, u8), ObjectDictionary>> = Mutex::new(BTreeMap::new());
 
 fn parsed(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
@@ -96,10 +96,10 @@ fn parsed(text: &str, node_id: u8) -> Result<ObjectDictionary, EdsError> {
 }
 
 impl Database {
-    /// The frames of the rig: [`SMA_ACTUATOR`] as the build script read it, which spares every run its text.
+    /// Returns the frames of the rig: [`SMA_ACTUATOR`] as the build script read it, so that no run parses the text.
     ///
     /// # Panics
-    /// Never: a test takes what is compiled in.
+    /// Never: a test checks the texts that are compiled in.
     #[must_use]
     pub fn shipped() -> &'static Self {
         static DATABASE: LazyLock<Database> = LazyLock::new(|| {

@@ -4,23 +4,24 @@ use canopen::object_dictionary::Preset;
 
 /// Spreads small numbers over all bits: 2^64 divided by the golden ratio.
 const GOLDEN_RATIO: u64 = 0x9E37_79B9_7F4A_7C15;
-/// The controller publishes the terms of a loop in every so many cycles (the transmission type of its TPDOs).
+/// Number of cycles from one publication of a loop's terms to the next (the transmission type of the controller's TPDOs).
 pub const TERMS_EVERY_CYCLES: u8 = 10;
 /// Node-ID of the drive in the shipped DBC.
 const DRIVE_NODE_ID: u32 = 0x10;
 
-/// Where on the bus a loop is.
+/// Place of a loop on the bus.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct LoopPlace {
-    /// Its number among the controller's loops, from 0.
+    /// Number among the controller's loops, from 0.
     pub number: u8,
     /// Node-ID of its drive.
     pub drive_node_id: u8,
-    /// The drive publishes the truth about its plant in every so many cycles.
+    /// Number of cycles from one publication of the truth about its plant to the next.
     pub truth_every_cycles: u8,
 }
 
-/// The seed of what is random about a drive: each drive has noise of its own, the shipped rig's that of the scenario.
+/// Returns the seed of a drive's random numbers: each drive has noise of its own, that of the shipped rig has the scenario's
+/// seed.
 #[must_use]
 pub fn seed_of_drive(seed: u64, drive_node_id: u8) -> u64 {
     let distance = u64::from(drive_node_id) ^ u64::from(DRIVE_NODE_ID);
@@ -28,30 +29,30 @@ pub fn seed_of_drive(seed: u64, drive_node_id: u8) -> u64 {
 }
 
 impl LoopPlace {
-    /// The shipped rig's only loop.
+    /// Only loop of the shipped rig.
     pub const SHIPPED: Self = Self {
         number: 0,
         drive_node_id: 0x10,
         truth_every_cycles: 1,
     };
 
-    /// In which cycles the controller publishes the terms of the loop: those with this remainder by [`TERMS_EVERY_CYCLES`]. Each
-    /// loop has its own, since all terms at once would fill several cycles, with commands and SYNC behind them.
+    /// Returns the cycles in which the controller publishes the terms of the loop, as their remainder by [`TERMS_EVERY_CYCLES`].
+    /// Each loop has its own, since all terms at once would fill several cycles and delay commands and SYNC.
     #[must_use]
     pub fn terms_cycle(&self) -> u8 {
         self.number % TERMS_EVERY_CYCLES
     }
 
-    /// In which cycles the drive publishes the truth: those with this remainder by its `truth_every_cycles`. As far as that may
-    /// be, no other drive does so in them, and no terms come.
+    /// Returns the cycles in which the drive publishes the truth, as their remainder by its `truth_every_cycles`. As far as
+    /// possible, no other drive publishes in them, and no terms are sent.
     #[must_use]
     pub fn truth_cycle(&self) -> u8 {
         let every = self.truth_every_cycles.max(1);
         (self.number + (every / 2).min(TERMS_EVERY_CYCLES / 2)) % every
     }
 
-    /// What the drive's data sheet has of its own: the truth is published in every so many cycles (transmission type 1 to 240 of
-    /// CiA 301, 7.5.2.37), by the drives of a bus as far as that may be in different ones.
+    /// Returns the values that the drive has in its own data sheet: the transmission type (1 to 240 of CiA 301, 7.5.2.37) and the
+    /// SYNC start value of its truth. As far as possible, the drives of a bus publish it in different cycles.
     #[must_use]
     pub fn presets(&self) -> [Preset; 4] {
         let every_cycles = self.truth_every_cycles;

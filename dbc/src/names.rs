@@ -1,7 +1,7 @@
 //! The names of messages and signals that the bench itself reads or writes.
 //!
 //! A message is named by its node and its service, the terms of a law by controller and loop. Names are built here and looked up
-//! whole.
+//! as a whole.
 
 use crate::{Database, Message, SignalHandle, SignalMissing};
 
@@ -21,7 +21,7 @@ pub const SDO2_ANSWER: &str = "sdo2_answer";
 pub const TPDO1: &str = "tpdo1";
 /// Commands to a drive, outputs of an io node.
 pub const RPDO1: &str = "rpdo1";
-/// Signals of the plant of an emulated drive that stand before its true position.
+/// Signals of the plant of an emulated drive that come before its true position.
 pub const TPDO2: &str = "tpdo2";
 /// The other signals of that plant; a plant with two or fewer has no such message.
 pub const TPDO3: &str = "tpdo3";
@@ -31,7 +31,7 @@ pub const TRUTH: &str = "truth";
 pub const OF_CONTROLLER: [&str; 4] = [EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
 /// The messages of an io node.
 pub const OF_IO: [&str; 5] = [EMERGENCY, RPDO1, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
-/// The messages of a drive, those of an emulated one among them.
+/// Messages of a drive, including those of an emulated one.
 pub const OF_DRIVE: [&str; 11] = [
     EMERGENCY,
     TPDO1,
@@ -45,7 +45,7 @@ pub const OF_DRIVE: [&str; 11] = [
     TRUTH,
     HEARTBEAT,
 ];
-/// TPDOs that the terms of a law may take.
+/// Largest number of TPDOs for the terms of a law.
 pub const TERMS_MAX: usize = 4;
 /// SYNC.
 pub const SYNC: &str = "sync";
@@ -71,13 +71,14 @@ pub const ADDED_LOAD: &str = "added_load_grams";
 /// Temperature of the SMA actuator's wire.
 pub const WIRE_TEMPERATURE: &str = "wire_temperature_celsius";
 
-/// The name of a message of a node.
+/// Returns the name of a message of a node.
 #[must_use]
 pub fn message(node: &str, service: &str) -> String {
     format!("{node}_{service}")
 }
 
-/// The name of a message with terms of the law of a loop, by its place from 0; the loop's name is empty where it is the only one.
+/// Returns the name of a message with terms of the law of a loop, by its place from 0; the loop's name is empty if it is the only
+/// one.
 #[must_use]
 pub fn terms(controller: &str, loop_name: &str, place: usize) -> String {
     let number = place + 1;
@@ -87,7 +88,7 @@ pub fn terms(controller: &str, loop_name: &str, place: usize) -> String {
     }
 }
 
-/// The name of the message with the set-point of a loop; the loop's name is empty where it is the only one.
+/// Returns the name of the message with the set-point of a loop; the loop's name is empty if it is the only one.
 #[must_use]
 pub fn set_point(loop_name: &str) -> String {
     match loop_name {
@@ -97,21 +98,21 @@ pub fn set_point(loop_name: &str) -> String {
 }
 
 impl Database {
-    /// A signal of a message, both by name.
+    /// Returns a signal of a message, both by name.
     ///
     /// # Errors
-    /// It is not there.
+    /// The signal does not exist.
     pub fn signal_of(&self, message: &str, signal: &str) -> Result<SignalHandle, SignalMissing> {
         self.require(&format!("{message}.{signal}"))
     }
 
-    /// The messages in which a drive publishes its plant's own signals.
+    /// Returns the messages in which a drive publishes its plant's own signals.
     pub fn plant_messages(&self, drive: &str) -> impl Iterator<Item = &Message> {
         let names = [TPDO2, TPDO3].map(|service| message(drive, service));
         names.into_iter().filter_map(|name| self.message(&name))
     }
 
-    /// The messages with the terms of the law of a loop.
+    /// Returns the messages with the terms of the law of a loop.
     pub fn term_messages(
         &self,
         controller: &str,

@@ -1,4 +1,4 @@
-//! What the reader and the writer of DBC files agree on beyond the grammar.
+//! Conventions of the reader and the writer of DBC files beyond the grammar.
 
 /// Attribute with the full name of a signal whose DBC name had to stay within 32 characters.
 pub(crate) const LONG_NAME: &str = "SystemSignalLongSymbol";
@@ -6,25 +6,24 @@ pub(crate) const LONG_NAME: &str = "SystemSignalLongSymbol";
 pub(crate) const OBJECT: &str = "CanopenObject";
 /// Attribute with the cycle time of a message.
 pub(crate) const CYCLE_TIME: &str = "GenMsgCycleTime";
-/// Attribute of a message that exists in the file only: the message that its signal belongs to, in which the grammar has
-/// no room for it.
+/// Attribute of a message that exists in the file only: the message of its signal, in which the grammar has no room for it.
 pub(crate) const MESSAGE_OF_SIGNAL: &str = "MessageOfSignal";
 /// Attribute of such a signal: its place among the signals of its own message, from 0.
 pub(crate) const PLACE_IN_MESSAGE: &str = "PlaceInMessage";
 /// Attribute of such a signal: its start bit in its own message.
 pub(crate) const START_BIT_IN_MESSAGE: &str = "StartBitInMessage";
 
-/// A quotation mark within a text, as other readers of DBC files have it too.
+/// A quotation mark within a text, in the form of other readers of DBC files.
 const QUOTE: &str = "\\\"";
-/// A backslash within a text. It is no `\\`, since readers would take the second one and the end of the text for a [`QUOTE`].
+/// A backslash within a text. It is not `\\`, since readers would take the second one and the end of the text for a [`QUOTE`].
 const BACKSLASH: &str = "\\x5C";
 
-/// A text as it stands between quotation marks.
+/// Returns a text in the form between quotation marks.
 pub(crate) fn escaped(text: &str) -> String {
     text.replace('\\', BACKSLASH).replace('"', QUOTE)
 }
 
-/// The text that stands between quotation marks; a backslash that begins no escape is itself.
+/// Returns the text of the form between quotation marks; a backslash that begins no escape is itself.
 pub(crate) fn unescaped(text: &str) -> String {
     text.replace(QUOTE, "\"").replace(BACKSLASH, "\\")
 }

@@ -1,4 +1,4 @@
-//! From a DBC file to a database.
+//! Reader of DBC files.
 
 use can_dbc::{
     AttributeValue, Dbc, MessageId, MultiplexIndicator, NumericValue, SignalExtendedValueType,
@@ -14,15 +14,15 @@ use crate::notation::{
 
 /// Pseudo-message in which Vector's tools keep signals that belong to no message.
 const UNUSED_SIGNALS: &str = "VECTOR__INDEPENDENT_SIG_MSG";
-/// Characters of a line that an error quotes.
+/// Largest number of characters of a line that an error quotes.
 const QUOTED_CHARACTERS_MAX: usize = 200;
 
 impl Database {
     /// Longest text that is parsed.
     pub const TEXT_BYTES_MAX: usize = 1 << 20;
 
-    /// Reads a DBC file. Overlapping signals, multiplexed signals, and payloads beyond 8 bytes are refused. What
-    /// [`Database::to_dbc`] says by attributes and escapes is understood.
+    /// Reads a DBC file. Overlapping signals, multiplexed signals, and payloads beyond 8 bytes are refused. The attributes and
+    /// escapes of [`Database::to_dbc`] are understood.
     ///
     /// # Errors
     /// [`DbcError`] names the message and signal.
@@ -51,7 +51,7 @@ impl Database {
     }
 }
 
-/// An error that quotes the text, in which a line may be long.
+/// Shortens the lines of an error that quotes the text, in which a line may be long.
 fn with_short_lines(error: &str) -> String {
     let lines = error.lines().map(|line| {
         let cut = line.char_indices().nth(QUOTED_CHARACTERS_MAX);
@@ -60,7 +60,7 @@ fn with_short_lines(error: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// A message with its signals.
+/// Reads a message with its signals.
 fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcError> {
     if matches!(message.id, MessageId::Standard(id) if id > 0x7FF) {
         return Err(DbcError::Identifier {
@@ -97,7 +97,7 @@ fn read_message(dbc: &Dbc, message: &can_dbc::Message) -> Result<Message, DbcErr
     })
 }
 
-/// The message that a message's signals belong to, if it is not itself.
+/// Returns the message that the signals of this message belong to, if it is another one.
 fn message_of_signals(dbc: &Dbc, message: &can_dbc::Message) -> Option<String> {
     match dbc.message_attribute(message.id, MESSAGE_OF_SIGNAL) {
         Some(AttributeValue::String(name)) if !name.is_empty() => Some(unescaped(name)),
@@ -112,7 +112,7 @@ struct Unplaced {
     signal: Signal,
 }
 
-/// The signals of a message that exists in the file only.
+/// Reads the signals of a message that exists in the file only.
 fn read_unplaced(
     dbc: &Dbc,
     message: &can_dbc::Message,
@@ -197,7 +197,7 @@ fn refuse_overlap(message: &str, signals: &[Signal]) -> Result<(), DbcError> {
     Ok(())
 }
 
-/// A signal with its labels and attributes.
+/// Reads a signal with its labels and attributes.
 fn read_signal(
     dbc: &Dbc,
     message: &can_dbc::Message,
@@ -242,7 +242,7 @@ fn read_signal(
     })
 }
 
-/// Bits and scaling of a signal, not yet checked.
+/// Reads bits and scaling of a signal, without checks.
 fn read_coding(
     signal: &can_dbc::Signal,
     extended_type: Option<&SignalExtendedValueType>,
@@ -273,7 +273,7 @@ fn read_coding(
     })
 }
 
-/// A limit as a float.
+/// Returns a limit as a float.
 fn number(value: NumericValue) -> f64 {
     match value {
         NumericValue::Uint(value) => value as f64,
@@ -286,7 +286,7 @@ fn number(value: NumericValue) -> f64 {
 mod tests {
     use super::*;
 
-    /// A file with these messages and, behind them, these lines.
+    /// Parses a file with these messages and, after them, these lines.
     fn parse(messages: &str) -> Result<Database, DbcError> {
         Database::parse(&format!("VERSION \"\"\n\nBS_:\n\nBU_: a b\n\n{messages}\n"))
     }

@@ -9,7 +9,7 @@ use canopen::{CanFrame, Filter};
 /// COB-ID of the SYNC (CiA 301, default of 0x1005).
 pub const SYNC_COB_ID: u16 = 0x080;
 
-/// The drive's state in which current flows, as the DBC's value table has it.
+/// Label, in the DBC's value table, of the drive's state in which current flows.
 const OPERATION_ENABLED: &str = "operation enabled";
 
 /// Watches the bus for scenario time 0: the first SYNC at which the latest statusword of every drive is Operation Enabled.
@@ -27,7 +27,7 @@ struct Drive {
 }
 
 impl ScenarioClock {
-    /// A clock that has not begun, on a bus with these drives.
+    /// Makes a clock that has not begun, on a bus with these drives.
     ///
     /// # Errors
     /// The database has no statusword of a drive.
@@ -55,20 +55,20 @@ impl ScenarioClock {
         })
     }
 
-    /// The frames that it must receive.
+    /// Returns the frames that it must receive.
     pub fn filters(&self) -> impl Iterator<Item = Filter> {
         let sync = Filter::exact(SYNC_COB_ID);
         [sync].into_iter().chain(self.silent_filters())
     }
 
-    /// Those of them from which nothing follows before the next SYNC.
+    /// Returns those of these frames that have no effect before the next SYNC.
     pub fn silent_filters(&self) -> impl Iterator<Item = Filter> {
         let mask = Filter::exact(0).mask;
         let statuswords = self.drives.iter().map(|drive| drive.statusword.raw_id());
         statuswords.map(move |id| Filter { id, mask })
     }
 
-    /// Reads every frame of the bus, in order; `true` when it is a SYNC of the scenario.
+    /// Reads every frame of the bus, in order; `true` for a SYNC of the scenario.
     #[inline]
     pub fn on_frame(&mut self, time: Duration, frame: &CanFrame) -> bool {
         let is_sync = frame.standard_id() == Some(SYNC_COB_ID);
@@ -78,7 +78,7 @@ impl ScenarioClock {
         is_sync && self.zero.is_some()
     }
 
-    /// Before scenario time 0.
+    /// Reads a frame before scenario time 0.
     fn look(&mut self, time: Duration, frame: &CanFrame, is_sync: bool) {
         if is_sync && self.drives.iter().all(|drive| drive.is_enabled) {
             self.zero = Some(time);
@@ -92,13 +92,13 @@ impl ScenarioClock {
         }
     }
 
-    /// When scenario time began, on the clock of the frames.
+    /// Returns the start of scenario time, on the clock of the frames.
     #[must_use]
     pub fn zero(&self) -> Option<Duration> {
         self.zero
     }
 
-    /// Scenario time at a time of the frames' clock; `None` before it began.
+    /// Returns scenario time at a time of the frames' clock; `None` before it began.
     #[must_use]
     #[inline]
     pub fn scenario_time(&self, time: Duration) -> Option<Duration> {

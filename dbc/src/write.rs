@@ -1,4 +1,4 @@
-//! From a database to a DBC file.
+//! Writer of DBC files.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -18,10 +18,10 @@ const HEAD: &str = "VERSION \"\"\n\n\nNS_ :\n\tNS_DESC_\n\tCM_\n\tBA_DEF_\n\tBA_
     \tBA_DEF_DEF_\n\tEV_DATA_\n\tENVVAR_DATA_\n\tSGTYPE_\n\tSGTYPE_VAL_\n\tBA_DEF_SGTYPE_\n\tBA_SGTYPE_\n\
     \tSIG_TYPE_REF_\n\tVAL_TABLE_\n\tSIG_GROUP_\n\tSIG_VALTYPE_\n\tSIGTYPE_VALTYPE_\n\tBO_TX_BU_\n\tBA_DEF_REL_\n\
     \tBA_REL_\n\tBA_SGTYPE_REL_\n\tSG_MUL_VAL_\n\nBS_:\n\n";
-/// What a reader of the file cannot know.
+/// Remark for readers of the file.
 const COMMENT: &str = "Written by canrig. No frame carries a message with the attribute MessageOfSignal, which \
      holds a signal that is in no payload of that message.";
-/// In place of a node where there is none.
+/// Name in the place of a missing node.
 const NO_NODE: &str = "Vector__XXX";
 /// Longest name of a signal.
 const NAME_CHARACTERS_MAX: usize = 32;
@@ -31,15 +31,16 @@ const IDENTIFIER_MAX: u32 = EXTENDED_FLAG | 0x1FFF_FFFF;
 const PAYLOAD_BYTES_MAX: u8 = 8;
 
 impl Database {
-    /// The database as a DBC file, in UTF-8: [`Database::parse`] reads an equal one from it. Messages are in the order of
+    /// Writes the database as a DBC file, in UTF-8: [`Database::parse`] reads an equal one from it. Messages are in the order of
     /// their identifiers.
     ///
-    /// What the grammar cannot say stands in attributes. Each signal that does not fit its message's payload or shares bits with
-    /// another is in the file in a message of its own, under a free 29-bit identifier. A name that is no DBC name of at most 32 characters gets a short one beside it. In texts `"` is written as
-    /// `\"`, which other readers understand, and `\` as `\x5C`, which they do not.
+    /// Attributes hold the facts that the grammar cannot express. Each signal that does not fit its message's payload, or shares
+    /// bits with another, is in the file in a message of its own, under a free 29-bit identifier. A name that is no DBC name of
+    /// at most 32 characters gets a short one beside it. In texts `"` is written as `\"`, which other readers understand, and `\`
+    /// as `\x5C`, which they do not.
     ///
-    /// Nobody can say in a DBC, and [`Database::parse`] reads otherwise or refuses: a signal without a name, two of one
-    /// name in a message, a range from 0 to 0 (which is none), a number that is not finite, a factor of 0, an identifier
+    /// A DBC cannot express the following, which [`Database::parse`] reads otherwise or refuses: a signal without a name, two of
+    /// the same name in a message, a range from 0 to 0 (which is none), a number that is not finite, a factor of 0, an identifier
     /// above 0x7FF without the flag for 29 bits, a payload beyond 8 bytes, a text beyond [`Database::TEXT_BYTES_MAX`].
     #[must_use]
     pub fn to_dbc(&self) -> String {
@@ -64,11 +65,11 @@ struct Entry<'a> {
     origin: Origin<'a>,
 }
 
-/// What a message of the file is.
+/// Origin of a message of the file.
 enum Origin<'a> {
-    /// One of the bus.
+    /// A message of the bus.
     Bus,
-    /// The signal of another message, with its place and start bit there.
+    /// A signal of another message, with its place and start bit there.
     Unplaced {
         message: &'a str,
         place: usize,
@@ -109,13 +110,13 @@ impl<'a> File<'a> {
         Self { messages: entries }
     }
 
-    /// All signals, each with its message.
+    /// Returns all signals, each with its message.
     fn lines(&self) -> impl Iterator<Item = (&Entry<'a>, &Line<'a>)> {
         let messages = self.messages.iter();
         messages.flat_map(|entry| entry.signals.iter().map(move |line| (entry, line)))
     }
 
-    /// Senders and receivers in the order in which they appear.
+    /// Returns senders and receivers in the order in which they appear.
     fn nodes(&self) -> Vec<&'a str> {
         let mut nodes = Vec::new();
         for entry in &self.messages {
@@ -154,7 +155,7 @@ impl<'a> Entry<'a> {
         }
     }
 
-    /// A message for one signal, which begins with the first bit.
+    /// Makes a message for one signal, which begins with the first bit.
     fn with_signal(message: &'a Message, place: usize, signal: &'a Signal, name: String) -> Self {
         let start_bit = match signal.coding.byte_order {
             ByteOrder::LittleEndian => 0,
@@ -179,7 +180,7 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// The signals of a message that have bits of their own in its payload, and the others with their places.
+/// Divides the signals of a message into those that have bits of their own in its payload, and the others with their places.
 fn placed_and_unplaced(message: &Message) -> (Vec<&Signal>, Vec<(usize, &Signal)>) {
     let mut taken_bits = 0;
     let (mut placed, mut unplaced) = (Vec::new(), Vec::new());
@@ -196,8 +197,8 @@ fn placed_and_unplaced(message: &Message) -> (Vec<&Signal>, Vec<(usize, &Signal)
     (placed, unplaced)
 }
 
-/// Gives what no frame carries the highest identifiers whose numbers nobody else has, with or without the flag for 29
-/// bits, since some readers do not look at it.
+/// Gives messages that no frame carries the highest identifiers whose numbers no other message has, with or without the flag for
+/// 29 bits, since some readers ignore it.
 fn give_identifiers(messages: &[Message], entries: &mut [Entry<'_>]) {
     let taken = messages
         .iter()
@@ -212,7 +213,7 @@ fn give_identifiers(messages: &[Message], entries: &mut [Entry<'_>]) {
     }
 }
 
-/// A name for each signal that the grammar admits and no other signal of the message has.
+/// Returns for each signal a name that the grammar admits and that no other signal of the message has.
 fn short_names(signals: &[&Signal]) -> Vec<String> {
     let names = signals.iter().map(|signal| signal.name.as_str());
     let mut taken: BTreeSet<_> = names
@@ -232,7 +233,7 @@ fn short_names(signals: &[&Signal]) -> Vec<String> {
     signals.iter().map(short_name).collect()
 }
 
-/// Whether a signal can have this name in the file.
+/// Checks whether a signal can have this name in the file.
 fn is_dbc_name(name: &str) -> bool {
     let is_part = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_';
     name.len() <= NAME_CHARACTERS_MAX
@@ -240,7 +241,7 @@ fn is_dbc_name(name: &str) -> bool {
         && name.starts_with(|first: char| !first.is_ascii_digit())
 }
 
-/// The beginning of a name, made admissible; from the second on with a number at its end.
+/// Returns the beginning of a name, made admissible; from the second one on with a number at its end.
 fn shortened(name: &str, number: u32) -> String {
     let ending = if number > 1 {
         format!("_{number}")
@@ -414,7 +415,7 @@ impl Line<'_> {
     }
 }
 
-/// The message and its signals.
+/// Writes the message and its signals.
 impl Display for Entry<'_> {
     fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
         let sender = self.sender.unwrap_or(NO_NODE);
@@ -426,7 +427,7 @@ impl Display for Entry<'_> {
     }
 }
 
-/// The bits of a signal, its numbers, its unit and its receivers.
+/// Writes the bits of a signal, its numbers, its unit and its receivers.
 impl Display for Line<'_> {
     fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
         let Coding {
@@ -459,7 +460,7 @@ impl Display for Line<'_> {
     }
 }
 
-/// A text between quotation marks.
+/// Text between quotation marks.
 struct Quoted<'a>(&'a str);
 
 impl Display for Quoted<'_> {
@@ -468,7 +469,7 @@ impl Display for Quoted<'_> {
     }
 }
 
-/// A number by the fewest digits that no other number has.
+/// Number, written with the fewest digits that no other number has.
 struct Number(f64);
 
 impl Display for Number {

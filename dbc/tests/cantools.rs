@@ -1,6 +1,5 @@
-//! The same numbers as cantools, an independent implementation; `data/cantools_vectors.py` wrote the table. It reads
-//! files of [`Database::to_dbc`] too: those in `data/written`, which `UPDATE_SNAPSHOTS=1 cargo test -p dbc --test cantools`
-//! writes.
+//! Comparison with cantools, an independent implementation; `data/cantools_vectors.py` wrote the table. cantools also reads files
+//! of [`Database::to_dbc`]: those in `data/written`, which `UPDATE_SNAPSHOTS=1 cargo test -p dbc --test cantools` writes.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -15,7 +14,7 @@ use dbc::{Coding, Composer, Database, ExternalFrames, Kind, LawTerm, PlantSignal
 const VECTORS: &str = include_str!("data/cantools_vectors.csv");
 const BYTE_ORDERS: &str = include_str!("data/byte_orders.dbc");
 
-/// One frame of the table with the values of its signals.
+/// Frame of the table with the values of its signals.
 #[derive(Default)]
 struct Vector<'a> {
     message: &'a str,
@@ -23,7 +22,7 @@ struct Vector<'a> {
     values: Vec<(&'a str, f64)>,
 }
 
-/// The databases whose files cantools has read.
+/// Returns the databases whose files cantools has read.
 fn written() -> [(&'static str, Database); 4] {
     let shipped = Database::shipped();
     [
@@ -63,7 +62,7 @@ fn with_dc_motor() -> Database {
     composed(&signals, &[])
 }
 
-/// The shipped rig with this plant and this law.
+/// Returns the shipped rig with this plant and this law.
 fn composed(plant: &[PlantSignal], terms: &[LawTerm]) -> Database {
     Composer::new("controller", 1)
         .with_drive(("drive", 0x10), Some(plant), None, None)
@@ -72,7 +71,7 @@ fn composed(plant: &[PlantSignal], terms: &[LawTerm]) -> Database {
         .finish()
 }
 
-/// Names that are beyond what a DBC allows, and the same within it.
+/// Returns names that a DBC does not allow, and the same within its limits.
 fn own_terms() -> Vec<LawTerm> {
     let names = [
         "derivative_part_of_the_current_amperes_squared",
@@ -94,7 +93,7 @@ fn own_terms() -> Vec<LawTerm> {
     names.map(term).to_vec()
 }
 
-/// A drive that is not the emulator: other identifiers, another layout and scale, no current, no truth.
+/// Returns a drive that is not the emulator: other identifiers, another layout and scale, no current, no truth.
 fn of_rig() -> Database {
     let feedback = |signal: &Signal| match &signal.name[..] {
         "position_millimetres" => Coding::integer(0, 24, Kind::Signed, -12.5, 5000.0),
@@ -124,7 +123,7 @@ fn databases() -> BTreeMap<&'static str, Database> {
     parsed.into_iter().chain(written()).collect()
 }
 
-/// By file, direction and frame.
+/// Reads the table: frames by file, direction and frame text.
 fn vectors() -> BTreeMap<[&'static str; 3], Vector<'static>> {
     let mut vectors: BTreeMap<_, Vector<'_>> = BTreeMap::new();
     for line in VECTORS.lines().skip(1) {
@@ -140,7 +139,7 @@ fn vectors() -> BTreeMap<[&'static str; 3], Vector<'static>> {
     vectors
 }
 
-/// A frame in candump's notation.
+/// Returns a frame from candump's notation.
 fn frame(text: &str) -> CanFrame {
     let (id, data) = text.split_once('#').unwrap();
     let flag = if id.len() == 8 { EXTENDED_FLAG } else { 0 };
@@ -152,7 +151,7 @@ fn frame(text: &str) -> CanFrame {
     CanFrame::from_raw(id, u8::try_from(data.len() / 2).unwrap(), payload).unwrap()
 }
 
-/// Equal but for the last places, since cantools multiplies where this crate divides.
+/// Compares up to the last places, since cantools multiplies where this crate divides.
 fn is_same(ours: f64, theirs: f64) -> bool {
     ours == theirs
         || ours.is_nan() && theirs.is_nan()

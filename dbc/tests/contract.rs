@@ -9,15 +9,15 @@ use canopen::eds::{self, Eds};
 use canopen::object_dictionary::{Access, DataType, Entry};
 use dbc::{ByteOrder, CONTROLLER_EDS, DISTURBANCE_EDS, DRIVE_EDS, Database, Kind, Message, Signal};
 
-/// A node: its name in the DBC, its node-ID and its EDS.
+/// Nodes: name in the DBC, node-ID and EDS of each.
 const NODES: [(&str, u8, &str); 3] = [
     ("controller", 0x01, CONTROLLER_EDS),
     ("drive", 0x10, DRIVE_EDS),
     ("disturbance", 0x11, DISTURBANCE_EDS),
 ];
 
-/// What each mapped object counts, by the words of the EDS: object, name in the EDS, DBC signal (its beginning where
-/// the object is split into bits), physical value per count, unit.
+/// Count of each mapped object, from the text of the EDS: object, name in the EDS, DBC signal (its beginning if the object is
+/// split into bits), physical value per count, unit.
 const OBJECTS: [(&str, &str, &str, f64, &str); 19] = [
     (
         "0x2101:00",
@@ -129,7 +129,7 @@ const OBJECTS: [(&str, &str, &str, f64, &str); 19] = [
     ),
     ("0x6411:02", "Added load", "added_load_grams", 0.1, "g"),
 ];
-/// Period of SYNC where a scenario gives no other; the controller writes it to 0x1006 when it leads.
+/// Period of SYNC unless a scenario gives another; the controller writes it to 0x1006 when it leads.
 const SYNC_PERIOD_MICROSECONDS: i128 = 1000;
 
 /// A PDO as the object dictionary describes it by default.
@@ -152,7 +152,7 @@ fn integer(dictionary: &ObjectDictionary, index: u16, sub_index: u8) -> i128 {
         .unwrap_or_else(|| panic!("{index:#06x}:{sub_index:02x} is missing"))
 }
 
-/// The identifier in a COB-ID.
+/// Returns the identifier in a COB-ID.
 fn identifier(dictionary: &ObjectDictionary, index: u16, sub_index: u8) -> u32 {
     u32::try_from(integer(dictionary, index, sub_index) & 0x1FFF_FFFF).unwrap()
 }
@@ -189,7 +189,7 @@ fn entry(dictionary: &ObjectDictionary, index: u16, sub_index: u8) -> &Entry {
     dictionary.entry(dictionary.find(index, sub_index).unwrap())
 }
 
-/// Lowest and highest count of an object.
+/// Returns the lowest and highest count of an object.
 fn limits(entry: &Entry) -> Option<(f64, f64)> {
     let bits = 8 * entry.data_type.size_bytes()?;
     let (low, high): (i128, i128) = match entry.data_type {
@@ -202,7 +202,7 @@ fn limits(entry: &Entry) -> Option<(f64, f64)> {
     Some((low as f64, high as f64))
 }
 
-/// Signals that stand for a whole object: type, scale, range, unit and name follow from the object.
+/// Checks a signal that is a whole object: type, scale, range, unit and name follow from the object.
 fn check_whole(signal: &Signal, entry: &Entry, factor: f64) {
     let kind = match entry.data_type {
         DataType::Real32 => Kind::Float32,
@@ -218,7 +218,7 @@ fn check_whole(signal: &Signal, entry: &Entry, factor: f64) {
     assert!(is_near(range.maximum, high), "{} to {high}", signal.name);
 }
 
-/// Signals that share an object: plain bits.
+/// Checks a signal that shares an object with others: plain bits.
 fn check_part(signal: &Signal) {
     let coding = signal.coding;
     assert_eq!(coding.kind, Kind::Unsigned, "{}", signal.name);
@@ -232,7 +232,7 @@ fn check_part(signal: &Signal) {
     );
 }
 
-/// Holds the signals of one message to one mapped object at its place in the payload.
+/// Compares the signals of one message with one mapped object at its place in the payload.
 fn check_object(message: &Message, entry: &Entry, first_bit: u32, bits: u8) {
     let object = format!("{:#06X}:{:02X}", entry.index, entry.sub_index).replace("0X", "0x");
     let (_, name, signal_name, factor, unit) = OBJECTS
@@ -267,7 +267,7 @@ fn check_object(message: &Message, entry: &Entry, first_bit: u32, bits: u8) {
     }
 }
 
-/// Cycle time by transmission type (CiA 301, table 72).
+/// Returns the cycle time of a transmission type (CiA 301, table 72).
 fn cycle_time_milliseconds(transmission_type: i128, sync_period_microseconds: i128) -> u64 {
     match transmission_type {
         1..=240 => u64::try_from(transmission_type * sync_period_microseconds / 1000).unwrap(),
@@ -320,7 +320,7 @@ fn every_pdo_is_laid_out_as_its_default_mapping_says() {
 #[test]
 fn the_frames_are_those_of_the_nodes_and_no_others() {
     let database = Database::shipped();
-    // The truth is no node's: outside what CiA 301 predefines.
+    // The truth belongs to no node: its identifier is none that CiA 301 predefines.
     let mut expected = BTreeSet::from([
         (0x000, "nmt_command".to_owned(), 2),
         (0x6B0, "drive_truth".to_owned(), 8),

@@ -1,4 +1,4 @@
-//! What holds for every signal, every payload and every text.
+//! Properties of every signal, every payload and every text.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -12,7 +12,7 @@ use dbc::{
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// All signals of the rig and of a file with big-endian, extended and 64-bit messages.
+/// Returns all signals of the rig, and of a file with big-endian, extended and 64-bit messages.
 fn signals() -> Vec<Signal> {
     let orders = Database::parse(include_str!("data/byte_orders.dbc")).unwrap();
     let databases = [Database::shipped(), &orders];
@@ -22,7 +22,7 @@ fn signals() -> Vec<Signal> {
         .collect()
 }
 
-/// A float that is as often huge, tiny or not a number as it is ordinary.
+/// Returns a float that is as often huge, tiny or not a number as it is ordinary.
 fn any_value() -> impl Strategy<Value = f64> {
     prop_oneof![
         any::<f64>(),
@@ -31,12 +31,12 @@ fn any_value() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// A unit or a comment.
+/// Returns a unit or a comment.
 fn any_text() -> impl Strategy<Value = String> {
     prop_oneof!["[ -~\n]{0,40}", "\\PC{0,20}", any::<String>()]
 }
 
-/// Different names as scenarios have them.
+/// Returns different names of the form that scenarios use.
 fn names() -> impl Strategy<Value = BTreeSet<String>> {
     prop::collection::btree_set("[a-z][a-z0-9_]{0,63}", 0..=6)
 }
@@ -88,7 +88,7 @@ fn law_terms() -> impl Strategy<Value = Vec<LawTerm>> {
     })
 }
 
-/// A layout that a drive may have, or none.
+/// Returns a layout that a drive may have, or an absent one.
 fn any_coding() -> impl Strategy<Value = Coding> {
     let kind = select(vec![Kind::Unsigned, Kind::Signed]);
     let units = prop_oneof![-1e9..-1e-6_f64, 1e-6..1e9_f64];
@@ -108,7 +108,7 @@ fn any_coding() -> impl Strategy<Value = Coding> {
     )
 }
 
-/// A rig with one drive, emulated or with a layout of its own.
+/// Returns a rig with one drive, emulated or with a layout of its own.
 fn rig(
     plant: Option<&[PlantSignal]>,
     terms: &[LawTerm],
@@ -141,7 +141,7 @@ proptest! {
         codings in prop::collection::vec(any_coding(), 1..12),
     ) {
         let database = rig(plant.as_deref(), &terms, (identifiers, lengths), &codings);
-        // Two with the same identifier are refused before they are written.
+        // Two messages with the same identifier are refused before they are written.
         prop_assume!(database.refuse_duplicates().is_ok());
         let text = database.to_dbc();
         prop_assert_eq!(Database::parse(&text), Ok(database), "{}", text);

@@ -1,4 +1,4 @@
-//! What a device's application hears and decides.
+//! The application of a device: its events and its decisions.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::pdo::WaitingPdo;
 use crate::services::Services;
 use crate::sync::Sync;
 
-/// Communication that the device relied on and that is gone.
+/// Loss of communication on which the device relied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommunicationLoss {
     /// A watched node's heartbeat did not come in its time (0x1016), or the node booted.
@@ -25,7 +25,7 @@ pub enum CommunicationLoss {
 }
 
 impl CommunicationLoss {
-    /// The error to raise, with its source; none for bus-off, since nobody would hear it.
+    /// Returns the error to raise, with its source; `None` for bus-off, since the bus would not carry the message.
     pub(crate) fn error(self) -> Option<(ErrorCode, u16)> {
         match self {
             Self::Heartbeat(node_id) => Some((ErrorCode::HEARTBEAT, u16::from(node_id.get()))),
@@ -38,9 +38,9 @@ impl CommunicationLoss {
 
 /// The part of a device that is no CANopen service. Every function has a default that does nothing.
 ///
-/// All calls come from within the device's `on_frame`, `on_tick` and `on_stop`, with `services.now()` as the time. At a
-/// SYNC the order is: waiting RPDO data become valid ([`Application::on_rpdo`] for each), [`Application::on_sync`]
-/// samples and applies, then the TPDOs of this SYNC are packed.
+/// All calls come from within the device's `on_frame`, `on_tick` and `on_stop`, with `services.now()` as the time. At a SYNC the
+/// order is: waiting RPDO data become valid ([`Application::on_rpdo`] for each), [`Application::on_sync`] samples and applies,
+/// then the TPDOs of this SYNC are packed.
 pub trait Application {
     /// The dictionary has its defaults again (power-on, NMT reset); the boot-up message follows, then
     /// [`Application::on_nmt_state`]. `reset` is [`NmtCommand::ResetNode`] also at power-on. A drive that was Operational
@@ -64,8 +64,8 @@ pub trait Application {
         let _ = (services, number);
     }
 
-    /// A synchronous RPDO has arrived and waits for the next SYNC. What takes energy away (a controlword that disables
-    /// or asks for quick stop) must be obeyed here; everything else must wait.
+    /// A synchronous RPDO has arrived and waits for the next SYNC. Orders that take energy away (a controlword that disables or
+    /// asks for quick stop) must be obeyed here; everything else must wait.
     fn on_waiting_rpdo(&mut self, services: &mut Services, waiting: &WaitingPdo) {
         let _ = (services, waiting);
     }
@@ -126,7 +126,7 @@ pub trait Application {
         let _ = services;
     }
 
-    /// When the application wants its next tick.
+    /// Returns the time at which the application wants its next tick.
     fn next_deadline(&self) -> Option<Duration> {
         None
     }
@@ -136,7 +136,7 @@ pub trait Application {
         let _ = services;
     }
 
-    /// How far the application is; by default stopped as soon as that was asked for.
+    /// Returns the progress of the application; by default it stops as soon as it is asked to.
     fn progress(&self, is_stop_asked: bool) -> Progress {
         if is_stop_asked {
             Progress::Stopped

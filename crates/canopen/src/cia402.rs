@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 
-/// Object 0x6007: what to do when communication is lost.
+/// Object 0x6007: reaction to the loss of communication.
 pub const ABORT_CONNECTION_OPTION_CODE: u16 = 0x6007;
 /// Object 0x6040.
 pub const CONTROLWORD: u16 = 0x6040;
@@ -28,7 +28,7 @@ pub const FAULT_REACTION_OPTION_CODE: u16 = 0x605E;
 pub const MODES_OF_OPERATION: u16 = 0x6060;
 /// Object 0x6061.
 pub const MODES_OF_OPERATION_DISPLAY: u16 = 0x6061;
-/// Object 0x6502: bit n - 1 stands for mode n.
+/// Object 0x6502: bit n - 1 represents mode n.
 pub const SUPPORTED_DRIVE_MODES: u16 = 0x6502;
 
 /// Mode of operation 10: cyclic synchronous torque.
@@ -49,7 +49,7 @@ pub enum State {
 }
 
 impl State {
-    /// Bits 0 to 3, 5 and 6 of the statusword (CiA 402-2, table 30).
+    /// Returns bits 0 to 3, 5 and 6 of the statusword (CiA 402-2, table 30).
     fn status_bits(self) -> u16 {
         match self {
             Self::NotReadyToSwitchOn => 0x00,
@@ -63,7 +63,7 @@ impl State {
         }
     }
 
-    /// The state in a statusword; `None` for a pattern that the standard does not know.
+    /// Returns the state in a statusword; `None` for a pattern that the standard does not know.
     #[must_use]
     pub fn from_statusword(statusword: u16) -> Option<Self> {
         Some(match (statusword & 0x4F, statusword & 0x20 != 0) {
@@ -79,8 +79,8 @@ impl State {
         })
     }
 
-    /// The controlword that brings a drive in this state one step nearer to Operation enabled. A fault is reset,
-    /// which takes a rising edge of bit 7.
+    /// Returns the controlword that brings a drive in this state one step nearer to Operation enabled. It resets a fault, which
+    /// takes a rising edge of bit 7.
     #[must_use]
     pub fn controlword_towards_operation(self) -> u16 {
         match self {
@@ -107,7 +107,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// The command in bits 0 to 3; fault reset is an edge and found by [`StateMachine::on_controlword`].
+    /// Returns the command in bits 0 to 3; fault reset is an edge, which [`StateMachine::on_controlword`] finds.
     #[must_use]
     pub fn decode(controlword: u16) -> Self {
         match controlword & 0x0F {
@@ -119,7 +119,7 @@ impl Command {
         }
     }
 
-    /// The controlword that gives the command.
+    /// Returns the controlword that gives the command.
     #[must_use]
     pub fn controlword(self) -> u16 {
         match self {
@@ -155,7 +155,7 @@ impl Default for OptionCodes {
 }
 
 impl OptionCodes {
-    /// The codes of a dictionary; the standard's defaults where it has none.
+    /// Reads the codes of a dictionary; the standard's defaults if it has none.
     #[must_use]
     pub fn read(dictionary: &ObjectDictionary) -> Self {
         let get = |index, default| {
@@ -169,8 +169,8 @@ impl OptionCodes {
         }
     }
 
-    /// Whether an option code may be written. 0x6007 = 0 ("no action") is refused: without its manager the drive must
-    /// not go on heating. Every ramp of the standard is accepted, since each is the same step to 0 here.
+    /// Checks whether an option code may be written. 0x6007 = 0 ("no action") is refused: without its manager the drive must not
+    /// keep heating. Every ramp of the standard is accepted, since each is the same step to 0 here.
     ///
     /// # Errors
     /// [`AbortCode::INVALID_VALUE`].
@@ -191,7 +191,7 @@ impl OptionCodes {
     }
 }
 
-/// Whether a mode of operation may be chosen: one that 0x6502 names, or 0 for none.
+/// Checks whether a mode of operation may be chosen: one that 0x6502 names, or 0 for none.
 ///
 /// # Errors
 /// [`AbortCode::INVALID_VALUE`].
@@ -208,12 +208,12 @@ pub fn check_mode(mode: i8, supported_drive_modes: u32) -> Result<(), AbortCode>
     }
 }
 
-/// What the statusword says beside the state (CiA 402-2, table 29).
+/// Bits of the statusword besides the state (CiA 402-2, table 29).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// Bit 4: the power stage has its supply.
     pub is_voltage_enabled: bool,
-    /// Bit 7: something is near its limit.
+    /// Bit 7: a value is near its limit.
     pub has_warning: bool,
     /// Bit 9: the controlword is obeyed; false while the node is not Operational.
     pub is_remote: bool,
@@ -239,7 +239,7 @@ impl Default for StateMachine {
 }
 
 impl StateMachine {
-    /// A machine after transitions 0 and 1: self-test and initialisation need no time here.
+    /// Makes a machine after transitions 0 and 1: self-test and initialisation need no time here.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -248,13 +248,13 @@ impl StateMachine {
         }
     }
 
-    /// The state.
+    /// Returns the state.
     #[must_use]
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// True when the drive may follow its target: Operation enabled and no halt.
+    /// Checks whether the drive may follow its target: Operation enabled and no halt.
     #[must_use]
     pub fn is_current_allowed(&self) -> bool {
         self.state == State::OperationEnabled && self.controlword & HALT_BIT == 0
@@ -278,7 +278,7 @@ impl StateMachine {
         self.obey(Command::decode(controlword), codes);
     }
 
-    /// Obeys at once what takes energy away in a controlword that waits for its SYNC; the rest waits.
+    /// Obeys at once the orders that take energy away in a controlword that waits for its SYNC; the rest waits.
     pub fn on_waiting_controlword(&mut self, controlword: u16, codes: &OptionCodes) {
         let command = Command::decode(controlword);
         if self.state == State::OperationEnabled && command != Command::EnableOperation {
@@ -309,7 +309,7 @@ impl StateMachine {
         is_enabled
     }
 
-    /// The statusword 0x6041.
+    /// Returns the statusword 0x6041.
     #[must_use]
     pub fn statusword(&self, status: &Status) -> u16 {
         let follows_target = status.mode == CYCLIC_SYNCHRONOUS_TORQUE && self.is_current_allowed();
@@ -351,13 +351,13 @@ impl StateMachine {
     }
 }
 
-/// True when the quick stop option code keeps the drive in Quick stop active.
+/// Checks whether the quick stop option code keeps the drive in Quick stop active.
 fn stays(codes: &OptionCodes) -> bool {
     matches!(codes.quick_stop, 5..=8)
 }
 
-/// Limits a target torque by 0x6072 maximum torque and 0x6073 maximum current, all in permille of the rated values
-/// (0x6075, 0x6076). True when the limit cuts.
+/// Limits a target torque by 0x6072 maximum torque and 0x6073 maximum current, all in permille of the rated values (0x6075,
+/// 0x6076). The flag is true if the limit cuts.
 #[must_use]
 pub fn limit_torque(target: i16, torque_max: u16, current_max: u16) -> (i16, bool) {
     let limit = i16::try_from(torque_max.min(current_max)).unwrap_or(i16::MAX);
@@ -365,8 +365,8 @@ pub fn limit_torque(target: i16, torque_max: u16, current_max: u16) -> (i16, boo
     (limited, limited != target)
 }
 
-/// The interpolation time period 0x60C2: `value` times ten to the power `exponent` seconds; `None` when it is 0 or
-/// below a nanosecond or beyond a thousand seconds.
+/// Returns the interpolation time period 0x60C2: `value` times ten to the power `exponent` seconds; `None` if it is 0, below a
+/// nanosecond or beyond a thousand seconds.
 #[must_use]
 pub fn interpolation_period(value: u8, exponent: i8) -> Option<Duration> {
     let nanoseconds_exponent = u32::try_from(i32::from(exponent) + 9).ok()?;

@@ -1,4 +1,4 @@
-//! COB-IDs as the dictionary holds them (CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.35) and the identifiers nobody may take.
+//! COB-IDs in the dictionary (CiA 301, 7.5.2.5, 7.5.2.15, 7.5.2.35), and the identifiers that no service may take.
 
 use crate::object_dictionary::{AbortCode, Entry, ObjectDictionary};
 
@@ -13,23 +13,23 @@ const EXTENDED: u32 = 0x2000_0000;
 pub(crate) struct CobId(pub(crate) u32);
 
 impl CobId {
-    /// The COB-ID in an object's bytes.
+    /// Reads the COB-ID in an object's bytes.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Result<Self, AbortCode> {
         let bytes = bytes.try_into().map_err(|_| AbortCode::LENGTH_MISMATCH)?;
         Ok(Self(u32::from_le_bytes(bytes)))
     }
 
-    /// Bit 31 clear: the PDO or the EMCY exists.
+    /// Checks bit 31: if it is clear, the PDO or the EMCY exists.
     pub(crate) fn is_valid(self) -> bool {
         self.0 & FLAG_31 == 0
     }
 
-    /// Bit 30: SYNC is produced here; a TPDO allows no remote frame.
+    /// Checks bit 30: SYNC is produced here; a TPDO allows no remote frame.
     pub(crate) fn flag_30(self) -> bool {
         self.0 & FLAG_30 != 0
     }
 
-    /// The identifier.
+    /// Returns the identifier.
     pub(crate) fn id(self) -> u16 {
         (self.0 & 0x7FF) as u16
     }
@@ -42,8 +42,8 @@ impl CobId {
         Ok(())
     }
 
-    /// Refuses what [`CobId::check`] refuses, and an identifier that another service of the node has: two services of one
-    /// node would answer the same frame, or send different ones by one name. CiA 301 gives each its own (7.3.5).
+    /// Refuses COB-IDs that [`CobId::check`] refuses, and an identifier that another service of the node has: two services of one
+    /// node would answer the same frame, or send different frames under one identifier. CiA 301 gives each its own (7.3.5).
     pub(crate) fn check_at(
         self,
         dictionary: &ObjectDictionary,
@@ -60,7 +60,8 @@ impl CobId {
     }
 }
 
-/// The identifier that a service has through this sub-object; `None` where it configures none, or has none now.
+/// Returns the identifier that a service has through this sub-object; `None` if the sub-object configures none, or the service
+/// has none now.
 fn used_id(entry: &Entry) -> Option<u16> {
     let is_cob_id = match entry.index {
         SYNC | EMCY => entry.sub_index == 0,
@@ -72,12 +73,12 @@ fn used_id(entry: &Entry) -> Option<u16> {
     (is_cob_id && is_in_use(entry.index, cob_id)).then(|| cob_id.id())
 }
 
-/// Bit 31 takes a COB-ID out of use; that of SYNC has no such bit.
+/// Checks whether a COB-ID is in use: bit 31 takes it out of use, but that of SYNC has no such bit.
 fn is_in_use(index: u16, cob_id: CobId) -> bool {
     index == SYNC || cob_id.is_valid()
 }
 
-/// The identifiers that no configurable service may use (CiA 301, table 42).
+/// Checks whether an identifier is restricted: no configurable service may use it (CiA 301, table 42).
 #[must_use]
 pub fn is_restricted(id: u16) -> bool {
     matches!(id, 0x000..=0x07F | 0x101..=0x180 | 0x581..=0x5FF | 0x601..=0x67F | 0x6E0..=0x6FF | 0x701..)

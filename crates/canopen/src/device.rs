@@ -24,7 +24,7 @@ use crate::sdo_server::Access;
 use crate::services::{InvalidPdo, Services};
 use crate::sync::{Reception, Sync};
 
-/// Identifiers of PDOs and SDOs (CiA 301, 7.3.5). Below and above are those of other services.
+/// Identifiers of PDOs and SDOs (CiA 301, 7.3.5). Identifiers below and above belong to other services.
 pub const PDOS_AND_SDOS: RangeInclusive<u16> = 0x180..=0x67F;
 
 const ERROR_BEHAVIOUR: u16 = 0x1029;
@@ -40,10 +40,10 @@ pub struct Device<A> {
 }
 
 impl<A: Application> Device<A> {
-    /// A device that boots with the first frame or tick, with the dictionary's defaults.
+    /// Makes a device that boots with the first frame or tick, with the dictionary's defaults.
     ///
     /// # Errors
-    /// A PDO that the dictionary configures wrongly.
+    /// The dictionary configures a PDO wrongly.
     pub fn new(
         node_id: NodeId,
         dictionary: ObjectDictionary,
@@ -59,25 +59,25 @@ impl<A: Application> Device<A> {
         })
     }
 
-    /// The application.
+    /// Returns the application.
     #[must_use]
     pub fn application(&self) -> &A {
         &self.application
     }
 
-    /// The application, for whoever composes the node.
+    /// Returns the application for changes by the owner of the node.
     #[must_use]
     pub fn application_mut(&mut self) -> &mut A {
         &mut self.application
     }
 
-    /// The services and the dictionary.
+    /// Returns the services and the dictionary.
     #[must_use]
     pub fn services(&self) -> &Services {
         &self.services
     }
 
-    /// The services and the dictionary, for whoever composes the node.
+    /// Returns the services and the dictionary for changes by the owner of the node.
     #[must_use]
     pub fn services_mut(&mut self) -> &mut Services {
         &mut self.services
@@ -104,9 +104,9 @@ impl<A: Application> Device<A> {
         Ok(())
     }
 
-    /// True when a PDO with this identifier makes the device say nothing before its next SYNC or deadline, as it is
-    /// configured now: no RPDO listens to it, or only such as wait for the SYNC, and no TPDO goes by events (a waiting
-    /// controlword may change the statusword on arrival).
+    /// Checks whether the device, as it is configured now, sends nothing before its next SYNC or deadline after a PDO with this
+    /// identifier: no RPDO listens to it, or only RPDOs that wait for the SYNC, and no TPDO goes by events (a waiting controlword
+    /// may change the statusword on arrival).
     #[must_use]
     pub fn takes_silently(&self, pdo_id: u16) -> bool {
         let mut listening = self
@@ -117,8 +117,8 @@ impl<A: Application> Device<A> {
         listening.all(|rpdo| rpdo.is_silent() && !self.services.has_tpdos_that_follow_changes())
     }
 
-    /// True when the device does something with a data frame of this identifier, as it is configured now: PDOs and SDOs
-    /// that nobody listens to are dropped, everything else is looked at.
+    /// Checks whether a data frame of this identifier has an effect on the device, as it is configured now: PDOs and SDOs without
+    /// a listener are dropped, all other frames are handled.
     #[must_use]
     pub fn reads(&self, id: u16) -> bool {
         let services = &self.services;
@@ -128,7 +128,7 @@ impl<A: Application> Device<A> {
             || services.rpdos.iter().any(|rpdo| rpdo.listens_to(id))
     }
 
-    /// True when the device watches the heartbeat of a node, as it is configured now (0x1016). The application hears all.
+    /// Checks whether the device watches the heartbeat of a node, as it is configured now (0x1016). The application hears all.
     #[must_use]
     pub fn watches(&self, node_id: NodeId) -> bool {
         self.services.monitors.watches(node_id)
@@ -149,7 +149,7 @@ impl<A: Application> Device<A> {
         }
     }
 
-    /// Obeys what the application asked of its own NMT state; bounded, since each may ask for more.
+    /// Obeys the application's requests for its own NMT state; bounded, since each may cause another one.
     fn finish(&mut self) {
         for _ in 0..8 {
             let Some(command) = self.services.requests.pop_front() else {
@@ -421,8 +421,8 @@ impl<A: Application> Device<A> {
         }
     }
 
-    /// Reports what did not come in its time. Only a tick does this: where a busy host delivers a frame together with the
-    /// deadline that it should have met, the frame counts.
+    /// Reports the deadlines that have passed. Only a tick does this: if a busy host delivers a frame together with the deadline
+    /// that it should have met, the frame counts.
     fn expire(&mut self) {
         let now = self.services.now;
         if self.services.sync.has_timed_out(now) {
@@ -439,7 +439,7 @@ impl<A: Application> Device<A> {
         }
     }
 
-    /// Sends what is due by time.
+    /// Sends the frames that are due by time.
     fn produce(&mut self) {
         let now = self.services.now;
         if let Some((frame, sync)) = self.services.sync_producer.on_tick(now) {
@@ -496,7 +496,7 @@ impl<A: Application> Access for Objects<'_, A> {
 }
 
 impl<A: Application> Node for Device<A> {
-    /// Everything: a manager may give the device's PDOs and consumers other identifiers at any time.
+    /// Accepts everything: a manager may give the device's PDOs and consumers other identifiers at any time.
     fn filters(&self) -> Vec<Filter> {
         vec![Filter::ALL, Filter::ERRORS]
     }

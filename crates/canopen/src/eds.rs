@@ -47,11 +47,11 @@ pub struct DeviceInfo {
 pub struct Eds {
     /// The objects, holding their defaults.
     pub dictionary: ObjectDictionary,
-    /// Who made the device.
+    /// Device and maker.
     pub device: DeviceInfo,
     /// Data types (indices 0x0001 to 0x0007) that may be mapped into an RPDO as gaps, from `[DummyUsage]`.
     pub dummies: Vec<u16>,
-    /// What is wrong but leaves no value in doubt that a PDO or the device's state needs.
+    /// Errors that leave no doubt about a value that a PDO or the device's state needs.
     pub warnings: Vec<EdsError>,
 }
 
@@ -335,7 +335,7 @@ impl Reader {
         }))
     }
 
-    /// Reads a default; that of plain bytes may be unreadable.
+    /// Reads a default; a default of plain bytes may be unreadable.
     fn default(&mut self, data_type: DataType, item: &Item<'_>) -> Result<Vec<u8>, EdsError> {
         match self.encode(data_type, item) {
             Err(error) if matches!(data_type, DataType::OctetString | DataType::Domain) => {

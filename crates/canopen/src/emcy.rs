@@ -1,8 +1,8 @@
-//! Emergencies (CiA 301, 7.2.7): the error register 0x1001, the history 0x1003, the message by 0x1014 and 0x1015,
-//! and the error code 0x603F of CiA 402.
+//! Emergencies (CiA 301, 7.2.7): the error register 0x1001, the history 0x1003, the message by 0x1014 and 0x1015, and the error
+//! code 0x603F of CiA 402.
 //!
-//! An error is a condition: it is raised once, stays active, and its end is reported by "no error" with the register of
-//! what remains. While the node is Stopped, messages wait.
+//! An error is a condition: it is raised once and stays active; "no error" reports its end, with the register of the remaining
+//! errors. While the node is Stopped, messages wait.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -17,9 +17,9 @@ const COB_ID: u16 = 0x1014;
 const INHIBIT_TIME: u16 = 0x1015;
 const DRIVE_ERROR_CODE: u16 = 0x603F;
 
-/// Messages that wait for the bus at most; the oldest goes when there are more.
+/// Largest number of messages that wait for the bus; a further one drops the oldest.
 const QUEUE_LENGTH: usize = 16;
-/// Conditions that are active at most; further ones are not reported.
+/// Largest number of active conditions; further ones are not reported.
 const ACTIVE_MAX: usize = 64;
 
 /// An emergency error code (CiA 301, table 26).
@@ -60,7 +60,7 @@ impl ErrorCode {
     /// RPDO time-out.
     pub const RPDO_TIMEOUT: Self = Self(0x8250);
 
-    /// The bits in the error register 0x1001 (CiA 301, table 46); bit 0 is set with any error.
+    /// Returns the bits in the error register 0x1001 (CiA 301, table 46); bit 0 is set with any error.
     #[must_use]
     pub fn register_bits(self) -> u8 {
         const GENERIC: u8 = 1;
@@ -78,20 +78,20 @@ impl ErrorCode {
     }
 }
 
-/// The content of an EMCY frame.
+/// Content of an EMCY frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EmergencyMessage {
-    /// What happened; [`ErrorCode::NO_ERROR`] when something ended.
+    /// Code of the error; [`ErrorCode::NO_ERROR`] when an error has ended.
     pub code: ErrorCode,
-    /// The error register 0x1001.
+    /// Error register 0x1001.
     pub register: u8,
-    /// Five manufacturer bytes. Ours begin with the number of the RPDO or node concerned (little-endian); with
-    /// "no error", with the code of what ended and then that number.
+    /// Five manufacturer bytes. In messages of this crate they begin with the number of the RPDO or node concerned
+    /// (little-endian); with "no error" the code of the error that has ended comes before that number.
     pub manufacturer: [u8; 5],
 }
 
 impl EmergencyMessage {
-    /// The eight bytes, little-endian (CiA 301, figure 44).
+    /// Encodes the eight bytes, little-endian (CiA 301, figure 44).
     #[must_use]
     pub fn encode(&self) -> [u8; 8] {
         let [low, high] = self.code.0.to_le_bytes();
@@ -99,7 +99,7 @@ impl EmergencyMessage {
         [low, high, self.register, a, b, c, d, e]
     }
 
-    /// The message in a payload; `None` when it has not eight bytes.
+    /// Decodes the message in a payload; `None` if it has not eight bytes.
     #[must_use]
     pub fn decode(data: &[u8]) -> Option<Self> {
         let [low, high, register, a, b, c, d, e] = *data else {
@@ -113,14 +113,14 @@ impl EmergencyMessage {
     }
 }
 
-/// A condition that lasts.
+/// Condition that lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Condition {
     code: ErrorCode,
     source: u16,
 }
 
-/// The EMCY producer of a node.
+/// EMCY producer of a node.
 #[derive(Clone, Debug)]
 pub(crate) struct Emcy {
     active: Vec<Condition>,
@@ -131,7 +131,7 @@ pub(crate) struct Emcy {
 }
 
 impl Emcy {
-    /// The producer as the dictionary configures it.
+    /// Makes the producer from the dictionary's configuration.
     pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
         let mut emcy = Self {
             active: Vec::with_capacity(ACTIVE_MAX),
@@ -160,7 +160,7 @@ impl Emcy {
         self.inhibit_time = Duration::from_micros(u64::from(inhibit_time) * 100);
     }
 
-    /// The rules for writing 0x1003, 0x1014.
+    /// Checks the rules for writing 0x1003 and 0x1014.
     pub(crate) fn check_write(
         dictionary: &ObjectDictionary,
         index: u16,
@@ -173,7 +173,7 @@ impl Emcy {
         }
     }
 
-    /// What a written 0x1003, 0x1014 or 0x1015 brings about.
+    /// Applies a write to 0x1003, 0x1014 or 0x1015.
     pub(crate) fn on_write(&mut self, dictionary: &mut ObjectDictionary, index: u16) {
         match index {
             HISTORY => clear_history(dictionary),
@@ -218,13 +218,13 @@ impl Emcy {
         self.announce(dictionary, ErrorCode::NO_ERROR, manufacturer);
     }
 
-    /// True while a condition is active.
+    /// Checks whether a condition is active.
     #[inline]
     pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
         self.active.contains(&Condition { code, source })
     }
 
-    /// The next message, when the inhibit time has passed.
+    /// Returns the next message, once the inhibit time has passed.
     #[inline]
     pub(crate) fn next_frame(&mut self, now: Duration) -> Option<CanFrame> {
         let cob_id = self.cob_id?;
@@ -236,7 +236,7 @@ impl Emcy {
         Some(CanFrame::new(cob_id, &bytes))
     }
 
-    /// When the next message may go.
+    /// Returns the time at which the next message may go.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         let is_waiting = self.cob_id.is_some() && !self.queue.is_empty();
         is_waiting.then_some(self.next_allowed)
@@ -264,7 +264,7 @@ impl Emcy {
     }
 }
 
-/// CiA 301, 7.5.2.17: the identifier stays while the EMCY exists; bit 30 is reserved.
+/// Checks a new COB-ID by CiA 301, 7.5.2.17: the identifier stays while the EMCY exists; bit 30 is reserved.
 fn check_cob_id(dictionary: &ObjectDictionary, new: CobId) -> Result<(), AbortCode> {
     if new.flag_30() {
         return Err(AbortCode::INVALID_VALUE);
@@ -277,7 +277,7 @@ fn check_cob_id(dictionary: &ObjectDictionary, new: CobId) -> Result<(), AbortCo
     Ok(())
 }
 
-/// Stores a value where the object exists: all of EMCY's objects but 0x1001 are optional.
+/// Stores a value if the object exists: all of EMCY's objects but 0x1001 are optional.
 fn set(dictionary: &mut ObjectDictionary, index: u16, sub_index: u8, value: u32) {
     dictionary
         .set_integer(index, sub_index, i128::from(value))
@@ -299,13 +299,13 @@ fn record(dictionary: &mut ObjectDictionary, code: ErrorCode, manufacturer: [u8;
     set(dictionary, HISTORY, 0, (count + 1).min(u32::from(depth)));
 }
 
-/// How many errors 0x1003 can hold.
+/// Returns the number of errors that 0x1003 can hold.
 fn history_depth(dictionary: &ObjectDictionary) -> u8 {
     let has_room = |sub_index: &u8| dictionary.find(HISTORY, *sub_index).is_ok();
     (1..=254).take_while(has_room).last().unwrap_or(0)
 }
 
-/// Forgets the history, as writing 0 to 0x1003:00 asks for.
+/// Forgets the history, as a write of 0 to 0x1003:00 demands.
 fn clear_history(dictionary: &mut ObjectDictionary) {
     for sub_index in 0..=history_depth(dictionary) {
         set(dictionary, HISTORY, sub_index, 0);

@@ -21,10 +21,10 @@ pub const REMOTE_FLAG: u32 = 0x4000_0000;
 pub const ERROR_FLAG: u32 = 0x2000_0000;
 
 impl CanFrame {
-    /// A data frame with an 11-bit identifier.
+    /// Makes a data frame with an 11-bit identifier.
     ///
     /// # Panics
-    /// When `id` exceeds 0x7FF or `data` is longer than 8 bytes: both are the caller's constants.
+    /// `id` exceeds 0x7FF, or `data` is longer than 8 bytes: both are the caller's constants.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
     pub fn new(id: u16, data: &[u8]) -> Self {
@@ -39,9 +39,8 @@ impl CanFrame {
         }
     }
 
-    /// A frame from the fields of the kernel's `struct can_frame`; `None` when `length` exceeds 8. An error message has no
-    /// other flag, and a remote frame no payload: what a socket gives besides is dropped, so that a recording holds all of a
-    /// frame.
+    /// Makes a frame from the fields of the kernel's `struct can_frame`; `None` if `length` exceeds 8. An error message has no
+    /// other flag, and a remote frame no payload: further bits of a socket are dropped, so that a recording holds all of a frame.
     #[must_use]
     pub fn from_raw(id: u32, length: u8, data: [u8; 8]) -> Option<Self> {
         let (id, data) = match id & (ERROR_FLAG | REMOTE_FLAG) {
@@ -52,55 +51,55 @@ impl CanFrame {
         (length <= 8).then_some(Self { id, length, data })
     }
 
-    /// The identifier with the kernel's flags.
+    /// Returns the identifier with the kernel's flags.
     #[must_use]
     #[inline]
     pub fn raw_id(&self) -> u32 {
         self.id
     }
 
-    /// The 11-bit identifier of a data frame; `None` for extended, remote and error frames.
+    /// Returns the 11-bit identifier of a data frame; `None` for extended, remote and error frames.
     #[must_use]
     #[inline]
     pub fn standard_id(&self) -> Option<u16> {
         u16::try_from(self.id).ok().filter(|id| *id <= 0x7FF)
     }
 
-    /// True for a remote frame.
+    /// Checks whether it is a remote frame.
     #[must_use]
     #[inline]
     pub fn is_remote(&self) -> bool {
         self.id & REMOTE_FLAG != 0
     }
 
-    /// True for a 29-bit identifier.
+    /// Checks whether it has a 29-bit identifier.
     #[must_use]
     #[inline]
     pub fn is_extended(&self) -> bool {
         self.id & EXTENDED_FLAG != 0
     }
 
-    /// True for the kernel's error message.
+    /// Checks whether it is the kernel's error message.
     #[must_use]
     #[inline]
     pub fn is_error(&self) -> bool {
         self.id & ERROR_FLAG != 0
     }
 
-    /// The payload (0 to 8 bytes); of a remote frame, zeros in the number that it asks for.
+    /// Returns the payload (0 to 8 bytes); for a remote frame, zeros in the number that it asks for.
     #[must_use]
     #[inline]
     pub fn data(&self) -> &[u8] {
         &self.data[..usize::from(self.length)]
     }
 
-    /// Length of the payload.
+    /// Returns the length of the payload.
     #[must_use]
     pub fn length(&self) -> u8 {
         self.length
     }
 
-    /// All 8 bytes of the payload's buffer; those beyond the length are as they came.
+    /// Returns all 8 bytes of the payload's buffer; those beyond the length are as they came.
     #[must_use]
     #[inline]
     pub fn buffer(&self) -> [u8; 8] {
@@ -114,7 +113,7 @@ impl fmt::Debug for CanFrame {
     }
 }
 
-/// The notation of candump's log: `190#1234ABCD`; `#R8` for a remote frame of that length, `#R` for one of length 0.
+/// Writes the notation of candump's log: `190#1234ABCD`; `#R8` for a remote frame of that length, `#R` for one of length 0.
 impl fmt::Display for CanFrame {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_error() {
@@ -191,7 +190,7 @@ impl Filter {
         }
     }
 
-    /// True when the frame passes.
+    /// Checks whether the frame passes.
     #[must_use]
     #[inline]
     pub fn accepts(&self, frame: &CanFrame) -> bool {
@@ -202,19 +201,18 @@ impl Filter {
     }
 }
 
-/// Some filters, of which it is worked out for each 11-bit identifier whether a data frame passes one: for whoever asks
-/// at every frame.
+/// A set of filters with a table of the 11-bit identifiers whose data frames pass one of them, for checks of every frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FilterSet {
     filters: Vec<Filter>,
-    /// One bit for each identifier.
+    /// Table with one bit for each identifier.
     standard: Box<[u64; Self::WORDS]>,
 }
 
 impl FilterSet {
     const WORDS: usize = 0x800 / 64;
 
-    /// Accepts what one of these sets does.
+    /// Makes a set that accepts the frames of each of these sets.
     #[must_use]
     pub fn union<'a>(sets: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut all = Self::from(Vec::new());
@@ -232,13 +230,13 @@ impl FilterSet {
         all
     }
 
-    /// The filters.
+    /// Returns the filters.
     #[must_use]
     pub fn filters(&self) -> &[Filter] {
         &self.filters
     }
 
-    /// True when the frame passes one of the filters.
+    /// Checks whether the frame passes one of the filters.
     #[must_use]
     #[inline]
     pub fn accepts(&self, frame: &CanFrame) -> bool {

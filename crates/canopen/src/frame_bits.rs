@@ -1,4 +1,5 @@
-//! How many bits a frame takes on the wire, stuff bits included, and which of two frames wins (ISO 11898-1, 10.4 to 10.8).
+//! The length of a frame on the wire, stuff bits included, and the order of arbitration between two frames (ISO 11898-1, 10.4 to
+//! 10.8).
 
 use crate::frame::CanFrame;
 
@@ -8,17 +9,17 @@ pub const INTERFRAME_BITS: u32 = 3;
 /// Start of frame, identifier, remote request, two reserved bits, length.
 const HEADER_BITS: u32 = 1 + 11 + 1 + 2 + 4;
 
-/// The checksum, stuffed like what stands before it.
+/// Checksum, stuffed like the bits before it.
 const CRC_BITS: u32 = 15;
 
 /// CRC delimiter, acknowledge slot and delimiter, end of frame: never stuffed.
 const UNSTUFFED_TAIL_BITS: u32 = 1 + 2 + 7;
 
-/// Bits of a frame on the wire from start to end of frame, with the stuff bits that its payload causes.
+/// Returns the bits of a frame on the wire from start to end of frame, with the stuff bits that its payload causes.
 #[must_use]
 pub fn frame_bits(frame: &CanFrame) -> u32 {
-    // Header, data and checksum. The data begin with a whole byte, so what is missing to it stands before the start of
-    // frame, and a bit is missing behind the checksum.
+    // Header, data and checksum. The data begin with a whole byte, so fill bits come before the start of frame, and one after the
+    // checksum.
     let mut bytes = [0; BYTES_MAX];
     let (header_bytes, header_bits) = put_header(frame, &mut bytes);
     let data_bytes = if frame.is_remote() {
@@ -29,7 +30,8 @@ pub fn frame_bits(frame: &CanFrame) -> u32 {
     bytes[header_bytes..][..8].copy_from_slice(&frame.buffer());
     let end = header_bytes + data_bytes;
     let checksum = crc(&bytes[..end]);
-    // Bits that alternate and end unlike the start of frame change nothing, nor does one unlike the checksum's last.
+    // Fill bits that alternate and end unlike the start of frame cause no stuff bits, nor does one unlike the checksum's last
+    // bit.
     bytes[0] |= 0b0101_0101 << (header_bits % 8);
     bytes[end..][..2].copy_from_slice(&(checksum << 1 | !checksum & 1).to_be_bytes());
     let stuffed_bits = stuffed_bits(&bytes[..end + 2]);
@@ -37,7 +39,7 @@ pub fn frame_bits(frame: &CanFrame) -> u32 {
     header_bits + data_bits + CRC_BITS + stuffed_bits + UNSTUFFED_TAIL_BITS
 }
 
-/// Bits that a frame takes from the bus: its own and the pause after it.
+/// Returns the bits that a frame takes from the bus: its own and the pause after it.
 #[must_use]
 pub fn occupied_bits(frame: &CanFrame) -> u32 {
     // A driver's message about the bus is no frame of it.
@@ -47,8 +49,8 @@ pub fn occupied_bits(frame: &CanFrame) -> u32 {
     frame_bits(frame) + INTERFRAME_BITS
 }
 
-/// Bits that a data frame with an identifier of 11 bits takes at most from the bus, whatever its payload: a stuff bit after every
-/// fourth bit from the start of frame to the checksum.
+/// Returns the largest number of bits that a data frame with an identifier of 11 bits takes from the bus, whatever its payload: a
+/// stuff bit after every fourth bit from the start of frame to the checksum.
 #[must_use]
 pub fn occupied_bits_max(length_bytes: u8) -> u32 {
     let data_bits = 8 * u32::from(length_bytes);
@@ -59,7 +61,7 @@ pub fn occupied_bits_max(length_bytes: u8) -> u32 {
 /// Five bytes of header, eight of data, two of checksum; one more lets eight bytes be copied in any case.
 const BYTES_MAX: usize = 16;
 
-/// Writes the bits from the start of frame to the length, and returns how many bytes they end in and how many they are.
+/// Writes the bits from the start of frame to the length; returns the number of bytes to their end, and the number of bits.
 fn put_header(frame: &CanFrame, bytes: &mut [u8; BYTES_MAX]) -> (usize, u32) {
     let id = u64::from(frame.raw_id());
     // Remote frame or not, two reserved bits, and the length, behind the start of frame and the identifier.
@@ -74,15 +76,15 @@ fn put_header(frame: &CanFrame, bytes: &mut [u8; BYTES_MAX]) -> (usize, u32) {
     (header_bytes, header_bits)
 }
 
-/// The CRC of ISO 11898-1, 10.4.2.6. It is linear: the sum of what each byte adds at its place, counted from the end.
-/// Zeros in front add nothing.
+/// Computes the CRC of ISO 11898-1, 10.4.2.6. It is linear: the sum of the contributions of each byte at its place, counted from
+/// the end. Zeros in front add nothing.
 fn crc(bytes: &[u8]) -> u16 {
     const TABLE: [[u16; 256]; BYTES_MAX] = crc_table();
     let adds = bytes.iter().rev().zip(&TABLE);
     adds.fold(0, |crc, (byte, table)| crc ^ table[usize::from(*byte)])
 }
 
-/// Bits to be stuffed: after five equal bits comes one of the other kind, which counts for the next five.
+/// Counts the stuff bits: after five equal bits comes one of the other kind, which counts for the next five.
 fn stuffed_bits(bytes: &[u8]) -> u32 {
     const TABLE: [[u8; Stuffed::STATES as usize]; 256] = Stuffed::table();
     let stuffed = bytes.iter().fold(0, |stuffed: u32, byte| {
@@ -93,7 +95,7 @@ fn stuffed_bits(bytes: &[u8]) -> u32 {
     stuffed / Stuffed::ONE
 }
 
-/// How many bits were stuffed, and what the next ones depend on: twice the number of equal bits so far, plus their kind.
+/// Number of stuff bits, and the state on which the next ones depend: twice the number of equal bits so far, plus their kind.
 /// There may be no bit yet, or one to four equal bits of either kind.
 #[derive(Clone, Copy)]
 struct Stuffed {
@@ -102,10 +104,10 @@ struct Stuffed {
 }
 
 impl Stuffed {
-    /// Ten of these are in use.
+    /// Number of states in the table, of which ten are in use.
     const STATES: u8 = 16;
     const STATES_IN_USE: u8 = 10;
-    /// One stuffed bit where both are one number.
+    /// One stuff bit in a number that holds both fields.
     const ONE: u32 = Self::STATES as u32;
 
     const fn after(state: u8, bit: u8) -> Self {
@@ -124,7 +126,7 @@ impl Stuffed {
         }
     }
 
-    /// What each byte does in each state, as one number.
+    /// Returns the effect of each byte in each state, both fields in one number.
     const fn table() -> [[u8; Self::STATES as usize]; 256] {
         let mut table = [[0; Self::STATES as usize]; 256];
         let mut state: u8 = 0;
@@ -149,7 +151,7 @@ impl Stuffed {
     }
 }
 
-/// What each byte adds to the CRC with the polynomial 0x4599, by the number of bytes behind it.
+/// Returns the contribution of each byte to the CRC with the polynomial 0x4599, by the number of bytes behind it.
 const fn crc_table() -> [[u16; 256]; 16] {
     let mut table = [[0; 256]; 16];
     let mut byte: u16 = 0;
@@ -174,7 +176,7 @@ const fn crc_table() -> [[u16; 256]; 16] {
     table
 }
 
-/// The bits that arbitration compares; the lowest value wins.
+/// Returns the bits that arbitration compares; the lowest value wins.
 #[must_use]
 #[inline]
 pub fn arbitration_key(frame: &CanFrame) -> u32 {
@@ -192,7 +194,7 @@ mod tests {
     use super::*;
     use crate::frame::{EXTENDED_FLAG, REMOTE_FLAG};
 
-    /// A frame in the notation of candump's log.
+    /// Parses a frame in the notation of candump's log.
     fn parse(text: &str) -> CanFrame {
         let (id, data) = text.split_once('#').unwrap();
         let mut flags = if id.len() > 3 { EXTENDED_FLAG } else { 0 };

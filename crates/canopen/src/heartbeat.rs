@@ -12,12 +12,12 @@ use crate::object_dictionary::{AbortCode, ObjectDictionary};
 const CONSUMER_TIME: u16 = 0x1016;
 pub(crate) const PRODUCER_TIME: u16 = 0x1017;
 
-/// True for the objects that configure heartbeat.
+/// Checks whether an object configures heartbeat.
 pub(crate) fn owns(index: u16) -> bool {
     matches!(index, CONSUMER_TIME | PRODUCER_TIME)
 }
 
-/// The rule for writing 0x1016: no node may be watched twice (CiA 301, 7.5.2.19).
+/// Checks the rule for writing 0x1016: no node may be watched twice (CiA 301, 7.5.2.19).
 pub(crate) fn check_write(
     dictionary: &ObjectDictionary,
     index: u16,
@@ -40,7 +40,7 @@ pub(crate) fn check_write(
     Ok(())
 }
 
-/// A heartbeat that some node sent.
+/// Decodes the heartbeat of a node.
 #[must_use]
 pub(crate) fn decode(id: u16, data: &[u8]) -> Option<(NodeId, NmtState)> {
     let node_id = NodeId::new(u8::try_from(id.checked_sub(0x700)?).ok()?)?;
@@ -48,7 +48,7 @@ pub(crate) fn decode(id: u16, data: &[u8]) -> Option<(NodeId, NmtState)> {
     Some((node_id, NmtState::from_number(state & 0x7F)?))
 }
 
-/// Sends the node's state every 0x1017 milliseconds, at once when that is written and when the state changes.
+/// Producer of the node's heartbeat: every 0x1017 milliseconds, and at once when that is written and when the state changes.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HeartbeatProducer {
     period: Option<Duration>,
@@ -56,20 +56,20 @@ pub(crate) struct HeartbeatProducer {
 }
 
 impl HeartbeatProducer {
-    /// Begins anew with the dictionary's period, the first heartbeat being due at `first`.
+    /// Starts again with the dictionary's period; the first heartbeat is due at `first`.
     pub(crate) fn start(&mut self, dictionary: &ObjectDictionary, first: Duration) {
         let milliseconds = dictionary.unsigned(PRODUCER_TIME, 0).unwrap_or(0);
         self.period = (milliseconds != 0).then(|| Duration::from_millis(u64::from(milliseconds)));
         self.next = self.period.map(|_| first);
     }
 
-    /// Begins anew one period after the boot-up message, which counts as the first heartbeat.
+    /// Starts again one period after the boot-up message, which counts as the first heartbeat.
     pub(crate) fn start_after_boot_up(&mut self, dictionary: &ObjectDictionary, now: Duration) {
         self.start(dictionary, now);
         self.next = self.period.map(|period| now + period);
     }
 
-    /// True when a heartbeat is due; the next one is due a multiple of the period after this one's deadline.
+    /// Checks whether a heartbeat is due; the next one is due a multiple of the period after this one's deadline.
     pub(crate) fn is_due(&mut self, now: Duration) -> bool {
         let (Some(period), Some(due)) = (self.period, self.next.filter(|due| now >= *due)) else {
             return false;
@@ -79,58 +79,58 @@ impl HeartbeatProducer {
         true
     }
 
-    /// When the next heartbeat is due.
+    /// Returns the time at which the next heartbeat is due.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         self.next
     }
 
-    /// True when heartbeats are produced.
+    /// Checks whether heartbeats are produced.
     pub(crate) fn is_enabled(&self) -> bool {
         self.period.is_some()
     }
 
-    /// The heartbeat.
+    /// Returns the heartbeat.
     pub(crate) fn frame(node_id: NodeId, state: NmtState) -> CanFrame {
         CanFrame::new(node_id.with(0x700), &[state.number()])
     }
 }
 
-/// What a heartbeat meant to the one who watches its node.
+/// Result of a heartbeat for the watch over its node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Watch {
     /// Not watched, or as expected.
     Normal,
     /// The node is back after a loss.
     Recovered,
-    /// The node booted although it had been alive: whatever it was doing is over.
+    /// The node booted although it had been alive: its former activity is over.
     Rebooted,
 }
 
-/// One entry of 0x1016.
+/// Entry of 0x1016.
 #[derive(Clone, Copy, Debug)]
 struct Monitor {
     node_id: NodeId,
     time: Duration,
-    /// Set from the first heartbeat on, until the loss.
+    /// Deadline from the first heartbeat on, until the loss.
     deadline: Option<Duration>,
     is_lost: bool,
 }
 
-/// Watches the heartbeats of other nodes. Watching a node begins with its first heartbeat (CiA 301).
+/// Consumer of other nodes' heartbeats. The watch over a node begins with its first heartbeat (CiA 301).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HeartbeatConsumer {
     monitors: Vec<Option<Monitor>>,
 }
 
 impl HeartbeatConsumer {
-    /// The consumer as the dictionary configures it, with nothing received.
+    /// Makes the consumer from the dictionary's configuration, with nothing received.
     pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
         let mut consumer = Self::default();
         consumer.reset(dictionary);
         consumer
     }
 
-    /// Forgets what was received and reads 0x1016 again.
+    /// Forgets the received heartbeats and reads 0x1016 again.
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
         let entries =
             (1..=monitor_count(dictionary)).map(|sub_index| monitor(dictionary, sub_index));
@@ -138,8 +138,8 @@ impl HeartbeatConsumer {
         self.monitors.extend(entries);
     }
 
-    /// Reads one entry again after a write. Where the node had been heard, its new time counts from `now`; the node
-    /// that the entry watched before is returned, so that its loss can be ended.
+    /// Reads one entry again after a write. If the node had been heard, its new time counts from `now`. The node that the entry
+    /// watched before is returned, so that its loss can be ended.
     pub(crate) fn configure(
         &mut self,
         now: Duration,
@@ -160,7 +160,7 @@ impl HeartbeatConsumer {
         old.map(|old| old.node_id)
     }
 
-    /// True when an entry names the node.
+    /// Checks whether an entry names the node.
     pub(crate) fn watches(&self, node_id: NodeId) -> bool {
         let mut monitors = self.monitors.iter().flatten();
         monitors.any(|monitor| monitor.node_id == node_id)
@@ -194,7 +194,7 @@ impl HeartbeatConsumer {
         }
     }
 
-    /// A node whose time has passed; each loss is returned once.
+    /// Returns a node whose time has passed; each loss is returned once.
     pub(crate) fn next_lost(&mut self, now: Duration) -> Option<NodeId> {
         let mut monitors = self.monitors.iter_mut().flatten();
         let is_overdue =
@@ -205,20 +205,20 @@ impl HeartbeatConsumer {
         Some(monitor.node_id)
     }
 
-    /// When the next node's time passes.
+    /// Returns the time at which the next node's time passes.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         let monitors = self.monitors.iter().flatten();
         earliest(monitors.map(|monitor| monitor.deadline))
     }
 }
 
-/// The sub-indices of 0x1016, without gaps from 1.
+/// Returns the number of sub-indices of 0x1016, without gaps from 1.
 fn monitor_count(dictionary: &ObjectDictionary) -> u8 {
     let exists = |sub_index: &u8| dictionary.find(CONSUMER_TIME, *sub_index).is_ok();
     (1..=127).take_while(exists).last().unwrap_or(0)
 }
 
-/// An entry of 0x1016 that watches something.
+/// Reads an entry of 0x1016 that watches a node.
 fn monitor(dictionary: &ObjectDictionary, sub_index: u8) -> Option<Monitor> {
     let value = dictionary.unsigned(CONSUMER_TIME, sub_index)?;
     let (node_id, time) = decode_consumer_time(value)?;
@@ -230,7 +230,7 @@ fn monitor(dictionary: &ObjectDictionary, sub_index: u8) -> Option<Monitor> {
     })
 }
 
-/// Node id in bits 16 to 23, milliseconds in bits 0 to 15; `None` when the entry is unused (CiA 301, figure 71).
+/// Decodes the node-ID in bits 16 to 23 and the milliseconds in bits 0 to 15; `None` if the entry is unused (CiA 301, figure 71).
 fn decode_consumer_time(value: u32) -> Option<(NodeId, Duration)> {
     let [low, high, node_id, reserved] = value.to_le_bytes();
     let milliseconds = u16::from_le_bytes([low, high]);

@@ -1,12 +1,12 @@
 //! CANopen without I/O and without a clock.
 //!
-//! Comes in: the frames that a node receives, the time, orders of the application, the text of an EDS. Goes out: the frames
-//! that the node sends, the time of its next deadline, an [`ObjectDictionary`], how many bits a frame takes on the wire.
+//! Input: the frames that a node receives, the time, orders of the application, the text of an EDS. Output: the frames that the
+//! node sends, the time of its next deadline, an [`ObjectDictionary`], the number of bits of a frame on the wire.
 //!
-//! Every node is a state machine behind [`Node`]; a [`Device`] is one with the services of the standard round an
+//! Every node is a state machine behind [`Node`]; a [`Device`] is one with the services of the standard around an
 //! [`Application`]. There is one file for each service, named by the standard: CiA 301, CiA 402, and CiA 306 for EDS files.
 //!
-//! It does not know: sockets, threads, the clock of the machine, what the bytes of this bench's PDOs mean, and whether
+//! The crate does not know sockets, threads, the clock of the machine, the meaning of the bytes of this bench's PDOs, or whether
 //! anything is simulated.
 #![warn(missing_docs)]
 

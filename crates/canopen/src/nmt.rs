@@ -1,15 +1,15 @@
-//! Network management (CiA 301, 7.2.8): states, commands, boot-up, and what a manager sends.
+//! Network management (CiA 301, 7.2.8): states, commands, boot-up, and the frames of a manager.
 
 use std::fmt;
 
 use crate::frame::CanFrame;
 
-/// The number of a CANopen node, 1 to 127.
+/// Number of a CANopen node, 1 to 127.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct NodeId(u8);
 
 impl NodeId {
-    /// The node id when it is in 1 to 127.
+    /// Makes a node-ID; `None` if the number is not in 1 to 127.
     #[must_use]
     pub const fn new(number: u8) -> Option<Self> {
         match number {
@@ -18,13 +18,13 @@ impl NodeId {
         }
     }
 
-    /// The number.
+    /// Returns the number.
     #[must_use]
     pub const fn get(self) -> u8 {
         self.0
     }
 
-    /// The identifier of a default connection: function code plus node id.
+    /// Returns the identifier of a default connection: function code plus node-ID.
     #[must_use]
     pub(crate) fn with(self, function: u16) -> u16 {
         function + u16::from(self.0)
@@ -51,7 +51,7 @@ pub enum NmtState {
 }
 
 impl NmtState {
-    /// The number in a heartbeat.
+    /// Returns the number in a heartbeat.
     #[must_use]
     pub fn number(self) -> u8 {
         match self {
@@ -62,7 +62,7 @@ impl NmtState {
         }
     }
 
-    /// The state with this number in a heartbeat.
+    /// Returns the state with this number in a heartbeat.
     #[must_use]
     pub fn from_number(number: u8) -> Option<Self> {
         match number {
@@ -74,14 +74,14 @@ impl NmtState {
         }
     }
 
-    /// True where SDO, SYNC and EMCY work (CiA 301, table 38).
+    /// Checks whether SDO, SYNC and EMCY work (CiA 301, table 38).
     #[must_use]
     pub fn allows_sdo(self) -> bool {
         matches!(self, Self::PreOperational | Self::Operational)
     }
 }
 
-/// What a manager can order (CiA 301, 7.2.8.3.1).
+/// Orders of a manager (CiA 301, 7.2.8.3.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NmtCommand {
     /// To Operational.
@@ -97,7 +97,7 @@ pub enum NmtCommand {
 }
 
 impl NmtCommand {
-    /// The command specifier.
+    /// Returns the command specifier.
     #[must_use]
     pub fn specifier(self) -> u8 {
         match self {
@@ -109,7 +109,7 @@ impl NmtCommand {
         }
     }
 
-    /// The command with this specifier.
+    /// Returns the command with this specifier.
     #[must_use]
     pub fn from_specifier(specifier: u8) -> Option<Self> {
         match specifier {
@@ -122,13 +122,13 @@ impl NmtCommand {
         }
     }
 
-    /// The frame that orders this of one node, or of all nodes when `target` is `None`.
+    /// Returns the frame with this order for one node, or for all nodes if `target` is `None`.
     #[must_use]
     pub fn frame(self, target: Option<NodeId>) -> CanFrame {
         CanFrame::new(0, &[self.specifier(), target.map_or(0, NodeId::get)])
     }
 
-    /// The command in the payload of a frame with identifier 0, when it is for this node or for all.
+    /// Decodes the command in the payload of a frame with identifier 0, if it is for this node or for all.
     #[must_use]
     pub(crate) fn decode(data: &[u8], node_id: NodeId) -> Option<Self> {
         match *data {
@@ -139,7 +139,7 @@ impl NmtCommand {
         }
     }
 
-    /// Where the command leads; `None` for the resets.
+    /// Returns the state to which the command leads; `None` for the resets.
     #[must_use]
     pub(crate) fn target_state(self) -> Option<NmtState> {
         match self {
@@ -151,7 +151,7 @@ impl NmtCommand {
     }
 }
 
-/// The boot-up message (CiA 301, 7.2.8.3.3).
+/// Returns the boot-up message (CiA 301, 7.2.8.3.3).
 #[must_use]
 pub fn boot_up_frame(node_id: NodeId) -> CanFrame {
     CanFrame::new(node_id.with(0x700), &[NmtState::Initialising.number()])

@@ -1,36 +1,36 @@
-//! The contract between a node and whatever moves its frames and its time.
+//! The contract between a node and the mover of its frames and its time.
 
 use std::time::Duration;
 
 use crate::frame::{CanFrame, Filter};
 
-/// The earliest of some deadlines; `None` when there is none.
+/// Returns the earliest of some deadlines; `None` if there is none.
 #[must_use]
 #[inline]
 pub fn earliest(deadlines: impl IntoIterator<Item = Option<Duration>>) -> Option<Duration> {
     deadlines.into_iter().fold(None, earlier)
 }
 
-/// The earlier of two deadlines; `None` when there is none.
+/// Returns the earlier of two deadlines; `None` if there is none.
 #[must_use]
 #[inline]
 pub fn earlier(left: Option<Duration>, right: Option<Duration>) -> Option<Duration> {
-    // Asked after every event of every node, and most services have none: nothing else is compared.
+    // This is called after every event of every node, and most services have no deadline: then nothing is compared.
     match (left, right) {
         (Some(left), Some(right)) => Some(left.min(right)),
         (deadline, None) | (None, deadline) => deadline,
     }
 }
 
-/// How far a node is.
+/// Progress of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Progress {
     /// The node works.
     #[default]
     Running,
-    /// The node was asked to stop, has reached its safe state and has nothing more to say.
+    /// The node was asked to stop, has reached its safe state and has nothing left to send.
     Stopped,
-    /// The node cannot go on; the text says why and what to do.
+    /// The node cannot continue; the text gives the reason and advice.
     Failed(String),
 }
 
@@ -39,17 +39,17 @@ pub enum Progress {
 /// Time is the `Duration` since the node's start and never decreases. After each call that takes `&mut self` with a
 /// time, drain [`Node::next_frame`] until it is empty. Call [`Node::on_tick`] when `now` has reached [`Node::next_deadline`].
 pub trait Node {
-    /// The identifiers that the node listens to; everything else may be withheld from it.
+    /// Returns the identifiers that the node listens to; other frames may be withheld from it.
     fn filters(&self) -> Vec<Filter>;
 
-    /// The same in a run in which nobody configures the node to listen to other identifiers, as in lock-step: what it would
-    /// not read is not delivered.
+    /// Returns the identifiers that the node listens to as it is configured now, for runs in which its configuration stays, as in
+    /// lock-step: frames that it would not read are not delivered.
     fn filters_as_configured(&self) -> Vec<Filter> {
         self.filters()
     }
 
-    /// A promise that lets lock-step deliver frames late: a frame that passes one of these makes the node neither queue
-    /// a frame nor want an earlier tick. Frames of which no such thing is known are not among them.
+    /// Promises which frames lock-step may deliver late: a frame that passes one of these filters makes the node neither queue a
+    /// frame nor want an earlier tick. Frames for which this is not known do not pass.
     fn silent_filters(&self) -> Vec<Filter> {
         Vec::new()
     }
@@ -57,20 +57,21 @@ pub trait Node {
     /// Handles a frame that the bus delivered.
     fn on_frame(&mut self, now: Duration, frame: &CanFrame);
 
-    /// Does what is due at `now`.
+    /// Handles the events that are due at `now`.
     fn on_tick(&mut self, now: Duration);
 
-    /// Asks the node for its safe state: no current in the wire, nothing left running. It may take frames and ticks
-    /// until [`Node::progress`] says [`Progress::Stopped`].
+    /// Asks the node for its safe state: no current in the wire, nothing left running. It may take frames and ticks until
+    /// [`Node::progress`] returns [`Progress::Stopped`].
     fn on_stop(&mut self, now: Duration);
 
-    /// The next frame to send, oldest first.
+    /// Returns the next frame to send, oldest first.
     fn next_frame(&mut self) -> Option<CanFrame>;
 
-    /// When the node wants its next tick; `None` when only a frame can wake it. A new node wants one at once.
+    /// Returns the time at which the node wants its next tick; `None` if only a frame can wake it. A new node wants a tick at
+    /// once.
     fn next_deadline(&self) -> Option<Duration>;
 
-    /// How far the node is.
+    /// Returns the progress of the node.
     fn progress(&self) -> Progress;
 }
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Why an access was refused: an SDO abort code (CiA 301, table 22).
+/// Reason for which an access was refused: an SDO abort code (CiA 301, table 22).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct AbortCode(pub u32);
 
@@ -13,7 +13,7 @@ macro_rules! abort_codes {
         impl AbortCode {
             $(#[doc = $text] pub const $name: Self = Self($code);)*
 
-            /// The standard's words for the code.
+            /// Returns the standard's text for the code.
             #[must_use]
             pub fn text(self) -> &'static str {
                 match self.0 { $($code => $text,)* _ => "unknown abort code" }
@@ -104,7 +104,7 @@ pub enum DataType {
 }
 
 impl DataType {
-    /// The type with this CiA 301 number.
+    /// Returns the type with this CiA 301 number.
     #[must_use]
     pub fn from_number(number: u32) -> Option<Self> {
         Some(match number {
@@ -137,7 +137,7 @@ impl DataType {
         })
     }
 
-    /// The length in bytes; `None` where it varies.
+    /// Returns the length in bytes; `None` if it varies.
     #[must_use]
     pub fn size_bytes(self) -> Option<usize> {
         match self {
@@ -154,7 +154,7 @@ impl DataType {
         }
     }
 
-    /// True for the signed integers.
+    /// Checks whether it is a signed integer.
     #[must_use]
     pub fn is_signed(self) -> bool {
         matches!(
@@ -170,13 +170,13 @@ impl DataType {
         )
     }
 
-    /// True for the floating-point types.
+    /// Checks whether it is a floating-point type.
     #[must_use]
     pub fn is_real(self) -> bool {
         matches!(self, Self::Real32 | Self::Real64)
     }
 
-    /// The value with this rank, little-endian, in its first bytes: the inverse of [`DataType::rank`].
+    /// Returns the value with this rank, little-endian, in its first bytes: the inverse of [`DataType::rank`].
     fn value_of_rank(self, rank: i128) -> [u8; 16] {
         let size = self.size_bytes().unwrap_or(0);
         if !self.is_real() || rank >= 0 || size == 0 {
@@ -186,7 +186,7 @@ impl DataType {
         ((-1 - rank) ^ sign_bit).to_le_bytes()
     }
 
-    /// The rank of a value among the values of its type, for comparing with limits: the integer itself, and for reals a
+    /// Returns the rank of a value among the values of its type, for comparison with limits: the integer itself, and for reals a
     /// number that grows with the value (-0 below +0, NaN outside the infinities). 0 for types without an order.
     #[must_use]
     pub fn rank(self, bytes: &[u8]) -> i128 {
@@ -207,7 +207,7 @@ impl DataType {
     }
 }
 
-/// Who may read and write an object (CiA 306).
+/// Access rights to an object (CiA 306).
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 pub enum Access {
     /// `ro`
@@ -225,40 +225,40 @@ pub enum Access {
 }
 
 impl Access {
-    /// True when SDO may read it.
+    /// Checks whether SDO may read it.
     #[must_use]
     pub fn is_readable(self) -> bool {
         self != Self::WriteOnly
     }
 
-    /// True when SDO may write it.
+    /// Checks whether SDO may write it.
     #[must_use]
     pub fn is_writable(self) -> bool {
         !matches!(self, Self::ReadOnly | Self::Constant)
     }
 }
 
-/// A place in the dictionary, found once and used without search afterwards.
+/// Place in the dictionary, found once and used without search afterwards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Handle(usize);
 
-/// What one device sets of a data sheet that many share: the default of an integer, and its limits.
+/// Values that one device sets in a data sheet that many devices share: the default of an integer, and its limits.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct Preset {
     /// Index of the object.
     pub index: u16,
     /// Sub-index.
     pub sub_index: u8,
-    /// Its value after power-on and NMT reset.
+    /// Value after power-on and NMT reset.
     pub value: i64,
-    /// Its lowest and highest value; those of the data sheet where `None`.
+    /// Lowest and highest value; those of the data sheet if `None`.
     pub limits: Option<[i64; 2]>,
-    /// Whether it is a float of 32 bits in place of an integer of as many.
+    /// Whether it is a float of 32 bits in place of an integer of 32 bits.
     pub is_real32: bool,
 }
 
 impl Preset {
-    /// A value within the limits of the data sheet.
+    /// Makes a value within the limits of the data sheet.
     #[must_use]
     pub const fn new(index: u16, sub_index: u8, value: i64) -> Self {
         Self {
@@ -271,7 +271,7 @@ impl Preset {
     }
 }
 
-/// One sub-object.
+/// Sub-object.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Entry {
     /// Index of the object.
@@ -282,13 +282,13 @@ pub struct Entry {
     pub name: String,
     /// Type of the value.
     pub data_type: DataType,
-    /// Who may read and write it.
+    /// Access rights.
     pub access: Access,
     /// Whether it may be mapped into a PDO.
     pub is_pdo_mappable: bool,
-    /// Lowest value that may be written, where the EDS gives one, as its [`DataType::rank`].
+    /// Lowest value that may be written, if the EDS gives one, as its [`DataType::rank`].
     pub low_limit: Option<i128>,
-    /// Highest value that may be written, where the EDS gives one, as its [`DataType::rank`].
+    /// Highest value that may be written, if the EDS gives one, as its [`DataType::rank`].
     pub high_limit: Option<i128>,
     /// Value after power-on and NMT reset, little-endian.
     pub default: Vec<u8>,
@@ -297,7 +297,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// A sub-object that holds its default.
+    /// Makes a sub-object that holds its default.
     #[must_use]
     pub fn new(
         index: u16,
@@ -324,28 +324,29 @@ impl Entry {
         }
     }
 
-    /// The value, little-endian.
+    /// Returns the value, little-endian.
     #[must_use]
     #[inline]
     pub fn value(&self) -> &[u8] {
         &self.value
     }
 
-    /// The value as an integer; 0 for types that are none.
+    /// Returns the value as an integer; 0 for types that are not integers.
     #[must_use]
     #[inline]
     pub fn as_integer(&self) -> i128 {
         integer_from_le(self.data_type, &self.value)
     }
 
-    /// Bytes as an integer of this object's type; 0 for types that are none.
+    /// Decodes bytes as an integer of this object's type; 0 for types that are not integers.
     #[must_use]
     #[inline]
     pub fn decode_integer(&self, bytes: &[u8]) -> i128 {
         integer_from_le(self.data_type, bytes)
     }
 
-    /// The limit that a value of the type's length is beyond, little-endian in the first bytes; `None` when it is within.
+    /// Returns the limit that a value of the type's length exceeds, little-endian in the first bytes; `None` if it is within the
+    /// limits.
     #[must_use]
     pub(crate) fn limit_beyond(&self, bytes: &[u8]) -> Option<[u8; 16]> {
         let rank = self.data_type.rank(bytes);
@@ -378,7 +379,6 @@ impl Entry {
     }
 }
 
-/// Little-endian bytes as an integer, sign-extended by type; 0 for types that are no integers.
 /// Copies a value. The widths of every cycle are written out, so that the compiler makes no call for them.
 #[inline]
 pub(crate) fn copy(to: &mut [u8], from: &[u8]) {
@@ -390,6 +390,7 @@ pub(crate) fn copy(to: &mut [u8], from: &[u8]) {
     }
 }
 
+/// Reads little-endian bytes as an integer, sign-extended by type; 0 for types that are not integers.
 #[inline]
 fn integer_from_le(data_type: DataType, bytes: &[u8]) -> i128 {
     if matches!(data_type.size_bytes(), None | Some(0)) || data_type.is_real() {
@@ -421,7 +422,7 @@ pub struct ObjectDictionary {
 }
 
 impl ObjectDictionary {
-    /// An empty dictionary.
+    /// Makes an empty dictionary.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -481,14 +482,14 @@ impl ObjectDictionary {
         })
     }
 
-    /// The sub-object at a handle.
+    /// Returns the sub-object at a handle.
     #[must_use]
     #[inline]
     pub fn entry(&self, handle: Handle) -> &Entry {
         &self.entries[handle.0]
     }
 
-    /// All sub-objects in order.
+    /// Returns all sub-objects in order.
     #[must_use]
     pub fn entries(&self) -> &[Entry] {
         &self.entries
@@ -501,7 +502,7 @@ impl ObjectDictionary {
     #[inline]
     pub fn store(&mut self, handle: Handle, bytes: &[u8]) -> Result<(), AbortCode> {
         let entry = &mut self.entries[handle.0];
-        // A numeric value has the length of its type, so this is the way of all of them.
+        // A numeric value has the length of its type, so all of them take this branch.
         if entry.value.len() == bytes.len() {
             copy(&mut entry.value, bytes);
             return Ok(());
@@ -514,7 +515,7 @@ impl ObjectDictionary {
         Ok(())
     }
 
-    /// The integer at index and sub-index; `None` when there is no such object.
+    /// Returns the integer at index and sub-index; `None` if there is no such object.
     #[must_use]
     pub fn integer(&self, index: u16, sub_index: u8) -> Option<i128> {
         self.find(index, sub_index)
@@ -522,7 +523,7 @@ impl ObjectDictionary {
             .map(|handle| self.entry(handle).as_integer())
     }
 
-    /// Stores an integer at index and sub-index in the width of its type; the application's own writing, so access
+    /// Stores an integer at index and sub-index in the width of its type. It is a write of the application itself, so access
     /// rights and limits do not count.
     ///
     /// # Errors
@@ -542,14 +543,14 @@ impl ObjectDictionary {
         Ok(())
     }
 
-    /// The integer at index and sub-index when it exists and fits 32 bits without sign.
+    /// Returns the integer at index and sub-index if it exists and fits 32 bits without sign.
     #[must_use]
     pub fn unsigned(&self, index: u16, sub_index: u8) -> Option<u32> {
         self.integer(index, sub_index)
             .and_then(|value| u32::try_from(value).ok())
     }
 
-    /// The value as a client may read it.
+    /// Returns the value as a client may read it.
     ///
     /// # Errors
     /// No such object or sub-index, or write only.
@@ -580,7 +581,7 @@ impl ObjectDictionary {
         Ok(handle)
     }
 
-    /// Puts the defaults back for all objects whose index is in the range (NMT reset).
+    /// Restores the defaults of all objects whose index is in the range (NMT reset).
     pub fn restore_defaults(&mut self, indices: std::ops::RangeInclusive<u16>) {
         for entry in self
             .entries

@@ -1,7 +1,7 @@
-//! Whole numbers of physical values.
+//! Conversion of physical values to whole numbers.
 
-/// A value whose whole part, to which a cast cuts it, is the nearest integer; halves go away from zero. It takes a quarter of the
-/// time of `round`, and differs from that only for the largest value below a half.
+/// Returns a value whose whole part, to which a cast cuts it, is the nearest integer; halves go away from zero. It takes a
+/// quarter of the time of `round`, and differs from that only for the largest value below a half.
 #[must_use]
 #[inline]
 pub fn add_half(value: f64) -> f64 {

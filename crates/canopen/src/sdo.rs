@@ -1,4 +1,4 @@
-//! What the SDO server and client share (CiA 301, 7.2.4.3): layout of the 8 bytes, segments, CRC, limits.
+//! Common parts of the SDO server and client (CiA 301, 7.2.4.3): layout of the 8 bytes, segments, CRC, limits.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use crate::object_dictionary::AbortCode;
 /// Longest value that is transferred; longer ones are aborted with [`AbortCode::OUT_OF_MEMORY`].
 pub const MAX_TRANSFER_BYTES: usize = 64 << 10;
 
-/// How long server and client wait for the other side unless they are set otherwise.
+/// Time for which server and client wait for the other side unless they are set otherwise.
 pub const DEFAULT_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// COB-ID of requests on the default channel, without the node-ID.
@@ -26,7 +26,7 @@ pub(crate) type Payload = [u8; 8];
 /// "Abort SDO transfer" of either side.
 pub(crate) const ABORT: u8 = 0x80;
 
-/// Which object a transfer is about (the standard's multiplexer).
+/// Object of a transfer (the standard's multiplexer).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Multiplexer {
     pub(crate) index: u16,
@@ -34,7 +34,7 @@ pub(crate) struct Multiplexer {
 }
 
 impl Multiplexer {
-    /// The multiplexer in bytes 1 to 3.
+    /// Reads the multiplexer in bytes 1 to 3.
     pub(crate) fn from_payload(payload: &Payload) -> Self {
         Self {
             index: u16::from_le_bytes([payload[1], payload[2]]),
@@ -42,26 +42,26 @@ impl Multiplexer {
         }
     }
 
-    /// A payload of command, multiplexer and four bytes.
+    /// Returns a payload of command, multiplexer and four bytes.
     pub(crate) fn payload(self, command: u8, data: [u8; 4]) -> Payload {
         let [low, high] = self.index.to_le_bytes();
         let [a, b, c, d] = data;
         [command, low, high, self.sub_index, a, b, c, d]
     }
 
-    /// A payload of command, multiplexer and a length in bytes, which [`MAX_TRANSFER_BYTES`] keeps small.
+    /// Returns a payload of command, multiplexer and a length in bytes, which [`MAX_TRANSFER_BYTES`] keeps small.
     pub(crate) fn payload_with_length(self, command: u8, length: usize) -> Payload {
         let length = u32::try_from(length).unwrap_or(u32::MAX);
         self.payload(command, length.to_le_bytes())
     }
 
-    /// "Abort SDO transfer".
+    /// Returns the payload of "abort SDO transfer".
     pub(crate) fn abort(self, code: AbortCode) -> Payload {
         self.payload(ABORT, code.0.to_le_bytes())
     }
 }
 
-/// The payload of an SDO frame with this identifier; other identifiers and lengths are no SDO.
+/// Returns the payload of an SDO frame with this identifier; `None` for other identifiers and lengths.
 pub(crate) fn payload_of(frame: &CanFrame, id: u16) -> Option<Payload> {
     if frame.standard_id() != Some(id) {
         return None;
@@ -69,19 +69,19 @@ pub(crate) fn payload_of(frame: &CanFrame, id: u16) -> Option<Payload> {
     frame.data().try_into().ok()
 }
 
-/// Bytes 4 to 7.
+/// Returns bytes 4 to 7.
 pub(crate) fn data_of(payload: &Payload) -> [u8; 4] {
     [payload[4], payload[5], payload[6], payload[7]]
 }
 
-/// Bytes 4 to 7 as a length; `None` when it exceeds [`MAX_TRANSFER_BYTES`].
+/// Returns bytes 4 to 7 as a length; `None` if it exceeds [`MAX_TRANSFER_BYTES`].
 pub(crate) fn length_of(payload: &Payload) -> Option<usize> {
     usize::try_from(u32::from_le_bytes(data_of(payload)))
         .ok()
         .filter(|&length| length <= MAX_TRANSFER_BYTES)
 }
 
-/// Command and data of an expedited transfer; `None` when the bytes are none or more than four.
+/// Returns command and data of an expedited transfer; `None` for no bytes or more than four.
 pub(crate) fn expedited(command: u8, bytes: &[u8]) -> Option<(u8, [u8; 4])> {
     let unused = match bytes.len() {
         1 => 3,
@@ -95,12 +95,12 @@ pub(crate) fn expedited(command: u8, bytes: &[u8]) -> Option<(u8, [u8; 4])> {
     Some((command | unused << 2 | 0b11, data))
 }
 
-/// How many of the four bytes an expedited command says are used; `None` when it does not say.
+/// Returns how many of the four bytes of an expedited command are used; `None` if the command does not tell.
 pub(crate) fn expedited_length(command: u8) -> Option<usize> {
     (command & 1 != 0).then_some(4 - usize::from(command >> 2 & 0b11))
 }
 
-/// The segment of `data` that begins at `position`, and whether it is the last; the command specifier is 0 in both
+/// Returns the segment of `data` that begins at `position`, and whether it is the last; the command specifier is 0 in both
 /// directions.
 pub(crate) fn segment(data: &[u8], position: usize, toggle: bool) -> (Payload, bool) {
     let rest = &data[position.min(data.len())..];
@@ -157,12 +157,12 @@ pub(crate) fn check_toggle(payload: &Payload, expected: bool) -> Result<(), Abor
     }
 }
 
-/// How many of a segment's seven bytes `length` leaves unused.
+/// Returns how many of a segment's seven bytes `length` leaves unused.
 pub(crate) fn unused_bytes(length: usize) -> u8 {
     u8::try_from(SEGMENT_BYTES.saturating_sub(length)).unwrap_or(0)
 }
 
-/// CRC-16 with polynomial x^16 + x^12 + x^5 + 1 and start value 0 (CiA 301, 7.2.4.3.16).
+/// Computes the CRC-16 with polynomial x^16 + x^12 + x^5 + 1 and start value 0 (CiA 301, 7.2.4.3.16).
 pub(crate) fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0, |crc: u16, &byte| {
         let [high, _] = crc.to_be_bytes();
@@ -170,7 +170,7 @@ pub(crate) fn crc(bytes: &[u8]) -> u16 {
     })
 }
 
-/// The CRC of each single byte.
+/// CRC of each single byte.
 const CRC_TABLE: [u16; 256] = {
     let mut table = [0; 256];
     let mut byte: u16 = 0;
@@ -191,7 +191,7 @@ const CRC_TABLE: [u16; 256] = {
     table
 };
 
-/// The bytes that hexadecimal digits spell.
+/// Returns the bytes of hexadecimal digits.
 #[cfg(test)]
 pub(crate) fn bytes(digits: &str) -> Vec<u8> {
     (0..digits.len())

@@ -6,13 +6,13 @@ use crate::sdo::{MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, crc, unused_bytes};
 /// Segments per block that a receiver of this crate grants: the standard's maximum.
 pub(crate) const BLOCK_SIZE: u8 = 127;
 
-/// How many acknowledgements in a row may confirm nothing before the transfer is given up.
+/// Largest number of acknowledgements in a row that confirm nothing; then the transfer is given up.
 const MAX_FRUITLESS_ACKNOWLEDGEMENTS: u8 = 3;
 
 /// Flag of the last segment.
 const LAST: u8 = 0x80;
 
-/// True for a block size of the standard, 1 to 127.
+/// Checks that a block size is one of the standard, 1 to 127.
 pub(crate) fn check_block_size(block_size: u8) -> Result<(), AbortCode> {
     if (1..=127).contains(&block_size) {
         Ok(())
@@ -21,19 +21,19 @@ pub(crate) fn check_block_size(block_size: u8) -> Result<(), AbortCode> {
     }
 }
 
-/// The side that sends segments.
+/// Sender of segments.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BlockSender {
-    /// Bytes that the receiver has confirmed.
+    /// Number of bytes that the receiver has confirmed.
     confirmed: usize,
-    /// Segments of this block that were sent.
+    /// Number of segments of this block that were sent.
     sent: u8,
     block_size: u8,
     fruitless: u8,
 }
 
 impl BlockSender {
-    /// A sender before its first block.
+    /// Makes a sender before its first block.
     pub(crate) fn new(block_size: u8) -> Self {
         Self {
             confirmed: 0,
@@ -43,7 +43,7 @@ impl BlockSender {
         }
     }
 
-    /// The next segment of the block; `None` when an acknowledgement is due.
+    /// Returns the next segment of the block; `None` if an acknowledgement is due.
     pub(crate) fn next_segment(&mut self, data: &[u8]) -> Option<Payload> {
         let start = self.confirmed + SEGMENT_BYTES * usize::from(self.sent);
         // An empty value still takes one segment.
@@ -59,7 +59,7 @@ impl BlockSender {
         Some(payload)
     }
 
-    /// Handles the receiver's acknowledgement of a block; true when it has everything.
+    /// Handles the receiver's acknowledgement of a block; true if the receiver has everything.
     pub(crate) fn acknowledge(
         &mut self,
         data: &[u8],
@@ -84,7 +84,7 @@ impl BlockSender {
     }
 }
 
-/// The end of a block transfer: `command` with the unused bytes of the last segment, and the CRC.
+/// Returns the end of a block transfer: `command` with the unused bytes of the last segment, and the CRC.
 pub(crate) fn end(command: u8, data: &[u8], with_crc: bool) -> Payload {
     let last_length = match data.len() % SEGMENT_BYTES {
         0 if !data.is_empty() => SEGMENT_BYTES,
@@ -114,7 +114,7 @@ pub(crate) fn check_end(
     Ok(())
 }
 
-/// What a received segment did.
+/// Result of a received segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Received {
     /// It is out of sequence; the acknowledgement will ask for it again.
@@ -125,16 +125,16 @@ pub(crate) enum Received {
     BlockEnded(u8),
 }
 
-/// The side that receives segments.
+/// Receiver of segments.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BlockReceiver {
-    /// Segments of this block that were stored.
+    /// Number of segments of this block that were stored.
     stored: u8,
     is_complete: bool,
 }
 
 impl BlockReceiver {
-    /// True when the last segment was stored.
+    /// Checks whether the last segment was stored.
     pub(crate) fn is_complete(&self) -> bool {
         self.is_complete
     }

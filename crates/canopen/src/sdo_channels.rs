@@ -1,4 +1,4 @@
-//! The SDO servers of a device: the default channel 0x1200 and those that 0x1201 to 0x127F describe.
+//! The SDO servers of a device: the default channel 0x1200, and the channels of 0x1201 to 0x127F.
 
 use std::time::Duration;
 
@@ -14,12 +14,12 @@ const LAST: u16 = 0x127F;
 const REQUEST_ID: u8 = 1;
 const RESPONSE_ID: u8 = 2;
 
-/// True for the objects that describe additional channels.
+/// Checks whether an object describes an additional channel.
 pub(crate) fn owns(index: u16) -> bool {
     (FIRST_ADDITIONAL..=LAST).contains(&index)
 }
 
-/// The rule for writing a channel's COB-IDs: they stay while they are valid (CiA 301, 7.5.2.33).
+/// Checks the rule for writing a channel's COB-IDs: they stay while they are valid (CiA 301, 7.5.2.33).
 pub(crate) fn check_write(
     dictionary: &ObjectDictionary,
     index: u16,
@@ -41,14 +41,14 @@ pub(crate) fn check_write(
     Ok(())
 }
 
-/// One server per channel.
+/// Servers of a node, one for each channel.
 #[derive(Clone, Debug)]
 pub(crate) struct SdoServers {
     default: SdoServer,
     additional: Vec<Channel>,
 }
 
-/// A channel of the dictionary; without server while a COB-ID is invalid.
+/// Channel of the dictionary; without server while a COB-ID is invalid.
 #[derive(Clone, Debug)]
 struct Channel {
     index: u16,
@@ -56,7 +56,7 @@ struct Channel {
 }
 
 impl Channel {
-    /// Follows the dictionary; a server whose COB-IDs have not changed goes on with its transfer.
+    /// Follows the dictionary; a server whose COB-IDs have not changed continues its transfer.
     fn configure(&mut self, dictionary: &ObjectDictionary) {
         let ids = channel_ids(dictionary, self.index);
         let current = self.server.as_ref();
@@ -67,7 +67,7 @@ impl Channel {
 }
 
 impl SdoServers {
-    /// The servers of a dictionary.
+    /// Makes the servers of a dictionary.
     pub(crate) fn new(node_id: NodeId, dictionary: &ObjectDictionary) -> Self {
         let indices =
             (FIRST_ADDITIONAL..=LAST).filter(|index| dictionary.find(*index, REQUEST_ID).is_ok());
@@ -98,7 +98,7 @@ impl SdoServers {
         self.configure(dictionary);
     }
 
-    /// True when a frame with this identifier is a request.
+    /// Checks whether a frame with this identifier is a request.
     #[inline]
     pub(crate) fn listens_to(&self, id: u16) -> bool {
         self.servers().any(|server| server.request_id() == id)
@@ -117,13 +117,13 @@ impl SdoServers {
         self.servers_mut().for_each(|server| server.on_tick(now));
     }
 
-    /// The next answer.
+    /// Returns the next answer.
     #[inline]
     pub(crate) fn next_frame(&mut self) -> Option<CanFrame> {
         self.servers_mut().find_map(SdoServer::next_frame)
     }
 
-    /// When the next client's time passes.
+    /// Returns the time at which the next client's time passes.
     #[inline]
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         earliest(self.servers().map(SdoServer::next_deadline))
@@ -140,7 +140,7 @@ impl SdoServers {
     }
 }
 
-/// The COB-IDs of a channel, request first; `None` while one of them is invalid.
+/// Returns the COB-IDs of a channel, request first; `None` while one of them is invalid.
 fn channel_ids(dictionary: &ObjectDictionary, index: u16) -> Option<(u16, u16)> {
     let id = |sub_index| {
         let cob_id = CobId(dictionary.unsigned(index, sub_index)?);

@@ -14,7 +14,7 @@ use crate::sdo_block::{
     BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
 };
 
-/// Why a transfer failed.
+/// Reason for which a transfer failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SdoFailure {
     /// The server aborted it.
@@ -29,7 +29,7 @@ pub enum SdoFailure {
     TooLong(usize),
 }
 
-/// A failed transfer: which node, which object, and why.
+/// Failed transfer: its node, its object, and the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoError {
     /// Node-ID of the server.
@@ -38,7 +38,7 @@ pub struct SdoError {
     pub index: u16,
     /// Sub-index of the object.
     pub sub_index: u8,
-    /// Why.
+    /// Reason of the failure.
     pub failure: SdoFailure,
 }
 
@@ -70,7 +70,7 @@ impl fmt::Display for SdoError {
 
 impl std::error::Error for SdoError {}
 
-/// What the client waits for.
+/// Answer for which the client waits.
 #[derive(Clone, Copy, Debug)]
 enum State {
     Idle,
@@ -108,7 +108,7 @@ enum State {
     BlockDownloadEnd,
 }
 
-/// What an answer led to.
+/// Effect of an answer.
 #[derive(PartialEq, Eq)]
 enum Step {
     /// It belongs to no request of this transfer.
@@ -117,10 +117,10 @@ enum Step {
     Done,
 }
 
-/// One SDO channel as client.
+/// Client of one SDO channel.
 ///
-/// Start a transfer, drain [`SdoClient::next_frame`] after each call that takes a time, and ask
-/// [`SdoClient::take_result`] how it ended. Answers that do not fit are dropped: they belong to an earlier transfer.
+/// Start a transfer, drain [`SdoClient::next_frame`] after each call that takes a time, and take its end from
+/// [`SdoClient::take_result`]. Answers that do not fit are dropped: they belong to an earlier transfer.
 #[derive(Clone, Debug)]
 pub struct SdoClient {
     node_id: u8,
@@ -136,7 +136,7 @@ pub struct SdoClient {
 }
 
 impl SdoClient {
-    /// A client on the default channel of the server `node_id`.
+    /// Makes a client on the default channel of the server `node_id`.
     #[must_use]
     pub fn new(node_id: u8) -> Self {
         Self {
@@ -168,19 +168,19 @@ impl SdoClient {
         self
     }
 
-    /// Node-ID of the server.
+    /// Returns the node-ID of the server.
     #[must_use]
     pub fn node_id(&self) -> u8 {
         self.node_id
     }
 
-    /// The COB-ID of answers.
+    /// Returns the COB-ID of answers.
     #[must_use]
     pub fn response_id(&self) -> u16 {
         self.response_id
     }
 
-    /// True while a transfer is under way.
+    /// Checks whether a transfer is under way.
     #[must_use]
     pub fn is_busy(&self) -> bool {
         !matches!(self.state, State::Idle)
@@ -202,7 +202,7 @@ impl SdoClient {
         Ok(())
     }
 
-    /// Starts reading an object by block transfer. A server may answer with a plain upload all the same.
+    /// Starts reading an object by block transfer. A server may also answer with a plain upload.
     ///
     /// # Errors
     /// [`SdoFailure::Busy`].
@@ -258,7 +258,7 @@ impl SdoClient {
         Ok(())
     }
 
-    /// Handles a frame; those that are no answer to this transfer are passed over.
+    /// Handles a frame; frames that are no answer to this transfer are ignored.
     pub fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
         let Some(answer) = payload_of(frame, self.response_id) else {
             return;
@@ -290,7 +290,7 @@ impl SdoClient {
         self.result = None;
     }
 
-    /// The next frame to send.
+    /// Returns the next frame to send.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
         let request = self.request.take();
         let payload = request.or_else(|| match &mut self.state {
@@ -300,13 +300,13 @@ impl SdoClient {
         Some(CanFrame::new(self.request_id, &payload))
     }
 
-    /// When [`SdoClient::on_tick`] is due; `None` between transfers.
+    /// Returns the time at which [`SdoClient::on_tick`] is due; `None` between transfers.
     #[must_use]
     pub fn next_deadline(&self) -> Option<Duration> {
         self.deadline
     }
 
-    /// How the transfer ended, once: the value read, or nothing after writing. `None` while it goes on.
+    /// Returns the result of a transfer, once: the value that was read, or nothing after a write. `None` during the transfer.
     pub fn take_result(&mut self) -> Option<Result<Vec<u8>, SdoError>> {
         self.result.take()
     }
@@ -357,7 +357,7 @@ impl SdoClient {
         self.finish(Err(failure));
     }
 
-    /// Handles an answer by what the client waits for.
+    /// Handles an answer in the present state.
     fn handle(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         let is_receiving_block = matches!(self.state, State::BlockUpload { .. });
         let is_abort = answer[0] >> 5 == 4 && (answer[0] == 0x80 || !is_receiving_block);
@@ -396,13 +396,13 @@ impl SdoClient {
         Step::Stale
     }
 
-    /// The end of writing: there is no value to hand out.
+    /// Ends a write: there is no value to return.
     fn written(&mut self) -> Step {
         self.buffer.clear();
         Step::Done
     }
 
-    /// The answer to either initiation of an upload.
+    /// Handles the answer to either initiation of an upload.
     fn upload_initiated(&mut self, answer: &Payload, is_block: bool) -> Result<Step, AbortCode> {
         if Multiplexer::from_payload(answer) != self.object {
             return Ok(Step::Stale);
@@ -434,7 +434,7 @@ impl SdoClient {
         }
     }
 
-    /// A segment of a segmented upload.
+    /// Handles a segment of a segmented upload.
     fn upload_segment(
         &mut self,
         answer: &Payload,
@@ -456,7 +456,7 @@ impl SdoClient {
         Ok(Step::Forward)
     }
 
-    /// A segment of a block.
+    /// Handles a segment of a block.
     fn block_upload_segment(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         let State::BlockUpload {
             receiver,
@@ -481,7 +481,7 @@ impl SdoClient {
         Ok(Step::Forward)
     }
 
-    /// The end of a block upload.
+    /// Handles the end of a block upload.
     fn block_upload_end(
         &mut self,
         answer: &Payload,
@@ -497,7 +497,7 @@ impl SdoClient {
         Ok(Step::Done)
     }
 
-    /// The answer to the initiation of a plain download.
+    /// Handles the answer to the initiation of a plain download.
     fn download_initiated(&mut self, answer: &Payload, is_expedited: bool) -> Step {
         if answer[0] >> 5 != 3 || Multiplexer::from_payload(answer) != self.object {
             return Step::Stale;
@@ -517,7 +517,7 @@ impl SdoClient {
         self.state = State::Download { toggle, position };
     }
 
-    /// The confirmation of a segment.
+    /// Handles the confirmation of a segment.
     fn download_segment(
         &mut self,
         answer: &Payload,
@@ -535,7 +535,7 @@ impl SdoClient {
         Ok(Step::Forward)
     }
 
-    /// The answer to the initiation of a block download.
+    /// Handles the answer to the initiation of a block download.
     fn block_download_initiated(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         let is_answer = answer[0] >> 5 == 5 && answer[0] & 0b11 == 0;
         if !is_answer || Multiplexer::from_payload(answer) != self.object {
@@ -549,7 +549,7 @@ impl SdoClient {
         Ok(Step::Forward)
     }
 
-    /// The acknowledgement of a block.
+    /// Handles the acknowledgement of a block.
     fn block_download_acknowledged(&mut self, answer: &Payload) -> Result<Step, AbortCode> {
         let State::BlockDownload { sender, with_crc } = &mut self.state else {
             return Ok(Step::Stale);
@@ -565,7 +565,7 @@ impl SdoClient {
     }
 }
 
-/// The length that an initiating answer announces.
+/// Returns the length that an initiating answer announces.
 fn announced_length(answer: &Payload, is_announced: bool) -> Result<Option<usize>, AbortCode> {
     is_announced
         .then(|| length_of(answer).ok_or(AbortCode::OUT_OF_MEMORY))
@@ -593,7 +593,7 @@ mod tests {
         client.on_frame(NOW, &CanFrame::new(0x590, payload));
     }
 
-    /// The frames that the client wants to send.
+    /// Returns the frames that the client wants to send.
     fn sent(client: &mut SdoClient) -> Vec<Vec<u8>> {
         std::iter::from_fn(|| client.next_frame())
             .inspect(|frame| assert_eq!(frame.standard_id(), Some(0x610)))
@@ -601,7 +601,7 @@ mod tests {
             .collect()
     }
 
-    /// A started upload of 0x2000:00 whose request is sent.
+    /// Returns a started upload of 0x2000:00 whose request is sent.
     fn upload() -> SdoClient {
         let mut client = client();
         client.start_upload(NOW, 0x2000, 0).unwrap();
@@ -896,7 +896,7 @@ mod tests {
         replay(include_str!("../tests/data/sdo_server_of_canopennode.log"));
     }
 
-    /// Holds the client to a session with another server.
+    /// Replays a session with another server, and compares the client's frames with it.
     fn replay(transcript: &str) {
         let mut client = client();
         let mut requests = VecDeque::new();
@@ -919,7 +919,7 @@ mod tests {
         assert!(requests.is_empty());
     }
 
-    /// Starts what a transcript says.
+    /// Starts the transfer of a transcript's command.
     fn start(client: &mut SdoClient, command: &[&str]) {
         let index = u16::from_str_radix(command[1], 16).unwrap();
         match *command {
@@ -933,7 +933,7 @@ mod tests {
         }
     }
 
-    /// What the bus does to a frame.
+    /// Effect of the bus on a frame.
     #[derive(Clone, Copy, Debug)]
     enum Fate {
         Delivered,
@@ -1034,7 +1034,7 @@ mod tests {
             self.run()
         }
 
-        /// On a bus without faults, the next transfer works.
+        /// Checks that on a bus without faults the next transfer works.
         fn is_alive(&mut self) -> bool {
             self.fates = Vec::new().into_iter();
             self.client.start_upload(self.now, 0x2001, 0).unwrap();
@@ -1042,7 +1042,7 @@ mod tests {
         }
     }
 
-    /// Values of all three modes: expedited, segmented, several blocks.
+    /// Returns values of all three modes: expedited, segmented, several blocks.
     fn value() -> impl Strategy<Value = Vec<u8>> {
         prop_oneof![
             1 => proptest::collection::vec(any::<u8>(), 0..=8),
@@ -1050,7 +1050,7 @@ mod tests {
         ]
     }
 
-    /// One fault in forty frames or so.
+    /// Returns about one fault in forty frames.
     fn fates() -> impl Strategy<Value = Vec<Fate>> {
         let fate = prop_oneof![38 => Just(Fate::Delivered), 1 => Just(Fate::Lost), 1 => Just(Fate::Doubled)];
         proptest::collection::vec(fate, 0..1500)

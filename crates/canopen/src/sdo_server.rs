@@ -14,25 +14,25 @@ use crate::sdo_block::{
     BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
 };
 
-/// The objects that a server serves, with whatever they do when read or written.
+/// Objects that a server serves, with their reactions to reads and writes.
 pub trait Access {
-    /// The value of an object, little-endian. Borrowed values up to four bytes are served without allocation.
+    /// Returns the value of an object, little-endian. Borrowed values up to four bytes are served without allocation.
     ///
     /// # Errors
-    /// Why the object cannot be read.
+    /// The reason for which the object cannot be read.
     fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode>;
 
     /// Writes an object.
     ///
     /// # Errors
-    /// Why the object cannot be written, or not with these bytes.
+    /// The reason for which the object cannot be written, or not with these bytes.
     fn write(&mut self, index: u16, sub_index: u8, bytes: &[u8]) -> Result<(), AbortCode>;
 
-    /// Asked before a segmented or block download starts, with the length that the client announces, so that hopeless
-    /// ones end early. [`Access::write`] decides in the end.
+    /// Checks a segmented or block download before it starts, with the length that the client announces, so that hopeless
+    /// downloads end early. [`Access::write`] decides in the end.
     ///
     /// # Errors
-    /// Why the object cannot be written.
+    /// The reason for which the object cannot be written.
     fn prepare_write(
         &mut self,
         index: u16,
@@ -43,14 +43,14 @@ pub trait Access {
         Ok(())
     }
 
-    /// The length of an object's type in bytes, for expedited downloads that do not say theirs; `None` means four.
+    /// Returns the length of an object's type in bytes, for expedited downloads without a length; `None` means four.
     fn size_bytes(&mut self, index: u16, sub_index: u8) -> Option<usize> {
         let _ = (index, sub_index);
         None
     }
 }
 
-/// Plain storage: existence, access rights, length and limits are checked, nothing else happens.
+/// Plain storage: existence, access rights, length and limits are checked, and there is no other effect.
 impl Access for ObjectDictionary {
     fn read(&mut self, index: u16, sub_index: u8) -> Result<Cow<'_, [u8]>, AbortCode> {
         ObjectDictionary::read(self, index, sub_index).map(Cow::Borrowed)
@@ -83,7 +83,7 @@ impl Access for ObjectDictionary {
     }
 }
 
-/// Where a transfer stands.
+/// State of a transfer.
 #[derive(Clone, Copy, Debug)]
 enum State {
     Idle,
@@ -117,14 +117,14 @@ enum State {
     BlockUploadEnd,
 }
 
-/// Whether a request moved the transfer on, so that its time-out starts anew.
+/// Whether a request advanced the transfer, so that its time-out starts anew.
 #[derive(PartialEq, Eq)]
 enum Step {
     Forward,
     None,
 }
 
-/// One SDO channel as server.
+/// Server of one SDO channel.
 ///
 /// Drain [`SdoServer::next_frame`] after each call that takes a time.
 #[derive(Clone, Debug)]
@@ -140,7 +140,7 @@ pub struct SdoServer {
 }
 
 impl SdoServer {
-    /// A server that hears requests on one COB-ID and answers on another; the low 11 bits count.
+    /// Makes a server that hears requests on one COB-ID and answers on another; the low 11 bits count.
     #[must_use]
     pub fn new(request_id: u16, response_id: u16) -> Self {
         Self {
@@ -155,7 +155,7 @@ impl SdoServer {
         }
     }
 
-    /// The default channel of a node: requests on 0x600 + node-ID, answers on 0x580 + node-ID.
+    /// Makes a server on the default channel of a node: requests on 0x600 + node-ID, answers on 0x580 + node-ID.
     #[must_use]
     pub fn for_node(node_id: u8) -> Self {
         let node_id = u16::from(node_id);
@@ -169,19 +169,19 @@ impl SdoServer {
         self
     }
 
-    /// The COB-ID of requests.
+    /// Returns the COB-ID of requests.
     #[must_use]
     pub fn request_id(&self) -> u16 {
         self.request_id
     }
 
-    /// The COB-ID of answers.
+    /// Returns the COB-ID of answers.
     #[must_use]
     pub fn response_id(&self) -> u16 {
         self.response_id
     }
 
-    /// True while a transfer is half done.
+    /// Checks whether a transfer is under way.
     #[must_use]
     pub fn is_busy(&self) -> bool {
         !matches!(self.state, State::Idle)
@@ -193,7 +193,7 @@ impl SdoServer {
         self.answer = None;
     }
 
-    /// Handles a frame; those with another COB-ID, not of 8 bytes, or no plain data frames are passed over.
+    /// Handles a frame; frames with another COB-ID, not of 8 bytes, or other than plain data frames are ignored.
     pub fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: &mut dyn Access) {
         let Some(request) = payload_of(frame, self.request_id) else {
             return;
@@ -213,7 +213,7 @@ impl SdoServer {
         }
     }
 
-    /// The next frame to send.
+    /// Returns the next frame to send.
     pub fn next_frame(&mut self) -> Option<CanFrame> {
         let answer = self.answer.take();
         let payload = answer.or_else(|| match &mut self.state {
@@ -223,7 +223,7 @@ impl SdoServer {
         Some(CanFrame::new(self.response_id, &payload))
     }
 
-    /// When [`SdoServer::on_tick`] is due; `None` between transfers.
+    /// Returns the time at which [`SdoServer::on_tick`] is due; `None` between transfers.
     #[must_use]
     pub fn next_deadline(&self) -> Option<Duration> {
         self.deadline
@@ -241,7 +241,7 @@ impl SdoServer {
         self.answer = Some(self.object.abort(code));
     }
 
-    /// Handles a request by its command specifier, which is only there outside the segments of a block.
+    /// Handles a request by its command specifier, which exists only outside the segments of a block.
     fn handle(&mut self, request: &Payload, objects: &mut dyn Access) -> Result<Step, AbortCode> {
         let command = request[0];
         if command >> 5 == 4 && (command == 0x80 || !self.is_receiving_block()) {
@@ -270,19 +270,19 @@ impl SdoServer {
         Ok(Step::Forward)
     }
 
-    /// True while the next frame must be a segment of a block.
+    /// Checks whether the next frame must be a segment of a block.
     fn is_receiving_block(&self) -> bool {
         matches!(self.state, State::BlockDownload { .. })
     }
 
-    /// Drops what was going on, since the client begins anew.
+    /// Drops the current transfer, since the client starts a new one.
     fn begin(&mut self, request: &Payload) -> Multiplexer {
         self.close();
         self.object = Multiplexer::from_payload(request);
         self.object
     }
 
-    /// "SDO download initiate", expedited or segmented.
+    /// Handles "SDO download initiate", expedited or segmented.
     fn initiate_download(
         &mut self,
         request: &Payload,
@@ -306,7 +306,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// The length that an initiating request announces, once object and memory agree to it.
+    /// Returns the length that an initiating request announces, once object and memory agree to it.
     fn announced_length(
         &self,
         request: &Payload,
@@ -315,7 +315,7 @@ impl SdoServer {
     ) -> Result<Option<usize>, AbortCode> {
         let Multiplexer { index, sub_index } = self.object;
         let length = is_announced.then(|| length_of(request));
-        // A length beyond the limit may be beyond the object's as well, which says more.
+        // A length beyond the limit may also be beyond the object's, which is the better answer.
         let asked = length.map(|length| length.unwrap_or(usize::MAX));
         objects.prepare_write(index, sub_index, asked)?;
         length
@@ -323,7 +323,7 @@ impl SdoServer {
             .transpose()
     }
 
-    /// "SDO download segment".
+    /// Handles "SDO download segment".
     fn download_segment(
         &mut self,
         request: &Payload,
@@ -345,7 +345,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// Writes a value that arrived in pieces.
+    /// Writes a value that arrived in segments.
     fn finish_download(
         &mut self,
         announced: Option<usize>,
@@ -358,7 +358,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// "SDO upload initiate".
+    /// Handles "SDO upload initiate".
     fn initiate_upload(
         &mut self,
         request: &Payload,
@@ -384,7 +384,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// Keeps a value that leaves in pieces, so that they belong together.
+    /// Keeps a copy of a value that leaves in segments, so that they belong together.
     fn keep(&mut self, value: &[u8]) -> Result<(), AbortCode> {
         if value.len() > MAX_TRANSFER_BYTES {
             return Err(AbortCode::OUT_OF_MEMORY);
@@ -394,7 +394,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// "SDO upload segment".
+    /// Handles "SDO upload segment".
     fn upload_segment(&mut self, request: &Payload) -> Result<(), AbortCode> {
         let State::Upload { toggle, position } = self.state else {
             return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
@@ -413,7 +413,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// "SDO block download initiate".
+    /// Handles "SDO block download initiate".
     fn initiate_block_download(
         &mut self,
         request: &Payload,
@@ -431,7 +431,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// "SDO block download sub-block".
+    /// Handles "SDO block download sub-block".
     fn block_download_segment(&mut self, request: &Payload) -> Result<Step, AbortCode> {
         let State::BlockDownload {
             receiver,
@@ -456,7 +456,7 @@ impl SdoServer {
         Ok(Step::Forward)
     }
 
-    /// "SDO block download end".
+    /// Handles "SDO block download end".
     fn end_block_download(
         &mut self,
         request: &Payload,
@@ -475,7 +475,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// "SDO block upload initiate"; values up to the client's protocol switch threshold go the plain way.
+    /// Handles "SDO block upload initiate"; values up to the client's protocol switch threshold take a plain upload.
     fn initiate_block_upload(
         &mut self,
         request: &Payload,
@@ -497,7 +497,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// "SDO block upload initiate", second part: the client is ready.
+    /// Handles the second part of "SDO block upload initiate": the client is ready.
     fn start_block_upload(&mut self) -> Result<(), AbortCode> {
         let State::BlockUploadStart { sender, with_crc } = self.state else {
             return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
@@ -506,7 +506,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// The client's acknowledgement of a block.
+    /// Handles the client's acknowledgement of a block.
     fn acknowledge_block_upload(&mut self, request: &Payload) -> Result<(), AbortCode> {
         let State::BlockUpload { sender, with_crc } = &mut self.state else {
             return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
@@ -518,7 +518,7 @@ impl SdoServer {
         Ok(())
     }
 
-    /// "SDO block upload end".
+    /// Handles "SDO block upload end".
     fn end_block_upload(&mut self) -> Result<(), AbortCode> {
         let State::BlockUploadEnd = self.state else {
             return Err(AbortCode::COMMAND_SPECIFIER_INVALID);
@@ -1067,7 +1067,7 @@ mod tests {
         assert!(!bench.server.is_busy());
     }
 
-    /// Requests that mostly look like the protocol's.
+    /// Returns requests that mostly resemble the protocol's.
     fn request() -> impl Strategy<Value = Vec<u8>> {
         let command = prop_oneof![
             any::<u8>(),

@@ -1,4 +1,4 @@
-//! The CiA 301 services of one node round its dictionary, as its application sees them.
+//! The CiA 301 services of one node and its dictionary, as its application uses them.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -13,22 +13,22 @@ use crate::pdo::{self, Direction, Place, Rpdo, Tpdo};
 use crate::sdo_channels;
 use crate::sync::{self, SyncConsumer, SyncProducer};
 
-/// Frames that wait to be drained at most; newer ones are dropped and counted.
+/// Largest number of frames that wait to be drained; further ones are dropped and counted.
 const OUTPUT_LENGTH: usize = 256;
-/// Source of an overrun of the output, beside one that the CAN controller reports.
+/// Source of an overrun of the output, as opposed to one that the CAN controller reports.
 const OUTPUT_OVERRUN: u16 = 1;
 
-/// The dictionary of a PDO cannot work.
+/// Wrong configuration of a PDO in a dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("PDO parameters at {index:#06x}: {reason}")]
 pub struct InvalidPdo {
     /// Index of the PDO's communication parameters.
     pub index: u16,
-    /// What is wrong with them or with the mapping.
+    /// Error of the parameters or of the mapping.
     pub reason: AbortCode,
 }
 
-/// A node's dictionary and services. An application gets it with every call.
+/// Dictionary and services of a node. An application gets it with every call.
 #[derive(Clone, Debug)]
 pub struct Services {
     pub(crate) now: Duration,
@@ -40,7 +40,7 @@ pub struct Services {
     pub(crate) sync_producer: SyncProducer,
     pub(crate) rpdos: Vec<Rpdo>,
     pub(crate) tpdos: Vec<Tpdo>,
-    /// Any PDO may have a deadline; seldom so, and asked after every event.
+    /// Whether any PDO may have a deadline; few nodes have one, and the question comes after every event.
     has_timed_pdos: bool,
     pub(crate) heartbeat: HeartbeatProducer,
     pub(crate) monitors: HeartbeatConsumer,
@@ -49,11 +49,11 @@ pub struct Services {
     dropped_frames: u64,
 }
 
-/// NMT commands of the application that wait at most.
+/// Largest number of the application's NMT commands that wait.
 const REQUESTS_MAX: usize = 8;
 
 impl Services {
-    /// The services as the dictionary's defaults configure them, not yet booted.
+    /// Makes the services from the dictionary's defaults, not yet booted.
     pub(crate) fn new(
         node_id: NodeId,
         mut dictionary: ObjectDictionary,
@@ -81,39 +81,39 @@ impl Services {
         Ok(services)
     }
 
-    /// The time of the call that is going on, since the node's start.
+    /// Returns the time of the present call, since the node's start.
     #[must_use]
     pub fn now(&self) -> Duration {
         self.now
     }
 
-    /// The node's number.
+    /// Returns the node-ID.
     #[must_use]
     pub fn node_id(&self) -> NodeId {
         self.node_id
     }
 
-    /// The node's own NMT state.
+    /// Returns the node's own NMT state.
     #[must_use]
     pub fn nmt_state(&self) -> NmtState {
         self.state
     }
 
-    /// The dictionary.
+    /// Returns the dictionary.
     #[must_use]
     pub fn dictionary(&self) -> &ObjectDictionary {
         &self.dictionary
     }
 
-    /// The dictionary for the application's own values. Objects of the services are written with [`Services::write`],
-    /// so that the services notice; none may be inserted.
+    /// Returns the dictionary for the application's own values. Objects of the services are written with [`Services::write`], so
+    /// that the services notice; none may be inserted.
     #[must_use]
     pub fn dictionary_mut(&mut self) -> &mut ObjectDictionary {
         &mut self.dictionary
     }
 
-    /// Writes an object as a client would, the application's own `on_write` left out: access, limits and the services'
-    /// rules count, and the services notice.
+    /// Writes an object as a client would, without the application's own `on_write`: access, limits and the services' rules
+    /// count, and the services notice.
     ///
     /// # Errors
     /// As an SDO download would be refused.
@@ -122,14 +122,14 @@ impl Services {
         self.commit(handle, bytes)
     }
 
-    /// Asks for an NMT state change or reset of this node itself, once the present call is over.
+    /// Requests an NMT state change or reset of this node itself, after the present call.
     pub fn request_nmt(&mut self, command: NmtCommand) {
         if self.requests.len() < REQUESTS_MAX {
             self.requests.push_back(command);
         }
     }
 
-    /// As NMT manager: orders one node, or all others when `target` is `None`. The node itself is not meant; see
+    /// Orders, as NMT manager, one node, or all others if `target` is `None`. The node itself is not meant; see
     /// [`Services::request_nmt`].
     pub fn send_nmt(&mut self, command: NmtCommand, target: Option<NodeId>) {
         self.send(command.frame(target));
@@ -145,8 +145,8 @@ impl Services {
         }
     }
 
-    /// Asks for a TPDO, as a change of a mapped value does by itself: types 254 and 255 are packed now, or when their
-    /// inhibit time has passed; type 0 goes with the next SYNC. Without effect outside Operational and for other types.
+    /// Requests a TPDO, as a change of a mapped value does by itself: types 254 and 255 are packed now, or when their inhibit
+    /// time has passed; type 0 goes with the next SYNC. Without effect outside Operational and for other types.
     pub fn request_tpdo(&mut self, number: u16) {
         let (now, dictionary) = (self.now, &self.dictionary);
         let mut tpdos = self.tpdos.iter_mut();
@@ -157,7 +157,7 @@ impl Services {
         frame.into_iter().for_each(|frame| self.send(frame));
     }
 
-    /// True when an RPDO's latest data held a value beyond the limits of its object, which got the limit instead.
+    /// Checks whether an RPDO's latest data held a value beyond the limits of its object, which got the limit instead.
     #[must_use]
     pub fn is_rpdo_cut(&self, number: u16) -> bool {
         let mut rpdos = self.rpdos.iter();
@@ -174,7 +174,7 @@ impl Services {
         }
     }
 
-    /// True when a change of a value may make a TPDO leave without SYNC.
+    /// Checks whether a change of a value may cause a TPDO without SYNC.
     pub(crate) fn has_tpdos_that_follow_changes(&self) -> bool {
         self.has_timed_pdos && self.tpdos.iter().any(Tpdo::follows_changes)
     }
@@ -189,25 +189,25 @@ impl Services {
         self.emcy.clear(&mut self.dictionary, code, 0);
     }
 
-    /// How many SYNCs may be missing before [`crate::CommunicationLoss::Sync`]: the time-out is that number and a half
-    /// of periods (0x1006). CiA 301 leaves it open; the default is 1.
+    /// Sets how many SYNCs may be missing before [`crate::CommunicationLoss::Sync`]: the time-out is that number and a half of
+    /// periods (0x1006). CiA 301 leaves the number open; the default is 1.
     pub fn set_missing_syncs_tolerated(&mut self, count: u32) {
         self.sync.set_missing_tolerated(count);
     }
 
-    /// When the next SYNC is due that this node produces.
+    /// Returns the time at which the next SYNC is due that this node produces.
     #[must_use]
     pub fn next_sync(&self) -> Option<Duration> {
         self.sync_producer.next_deadline()
     }
 
-    /// SYNC deadlines that this producer let pass.
+    /// Returns the number of SYNC deadlines that this producer let pass.
     #[must_use]
     pub fn sync_overruns(&self) -> u64 {
         self.sync_producer.overruns()
     }
 
-    /// Frames that were dropped because nobody drained the output.
+    /// Returns the number of frames that were dropped because the output was not drained.
     #[must_use]
     pub fn dropped_frames(&self) -> u64 {
         self.dropped_frames
@@ -226,13 +226,13 @@ impl Services {
         self.emcy.clear(&mut self.dictionary, code, source);
     }
 
-    /// True while an error of one RPDO or node is active.
+    /// Checks whether an error of one RPDO or node is active.
     #[inline]
     pub(crate) fn is_active(&self, code: ErrorCode, source: u16) -> bool {
         self.emcy.is_active(code, source)
     }
 
-    /// An object's value as a client reads it.
+    /// Returns an object's value as a client reads it.
     pub(crate) fn read(&self, index: u16, sub_index: u8) -> Result<&[u8], AbortCode> {
         let value = self.dictionary.read(index, sub_index)?;
         emcy::check_read(&self.dictionary, index, sub_index)?;
@@ -279,7 +279,7 @@ impl Services {
         Ok(())
     }
 
-    /// Puts defaults back into a range of indices and all services into the state after power-on.
+    /// Restores the defaults of a range of indices, and the state of all services after power-on.
     pub(crate) fn reset(&mut self, indices: std::ops::RangeInclusive<u16>) {
         self.dictionary.restore_defaults(indices);
         let dictionary = &self.dictionary;
@@ -323,7 +323,7 @@ impl Services {
         }
     }
 
-    /// The oldest frame in the output.
+    /// Returns the oldest frame in the output.
     #[inline]
     pub(crate) fn next_output(&mut self) -> Option<CanFrame> {
         let frame = self.output.pop_front();
@@ -334,7 +334,7 @@ impl Services {
         self.emcy.next_frame(self.now)
     }
 
-    /// When a service has something to do next.
+    /// Returns the time at which a service is due next.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         let emcy = self
             .emcy
@@ -403,7 +403,7 @@ impl Services {
     }
 }
 
-/// All PDOs that the dictionary has parameters for.
+/// Reads all PDOs for which the dictionary has parameters.
 fn read_pdos(dictionary: &ObjectDictionary) -> Result<(Vec<Rpdo>, Vec<Tpdo>), InvalidPdo> {
     let receive = pdo::numbers(dictionary, Direction::Receive).map(|number| {
         let index = 0x1400 + number - 1;

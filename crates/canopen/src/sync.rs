@@ -11,19 +11,19 @@ const PERIOD: u16 = 0x1006;
 const WINDOW: u16 = 0x1007;
 const OVERFLOW: u16 = 0x1019;
 
-/// SYNCs that may be missing before the consumer reports a time-out: it waits 1.5 periods.
+/// Number of SYNCs that may be missing before the consumer reports a time-out: it waits 1.5 periods.
 const MISSING_SYNCS_TOLERATED: u32 = 1;
 
 /// A SYNC as the services of a node see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sync {
-    /// The counter, 1 to 0x1019; `None` for a SYNC without.
+    /// Counter, 1 to 0x1019; `None` for a SYNC without one.
     pub counter: Option<u8>,
-    /// SYNCs since the one before, by the counter: more than 1 when SYNCs were lost.
+    /// Number of SYNCs since the previous one, by the counter: more than 1 if SYNCs were lost.
     pub elapsed: u8,
 }
 
-/// What a frame was to the consumer.
+/// Result of a frame for the consumer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reception {
     /// A SYNC.
@@ -60,12 +60,12 @@ impl Parameters {
     }
 }
 
-/// True for the objects that configure SYNC.
+/// Checks whether an object configures SYNC.
 pub(crate) fn owns(index: u16) -> bool {
     matches!(index, COB_ID | PERIOD | WINDOW | OVERFLOW)
 }
 
-/// The rules for writing 0x1005 and 0x1019 (CiA 301, 7.5.2.5 and 7.5.2.22).
+/// Checks the rules for writing 0x1005 and 0x1019 (CiA 301, 7.5.2.5 and 7.5.2.22).
 pub(crate) fn check_write(
     dictionary: &ObjectDictionary,
     index: u16,
@@ -89,23 +89,23 @@ pub(crate) fn check_write(
     }
 }
 
-/// Recognises SYNC, watches its counter and its absence.
+/// Consumer of SYNC: recognises it, and watches its counter and its absence.
 ///
-/// An empty SYNC is accepted whatever 0x1019 says, since widely used managers send nothing else; any other wrong
-/// length is an error and no SYNC. The time-out starts with the first SYNC.
+/// An empty SYNC is accepted whatever 0x1019 says, since widely used managers send nothing else; any other wrong length is an
+/// error and no SYNC. The time-out starts with the first SYNC.
 #[derive(Clone, Debug)]
 pub(crate) struct SyncConsumer {
     parameters: Parameters,
     missing_tolerated: u32,
     last_counter: Option<u8>,
     last: Option<Duration>,
-    /// Runs from each SYNC, until the time-out.
+    /// Deadline from each SYNC on, until the time-out.
     deadline: Option<Duration>,
     has_timed_out: bool,
 }
 
 impl SyncConsumer {
-    /// The consumer as the dictionary configures it.
+    /// Makes the consumer from the dictionary's configuration.
     pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
         Self {
             parameters: Parameters::read(dictionary),
@@ -117,12 +117,12 @@ impl SyncConsumer {
         }
     }
 
-    /// How many SYNCs may be missing before the time-out, which then comes after that number and a half of periods.
+    /// Sets how many SYNCs may be missing before the time-out, which then comes after that number and a half of periods.
     pub(crate) fn set_missing_tolerated(&mut self, count: u32) {
         self.missing_tolerated = count;
     }
 
-    /// Forgets what was received (NMT reset, Stopped).
+    /// Forgets the received SYNCs (NMT reset, Stopped).
     pub(crate) fn reset(&mut self, dictionary: &ObjectDictionary) {
         *self = Self {
             missing_tolerated: self.missing_tolerated,
@@ -137,7 +137,7 @@ impl SyncConsumer {
         self.deadline = self.deadline_from(now).filter(|_| is_watching);
     }
 
-    /// True when the frame's identifier is SYNC's; a producer takes no foreign SYNC.
+    /// Checks whether the frame's identifier is that of SYNC; a producer takes no foreign SYNC.
     pub(crate) fn listens_to(&self, id: u16) -> bool {
         self.parameters.cob_id == Some(id) && !self.parameters.is_producer
     }
@@ -157,7 +157,7 @@ impl SyncConsumer {
         Reception::Sync(Sync { counter, elapsed })
     }
 
-    /// True once when the time-out has passed.
+    /// Returns true once when the time-out has passed.
     pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
         if self.deadline.is_none_or(|deadline| now < deadline) {
             return false;
@@ -167,12 +167,12 @@ impl SyncConsumer {
         true
     }
 
-    /// When the time-out passes.
+    /// Returns the time at which the time-out passes.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         self.deadline
     }
 
-    /// True when a synchronous RPDO may still arrive (0x1007).
+    /// Checks whether a synchronous RPDO may still arrive (0x1007).
     pub(crate) fn is_window_open(&self, now: Duration) -> bool {
         match (self.last, self.parameters.window) {
             (Some(last), Some(window)) => now <= last + window,
@@ -186,7 +186,7 @@ impl SyncConsumer {
         (!self.parameters.is_producer).then(|| now + period.saturating_mul(half_periods) / 2)
     }
 
-    /// SYNCs since the one before; 1 where the counters do not show it.
+    /// Returns the number of SYNCs since the previous one; 1 if the counters do not show it.
     fn elapsed_until(&self, counter: Option<u8>) -> u8 {
         let overflow = self.parameters.overflow;
         let is_sound = |counter| (1..=overflow).contains(&counter);
@@ -205,7 +205,7 @@ impl SyncConsumer {
     }
 }
 
-/// Produces SYNC: deadlines are multiples of 0x1006 from the start and never drift.
+/// Producer of SYNC: deadlines are multiples of 0x1006 from the start and never drift.
 ///
 /// A late tick sends one SYNC; the multiples that have passed meanwhile are skipped and counted as overruns.
 #[derive(Clone, Debug)]
@@ -217,7 +217,7 @@ pub(crate) struct SyncProducer {
 }
 
 impl SyncProducer {
-    /// The producer as the dictionary configures it; it begins with [`SyncProducer::start`].
+    /// Makes the producer from the dictionary's configuration; it begins with [`SyncProducer::start`].
     pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
         Self {
             parameters: Parameters::read(dictionary),
@@ -239,7 +239,7 @@ impl SyncProducer {
         self.counter = 0;
     }
 
-    /// Begins where 0x1005 and 0x1006 ask for it and nothing runs yet: the first SYNC comes one period after `now`.
+    /// Starts if 0x1005 and 0x1006 demand it and the producer is not running: the first SYNC comes one period after `now`.
     pub(crate) fn start(&mut self, now: Duration) {
         if self.next.is_none() {
             self.next = self.period().map(|period| now + period);
@@ -258,7 +258,7 @@ impl SyncProducer {
         }
     }
 
-    /// The SYNC that is due at `now`.
+    /// Returns the SYNC that is due at `now`.
     pub(crate) fn on_tick(&mut self, now: Duration) -> Option<(CanFrame, Sync)> {
         let (period, cob_id) = (self.period()?, self.parameters.cob_id?);
         let due = self.next.filter(|next| now >= *next)?;
@@ -269,7 +269,7 @@ impl SyncProducer {
         Some(self.sync(cob_id))
     }
 
-    /// Leaves out the deadlines up to `now` that are multiples of the period after `due`.
+    /// Skips the deadlines up to `now` that are multiples of the period after `due`.
     fn skip(&mut self, due: Duration, now: Duration, period: Duration) {
         let late_by_nanoseconds = (now - due).as_nanos();
         let missed = u64::try_from(late_by_nanoseconds / period.as_nanos()).unwrap_or(u64::MAX);
@@ -278,12 +278,12 @@ impl SyncProducer {
         self.next = Some(now - Duration::from_nanos(remainder) + period);
     }
 
-    /// When the next SYNC is due.
+    /// Returns the time at which the next SYNC is due.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         self.next
     }
 
-    /// Deadlines that passed without a SYNC since the start.
+    /// Returns the number of deadlines that passed without a SYNC since the start.
     pub(crate) fn overruns(&self) -> u64 {
         self.overruns
     }
@@ -294,7 +294,7 @@ impl SyncProducer {
             .filter(|_| self.parameters.is_producer)
     }
 
-    /// The next SYNC; the counter runs from 1 to 0x1019.
+    /// Returns the next SYNC; the counter runs from 1 to 0x1019.
     fn sync(&mut self, cob_id: u16) -> (CanFrame, Sync) {
         if self.parameters.overflow == 0 {
             let (counter, elapsed) = (None, 1);

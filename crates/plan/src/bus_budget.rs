@@ -1,4 +1,4 @@
-//! Whether what the nodes send in a cycle fits between two SYNCs.
+//! Bus budget: checks whether the frames of a cycle fit between two SYNCs.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,16 +10,16 @@ use scenario::node::LoopNodes;
 
 use crate::plan::{ControlLoop, Plan};
 
-/// Among so many cycles at most it is looked for the fullest one. Where they would be more, all is taken to come at once.
+/// Largest number of cycles that are searched for the fullest one. If the cycles repeat later, all frames count as one cycle.
 const CYCLES_MAX: u32 = 1 << 16;
-/// Periods that are proposed are whole multiples of this.
+/// Step of a proposed period.
 const PERIOD_STEP_MILLISECONDS: f64 = 0.1;
 
-/// What the cycles of a rig need of its bus, if every frame has as many stuff bits as it can. A node sends its frames one behind
-/// the other: what does not fit into a cycle would delay the commands and the SYNC of the next one.
+/// Need of a rig's cycles on its bus, if every frame has as many stuff bits as it can. A node sends its frames one after the
+/// other: frames that do not fit into a cycle would delay the commands and the SYNC of the next one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BusBudget {
-    /// What is on the bus.
+    /// Traffic on the bus.
     pub shares: Vec<BusShare>,
     /// Bit rate of the bus.
     pub bitrate_kilobits_per_second: f64,
@@ -27,36 +27,36 @@ pub struct BusBudget {
     pub period_milliseconds: f64,
 }
 
-/// What a node sends for one purpose.
+/// Traffic that a node sends for one purpose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BusShare {
-    /// Who sends it.
+    /// Name of the sender.
     pub node: String,
-    /// What it is, for people.
+    /// Description of the traffic.
     pub what: String,
-    /// Its bits in a cycle in which it comes.
+    /// Bits in a cycle in which it is sent.
     pub bits: f64,
-    /// When it comes.
+    /// Pace at which it is sent.
     pub pace: Pace,
 }
 
-/// When something is sent.
+/// Pace of traffic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
-    /// With the SYNC.
+    /// In cycles, with the SYNC.
     Cycles {
-        /// Once in so many cycles.
+        /// Number of cycles from one to the next.
         every: u8,
-        /// In those with this remainder.
+        /// Remainder of these cycles.
         remainder: u8,
     },
-    /// Every so many milliseconds, whatever the cycle. Its identifier gives way to all that comes with the SYNC, so it takes what
-    /// they leave.
+    /// Period in milliseconds, whatever the cycle. The identifier of this traffic gives way to that of all frames with the SYNC,
+    /// so it takes the rest of the bus.
     Milliseconds(f64),
 }
 
 impl BusShare {
-    /// Once in how many cycles it comes; none if it comes by the clock.
+    /// Returns the number of cycles from one to the next; `None` if it is sent by the clock.
     fn every(&self) -> Option<u32> {
         match self.pace {
             Pace::Cycles { every, .. } => Some(every.max(1).into()),
@@ -73,7 +73,7 @@ impl BusShare {
         }
     }
 
-    /// Its bits in a cycle, over many of them.
+    /// Returns its mean bits in a cycle.
     fn bits_per_cycle(&self) -> f64 {
         match self.pace {
             Pace::Cycles { every, .. } => self.bits / f64::from(every.max(1)),
@@ -81,7 +81,7 @@ impl BusShare {
         }
     }
 
-    /// Its bits in a millisecond, if they come by the clock.
+    /// Returns its mean bits in a millisecond, if it is sent by the clock.
     fn bits_per_millisecond(&self) -> f64 {
         match self.pace {
             Pace::Cycles { .. } => 0.0,
@@ -91,7 +91,7 @@ impl BusShare {
 }
 
 impl BusBudget {
-    /// The budget of a plan.
+    /// Makes the budget of a plan.
     #[must_use]
     pub fn new(plan: &Plan) -> Self {
         let controller = &plan.controller().name;
@@ -134,19 +134,19 @@ impl BusBudget {
         }
     }
 
-    /// Bits between two SYNCs.
+    /// Returns the bits between two SYNCs.
     #[must_use]
     pub fn available_bits(&self) -> f64 {
         self.period_milliseconds * self.bitrate_kilobits_per_second
     }
 
-    /// Bits of the fullest cycle.
+    /// Returns the bits of the fullest cycle.
     #[must_use]
     pub fn needed_bits(&self) -> f64 {
         self.fullest().map(|share| share.bits).sum()
     }
 
-    /// What comes in the fullest cycle.
+    /// Returns the traffic of the fullest cycle.
     fn fullest(&self) -> impl Iterator<Item = &BusShare> {
         let bits_in = |cycle| -> f64 {
             let shares = self.shares.iter().filter(|share| share.comes_in(cycle));
@@ -161,7 +161,7 @@ impl BusBudget {
         })
     }
 
-    /// After so many cycles all comes again as at first; none if they are too many to look at each.
+    /// Returns the number of cycles after which the traffic repeats; `None` if they are too many to search.
     fn cycles(&self) -> Option<u32> {
         let mut every = self.shares.iter().filter_map(BusShare::every);
         every.try_fold(1_u32, |cycles, every| {
@@ -170,7 +170,7 @@ impl BusBudget {
         })
     }
 
-    /// Who sends how many bits in the fullest cycle, in the order of the shares: `hand 860, left 345`.
+    /// Returns the bits of each node in the fullest cycle, in the order of the shares: `hand 860, left 345`.
     #[must_use]
     pub fn fullest_cycle(&self) -> String {
         let mut nodes: Vec<(&str, f64)> = Vec::new();
@@ -184,7 +184,7 @@ impl BusBudget {
         Vec::from_iter(words).join(", ")
     }
 
-    /// Share of the bus that all frames occupy, over many cycles.
+    /// Returns the share of the bus that all frames occupy on average.
     #[must_use]
     pub fn load_percent(&self) -> f64 {
         let bits = self.bits_per_cycle() + self.period_milliseconds * self.bits_per_millisecond();
@@ -199,13 +199,13 @@ impl BusBudget {
         self.shares.iter().map(BusShare::bits_per_millisecond).sum()
     }
 
-    /// Whether it fits.
+    /// Checks whether the traffic fits.
     #[must_use]
     pub fn fits(&self) -> bool {
         self.needed_bits() <= self.available_bits() && self.load_percent() <= 100.0
     }
 
-    /// The shortest period that would fit; none where what comes by the clock is too much for the bit rate by itself.
+    /// Returns the shortest period that would fit; `None` if the traffic by the clock alone exceeds the bit rate.
     #[must_use]
     pub fn period_milliseconds_min(&self) -> Option<f64> {
         let bitrate = self.bitrate_kilobits_per_second;
@@ -240,7 +240,7 @@ impl fmt::Display for BusBudget {
     }
 }
 
-/// What is sent for one loop.
+/// Returns the traffic of one loop.
 fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     let place = &one.place;
     let LoopNodes {
@@ -258,7 +258,7 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
         pace,
     };
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
-    // Of a drive without faults nothing is published besides.
+    // For a drive without faults only the truth is published.
     let by_clock = of_drive(names::TRUTH);
     let beside_faults = by_clock.filter(|_| one.trial.has_own_faults());
     let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
@@ -301,13 +301,13 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
         .collect()
 }
 
-/// In every cycle.
+/// Pace of traffic in every cycle.
 const EACH: Pace = Pace::Cycles {
     every: 1,
     remainder: 0,
 };
 
-/// Frames that are sent.
+/// Number of frames, and their bits.
 struct Sent {
     count: usize,
     bits: f64,
@@ -350,7 +350,7 @@ mod tests {
         }
     }
 
-    /// 9 · 100 bits in each cycle leave a tenth of the bus: room for what comes by the clock, as long as it is not more.
+    /// 9 · 100 bits in each cycle leave a tenth of the bus: room for traffic by the clock, as long as it needs no more.
     #[test]
     fn what_comes_by_the_clock_takes_what_the_cycles_leave() {
         let of = |bits| budget(&[(900.0, EACH), (bits, Pace::Milliseconds(10.0))]);
@@ -368,12 +368,12 @@ mod tests {
     #[test]
     fn what_seldom_comes_together_is_counted_together() {
         let pace = |every, remainder| Pace::Cycles { every, remainder };
-        // They meet in cycle 4 of each 35.
+        // Both fall into cycle 4 of each 35.
         let soon = budget(&[(500.0, pace(5, 4)), (600.0, pace(7, 4)), (100.0, EACH)]);
         assert_eq!(soon.needed_bits(), 1200.0);
         let never = budget(&[(500.0, pace(6, 1)), (600.0, pace(4, 2))]);
         assert_eq!(never.needed_bits(), 600.0);
-        // After 199 · 211 · 10 cycles, too many to look at.
+        // After 199 · 211 · 10 cycles, too many to search.
         let rare = [
             (500.0, pace(199, 0)),
             (600.0, pace(211, 1)),

@@ -1,4 +1,4 @@
-//! The plants and laws that a bench knows, and what each pair of them puts on the bus.
+//! The plants and laws that a bench knows, and the frames of each pair of them.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -15,42 +15,43 @@ use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
 use crate::swept_fmu;
 
-/// The reason why a scenario's plant, or its law, makes no sense.
+/// Finds the reason why a scenario's plant, or its law, makes no sense.
 type FindObjection = fn(&Trial) -> Option<Objection>;
 
-/// The ports of a scenario's plant; `None` for a plant that is not known here, or that cannot be made.
+/// Finds the ports of a scenario's plant; `None` for a plant that is not known here, or that cannot be made.
 type FindPorts = fn(&Trial) -> Option<Ports>;
 
-/// The terms that a scenario's law publishes; empty for a law that is not known here.
+/// Finds the terms that a scenario's law publishes; empty for a law that is not known here.
 type FindTerms = fn(&Trial) -> Vec<LawTerm>;
 
 /// The plants and laws that scenarios may choose.
 ///
-/// It knows them by their ports and terms, not by their code: who plays them hands in the rest.
+/// The catalogue knows them by their ports and terms, not by their code: the crates that play them hand in the rest.
 pub struct Catalogue {
     plant_objection: FindObjection,
-    /// `None` where all plants are taken to publish what the shipped DBC has.
+    /// `None` if all plants publish the signals of the shipped DBC.
     find_ports: Option<FindPorts>,
     law_objection: FindObjection,
-    /// `None` where all laws are taken to publish what the shipped DBC has.
+    /// `None` if all laws publish the terms of the shipped DBC.
     find_terms: Option<FindTerms>,
-    /// The frames of single loops, as far as they were asked for.
+    /// Frames of single loops that were asked for so far.
     frames: Mutex<Vec<Arc<Frames>>>,
 }
 
-/// The part of the frames of a loop that follows from its plant, its law and its io node.
+/// The part of a loop's frames that depends on its plant, its law and its io nodes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Published {
-    /// The signals of its plant that its drive publishes.
+    /// Signals of its plant that its drive publishes.
     pub(crate) signals: Vec<PlantSignal>,
-    /// The terms of its law; `None` for those of the shipped DBC.
+    /// Terms of its law; `None` for those of the shipped DBC.
     pub(crate) terms: Option<Vec<LawTerm>>,
-    /// The outputs besides fan and load of each io node of its wiring.
+    /// Outputs besides fan and load of each io node of its wiring.
     pub(crate) outputs: Vec<Vec<IoOutput>>,
 }
 
 impl Catalogue {
-    /// The SMA actuator under the sliding-mode law, by the DBC that ships: enough to read its recordings without any plant's code.
+    /// Makes a catalogue of the SMA actuator under the sliding-mode law, by the shipped DBC: enough to read recordings without
+    /// any plant's code.
     #[must_use]
     pub fn shipped() -> Self {
         Self {
@@ -62,8 +63,8 @@ impl Catalogue {
         }
     }
 
-    /// Plants, by their ports, and by what says why a scenario's plant makes no physical sense. All laws publish what the shipped DBC
-    /// has.
+    /// Makes a catalogue of plants, by their ports and by a function that finds a plant without physical sense. All laws publish
+    /// the terms of the shipped DBC.
     #[must_use]
     pub fn new(find_ports: FindPorts, plant_objection: FindObjection) -> Self {
         Self {
@@ -73,7 +74,7 @@ impl Catalogue {
         }
     }
 
-    /// The same with laws, by the terms that they publish, and by what says why a scenario's law makes no sense.
+    /// Adds laws, by the terms that they publish and by a function that finds a law without sense.
     #[must_use]
     pub fn with_laws(self, find_terms: FindTerms, law_objection: FindObjection) -> Self {
         Self {
@@ -83,7 +84,7 @@ impl Catalogue {
         }
     }
 
-    /// The frames of a scenario's loop alone on its bus.
+    /// Returns the frames of a scenario's loop alone on its bus.
     #[must_use]
     pub fn frames(&self, trial: &Trial) -> Arc<Frames> {
         let published = Published {
@@ -94,7 +95,7 @@ impl Catalogue {
             terms: self.find_terms.map(|find| find(trial)),
             outputs: self.outputs(trial),
         };
-        // A half-done entry is still right.
+        // An incomplete entry is still correct.
         let mut known = self.frames.lock().unwrap_or_else(PoisonError::into_inner);
         let is_it =
             |frames: &&Arc<Frames>| frames.published == published && frames.wiring == trial.wiring;
@@ -106,7 +107,7 @@ impl Catalogue {
         frames
     }
 
-    /// The signals that the drive of a scenario publishes of its plant.
+    /// Returns the signals of its plant that the drive of a scenario publishes.
     fn signals(&self, trial: &Trial) -> Option<Vec<PlantSignal>> {
         let ports = self.ports(trial)?;
         let recorded = trial.wiring.recorded(&ports).ok()?;
@@ -116,7 +117,7 @@ impl Catalogue {
         Some(signals.collect())
     }
 
-    /// The ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` where they are not known here.
+    /// Returns the ports of the plants that are emulated together in a loop, as `PLANT.PORT`; `None` if they are not known here.
     #[must_use]
     pub fn ports(&self, trial: &Trial) -> Option<Ports> {
         let plants = trial.on_each_plant();
@@ -127,12 +128,12 @@ impl Catalogue {
         Some(Ports::joined(of_plants.collect::<Option<Vec<_>>>()?))
     }
 
-    /// The ports of a loop's own plant; `None` where they are not known here.
+    /// Returns the ports of a loop's own plant; `None` if they are not known here.
     pub(crate) fn ports_of_plant(&self, trial: &Trial) -> Option<Ports> {
         (self.find_ports?)(trial)
     }
 
-    /// The outputs besides fan and load of each io node of a loop's wiring.
+    /// Returns the outputs besides fan and load of each io node of a loop's wiring.
     fn outputs(&self, trial: &Trial) -> Vec<Vec<IoOutput>> {
         let nodes = trial.wiring.io.iter();
         if nodes.clone().all(|io| io.outputs.is_empty()) {
@@ -142,7 +143,7 @@ impl Catalogue {
         nodes.map(|io| io.others(&ports)).collect()
     }
 
-    /// What is wrong with a disturbance by another output: a value that it cannot have.
+    /// Finds a disturbance with a value that its output cannot have.
     fn output_objection(&self, trial: &Trial) -> Option<Objection> {
         let outputs = self.outputs(trial);
         let mut changes = trial.disturbance.output.iter().enumerate();
@@ -161,14 +162,14 @@ impl Catalogue {
         })
     }
 
-    /// What only a bench knows to be wrong in a scenario: names of signals, and a plant that makes no physical sense. The
-    /// names are collected only where the scenario has some.
+    /// Returns the objections that only a bench can make to a scenario: to names of signals, and to a plant without physical
+    /// sense. The known names are collected only if the scenario has some.
     #[must_use]
     pub fn objections(&self, trial: &Trial) -> Vec<Objection> {
         let frames = self.frames(trial);
         let plants = trial.on_each_plant();
         let mut fmus = plants.iter().filter(|one| is_wired_fmu(one));
-        // What is wrong with an FMU stands in the rig file, and hides its signals.
+        // A wrong FMU is a problem of the rig file, and hides its signals.
         if fmus.any(|one| (self.plant_objection)(one).is_some()) {
             return Vec::new();
         }
@@ -181,7 +182,8 @@ impl Catalogue {
         objections
     }
 
-    /// What is wrong with a plant, at its place in the rig file, or with what a sweep makes of an FMU, at its place in the scenario.
+    /// Finds a problem of a plant, at its place in the rig file, or a value of a sweep that an FMU does not take, at its place in
+    /// the scenario.
     pub(crate) fn objection_to_plant(
         &self,
         trial: &Trial,
@@ -197,12 +199,13 @@ impl Catalogue {
     }
 }
 
-/// Whether the plant of a loop is an FMU in a rig file.
+/// Checks whether the plant of a loop is an FMU in a rig file.
 fn is_wired_fmu(trial: &Trial) -> bool {
     trial.plant.fmu.is_some() && !trial.wiring.input.is_empty()
 }
 
-/// Two signals that would be one column: a term of the law called like another signal of its loop, or an output of the plant.
+/// Finds two signals that would be one column: a term of the law with the name of another signal of its loop, or of an output of
+/// the plant.
 fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     let name = name_of_two_columns(&frames.database, &frames.wiring)?;
     let mut terms = frames.published.terms.iter().flatten();
@@ -225,7 +228,7 @@ fn two_columns(frames: &Frames, trial: &Trial) -> Option<Objection> {
     })
 }
 
-/// A name that two columns of a loop would have.
+/// Returns a name that two columns of a loop would have.
 #[must_use]
 pub fn name_of_two_columns(database: &Database, wiring: &Wiring) -> Option<String> {
     let mut seen = BTreeSet::new();
@@ -236,16 +239,17 @@ pub fn name_of_two_columns(database: &Database, wiring: &Wiring) -> Option<Strin
 
 /// A message with those of its signals that become columns of a loop, each with its name there.
 pub struct ColumnMessage<'a> {
-    /// The message.
+    /// Message on the bus.
     pub message: &'a Message,
-    /// Whether it brings what a drive measures in each cycle.
+    /// Whether it brings the values that a drive measures in each cycle.
     pub is_measured: bool,
-    /// Its signals by their names in the loop.
+    /// Signals by their names in the loop.
     pub signals: Vec<(String, &'a Signal)>,
 }
 
-/// The messages of a loop whose signals become columns, in their order. Where it follows another drive, that one's position has
-/// the loop's name of it, and what its own drive measures is called after the drive. Outputs of several io nodes are called after these.
+/// Returns the messages of a loop whose signals become columns, in their order. If the loop follows another drive, the position
+/// of that drive has the loop's name, and the signals that its own drive measures are named after the own drive. Outputs of
+/// several io nodes are named after these.
 pub fn columns<'a>(
     database: &'a Database,
     wiring: &'a Wiring,
@@ -287,7 +291,7 @@ pub fn columns<'a>(
         })
 }
 
-/// The signals of another drive that a loop follows: what is measured, and that in truth.
+/// Returns the signals of another drive that a loop follows: the measured one and the true one.
 pub(crate) fn followed<'a>(
     database: &'a Database,
     wiring: &'a Wiring,
@@ -302,7 +306,7 @@ pub(crate) fn followed<'a>(
     signals.filter(|(_, signal)| is_measured(signal, &wiring.feedback))
 }
 
-/// The name in a loop of a signal of its own drive.
+/// Returns the name, in a loop, of a signal of its own drive.
 pub(crate) fn name_of_own(signal: &Signal, wiring: &Wiring) -> String {
     if is_measured(signal, &wiring.sensor) {
         wiring.name_of_own(&signal.name)
@@ -311,13 +315,13 @@ pub(crate) fn name_of_own(signal: &Signal, wiring: &Wiring) -> String {
     }
 }
 
-/// Whether a signal is what a sensor gives, or that in truth.
+/// Checks whether a signal is the measured or the true value of a sensor.
 fn is_measured(signal: &Signal, by: &Measured) -> bool {
     let mut names = [POSITION, TRUE_POSITION].iter();
     names.any(|name| by.measurand.rename(name) == signal.name)
 }
 
-/// The frames of a loop that is alone on its bus.
+/// Frames of a loop that is alone on its bus.
 #[derive(Debug)]
 pub struct Frames {
     pub(crate) published: Published,
@@ -344,7 +348,7 @@ impl Frames {
         }
     }
 
-    /// The frames of a loop of a recording with this database.
+    /// Makes the frames of a loop of a recording with this database.
     pub(crate) fn of_recording(database: Arc<Database>, wiring: &Wiring) -> Self {
         Self {
             published: Published::default(),
@@ -354,21 +358,21 @@ impl Frames {
         }
     }
 
-    /// All names of all signals.
+    /// Returns all names of all signals.
     pub(crate) fn names(&self) -> &SignalNames {
         let make = || SignalNames::new(&self.database, &self.wiring);
         self.names.get_or_init(make)
     }
 }
 
-/// The player of the drive of a loop.
+/// Player of the drive of a loop.
 #[derive(Clone, Copy)]
 pub(crate) enum Player<'a> {
     /// The emulator, which publishes the truth about its plant.
     Emulator,
-    /// Somebody else, with a drive like the emulated one.
+    /// An external drive with the frames of the emulated one.
     External,
-    /// Somebody else, with this drive.
+    /// An external drive with these frames.
     Real(&'a LoadedDrive),
 }
 
@@ -436,7 +440,7 @@ fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
     composer.with_io((&io.name, io.id), &Vec::from_iter(outputs), first)
 }
 
-/// Adds the frames of the drive that a loop follows, which is another loop's: what is measured there, and that in truth.
+/// Adds the frames of the drive that a loop follows and that belongs to another loop: the measured and the true value there.
 fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     let (followed, feedback) = (&wiring.nodes.followed, &wiring.feedback);
     let rename = |name: &str| feedback.measurand.rename(name);
@@ -445,7 +449,7 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     composer.with_drive(node, Some(&[]), None, unit.as_ref())
 }
 
-/// The unit of what a sensor gives, where it is not that of the shipped DBC.
+/// Returns the unit of a sensor's values, if it is not that of the shipped DBC.
 fn unit_of<'a>(
     measured: &'a Measured,
     rename: &'a dyn Fn(&str) -> String,
@@ -464,7 +468,7 @@ fn unit_of<'a>(
     })
 }
 
-/// The signals of the wire, which the shipped DBC has.
+/// Returns the signals of the wire, which the shipped DBC has.
 fn signals_of_the_wire() -> Vec<PlantSignal> {
     let messages = Database::shipped().plant_messages("drive");
     let signals = messages.flat_map(|message| &message.signals);
@@ -482,7 +486,7 @@ fn signals_of_the_wire() -> Vec<PlantSignal> {
     wire.collect()
 }
 
-/// A port as the bus has it, under this name.
+/// Returns the signal of a port on the bus, under this name.
 fn signal_of(port: &Port, name: String) -> PlantSignal {
     let [minimum, maximum] = port.range;
     PlantSignal {
@@ -504,7 +508,7 @@ mod tests {
     use super::*;
     use crate::plan::Plan;
 
-    /// A plant whose drive publishes one signal.
+    /// Returns the ports of a plant whose drive publishes one signal.
     fn plant_with(signal: &str) -> Ports {
         Ports {
             inputs: vec![Port::input("current_amperes", [0.0, 1.0])],

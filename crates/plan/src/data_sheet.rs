@@ -20,44 +20,44 @@ const INVALID: u32 = 0x8000_0000;
 /// Objects that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 8;
 
-/// Why a data sheet does not serve.
+/// Reason why a data sheet cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DataSheetError {
-    /// What the user typed names no node or no object.
+    /// A text of the user names no node or no object.
     #[error("{0}")]
     Unknown(String),
     /// A file cannot be read.
     #[error("`{}` cannot be read: {source}", path.display())]
     File {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// An EDS is wrong.
     #[error("{}: {error}", path.display())]
     Eds {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong.
+        /// Error of the EDS.
         error: Box<EdsError>,
     },
 }
 
-/// One EDS, read for one node-ID.
+/// An EDS, read for one node-ID.
 #[derive(Clone, Debug)]
 pub struct DataSheet {
-    /// The file's name.
+    /// Name of the file.
     pub name: String,
-    /// What people call the node.
+    /// Name of the node.
     pub node_name: String,
-    /// The node-ID that it was read for.
+    /// Node-ID for which it was read.
     pub node_id: u8,
-    /// The objects with their defaults.
+    /// Objects with their defaults.
     pub dictionary: ObjectDictionary,
 }
 
-/// The data sheets of the rig.
+/// Returns the data sheets of the rig.
 ///
 /// # Panics
 /// Never: tests read the files that are compiled in.
@@ -66,7 +66,7 @@ pub fn rig_data_sheets() -> Vec<DataSheet> {
     data_sheets_led_by(CONTROLLER_NODE_ID)
 }
 
-/// The same with a controller that has this node-ID.
+/// Returns the data sheets of a rig whose controller has this node-ID.
 ///
 /// # Panics
 /// Never, as [`rig_data_sheets`].
@@ -88,10 +88,10 @@ pub fn data_sheets_led_by(controller: u8) -> Vec<DataSheet> {
     shipped.map(read).into()
 }
 
-/// The number of a node that the user names by number or, for the rig's, by name.
+/// Returns the node-ID of a node that the user names by number or, on the rig, by name.
 ///
 /// # Errors
-/// It is neither.
+/// The text is neither.
 pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, DataSheetError> {
     if let Some(sheet) = sheets.iter().find(|sheet| sheet.node_name == text) {
         return Ok(sheet.node_id);
@@ -139,7 +139,7 @@ impl DataSheet {
         })
     }
 
-    /// Request and answer identifiers of the second SDO channel, where the data sheet has one.
+    /// Returns the request and answer identifiers of the second SDO channel, if the data sheet has one.
     #[must_use]
     pub fn second_channel(&self) -> Option<(u16, u16)> {
         let id = |sub_index| {
@@ -150,14 +150,14 @@ impl DataSheet {
         Some((id(1)?, id(2)?))
     }
 
-    /// True for an NMT manager.
+    /// Checks whether it describes an NMT manager.
     #[must_use]
     pub fn is_manager(&self) -> bool {
         let startup = self.dictionary.unsigned(NMT_STARTUP, 0);
         startup.is_some_and(|startup| startup & 1 == 1)
     }
 
-    /// True when a device with this type, vendor and product is the one described.
+    /// Checks whether it describes a device with this type, vendor and product.
     #[must_use]
     pub fn describes(&self, device_type: u32, vendor: u32, product: u32) -> bool {
         let expected = |index, sub_index| self.dictionary.unsigned(index, sub_index);
@@ -166,18 +166,18 @@ impl DataSheet {
             && expected(0x1018, 2) == Some(product)
     }
 
-    /// The sub-object at a place.
+    /// Returns the sub-object at a place.
     #[must_use]
     pub fn entry(&self, index: u16, sub_index: u8) -> Option<&Entry> {
         let handle = self.dictionary.find(index, sub_index).ok()?;
         Some(self.dictionary.entry(handle))
     }
 
-    /// The object that the user names, as `6064`, `0x6064:00` or by its name in the EDS (case does not matter; a part
-    /// of the name will do where it is unambiguous).
+    /// Finds the object that the user names, as `6064`, `0x6064:00` or by its name in the EDS. Case does not matter; a part of
+    /// the name is enough if it is unambiguous.
     ///
     /// # Errors
-    /// No object, or several.
+    /// There is no such object, or there are several.
     pub fn find(&self, text: &str) -> Result<(u16, u8), DataSheetError> {
         if let Some(place) = parse_place(text) {
             return Ok(place);
@@ -197,7 +197,7 @@ impl DataSheet {
         }
     }
 
-    /// What to say of a name that no object has.
+    /// Describes the problem of a name that no object has.
     fn unknown(&self, text: &str) -> String {
         let entries = self.dictionary.entries().iter();
         let known: Vec<(String, &Entry)> = entries
@@ -233,7 +233,7 @@ fn ambiguous(text: &str, several: &[&Entry]) -> String {
     message
 }
 
-/// Index and sub-index in hexadecimal digits, with or without `0x`; without a sub-index it is 0.
+/// Parses index and sub-index in hexadecimal digits, with or without `0x`; without a sub-index it is 0.
 fn parse_place(text: &str) -> Option<(u16, u8)> {
     let hexadecimal = |text: &str| {
         let digits = text.strip_prefix("0x").unwrap_or(text);
@@ -270,7 +270,7 @@ mod tests {
             ("Statusword", (0x6041, 0)),
             ("position actual value", (0x6064, 0)),
             ("target torq", (0x6071, 0)),
-            // Not in the EDS, but a place: the node accepts or refuses it.
+            // The EDS does not have it, but it is a place: the node accepts or refuses it.
             ("FFFF:FF", (0xFFFF, 0xFF)),
         ] {
             assert_eq!(drive().find(text).unwrap(), place, "{text}");

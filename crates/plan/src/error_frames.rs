@@ -1,5 +1,5 @@
-//! What a CAN driver reports of the bus itself, by the error messages of `linux/can/error.h`; those of the modelled bus are
-//! such, too.
+//! Reports of a CAN driver about the bus itself, by the error messages of `linux/can/error.h`. The modelled bus reports in the
+//! same form.
 
 use canopen::CanFrame;
 
@@ -7,24 +7,24 @@ use canopen::CanFrame;
 const TRANSMIT_TIMEOUT: u32 = 0x001;
 /// Arbitration was lost.
 const ARBITRATION_LOST: u32 = 0x002;
-/// The CAN controller's state is in data[1].
+/// The state of the CAN controller is in data[1].
 pub const CONTROLLER: u32 = 0x004;
 /// A violation of the protocol is in data[2].
 const PROTOCOL: u32 = 0x008;
 /// The transceiver's state is in data[4].
 const TRANSCEIVER: u32 = 0x010;
-/// Nobody acknowledged a frame.
+/// A frame was not acknowledged.
 const NO_ACKNOWLEDGEMENT: u32 = 0x020;
-/// The CAN controller takes no part in the bus any more.
+/// The CAN controller no longer takes part in the bus.
 pub const BUS_OFF: u32 = 0x040;
 /// An error of the bus, not described further.
 const BUS_ERROR: u32 = 0x080;
 /// The CAN controller takes part again.
 pub const RESTARTED: u32 = 0x100;
 
-/// data[1]: too many errors in receiving.
+/// data[1]: too many errors on reception.
 pub const RECEIVE_PASSIVE: u8 = 0x10;
-/// data[1]: too many errors in sending.
+/// data[1]: too many errors on transmission.
 pub const TRANSMIT_PASSIVE: u8 = 0x20;
 /// data[1]: few errors again.
 pub const BACK_TO_ACTIVE: u8 = 0x40;
@@ -38,7 +38,7 @@ const STATES: [(u8, &str); 5] = [
     (BACK_TO_ACTIVE, "error active"),
 ];
 
-/// What is no state, by the class.
+/// Errors other than states, by the class.
 const ERRORS: [(u32, &str); 5] = [
     (NO_ACKNOWLEDGEMENT, "no acknowledgement"),
     (TRANSMIT_TIMEOUT, "transmission timed out"),
@@ -55,20 +55,20 @@ const VIOLATIONS: [(u8, &str); 4] = [
     (0x20, "overload"),
 ];
 
-/// One message of a driver.
+/// Message of a driver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorMessage {
-    /// The number of the node whose CAN controller it is about, on the modelled bus; 0 is the bench's own interface.
+    /// Node-ID of the node whose CAN controller it is about, on the modelled bus; 0 for the bench's own interface.
     pub node: u8,
-    /// What is wrong, for people: states first, then errors.
+    /// Description in words: states first, then errors.
     pub text: String,
-    /// Whether it says that something is well again, or belongs to a healthy bus.
+    /// Whether it reports a recovery, or belongs to a healthy bus.
     pub is_good: bool,
     /// Whether it reports a change of state, which comes once; other errors come with each frame.
     pub is_state: bool,
 }
 
-/// Reads an error message; none if the frame is an ordinary one.
+/// Reads an error message; `None` if the frame is an ordinary one.
 #[must_use]
 #[inline]
 pub fn read(frame: &CanFrame) -> Option<ErrorMessage> {

@@ -5,36 +5,36 @@ use std::collections::BTreeMap;
 use scenario::meant_or_known;
 use scenario::node::Node;
 
-/// The nodes of a run that are external, by node-ID, each with whether canrig starts a program for it.
+/// External nodes of a run by node-ID, each with whether canrig starts a program for it.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct External(BTreeMap<u8, bool>);
 
 impl External {
-    /// Whether a node is external.
+    /// Checks whether a node is external.
     #[must_use]
     pub fn has(&self, node: &Node) -> bool {
         self.0.contains_key(&node.id)
     }
 
-    /// Whether a node is a program that canrig starts.
+    /// Checks whether a node is a program that canrig starts.
     #[must_use]
     pub fn is_program(&self, node: &Node) -> bool {
         self.0.get(&node.id) == Some(&true)
     }
 
-    /// Makes a node external; a program of it is one that canrig starts.
+    /// Makes a node external; `is_program` marks one for which canrig starts a program.
     pub(crate) fn insert(&mut self, node_id: u8, is_program: bool) {
         self.0.insert(node_id, is_program);
     }
 
-    /// Whether canrig plays all nodes.
+    /// Checks whether canrig plays all nodes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 }
 
-/// The refusal of an external node that a run does not have.
+/// Describes the problem of an external node that a run does not have.
 #[must_use]
 pub fn no_such_node(name: &str, known: &[&str]) -> String {
     let meant = meant_or_known(name, known);

@@ -1,11 +1,11 @@
-//! What is played, and what then is known of the bus.
+//! The plan of a run, and the meaning of its bus.
 //!
-//! Comes in: a scenario with its rig and the EDS of real drives, the nodes that are external, and the plants and laws of
-//! the bench as a [`catalogue::Catalogue`]. Goes out: a [`Plan`] with the [`dbc::Database`] that says what each frame
-//! means, the signals by all their names, the data sheets of the nodes, and what an error frame of a CAN driver says.
+//! Input: a scenario with its rig and the EDS of real drives, the nodes that are external, and the plants and laws of the bench
+//! as a [`catalogue::Catalogue`]. Output: a [`Plan`] with the [`dbc::Database`] that gives each frame its meaning, the signals by
+//! all their names, the data sheets of the nodes, and the meaning of a CAN driver's error frames.
 //!
-//! What it does not know: how a run is played, recorded or judged, and the code of plants and laws: whoever plays them hands
-//! in their names and signals. It opens no bus and starts nothing.
+//! The crate does not know how a run is played, recorded or judged, nor the code of plants and laws: the crates that play them
+//! hand in their names and signals. It opens no bus and starts nothing.
 
 pub mod bus_budget;
 pub mod catalogue;

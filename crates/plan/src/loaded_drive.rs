@@ -1,4 +1,4 @@
-//! A real drive with its EDS, and what then the frames of the bus mean.
+//! A real drive with its EDS, and the meaning that it gives to the frames of the bus.
 
 use std::time::Duration;
 
@@ -9,22 +9,22 @@ use scenario::reference::Trajectory;
 use scenario::rig::drive::{DriveError, DriveLayout, Field, Scaled};
 use scenario::rig::{Limits, RealDrive};
 
-/// Rounding of a ramp or a sine at its end.
+/// Tolerance for rounding at the end of a ramp or a sine.
 const ROUNDING: f64 = 1e-6;
 
 /// A drive that canrig does not emulate.
 #[derive(Clone, Debug)]
 pub struct LoadedDrive {
-    /// What the rig file says of it.
+    /// Facts from the rig file.
     pub real: RealDrive,
-    /// Its EDS.
+    /// EDS of the drive.
     pub eds: String,
-    /// Its identity and PDOs.
+    /// Identity and PDOs of the drive.
     pub layout: DriveLayout,
 }
 
 impl LoadedDrive {
-    /// The drive with this EDS; that of the emulated drive if none.
+    /// Makes the drive with this EDS; with that of the emulated drive if `None`.
     ///
     /// # Errors
     /// Rig file and EDS do not fit each other.
@@ -66,9 +66,9 @@ impl LoadedDrive {
     /// Refuses, before any current flows, a scenario whose set-point leaves the limits.
     ///
     /// # Errors
-    /// Where the set-point leaves the limits.
+    /// The set-point leaves the limits; the error tells where.
     pub fn admits(&self, trial: &Trial) -> Result<(), String> {
-        // What another drive measures is none of its positions.
+        // A signal that another drive measures is no position of this one.
         if trial.reference.is_empty() || !trial.wiring.follows_itself() {
             return Ok(());
         }
@@ -87,7 +87,7 @@ impl LoadedDrive {
     }
 }
 
-/// The times of the cycles in which the set-point may have a value that it did not have before: a day has too many to ask for all.
+/// Returns the times of the cycles in which the set-point may have a new value: a day has too many cycles to check all.
 fn telling_cycles_seconds(trial: &Trial, trajectory: &Trajectory) -> impl Iterator<Item = f64> {
     let nanoseconds = |seconds: f64| Duration::from_secs_f64(seconds).as_nanos();
     let period = trial.run.bus.sync_period().as_nanos();
@@ -117,7 +117,7 @@ fn scaled(place: Scaled) -> Coding {
     Coding::integer(start_bit(field), length_bits, kind, units, offset)
 }
 
-/// Bits of a status- or controlword, which comes first in the emulated drive's PDOs.
+/// Places a bit of a status- or controlword, which comes first in the emulated drive's PDOs, in the word of this drive.
 fn in_word(signal: &Signal, word: Field) -> Coding {
     let coding = signal.coding;
     coding.starting_at(coding.start_bit + start_bit(word))
@@ -194,7 +194,7 @@ outputs = ["drive.current"]
         );
         let heartbeat = CanFrame::new(0x720, &[5]);
         assert_eq!(decode("drive_heartbeat.nmt_state", &heartbeat), Some(5.0));
-        // The emulated drive's own identifiers mean nothing here.
+        // The identifiers of the emulated drive have no meaning here.
         for id in [0x190, 0x210, 0x290, 0x710] {
             assert_eq!(
                 database.decode(&CanFrame::new(id, &[0; 8])).map(|_| ()),
@@ -249,7 +249,7 @@ outputs = ["drive.current"]
             let refused = admits(&pieces).unwrap_err();
             assert!(refused.contains(&format!("at {at}")), "{refused}");
         }
-        // Behind the end, and where another piece is in its place before it gets there.
+        // After the end, and where another piece replaces it before it gets there.
         assert_eq!(
             admits(&(sine(15.1) + &step(10.0, 20.0) + &ramp(36.0) + &step(600_001.0, 0.0))),
             Ok(())

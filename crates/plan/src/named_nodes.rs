@@ -9,26 +9,26 @@ use scenario::port::Unit;
 use crate::data_sheet::{DataSheet, DataSheetError, rig_data_sheets};
 use crate::plan::{ControlLoop, Plan};
 
-/// The EDS of one node.
+/// EDS of one node.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct NodeSheet {
-    /// What the rig calls the node.
+    /// Name of the node on the rig.
     pub name: String,
-    /// Its node-ID.
+    /// Node-ID of the node.
     pub node_id: u8,
-    /// The EDS.
+    /// Text of the EDS.
     pub text: String,
 }
 
 impl NodeSheet {
-    /// The name of its file.
+    /// Returns the name of its file.
     #[must_use]
     pub fn file_name(&self) -> String {
         format!("{}.eds", self.name)
     }
 }
 
-/// The EDS of each node of a plan, in the order of the node-IDs.
+/// Returns the EDS of each node of a plan, in the order of the node-IDs.
 #[must_use]
 pub fn node_sheets(plan: &Plan) -> Vec<NodeSheet> {
     let mut sheets = Vec::from_iter(plan.loops.iter().flat_map(of_loop));
@@ -58,7 +58,7 @@ fn sheet(node: &Node, eds: &str, own: &OwnValues) -> NodeSheet {
 fn of_loop(one: &ControlLoop) -> Vec<NodeSheet> {
     let drive = &one.nodes.drive;
     let drive_sheet = match &one.real_drive {
-        // The maker's, who says nothing of this rig.
+        // The maker's EDS, which knows nothing of this rig.
         Some(rig) => NodeSheet {
             name: drive.name.clone(),
             node_id: drive.id,
@@ -90,17 +90,17 @@ fn of_loop(one: &ControlLoop) -> Vec<NodeSheet> {
     [drive_sheet].into_iter().chain(io_sheets).collect()
 }
 
-/// The nodes of a bench as tools know them.
+/// Nodes of a bench as tools know them.
 #[derive(Clone, Debug)]
 pub struct NamedNodes {
-    /// Their data sheets.
+    /// Data sheets of the nodes.
     pub sheets: Vec<DataSheet>,
-    /// What their frames mean, each message by the name of its node.
+    /// Meaning of their frames, each message by the name of its node.
     pub database: Database,
 }
 
 impl NamedNodes {
-    /// Those of the rig that ships.
+    /// Returns the nodes of the shipped rig.
     #[must_use]
     pub fn shipped() -> Self {
         Self {
@@ -109,7 +109,7 @@ impl NamedNodes {
         }
     }
 
-    /// Those of a plan.
+    /// Returns the nodes of a plan.
     ///
     /// # Errors
     /// An EDS is wrong.

@@ -1,4 +1,4 @@
-//! The plan of a run: its loops, and all that they share.
+//! The plan of a run: its loops, and the facts that they share.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -26,62 +26,62 @@ mod load;
 
 pub use load::check_rig;
 
-/// A run: the loops of a scenario and all that they share. A single loop is a list of one.
+/// A run: the loops of a scenario, and the facts that they share. A single loop is a list of one.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// The facts of the whole run.
+    /// Facts of the whole run.
     pub shared: Shared,
-    /// The loops in the order of their names; at least one.
+    /// Loops in the order of their names; at least one.
     pub loops: Vec<ControlLoop>,
 }
 
-/// The facts of a run that belong to no single loop.
+/// Facts of a run that belong to no single loop.
 #[derive(Clone, Debug)]
 pub struct Shared {
-    /// Where the scenario is and the files that it names; empty where it lies nowhere.
+    /// Locations of the scenario and of the files that it names; empty for a scenario without a file.
     pub beside: Beside,
-    /// The file's text.
+    /// Text of the scenario's file.
     pub text: String,
-    /// The texts of the files that the scenario names, its rig among them, by these names.
+    /// Texts of the files that the scenario names, its rig among them, by these names.
     pub tables: BTreeMap<String, String>,
-    /// The facts of the whole run.
+    /// Facts of the whole run.
     pub run: Arc<Run>,
-    /// The values that a sweep varies, where there is one.
+    /// Values that a sweep varies, if there is one.
     pub sweep: Option<Sweep>,
     /// Expectations of several loops together.
     pub contours: Vec<Contour>,
-    /// The nodes of each loop by the loop's name; empty for an only loop.
+    /// Nodes of each loop by the loop's name; empty for an only loop.
     pub nodes_of_loops: BTreeMap<String, LoopNodes>,
-    /// The programs that play nodes, by the names of these.
+    /// Programs that play nodes, by the names of the nodes.
     pub programs: BTreeMap<String, NodeProgram>,
-    /// Whether the scenario has laws that are left out, since a program leads.
+    /// Whether the scenario has laws that are not used, since a program leads.
     pub has_unused_law: bool,
-    /// The rig; an empty one where only a scenario is known.
+    /// Rig; an empty one if only a scenario is known.
     pub rig: Arc<Rig>,
 }
 
-/// One loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
+/// Loop of a plan. Loops of one plant, law and rig share the meaning of their frames.
 #[derive(Clone, Debug)]
 pub struct ControlLoop {
-    /// What is tried in it.
+    /// Trial of the loop.
     pub trial: Trial,
-    /// Its nodes.
+    /// Nodes of the loop.
     pub nodes: LoopNodes,
-    /// The place of its nodes on the bus.
+    /// Place of its nodes on the bus.
     pub place: LoopPlace,
-    /// The nodes of the run that canrig does not play.
+    /// Nodes of the run that canrig does not play.
     pub external: External,
-    /// Its drive, if that is a real one.
+    /// Drive of the loop, if it is a real one.
     pub real_drive: Option<Arc<LoadedDrive>>,
-    /// The meaning of all frames on the bus.
+    /// Meaning of all frames on the bus.
     pub database: Arc<Database>,
     frames: Arc<Frames>,
-    /// The names of all drives of the run.
+    /// Names of all drives of the run.
     drives: Arc<[String]>,
 }
 
 impl Plan {
-    /// The plan of the scenario of a rig with one loop.
+    /// Makes the plan of the scenario of a rig with one loop.
     #[must_use]
     pub fn new(trial: Trial, catalogue: &Catalogue) -> Self {
         let frames = catalogue.frames(&trial);
@@ -89,7 +89,7 @@ impl Plan {
         Self::of_loops(run, vec![ControlLoop::with_frames(trial, frames)])
     }
 
-    /// The plan of these loops.
+    /// Makes the plan of these loops.
     fn of_loops(run: Arc<Run>, mut loops: Vec<ControlLoop>) -> Self {
         let drives = loops.iter().map(|one| one.nodes.drive.name.clone());
         let drives: Arc<[String]> = drives.collect();
@@ -120,19 +120,19 @@ impl Plan {
         self
     }
 
-    /// The same with each loop changed.
+    /// Changes each loop.
     fn map(mut self, change: impl FnMut(ControlLoop) -> ControlLoop) -> Self {
         self.loops = self.loops.into_iter().map(change).collect();
         self
     }
 
-    /// The same with frames of another meaning.
+    /// Gives the frames another meaning.
     #[must_use]
     pub fn with_database(self, database: &Arc<Database>) -> Self {
         self.map(|one| one.with_database(Arc::clone(database)))
     }
 
-    /// The same with further external nodes, by name. An external drive publishes no truth.
+    /// Makes further nodes external, by name. An external drive publishes no truth.
     ///
     /// # Errors
     /// The run has no such node, or it cannot be external.
@@ -166,13 +166,13 @@ impl Plan {
         }
     }
 
-    /// The same with the frames of its loops as they are now.
+    /// Composes the frames of its loops again.
     fn composed(self) -> Self {
         let database = Arc::new(compose(&self.loops));
         self.with_database(&database)
     }
 
-    /// As [`Plan::with_external`], for a recording.
+    /// Makes nodes external as [`Plan::with_external`], for a recording.
     #[must_use]
     pub fn recorded_external(mut self, names: &[String]) -> Self {
         let is_named = |node: &&Node| names.contains(&node.name);
@@ -183,12 +183,12 @@ impl Plan {
         self
     }
 
-    /// The nodes of all loops, those that several share once for each.
+    /// Returns the nodes of all loops; a node that several loops share comes once for each.
     pub fn nodes(&self) -> impl Iterator<Item = &Node> {
         self.loops.iter().flat_map(|one| one.nodes.all())
     }
 
-    /// The same with the limits of another plan; none where that has other loops.
+    /// Takes the limits of another plan; `None` if that has other loops.
     #[must_use]
     pub fn with_limits_of(mut self, other: &Self) -> Option<Self> {
         if !self
@@ -206,7 +206,7 @@ impl Plan {
         Some(self)
     }
 
-    /// The names of the external nodes, each once: the drives of a loop before its controller and its io node.
+    /// Returns the names of the external nodes, each once: the drives of a loop before its controller and its io node.
     #[must_use]
     pub fn external_names(&self) -> Vec<String> {
         let mut names = Vec::new();
@@ -227,7 +227,7 @@ impl Plan {
         names
     }
 
-    /// The nodes that are programs, each once: drives before their io nodes, the controller last.
+    /// Returns the nodes that are programs, each once: drives before their io nodes, the controller last.
     #[must_use]
     pub fn programs(&self) -> Vec<(&Node, &NodeProgram)> {
         let mut programs: Vec<(&Node, &NodeProgram)> = Vec::new();
@@ -244,7 +244,7 @@ impl Plan {
         programs
     }
 
-    /// The names of the external nodes that are expected on the bus.
+    /// Returns the names of the external nodes that are expected on the bus.
     #[must_use]
     pub fn expected_names(&self) -> Vec<String> {
         let programs = self.programs();
@@ -254,7 +254,7 @@ impl Plan {
         names
     }
 
-    /// What leads, for people: its law, or the command of a program.
+    /// Names the leader of the loops: the law, or the command of a program.
     #[must_use]
     pub fn leader(&self) -> String {
         let program = self.shared.programs.get(&self.controller().name);
@@ -267,25 +267,25 @@ impl Plan {
         }
     }
 
-    /// Whether somebody else plays a node.
+    /// Checks whether a node is external.
     #[must_use]
     pub fn is_external(&self, node: &Node) -> bool {
         self.loops.iter().any(|one| one.external.has(node))
     }
 
-    /// The meaning of all frames on the bus, as a run folder stores it.
+    /// Returns the meaning of all frames on the bus, as a run folder stores it.
     #[must_use]
     pub fn database(&self) -> &Arc<Database> {
         &self.loops[0].database
     }
 
-    /// The controller, which leads all loops.
+    /// Returns the controller, which leads all loops.
     #[must_use]
     pub fn controller(&self) -> &Node {
         &self.loops[0].nodes.controller
     }
 
-    /// The loop of a rig with one.
+    /// Returns the loop of a rig with one loop.
     #[must_use]
     pub fn only_loop(&self) -> Option<&ControlLoop> {
         match &self.loops[..] {
@@ -294,13 +294,13 @@ impl Plan {
         }
     }
 
-    /// In every how many cycles the bench sends the set-points; none where it does not.
+    /// Returns the number of cycles from one sending of the set-points to the next; `None` if the bench does not send them.
     #[must_use]
     pub fn set_points_every_cycles(&self) -> Option<u8> {
         set_points_every_cycles(&self.loops)
     }
 
-    /// A clock of scenario time that has not begun.
+    /// Returns a clock of scenario time that has not begun.
     ///
     /// # Errors
     /// The database has no statusword of a drive.
@@ -308,26 +308,26 @@ impl Plan {
         self.loops[0].scenario_clock()
     }
 
-    /// Length of the run.
+    /// Returns the length of the run.
     #[must_use]
     pub fn duration(&self) -> Duration {
         Duration::from_secs_f64(self.shared.run.duration_seconds)
     }
 
-    /// Time between two SYNCs.
+    /// Returns the time between two SYNCs.
     #[must_use]
     pub fn sync_period(&self) -> Duration {
         self.shared.run.bus.sync_period()
     }
 
-    /// Whether anything goes wrong on purpose.
+    /// Checks whether the scenario has faults.
     #[must_use]
     pub fn has_faults(&self) -> bool {
         !self.shared.run.faults.is_empty()
     }
 }
 
-/// Names in a row, each once.
+/// Joins names in a row, each once.
 #[must_use]
 pub fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let mut listed: Vec<&str> = Vec::new();
@@ -339,7 +339,7 @@ pub fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     listed.join(", ")
 }
 
-/// The database of loops on one bus.
+/// Returns the database of loops on one bus.
 fn compose(loops: &[ControlLoop]) -> Database {
     let mut controllers = loops.iter().map(|one| &one.nodes.controller);
     let Some(controller) = controllers.next() else {
@@ -371,8 +371,8 @@ fn compose(loops: &[ControlLoop]) -> Database {
     composer.finish()
 }
 
-/// In every how many cycles the bench sends the set-points of these loops: where nobody says so, in each for somebody else's
-/// controller, who does not know the scenario.
+/// Returns the number of cycles from one sending of the set-points of these loops to the next. By default they are sent in each
+/// cycle if the controller is external, since it does not know the scenario.
 fn set_points_every_cycles(loops: &[ControlLoop]) -> Option<u8> {
     let first = loops.first()?;
     let own = first.trial.run.bus.set_points_every_cycles;
@@ -380,7 +380,7 @@ fn set_points_every_cycles(loops: &[ControlLoop]) -> Option<u8> {
     Some(every).filter(|every| *every > 0)
 }
 
-/// The place of a loop's nodes on the bus.
+/// Returns the place of a loop's nodes on the bus.
 fn place_of(wiring: &Wiring) -> LoopPlace {
     let is_own = |one: &LoopOfRig| one.name == wiring.of_loop;
     let number = wiring.loops.iter().position(is_own).unwrap_or_default();
@@ -391,13 +391,13 @@ fn place_of(wiring: &Wiring) -> LoopPlace {
     }
 }
 
-/// Whether a message is that of a node for one of these services.
+/// Checks whether a message belongs to a node, for one of these services.
 fn is_of(node: &Node, services: &[&str], message: &str) -> bool {
     let mut own = services.iter();
     own.any(|service| names::message(&node.name, service) == message)
 }
 
-/// The beginning of the names of a loop's signals and metrics, by the loop's name.
+/// Returns the beginning of the names of a loop's signals and metrics, by the loop's name.
 #[must_use]
 pub fn prefix_of(loop_name: &str) -> String {
     match loop_name {
@@ -420,13 +420,13 @@ impl ControlLoop {
         }
     }
 
-    /// A loop of a recording with this database.
+    /// Makes a loop of a recording with this database.
     fn of_recording(trial: Trial, database: &Arc<Database>) -> Self {
         let frames = Frames::of_recording(Arc::clone(database), &trial.wiring);
         Self::with_frames(trial, Arc::new(frames))
     }
 
-    /// The same with other values for the same plant and law.
+    /// Makes a loop with other values for the same plant and law.
     fn varied(&self, trial: Trial) -> Self {
         Self {
             trial,
@@ -438,20 +438,20 @@ impl ControlLoop {
         Self { database, ..self }
     }
 
-    /// Whether the node with a part in the loop is external.
+    /// Checks whether the node with a part in the loop is external.
     #[must_use]
     pub fn is_external(&self, part: Part) -> bool {
         let node = self.nodes.of(part);
         node.is_some_and(|node| self.external.has(node))
     }
 
-    /// Whether canrig plays the node with a part in the loop.
+    /// Checks whether canrig plays the node with a part in the loop.
     #[must_use]
     pub fn is_ours(&self, part: Part) -> bool {
         !self.is_external(part)
     }
 
-    /// The io nodes of the loop that are on the bus: the emulator's, or real ones.
+    /// Returns the io nodes of the loop that are on the bus: the emulator's, or real ones.
     pub fn io_on_bus(&self) -> impl Iterator<Item = &Node> {
         let is_emulated = self.is_ours(Part::Drive);
         let io = self.nodes.io.iter();
@@ -461,12 +461,12 @@ impl ControlLoop {
     /// Refuses a fault of the scenario that would happen to an external node.
     ///
     /// # Errors
-    /// The fault, and the node.
+    /// A fault of an external node; the error names both.
     pub fn admits_faults(&self) -> Result<(), String> {
         let own = self.trial.own_faults();
-        // The order is given over the bus, to whoever is there.
+        // This order is given over the bus and reaches any node.
         let mut happening = own.filter(|fault| fault.kind.name != "nmt_stop");
-        // Sensor, amplifier, wire and mechanics are the emulated drive's.
+        // Only the emulated drive has the sensor, amplifier, wire and mechanics that could fail.
         let node = |fault: &Fault| {
             if fault.kind.group == Group::Node && fault.is_at_controller() {
                 &self.nodes.controller
@@ -474,7 +474,7 @@ impl ControlLoop {
                 &self.nodes.drive
             }
         };
-        // What cannot happen to a program was refused with its scenario.
+        // The check of the scenario has refused faults that cannot happen to a program.
         let is_foreign = |node: &Node| self.external.has(node) && !self.external.is_program(node);
         match happening.find(|fault| is_foreign(node(fault))) {
             None => Ok(()),
@@ -486,30 +486,30 @@ impl ControlLoop {
         }
     }
 
-    /// The faults of the whole run: those of other loops may take the current from this one too.
+    /// Returns the faults of the whole run: those of other loops may take the current from this one, too.
     pub fn faults(&self) -> impl Iterator<Item = &Fault> {
         self.trial.run.faults.iter()
     }
 
-    /// The name of one of several loops; empty for the only one.
+    /// Returns the name of one of several loops; empty for the only one.
     #[must_use]
     pub fn name(&self) -> &str {
         self.trial.wiring.loop_among_several()
     }
 
-    /// The name of one of several loops; none for the only one.
+    /// Returns the name of one of several loops; `None` for the only one.
     #[must_use]
     pub fn loop_name(&self) -> Option<&str> {
         Some(self.name()).filter(|name| !name.is_empty())
     }
 
-    /// The beginning of the names of its signals and metrics: empty where it is the only loop.
+    /// Returns the beginning of the names of its signals and metrics: empty for an only loop.
     #[must_use]
     pub fn prefix(&self) -> String {
         prefix_of(self.name())
     }
 
-    /// A clock of scenario time that has not begun: it begins when all drives of the run are enabled.
+    /// Returns a clock of scenario time that has not begun: it begins when all drives of the run are enabled.
     ///
     /// # Errors
     /// The database has no statusword of a drive.
@@ -518,34 +518,34 @@ impl ControlLoop {
         ScenarioClock::new(&self.database, drives)
     }
 
-    /// A message of one of its nodes.
+    /// Returns a message of one of its nodes.
     ///
     /// # Errors
-    /// The database has none.
+    /// The database has no such message.
     pub fn message(&self, node: &Node, service: &str) -> Result<&Message, SignalMissing> {
         let name = names::message(&node.name, service);
         let message = self.database.message(&name);
         message.ok_or_else(|| SignalMissing::new(&name))
     }
 
-    /// Whether it is given a set-point of its own.
+    /// Checks whether it gets a set-point of its own.
     #[must_use]
     pub fn has_set_point(&self) -> bool {
         self.trial.wiring.led_by.is_none() && !self.trial.reference.is_empty()
     }
 
-    /// The position that it follows.
+    /// Returns the position that it follows.
     ///
     /// # Errors
-    /// The database has none.
+    /// The database has no such signal.
     pub fn position(&self) -> Result<SignalHandle, SignalMissing> {
         self.measured_by(&self.nodes.followed, &self.trial.wiring.feedback)
     }
 
-    /// The position that its own drive measures.
+    /// Returns the position that its own drive measures.
     ///
     /// # Errors
-    /// The database has none.
+    /// The database has no such signal.
     pub fn own_position(&self) -> Result<SignalHandle, SignalMissing> {
         self.measured_by(&self.nodes.drive, &self.trial.wiring.sensor)
     }
@@ -556,10 +556,10 @@ impl ControlLoop {
         self.database.signal_of(&message, &measured)
     }
 
-    /// The current that its controller commands.
+    /// Returns the current that its controller commands.
     ///
     /// # Errors
-    /// The database has none.
+    /// The database has no such signal.
     pub fn target_current(&self) -> Result<SignalHandle, SignalMissing> {
         let command = names::message(&self.nodes.drive.name, names::RPDO1);
         let measurand = &self.trial.wiring.sensor.measurand;
@@ -567,17 +567,17 @@ impl ControlLoop {
             .signal_of(&command, &measurand.rename(names::TARGET_CURRENT))
     }
 
-    /// The messages whose signals become columns, in their order.
+    /// Returns the messages whose signals become columns, in their order.
     pub fn columns(&self) -> impl Iterator<Item = ColumnMessage<'_>> {
         columns(&self.database, &self.trial.wiring)
     }
 
-    /// The signals of another drive that it follows: what is measured, and that in truth.
+    /// Returns the signals of another drive that it follows: the measured one and the true one.
     pub fn followed(&self) -> impl Iterator<Item = (&Message, &Signal)> {
         followed(&self.database, &self.trial.wiring)
     }
 
-    /// The name in the loop of a signal of one of its messages.
+    /// Returns the name, in the loop, of a signal of one of its messages.
     #[must_use]
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
         if is_of(&self.nodes.drive, &names::OF_DRIVE, &message.name) {
@@ -587,7 +587,7 @@ impl ControlLoop {
         }
     }
 
-    /// The signals that its drive publishes of an emulated plant, without the true position.
+    /// Returns the signals of an emulated plant that its drive publishes, without the true position.
     pub fn plant_signals(&self) -> impl Iterator<Item = &Signal> {
         let messages = self.database.plant_messages(&self.nodes.drive.name);
         let signals = messages.flat_map(|message| &message.signals);
@@ -600,7 +600,7 @@ impl ControlLoop {
         signals.filter(move |signal| signal.name != measured)
     }
 
-    /// Whether a message is that of its drive, its io node or its law.
+    /// Checks whether a message belongs to its drive, its io node or its law.
     #[must_use]
     pub fn owns(&self, message: &str) -> bool {
         let LoopNodes {
@@ -616,7 +616,7 @@ impl ControlLoop {
             || places.any(|place| names::terms(&controller.name, self.name(), place) == message)
     }
 
-    /// Whether a signal, as `message.signal`, is one that only an emulated drive publishes.
+    /// Checks whether a signal, as `message.signal`, is one that only an emulated drive publishes.
     #[must_use]
     pub fn is_truth(&self, path: &str) -> bool {
         let message = path.split('.').next().unwrap_or_default();
@@ -627,14 +627,14 @@ impl ControlLoop {
         is_of(drive, &truth, message) || is_of(followed, &truth, message)
     }
 
-    /// The terms of its law.
+    /// Returns the terms of its law.
     pub fn terms(&self) -> impl Iterator<Item = &Signal> {
         let controller = &self.nodes.controller.name;
         let messages = self.database.term_messages(controller, self.name());
         messages.flat_map(|message| &message.signals)
     }
 
-    /// The outputs of an io node besides fan and load; none of a recording.
+    /// Returns the outputs of an io node besides fan and load; none for a recording.
     #[must_use]
     pub fn io_outputs(&self, node: &Node) -> &[IoOutput] {
         let mut nodes = self.trial.wiring.io.iter();
@@ -643,7 +643,7 @@ impl ControlLoop {
         outputs.map_or(&[], Vec::as_slice)
     }
 
-    /// All names of all signals.
+    /// Returns all names of all signals.
     #[must_use]
     pub fn names(&self) -> &SignalNames {
         self.frames.names()

@@ -1,4 +1,4 @@
-//! Whether the drives and io nodes of a rig file are wired to ports that its plants have.
+//! Checks that the drives and io nodes of a rig file are wired to ports that its plants have.
 
 use scenario::port::{Direction, Port, Ports, Unit, conversion, own_name, plant_of_port, unit_in};
 use scenario::wiring::{IoWiring, RECORDED_MAX};
@@ -6,16 +6,16 @@ use scenario::{Objection, Scenario, Trial, nearest};
 
 use crate::catalogue::Catalogue;
 
-/// More ports than that no plant has.
+/// Largest number of ports of a plant.
 const PORTS_MAX: usize = 256;
-/// Bits of a port that is published, and of the frames that have room for them.
+/// Bits of a published port, for which frames have room.
 const BITS: usize = 16;
-/// Ports that are listed where the one that is wanted is none of them.
+/// Largest number of ports that are listed if a port is missing.
 const LISTED_MAX: usize = 20;
-/// Rounding of a range from one unit to another.
+/// Tolerance for rounding a range from one unit to another.
 const RANGE_TOLERANCE: f64 = 1e-6;
 
-/// What is wrong with how a rig is wired; the first thing.
+/// Finds the first problem of a rig's wiring.
 pub(crate) fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
     let mut loops = scenario.loops.iter();
     loops.find_map(|one| of_loop(scenario, one, catalogue))
@@ -55,7 +55,7 @@ fn of_loop(scenario: &Scenario, one: &Trial, catalogue: &Catalogue) -> Option<Ob
         .or_else(|| wired.record())
 }
 
-/// Ports that a plant cannot have.
+/// Finds a port that a plant cannot have.
 fn plant_objection(plant: &str, ports: &Ports) -> Option<Objection> {
     let count = ports.inputs.len() + ports.outputs.len();
     let at_plant = |message: String, label: String| {
@@ -70,7 +70,7 @@ fn plant_objection(plant: &str, ports: &Ports) -> Option<Objection> {
     at_plant(message, "this plant".to_owned())
 }
 
-/// The drive of a loop, and the ports of the plants that are emulated with it.
+/// Drive of a loop, and ports of the plants that are emulated with it.
 struct Wired<'a> {
     drive: &'a str,
     ports: &'a Ports,
@@ -78,7 +78,7 @@ struct Wired<'a> {
 }
 
 impl Wired<'_> {
-    /// The port of this name, which goes this way.
+    /// Returns the port of this name and direction.
     fn find(&self, path: &str, name: &str, direction: Direction) -> Result<&Port, Objection> {
         let [right, wrong] = match direction {
             Direction::Input => [&self.ports.inputs, &self.ports.outputs],
@@ -152,7 +152,7 @@ impl Wired<'_> {
         Some(objection_at(path, message, label))
     }
 
-    /// A sensor whose range is not that of its port: one unit of the port is `factor` of the sensor's.
+    /// Checks the range of a sensor against that of its port: one unit of the port is `factor` of the sensor's.
     fn range(&self, port: &Port, factor: f64) -> Option<Objection> {
         let wiring = &self.trial.wiring;
         let [min, max] = wiring.sensor.range();
@@ -164,7 +164,7 @@ impl Wired<'_> {
             Some(objection_at(path, message, label))
         };
         match port.has_range() {
-            // What it says itself may be a part of what its port can be.
+            // The sensor's own range may be a part of the port's.
             true if wiring.sensor.max.is_none() && is_wider => objection(
                 format!("the sensor of `{}` has no range", self.drive),
                 format!("`{name}` goes from {lowest} to {highest} {unit}: write min and max"),
@@ -177,7 +177,7 @@ impl Wired<'_> {
         }
     }
 
-    /// The outputs of an io node.
+    /// Checks the outputs of an io node.
     fn io(&self, io: &IoWiring) -> Option<Objection> {
         let node = &io.node.name;
         for (key, name, unit) in [
@@ -206,7 +206,7 @@ impl Wired<'_> {
             .find_map(|(output, port)| self.output(node, output, port))
     }
 
-    /// Another output of the io node.
+    /// Checks another output of the io node.
     fn output(&self, io: &str, output: &str, name: &str) -> Option<Objection> {
         let path = format!("node.{io}.outputs.{output}");
         let port = match self.find(&path, name, Direction::Input) {
@@ -228,7 +228,7 @@ impl Wired<'_> {
         })
     }
 
-    /// What the drive publishes of its plant.
+    /// Checks the outputs that the drive publishes of its plant.
     fn record(&self) -> Option<Objection> {
         let wiring = &self.trial.wiring;
         let path = format!("node.{}.record", self.drive);

@@ -1,4 +1,4 @@
-//! Who is on the bus, and what a guest may do there.
+//! The nodes present on the bus, and the rights of a guest there.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,17 +10,17 @@ use crate::data_sheet::DataSheet;
 const SYNC: u16 = 0x080;
 const HEARTBEAT: u16 = 0x700;
 
-/// The nodes, the SYNC and the SDO users whose frames were on the bus.
+/// Nodes, SYNC and SDO users whose frames were on the bus.
 #[derive(Clone, Debug, Default)]
 pub struct Presence {
     states: BTreeMap<u8, NmtState>,
     has_sync: bool,
-    /// Nodes on whose default SDO channel somebody speaks.
+    /// Nodes whose default SDO channel is in use.
     sdo_users: BTreeSet<u8>,
 }
 
 impl Presence {
-    /// Notes a frame of somebody else.
+    /// Notes a frame of another participant.
     pub fn on_frame(&mut self, frame: &CanFrame) {
         let Some(id) = frame.standard_id() else {
             return;
@@ -41,13 +41,13 @@ impl Presence {
         }
     }
 
-    /// The nodes with a heartbeat, and the state that it reported last.
+    /// Returns the nodes with a heartbeat, each with the state that it reported last.
     #[must_use]
     pub fn states(&self) -> &BTreeMap<u8, NmtState> {
         &self.states
     }
 
-    /// How a running manager shows, if one does.
+    /// Returns the sign of a running manager, if there is one.
     #[must_use]
     pub fn manager(&self, sheets: &[DataSheet]) -> Option<String> {
         let is_manager = |node_id: &u8| {
@@ -60,7 +60,7 @@ impl Presence {
         self.has_sync.then(|| "SYNC".to_owned())
     }
 
-    /// Why a guest must not use the default SDO channel of a node. A manager's own channel nobody else uses.
+    /// Returns the reason why a guest must not use the default SDO channel of a node. No other node uses a manager's own channel.
     #[must_use]
     pub fn why_not_default_channel(&self, node_id: u8, sheets: &[DataSheet]) -> Option<String> {
         let is_manager = sheets

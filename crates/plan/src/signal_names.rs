@@ -8,44 +8,44 @@ use scenario::{Objection, Trial, nearest};
 use crate::catalogue::{followed, name_of_own};
 use crate::data_sheet::{self, DataSheet};
 
-/// Signals that a message about an ambiguous name lists.
+/// Largest number of signals that a message about an ambiguous name lists.
 const CANDIDATES_MAX: usize = 10;
 
-/// A name stands for no signal, or for several.
+/// Reason why a name does not give one signal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
-    /// Nothing is called so.
+    /// No signal has the name.
     #[error("no signal is called `{name}`")]
     Unknown {
-        /// What was asked for.
+        /// Unknown name.
         name: String,
-        /// What was probably meant.
+        /// Name that was probably meant.
         nearest: Option<String>,
     },
-    /// More than one signal is called so.
+    /// Several signals have the name.
     #[error("`{name}` is the name of {} signals", paths.len())]
     Ambiguous {
-        /// What was asked for.
+        /// Ambiguous name.
         name: String,
-        /// The signals, as `message.signal`.
+        /// Signals with the name, as `message.signal`.
         paths: Vec<String>,
     },
-    /// An object that no PDO carries.
+    /// No PDO carries the object.
     #[error("the object `{name}` is in no PDO, so no recording has it")]
     NotOnBus {
-        /// What was asked for.
+        /// Name of the object.
         name: String,
     },
 }
 
-/// A name and the signal that it stands for, as `message.signal`.
+/// Name and its signal, as `message.signal`.
 #[derive(Debug)]
 struct Alias {
     name: String,
     path: String,
 }
 
-/// The names of a signal.
+/// Returns the aliases of a signal.
 fn of_path(path: String, names: Vec<String>) -> impl Iterator<Item = Alias> {
     names.into_iter().map(move |name| Alias {
         name,
@@ -62,7 +62,7 @@ pub struct SignalNames {
 }
 
 impl SignalNames {
-    /// The names of the signals of a loop's nodes and its law, with those of the objects behind them.
+    /// Collects the names of the signals of a loop's nodes and its law, with those of the objects behind them.
     #[must_use]
     pub fn new(database: &Database, wiring: &Wiring) -> Self {
         let nodes = &wiring.nodes;
@@ -141,10 +141,10 @@ impl SignalNames {
         }
     }
 
-    /// The signal that a name stands for, as `message.signal`; case does not matter.
+    /// Finds the signal of a name, as `message.signal`; case does not matter.
     ///
     /// # Errors
-    /// There is none, or several.
+    /// There is no such signal, or there are several.
     pub fn find(&self, name: &str) -> Result<&str, NameError> {
         let is_meant = |alias: &&Alias| alias.name.eq_ignore_ascii_case(name);
         let found = self.aliases.iter().filter(is_meant);
@@ -171,7 +171,8 @@ impl SignalNames {
         }
     }
 
-    /// What is wrong with the names of signals in a scenario. `names` are those of its bus, asked for only where it has some.
+    /// Returns objections to the names of signals in a scenario. `names` returns those of its bus; it is called only if the
+    /// scenario has some.
     #[must_use]
     pub fn objections<'a>(trial: &Trial, names: impl Fn() -> &'a SignalNames) -> Vec<Objection> {
         let named = trial.expect.named_signals();
@@ -183,7 +184,7 @@ impl SignalNames {
     }
 }
 
-/// The name of an object given as `0x6064:00`.
+/// Returns the name of an object given as `0x6064:00`.
 fn object_name(sheet: &DataSheet, object: &str) -> Option<String> {
     if object.is_empty() {
         return None;

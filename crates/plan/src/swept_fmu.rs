@@ -1,12 +1,13 @@
-//! Values that a sweep gives to variables of an FMU: what they admit stands in the FMU, which no schema knows.
+//! Values that a sweep gives to variables of an FMU: the FMU decides which ones are admitted, and no schema knows it.
 
 use scenario::sweep::Sweep;
 use scenario::{Objection, Trial};
 
-/// A value of a sweep, with its key and its place in the scenario.
+/// Value of a sweep, with its place in the scenario and its key.
 type Swept<'a> = (String, &'a str, f64);
 
-/// The first value of a sweep that the FMU of a loop's plant does not take. `objection` says what is wrong with such an FMU. Draws of normal distributions have no ends: only what is about their means is looked at.
+/// Finds the first value of a sweep that the FMU of a loop's plant does not take. `objection` finds the problem of such an FMU.
+/// Draws of normal distributions have no ends, so only their means are checked.
 pub(crate) fn objection(
     trial: &Trial,
     sweep: &Sweep,
@@ -37,8 +38,8 @@ pub(crate) fn objection(
     })
 }
 
-/// What decides whether all values of a sweep are admitted. A variable takes the numbers of a range, or the whole ones of them: so
-/// those are the lowest, the highest, and one that is not whole.
+/// Returns the values that decide whether all values of a sweep are admitted. A variable takes the numbers of a range, or the
+/// whole ones of them; so these are the lowest value, the highest, and one that is not whole.
 fn values(sweep: &Sweep) -> Vec<Swept<'_>> {
     let mut values = Vec::new();
     for (index, list) in sweep.list.iter().enumerate() {
@@ -78,19 +79,19 @@ fn values(sweep: &Sweep) -> Vec<Swept<'_>> {
     for (index, one) in sweep.normal.iter().enumerate() {
         let path = format!("sweep.normal.{index}");
         values.push((format!("{path}.mean"), one.key.as_str(), one.mean));
-        // Nearly every draw is broken, whatever the mean is.
+        // Nearly every draw is fractional, whatever the mean is.
         let broken = [one.mean, one.mean.next_down()].into_iter().find(is_broken);
         values.extend(broken.map(|value| (format!("{path}.key"), one.key.as_str(), value)));
     }
     values
 }
 
-/// Whether a number is not whole.
+/// Checks whether a number is fractional.
 fn is_broken(value: &f64) -> bool {
     value.fract() != 0.0
 }
 
-/// A number that is not whole between two others, which are not neighbours among all that there are.
+/// Returns a fractional number between two others, which are not neighbouring floats.
 fn broken_between(from: f64, to: f64) -> f64 {
     let middle = from + (to - from) / 2.0;
     if is_broken(&middle) {
@@ -105,7 +106,7 @@ mod tests {
     use super::*;
     use scenario::sweep::{List, Normal, Range, Spacing, Uniform};
 
-    /// What is looked at of a sweep, without the places.
+    /// Returns the values of a sweep that are checked, without their places.
     fn looked_at(sweep: &Sweep) -> Vec<f64> {
         let values = values(sweep).into_iter();
         values.map(|(_, _, value)| value).collect()

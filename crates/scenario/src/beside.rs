@@ -1,4 +1,4 @@
-//! Where the files are that a scenario names.
+//! Locations of the files that a scenario names.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -8,14 +8,13 @@ use crate::file::read_text;
 use crate::fingerprint::{HASH_SUFFIX, hash_line};
 use crate::rig::shipped;
 
-/// Longest file that is named.
+/// Longest file that a scenario may name.
 const BYTES_MAX: u64 = 64 << 20;
 
-/// The folder of the files of a program that the command line names, in the names that a scenario has for them.
+/// Folder under which a scenario names the files of a program of the command line.
 const PROGRAM_FOLDER: &str = "program";
 
-/// The place of a scenario, that of the rig file which takes the place of the scenario's, and those of the files of a program that the
-/// command line names.
+/// Locations of a scenario, of the rig file that replaces the scenario's own, and of the files of a program of the command line.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct Beside {
     scenario: PathBuf,
@@ -24,7 +23,7 @@ pub struct Beside {
 }
 
 impl Beside {
-    /// The files beside a scenario.
+    /// Returns the files beside a scenario.
     #[must_use]
     pub fn new(scenario: &Path) -> Self {
         Self {
@@ -33,15 +32,14 @@ impl Beside {
         }
     }
 
-    /// The same with another rig file, whose name and those of the files beside it begin with [`shipped::FOLDER`].
+    /// Replaces the rig file. Its name, and the names of the files beside it, begin with [`shipped::FOLDER`].
     #[must_use]
     pub fn with_rig(self, rig: &Path) -> Self {
         let rig = Some(rig.to_owned());
         Self { rig, ..self }
     }
 
-    /// The same with a program of the command line, and the words of its command as the scenario has them: those that are files below
-    /// `program/`.
+    /// Adds a program of the command line, and returns its command as the scenario has it: each file is named below `program/`.
     ///
     /// # Errors
     /// A file cannot be found any more.
@@ -68,14 +66,15 @@ impl Beside {
         Ok((self, named))
     }
 
-    /// Whether a file, or the hash of one, is of the program of the command line.
+    /// Checks whether a file, or the hash of a file, belongs to the program of the command line.
     #[must_use]
     pub fn is_of_program(&self, name: &str) -> bool {
         let file = name.strip_suffix(HASH_SUFFIX).unwrap_or(name);
         self.program.contains_key(file)
     }
 
-    /// The command by which a program is started that `named_in` names, and its folder.
+    /// Returns the command that starts a program, and the folder in which it starts; `named_in` is the file that names the
+    /// program.
     #[must_use]
     pub fn command(&self, words: &[String], named_in: &str) -> (Vec<String>, PathBuf) {
         let of_line = |word: &String| self.program.get(word);
@@ -97,7 +96,7 @@ impl Beside {
         (placed.collect(), folder.to_owned())
     }
 
-    /// The files beside another scenario in the same place.
+    /// Returns the files beside another scenario in the same folder.
     #[must_use]
     pub fn of_case(&self) -> Self {
         let scenario = self.scenario.with_file_name("case");
@@ -107,13 +106,13 @@ impl Beside {
         }
     }
 
-    /// The scenario.
+    /// Returns the path of the scenario.
     #[must_use]
     pub fn scenario(&self) -> &Path {
         &self.scenario
     }
 
-    /// Where a file is.
+    /// Returns the path of a file.
     #[must_use]
     pub fn place(&self, name: &str) -> PathBuf {
         let (folder, name) = self.folder_of(name);
@@ -139,10 +138,10 @@ impl Beside {
         }
     }
 
-    /// The text of a file, or the line with the hash of one that is no text.
+    /// Reads the text of a file, or the line with the hash of a file that is not text.
     ///
     /// # Errors
-    /// It cannot be read, or lies outside the folder.
+    /// The file cannot be read, or lies outside the folder.
     pub fn read(&self, name: &str) -> io::Result<String> {
         match name.strip_suffix(HASH_SUFFIX) {
             Some(file) => {
@@ -153,10 +152,10 @@ impl Beside {
         }
     }
 
-    /// The text of a file.
+    /// Reads the text of a file.
     ///
     /// # Errors
-    /// It cannot be read, or a link leads out of the folder.
+    /// The file cannot be read, or a link leads out of the folder.
     pub fn read_text(&self, name: &str) -> io::Result<String> {
         let (folder, name) = self.folder_of(name);
         let folder = if folder.as_os_str().is_empty() {

@@ -15,8 +15,8 @@ pub struct Bus {
     /// Time between two SYNCs, a multiple of 0.1 ms.
     #[schemars(range(min = 0.1, max = 100.0), extend("x-multiple-of" = 0.1))]
     pub sync_period_milliseconds: f64,
-    /// Every so many cycles the bench sends the set-point of each loop as a frame; 0 is never. 1 where the controller is a program
-    /// or external, else 0.
+    /// Number of cycles between two frames with the set-point of a loop, which the bench sends; 0 for no such frames. If absent 1
+    /// where the controller is a program or external, else 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 100))]
     pub set_points_every_cycles: Option<u8>,
@@ -33,10 +33,10 @@ impl Default for Bus {
 }
 
 impl Bus {
-    /// The time between two SYNCs.
+    /// Returns the time between two SYNCs.
     #[must_use]
     pub fn sync_period(&self) -> Duration {
-        // The schema admits multiples of 0.1 ms; rounding takes the decimal fraction's error away.
+        // The schema admits multiples of 0.1 ms; rounding removes the error of the decimal fraction.
         let tenths = libm::round(self.sync_period_milliseconds * 10.0).clamp(1.0, 1000.0);
         Duration::from_micros(100).mul_f64(tenths)
     }

@@ -1,4 +1,4 @@
-//! Checks what the schema cannot say: what only makes sense together.
+//! Checks that the schema cannot express: values that must fit each other.
 
 mod currents;
 mod fault;
@@ -38,7 +38,7 @@ pub(crate) use limits::reactions;
 use pieces::{current_pieces, disturbance_pieces, order, pieces, reference_pieces};
 pub(crate) use plant::{cooling, temperatures};
 
-/// Checks what is tried in a loop.
+/// Checks the trial of a loop.
 pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::from_iter(laws(document, trial));
@@ -70,7 +70,7 @@ pub(crate) fn trial(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Pr
     problems
 }
 
-/// Checks what all loops share.
+/// Checks the facts that all loops share.
 pub(crate) fn run(document: &Document<'_>, run: &Run, rig: &Rig) -> Vec<Problem> {
     let mut problems = Vec::from_iter(name(document, &run.name));
     problems.extend(requirements::names(
@@ -82,7 +82,7 @@ pub(crate) fn run(document: &Document<'_>, run: &Run, rig: &Rig) -> Vec<Problem>
     problems
 }
 
-/// The name goes into terminals, XML and file names.
+/// Refuses control characters: the name goes into terminals, XML and file names.
 pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
     name.contains(char::is_control).then(|| {
         let message = "`name` has a control character in it";
@@ -90,7 +90,7 @@ pub(crate) fn name(document: &Document<'_>, name: &str) -> Option<Problem> {
     })
 }
 
-/// Exactly one law, and a set-point for a closed loop.
+/// Checks that there is exactly one law, and a set-point for a closed loop.
 fn laws(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     const HELP: &str = "exactly one table such as [controller.sliding_mode] chooses the law";
     match document.keys("controller").as_slice() {
@@ -123,11 +123,11 @@ fn laws(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     }
 }
 
-/// A law leads as many drives as its loop has.
+/// Checks that the law leads as many drives as its loop has.
 fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
     let keys = document.keys("controller");
     let [law] = keys.as_slice() else { return None };
-    // A profile is that of the first drive; the others have no current.
+    // A profile belongs to the first drive; the others have no current.
     if *law == "open_loop" {
         return None;
     }
@@ -144,7 +144,7 @@ fn drives_of_law(document: &Document<'_>, wiring: &Wiring) -> Option<Problem> {
     })
 }
 
-/// The laws of a wire know how a current heats it.
+/// Refuses a law of a wire in a loop that commands no current: these laws know how a current heats the wire.
 fn law_of_a_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let command = trial.wiring.feedback.measurand.command;
     let controller = &trial.controller;
@@ -160,7 +160,7 @@ fn law_of_a_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     Some(document.source.problem(span, message, label))
 }
 
-/// The gains that `pid` has where none are written are a wire's, by the metre.
+/// Demands the gains of `pid` in a loop whose position is no length: the default gains are those of a wire, by the metre.
 fn gains_of_another_quantity(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     const GAINS: [&str; 3] = [
         "proportional_amperes_per_metre",
@@ -179,7 +179,7 @@ fn gains_of_another_quantity(document: &Document<'_>, trial: &Trial) -> Option<P
     Some(document.source.problem(span, message, label))
 }
 
-/// Sines and chirps within the travel; single positions are in the schema's range already.
+/// Checks that sines and chirps stay within the travel. The schema limits single positions.
 fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Vec<Problem> {
     let ([min, max], symbol) = (
         wiring.feedback.range(),
@@ -207,7 +207,7 @@ fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Ve
     sines.chain(chirps).filter_map(problem).collect()
 }
 
-/// Chirps whose frequency moves, and does not exceed what cycles can show.
+/// Checks that the frequency of each chirp moves, and does not exceed what the cycles can show.
 fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
     let problem = |(index, chirp): (usize, &Chirp)| {
         (chirp.from_hertz == chirp.until_hertz).then(|| {
@@ -228,7 +228,7 @@ fn chirps(document: &Document<'_>, reference: &Reference) -> Vec<Problem> {
         .collect()
 }
 
-/// Disturbances for which no io node has an output.
+/// Finds disturbances for which no io node has an output.
 fn outputs_of_nobody(
     document: &Document<'_>,
     disturbance: &Disturbance,

@@ -1,37 +1,37 @@
-//! The phase of a sine whose frequency moves from one value to another.
+//! Phase of a sine whose frequency moves from one value to another.
 
 use std::f64::consts::TAU;
 
-/// A frequency that moves over time.
+/// Frequency that moves over time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrequencySweep {
     /// Frequency at the start.
     pub from_hertz: f64,
-    /// Frequency at the end; another one.
+    /// Frequency at the end, different from that at the start.
     pub until_hertz: f64,
-    /// How long it takes.
+    /// Duration of the move.
     pub duration_seconds: f64,
-    /// Whether equal times multiply the frequency by equal factors; else they add equal parts.
+    /// Whether the frequency grows by equal factors in equal times; else by equal differences.
     pub is_logarithmic: bool,
 }
 
-/// How far a swept sine has come.
+/// Phase of a swept sine at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SweptPhase {
-    /// Whole and begun turns since the start.
+    /// Turns since the start, the begun one as a fraction.
     pub turns: f64,
-    /// Derivatives of the phase in radians by time: the angular frequency, its slope, the slope of that.
+    /// Derivatives of the phase in radians by time: the angular frequency, its slope, and the slope of that.
     pub(crate) derivatives: [f64; 3],
 }
 
 impl SweptPhase {
-    /// The phase within one turn, which keeps its accuracy in long runs.
+    /// Returns the phase within one turn, which keeps its accuracy in long runs.
     #[must_use]
     pub fn radians(&self) -> f64 {
         TAU * (self.turns - libm::floor(self.turns))
     }
 
-    /// The frequency.
+    /// Returns the frequency.
     #[must_use]
     pub fn hertz(&self) -> f64 {
         self.derivatives[0] / TAU
@@ -39,7 +39,7 @@ impl SweptPhase {
 }
 
 impl FrequencySweep {
-    /// The phase after a time.
+    /// Returns the phase after a time.
     #[must_use]
     pub fn at(&self, elapsed_seconds: f64) -> SweptPhase {
         let (from, until) = (self.from_hertz, self.until_hertz);
@@ -60,7 +60,7 @@ impl FrequencySweep {
         }
     }
 
-    /// The time after which it has come so far.
+    /// Returns the time after which the sine has made a number of turns.
     #[must_use]
     pub fn seconds_at(&self, turns: f64) -> f64 {
         let (from, until) = (self.from_hertz, self.until_hertz);
@@ -68,13 +68,13 @@ impl FrequencySweep {
             let rate = libm::log(until / from) / self.duration_seconds;
             libm::log(1.0 + turns * rate / from) / rate
         } else {
-            // The root of from t + slope t² / 2 = turns that grows with the turns, without a difference of near numbers.
+            // This is the root of from t + slope t² / 2 = turns that grows with the turns, without a difference of near numbers.
             let slope = (until - from) / self.duration_seconds;
             2.0 * turns / (from + libm::sqrt((from * from + 2.0 * slope * turns).max(0.0)))
         }
     }
 
-    /// All turns.
+    /// Returns the number of all turns.
     #[must_use]
     pub fn turns(&self) -> f64 {
         self.at(self.duration_seconds).turns

@@ -1,4 +1,4 @@
-//! What is expected of several loops together.
+//! Expectations of several loops together.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::expect::{Limit, Requirements};
 use crate::port::Unit;
 
-/// How near several loops together stay to the path of their set-points.
+/// Limits on the distance of several loops together from the path of their set-points.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Contour {
@@ -27,17 +27,17 @@ pub struct Contour {
     /// RMS of the distance from the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contour_error_millimetres_rms: Option<Limit>,
-    /// The unit of its loops, put in by the loader.
+    /// Unit of the loops, put in by the loader.
     #[serde(skip)]
     pub unit: Unit,
-    /// The requirements that these limits test.
+    /// Requirements that these limits test.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
     pub requirements: Requirements,
 }
 
 impl Contour {
-    /// Its rows of the verdict, each with its limit: of the longest distance from the path, and of its RMS.
+    /// Returns the rows of the verdict with their limits: the longest distance from the path, and its RMS.
     #[must_use]
     pub fn rows(&self) -> [(String, Option<Limit>); 2] {
         let name = self.loops.join("_");
@@ -52,7 +52,7 @@ impl Contour {
     }
 }
 
-/// The contours of a scenario.
+/// Contours of a scenario.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Contours {

@@ -44,7 +44,7 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// The names of the laws that have a table.
+    /// Returns the names of the laws that have a table.
     pub fn law_names(&self) -> impl Iterator<Item = &str> {
         let own = self.own.as_ref().map(|own| own.name());
         let laws = LAWS.iter().zip(self.tables());
@@ -52,16 +52,16 @@ impl Controller {
         chosen.chain(own)
     }
 
-    /// The name of the law's table.
+    /// Returns the name of the law's table.
     #[must_use]
     pub fn law_name(&self) -> &str {
         self.law_names().next().unwrap_or("none")
     }
 
-    /// What is made of the law's parameters.
+    /// Applies a function to the law's parameters.
     ///
     /// # Errors
-    /// They are those of another law.
+    /// The parameters belong to another law.
     pub fn with_parameters<P: Parameters, T>(
         &self,
         make: impl FnOnce(&P) -> T,
@@ -76,7 +76,7 @@ impl Controller {
         }
     }
 
-    /// The law, where a process of its own plays it.
+    /// Returns the law if a process of its own plays it.
     #[must_use]
     pub fn process_law(&self) -> Option<ProcessLaw> {
         let program = self.program.as_ref().map(ProcessLaw::from);
@@ -85,7 +85,7 @@ impl Controller {
         program.or(library).or(fmu)
     }
 
-    /// Gives the file of a library or an FMU, which lies beside the scenario, its path.
+    /// Turns the file of a library or an FMU, which lies beside the scenario, into a path.
     pub(crate) fn place_files(&mut self, scenario: &Path) {
         let library = self.library.iter_mut().map(|law| &mut law.file);
         let fmu = self.fmu.iter_mut().map(|law| &mut law.file);
@@ -95,7 +95,7 @@ impl Controller {
         }
     }
 
-    /// Multiplies parameters of the law by these factors, which stand with their paths, such as `pid.proportional_amperes_per_metre`.
+    /// Multiplies parameters of the law by factors; each stands with its path, such as `pid.proportional_amperes_per_metre`.
     pub(crate) fn scale(&mut self, factors: &[(String, f64)]) {
         if factors.is_empty() {
             return;
@@ -113,7 +113,7 @@ impl Controller {
         }
     }
 
-    /// The tables, in the order of [`LAWS`].
+    /// Returns the tables, in the order of [`LAWS`].
     fn tables(&self) -> [Option<&dyn Any>; LAWS.len()] {
         fn of<T: Any>(table: &Option<T>) -> Option<&dyn Any> {
             table.as_ref().map(|table| table as &dyn Any)
@@ -169,7 +169,7 @@ pub struct SlidingMode {
     pub reference_landing_ratio: f64,
     /// Values that differ in a hold.
     pub hold: Hold,
-    /// How far the observer trusts sensor and nominal model.
+    /// Trust of the observer in sensor and nominal model.
     pub observer: Observer,
     /// A file with a table `[nominal_model]`, relative to the scenario; `canrig identify` writes one. It takes the place of
     /// `nominal_model`.
@@ -196,7 +196,7 @@ impl Default for SlidingMode {
     }
 }
 
-/// What is otherwise in a hold, where the reference rests and the law grows calm.
+/// Values for a hold, where the reference rests and the law acts more calmly.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Hold {
@@ -209,7 +209,7 @@ pub struct Hold {
     /// Standard deviation that the unknown heating gains in one second.
     #[schemars(range(min = 0.0, max = 1_000.0))]
     pub heating_drift_kelvins_per_second: f64,
-    /// How long the change from move to hold takes.
+    /// Duration of the change from move to hold.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub calming_seconds: f64,
     /// Distance from the reference at which the law leaves the hold, in steps of the position sensor.
@@ -248,8 +248,8 @@ pub struct SlidingModePaper {
     /// Poles of the reference filter (assumed).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub reference_filter_radians_per_second: f64,
-    /// Eq. (14) as it is printed, one derivative short and with the switching term outside the bracket, with which the loop does not
-    /// settle.
+    /// Eq. (14) as it is printed, one derivative short and with the switching term outside the bracket, with which the loop does
+    /// not settle.
     pub as_printed: bool,
     /// The plant as the law assumes it.
     pub nominal_model: NominalModel,
@@ -304,8 +304,8 @@ impl Default for Pid {
     }
 }
 
-/// PID for two drives that pull against each other: the output is added to the current of the first one and taken from that of the
-/// second. In a loop in degrees the gains are by the degree: `proportional_amperes_per_degree`. All values are assumed.
+/// PID for two drives that pull against each other: the output is added to the current of the first one and taken from that of
+/// the second. In a loop in degrees the gains are by the degree: `proportional_amperes_per_degree`. All values are assumed.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PidPair {
@@ -338,7 +338,7 @@ impl Default for PidPair {
     }
 }
 
-/// The laws whose tables the format has, each with how many drives it leads; `None` where its ports say so.
+/// Laws whose tables the format has, each with the number of drives that it leads; `None` if its ports tell the number.
 const LAWS: [(&str, Option<usize>); 8] = [
     ("sliding_mode", Some(1)),
     ("sliding_mode_paper", Some(1)),
@@ -350,18 +350,19 @@ const LAWS: [(&str, Option<usize>); 8] = [
     ("fmu", None),
 ];
 
-/// Whether a process of its own plays a law, by the name of its table.
+/// Checks, by the name of its table, whether a process of its own plays a law.
 pub(crate) fn is_process_law(law: &str) -> bool {
     ["program", "library", "fmu"].contains(&law)
 }
 
-/// Whether the format has the table of a law; those of others are registered.
+/// Checks whether the format has the table of a law; tables from outside are registered.
 #[must_use]
 pub fn is_of_format(law: &str) -> bool {
     LAWS.iter().any(|(name, _)| *name == law)
 }
 
-/// How many drives a law leads, by the name of its table; none where that is not known, or its ports say so.
+/// Returns the number of drives that a law leads, by the name of its table; `None` if it is not known, or if the law's ports tell
+/// it.
 #[must_use]
 pub fn drives_led_by(law: &str) -> Option<usize> {
     let of_format = LAWS.iter().find(|(name, _)| *name == law);
@@ -391,7 +392,7 @@ pub struct OpenLoop {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentStep {
-    /// When the current jumps.
+    /// Time of the jump.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Current after the jump, within the range of the amplifier.
@@ -414,8 +415,8 @@ pub struct CurrentRamp {
     pub current_amperes: f64,
 }
 
-/// Straight lines through the rows of a CSV file: its columns `time_seconds` and that of the current, from 0 to 1 A. Other columns
-/// and rows without a current are skipped, so `signals.csv` of a run folder serves as it is.
+/// Straight lines through the rows of a CSV file: its columns `time_seconds` and that of the current, from 0 to 1 A. Other
+/// columns and rows without a current are skipped, so `signals.csv` of a run folder serves as it is.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentTable {
@@ -439,11 +440,11 @@ impl CurrentTable {
     }
 }
 
-/// What the observer trusts: uncertainty of the sensor and of the nominal model.
+/// Trust of the observer in the sensor and in the nominal model, as their uncertainty.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Observer {
-    /// One step of the position sensor (rig: 60 mm in 10 bits).
+    /// Step of the position sensor (rig: 60 mm in 10 bits).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10.0))]
     pub sensor_step_millimetres: f64,
     /// Standard deviation that the velocity gains in one second beyond the model.
@@ -472,7 +473,7 @@ impl Default for Observer {
     }
 }
 
-/// What a law takes the plant to be; the emulator's plant is another thing and hidden from the controller.
+/// The plant as a law assumes it. The plant of the emulator differs from it and is hidden from the controller.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NominalModel {

@@ -1,20 +1,20 @@
-//! The currents that an amplifier gives.
+//! Currents of an amplifier.
 
 use canopen::add_half;
 
-/// Thousandths of the rated current, which CiA 402 counts in (0x6071, 0x6078), in it.
+/// Counts of the rated current: CiA 402 counts currents in thousandths of it (0x6071, 0x6078).
 const COUNTS: f64 = 1000.0;
-/// The most of these that 16 bits hold.
+/// Largest number of counts that 16 bits hold.
 pub(crate) const COUNTS_MAX: f64 = 32_767.0;
 
-/// What an amplifier can be commanded, in amperes: from `min` to `max`, in thousandths of `rated`.
+/// Range of commands to an amplifier, in amperes: from `min` to `max`, in thousandths of `rated`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurrentRange {
-    /// The rated current (0x6075), to which commands refer.
+    /// Rated current (0x6075), to which commands refer.
     pub rated: f64,
-    /// The smallest current: 0, or below it for an amplifier that drives both ways.
+    /// Smallest current: 0, or negative for an amplifier that drives both ways.
     pub min: f64,
-    /// The largest current.
+    /// Largest current.
     pub max: f64,
 }
 
@@ -29,19 +29,19 @@ impl Default for CurrentRange {
 }
 
 impl CurrentRange {
-    /// Counts of a command for one ampere.
+    /// Returns the counts of a command for one ampere.
     #[must_use]
     pub fn counts_per_ampere(&self) -> f64 {
         COUNTS / self.rated
     }
 
-    /// The largest current either way.
+    /// Returns the largest current in either direction.
     #[must_use]
     pub fn largest(&self) -> f64 {
         self.max.max(-self.min)
     }
 
-    /// A current as the bus carries it: within the range, and in whole counts. Not a number becomes 0.
+    /// Returns a current as the bus carries it: within the range, and in whole counts. A value that is no number becomes 0.
     #[must_use]
     #[inline]
     pub fn limited(&self, current_amperes: f64) -> f64 {
@@ -57,7 +57,7 @@ impl CurrentRange {
         f64::from(counts) / self.counts_per_ampere()
     }
 
-    /// Whether a current is all that there is, either way.
+    /// Checks whether a current is the largest in its direction.
     #[must_use]
     pub fn is_at_end(&self, current_amperes: f64) -> bool {
         current_amperes >= self.max || (self.min < 0.0 && current_amperes <= self.min)

@@ -1,10 +1,10 @@
-//! A curve over time, made of pieces of which the later wins; what set-points and current profiles share.
+//! A curve over time, made of pieces: a later piece replaces an earlier one. Set-points and current profiles share it.
 
 use std::f64::consts::TAU;
 
 use crate::chirp::{FrequencySweep, SweptPhase};
 
-/// A piece as the scenario gives it.
+/// A piece as the scenario describes it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Piece {
     /// A constant.
@@ -28,7 +28,7 @@ pub(crate) enum Piece {
     Table { rows: Vec<(f64, f64)> },
 }
 
-/// The curve's value and its first three derivatives.
+/// Value of the curve with its first three derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sample {
     pub(crate) value: f64,
@@ -77,7 +77,7 @@ impl Curve {
         curve
     }
 
-    /// The curve at a time; a binary search, no allocation.
+    /// Returns the curve at a time, by a binary search without allocation.
     pub(crate) fn at(&self, time_seconds: f64) -> Sample {
         let started = self
             .segments
@@ -88,8 +88,8 @@ impl Curve {
         }
     }
 
-    /// The stretches of time that show every value until `end_seconds`: of a piece that stands still or repeats itself, the rest is
-    /// left out.
+    /// Returns stretches of time that together show every value until `end_seconds`. The rest of a piece that stands still or
+    /// repeats itself is left out.
     pub(crate) fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
         let starts = self.segments.iter().map(|segment| segment.start_seconds);
         let ends = starts.skip(1).chain([end_seconds]);
@@ -102,8 +102,8 @@ impl Curve {
 }
 
 impl Curve {
-    /// Rows `(seconds, value)` until a time, with straight lines between them; two rows of one time are a jump. A piece that is no
-    /// straight line has a row in each spacing.
+    /// Returns rows `(seconds, value)` until a time, with straight lines between them; two rows at one time are a jump. A piece
+    /// that is not a straight line has a row in each spacing.
     pub(crate) fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
         let mut rows = vec![(0.0, self.at(0.0).value)];
         let starts = self.segments.iter().map(|segment| segment.start_seconds);
@@ -127,7 +127,7 @@ impl Curve {
 }
 
 impl Segment {
-    /// Where its straight lines meet.
+    /// Returns the times at which its straight lines meet.
     fn corners_seconds(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<f64> {
         match &self.piece {
             Piece::Constant { .. } => Vec::new(),
@@ -144,7 +144,7 @@ impl Segment {
         }
     }
 
-    /// From then on it has no other values than before.
+    /// Returns the time from which on the piece only repeats values.
     fn is_new_until_seconds(&self) -> f64 {
         match &self.piece {
             Piece::Constant { .. } => self.start_seconds,
@@ -193,7 +193,7 @@ impl Segment {
     }
 }
 
-/// `centre + amplitude sin(ω t)` with its exact derivatives.
+/// Returns `centre + amplitude sin(ω t)` with its exact derivatives.
 fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> Sample {
     // The phase within one turn keeps its accuracy in long runs.
     let turns = omega * elapsed_seconds / TAU;
@@ -209,7 +209,7 @@ fn sine(centre: f64, amplitude: f64, omega: f64, elapsed_seconds: f64) -> Sample
     }
 }
 
-/// `centre + amplitude sin φ` with its exact derivatives.
+/// Returns `centre + amplitude sin φ` with its exact derivatives.
 fn chirp(centre: f64, amplitude: f64, phase: &SweptPhase) -> Sample {
     let (sin, cos) = libm::sincos(phase.radians());
     let [omega, slope, curvature] = phase.derivatives;
@@ -224,7 +224,7 @@ fn chirp(centre: f64, amplitude: f64, phase: &SweptPhase) -> Sample {
     }
 }
 
-/// Straight lines through the rows, constant before the first and from the last on.
+/// Interpolates the rows by straight lines; constant before the first row and from the last on.
 pub(crate) fn interpolate(rows: &[(f64, f64)], time: f64) -> Sample {
     let next = rows.partition_point(|row| row.0 <= time);
     match (next.checked_sub(1).map(|last| rows[last]), rows.get(next)) {

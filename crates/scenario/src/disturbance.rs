@@ -1,9 +1,9 @@
-//! The `[disturbance]` table: what disturbs the plant.
+//! The `[disturbance]` table: disturbances of the plant.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What disturbs the plant; each is commanded over the bus to an io node.
+/// Disturbances of the plant; each is commanded over the bus to an io node.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Disturbance {
@@ -30,10 +30,10 @@ pub struct Output {
     /// Its name among the `outputs` of the io node.
     #[schemars(length(min = 1, max = 64))]
     pub name: String,
-    /// When it changes.
+    /// Time of the change.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
-    /// When it goes back to what acts at rest; it stays if absent.
+    /// Time at which the output returns to its value at rest; it stays if absent.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until_seconds: Option<f64>,
@@ -48,10 +48,10 @@ pub struct Fan {
     /// The io node; needed where several have this output, or the rig has several loops.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub node: String,
-    /// When the fan starts.
+    /// Time at which the fan starts.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
-    /// When the fan stops.
+    /// Time at which the fan stops.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: f64,
     /// Factor on the cooling by air while the fan is on.
@@ -66,7 +66,7 @@ pub struct Load {
     /// The io node; needed where several have this output, or the rig has several loops.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub node: String,
-    /// When the load changes.
+    /// Time of the change.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Added to the plant's load; may be negative.

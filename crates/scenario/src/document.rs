@@ -1,4 +1,4 @@
-//! A TOML document that still knows where everything stands.
+//! A TOML document that keeps the place of each value.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use toml::de::{DeTable, DeValue};
 use crate::error::{Problem, Source};
 use crate::outside::Outside;
 
-/// What the parser says of a key that stood before.
+/// Message of the parser on a key that it has read before.
 const DUPLICATE: &str = "duplicate key";
 
 /// The document as a tree with spans.
@@ -20,7 +20,7 @@ pub(crate) struct Document<'text> {
 }
 
 impl<'text> Document<'text> {
-    /// Parses the text; syntax errors are the only errors.
+    /// Parses the text; only syntax errors are errors.
     pub(crate) fn parse(source: Source, text: &'text str) -> Result<Self, Vec<Problem>> {
         let (root, errors) = DeTable::parse_recoverable(text);
         let document = Self { source, root };
@@ -30,9 +30,9 @@ impl<'text> Document<'text> {
         }
     }
 
-    /// What the parser refuses. A table that stands twice is one problem, not one for each of its keys.
+    /// Returns the problems of the parser. A table that stands twice is one problem, not one for each of its keys.
     fn syntax_problems(&self, text: &str, errors: &[toml::de::Error]) -> Vec<Problem> {
-        // What is missing at the end is shown at the last character: behind it there is nothing to underline.
+        // An error at the end is shown at the last character: behind it there is nothing to underline.
         let last = text
             .trim_end()
             .char_indices()
@@ -80,7 +80,7 @@ impl<'text> Document<'text> {
         problems
     }
 
-    /// A tree made of parts of this document, whose problems stand in its text.
+    /// Makes a document of parts of this one, whose problems point into its text.
     pub(crate) fn with_root(&self, root: DeTable<'text>) -> Self {
         Self {
             source: self.source.clone(),
@@ -93,18 +93,18 @@ impl<'text> Document<'text> {
         self.root.get_mut().remove(key);
     }
 
-    /// Changes the tree; what is moved or copied still knows where it was written.
+    /// Changes the tree; moved and copied values keep their places.
     pub(crate) fn rewrite(&mut self, change: impl FnOnce(&mut DeTable<'text>)) {
         change(self.root.get_mut());
     }
 
-    /// The whole document as a table.
+    /// Returns the whole document as a table.
     pub(crate) fn root(&self) -> &DeTable<'text> {
         self.root.get_ref()
     }
 
-    /// Builds a type from the document without the faults and the tables of plants and laws from outside, which have readers of
-    /// their own.
+    /// Builds a type from the document without the faults, and without the tables of plants and laws from outside, which have
+    /// readers of their own.
     pub(crate) fn deserialize<T: DeserializeOwned>(&self, outside: &Outside) -> Result<T, Problem> {
         let mut root = self.root.clone();
         outside.remove_from(root.get_mut());
@@ -116,18 +116,18 @@ impl<'text> Document<'text> {
         })
     }
 
-    /// Where the value at a path such as `reference.step.1.at_seconds` stands; where it is absent, the nearest table
-    /// that would hold it.
+    /// Returns the place of the value at a path such as `reference.step.1.at_seconds`; if it is absent, the place of the nearest
+    /// table that would hold it.
     pub(crate) fn span(&self, path: &str) -> Range<usize> {
         self.walk(path).0
     }
 
-    /// Where the key at a path stands; where it is absent, the nearest table that would hold it.
+    /// Returns the place of the key at a path; if it is absent, the place of the nearest table that would hold it.
     pub(crate) fn key_span(&self, path: &str) -> Range<usize> {
         self.walk(path).1
     }
 
-    /// The keys of the table at a path, in the order of the text.
+    /// Returns the keys of the table at a path, in the order of the text.
     pub(crate) fn keys(&self, path: &str) -> Vec<&str> {
         let Some(table) = self.value(path).and_then(DeValue::as_table) else {
             return Vec::new();
@@ -137,7 +137,7 @@ impl<'text> Document<'text> {
         keys.into_iter().map(|key| key.get_ref().as_ref()).collect()
     }
 
-    /// A problem at the value at a path.
+    /// Makes a problem at the value at a path.
     pub(crate) fn problem(
         &self,
         path: &str,
@@ -147,7 +147,7 @@ impl<'text> Document<'text> {
         self.source.problem(self.span(path), message, label)
     }
 
-    /// True when there is something at a path.
+    /// Checks whether there is a value at a path.
     pub(crate) fn has(&self, path: &str) -> bool {
         self.value(path).is_some()
     }
@@ -156,7 +156,7 @@ impl<'text> Document<'text> {
         self.spanned(path).map(Spanned::get_ref)
     }
 
-    /// The value at a path, with where it stands.
+    /// Returns the value at a path, with its place.
     pub(crate) fn spanned(&self, path: &str) -> Option<&Spanned<DeValue<'text>>> {
         let mut names = path.split('.');
         let mut value = self.root().get(names.next()?)?;
@@ -166,7 +166,7 @@ impl<'text> Document<'text> {
         Some(value)
     }
 
-    /// The spans of value and key of the deepest part of the path that exists.
+    /// Returns the spans of value and key of the deepest part of the path that exists.
     fn walk(&self, path: &str) -> (Range<usize>, Range<usize>) {
         let mut names = path.split('.');
         let first = names
@@ -187,7 +187,7 @@ impl<'text> Document<'text> {
     }
 }
 
-/// The lines of a text that begin a table, each with the table's path: `[controller.pid]` has `controller.pid`.
+/// Returns the lines of a text that begin a table, each with the table's path: `[controller.pid]` has `controller.pid`.
 fn headings(text: &str) -> Vec<(Range<usize>, &str)> {
     let mut end = 0;
     let lines = text.split_inclusive('\n').map(|line| {
@@ -204,7 +204,7 @@ fn headings(text: &str) -> Vec<(Range<usize>, &str)> {
 
 type Child<'tree, 'text> = (Range<usize>, &'tree Spanned<DeValue<'text>>);
 
-/// A member of a table or an element of an array, with the span that names it.
+/// Returns a member of a table or an element of an array, with the span that names it.
 fn child<'tree, 'text>(value: &'tree DeValue<'text>, name: &str) -> Option<Child<'tree, 'text>> {
     match value {
         DeValue::Table(table) => {

@@ -1,4 +1,4 @@
-//! What is wrong with a scenario file, as diagnostics that underline the place.
+//! Problems of a scenario file, as diagnostics that underline the place.
 
 use std::fmt;
 use std::io;
@@ -11,16 +11,16 @@ use miette::{
 };
 use thiserror::Error;
 
-/// More problems than these are counted, not shown.
+/// Largest number of problems that are shown; further ones are only counted.
 const PROBLEMS_SHOWN_MAX: usize = 50;
 
-/// A text with a longer line is not shown: nobody could see the place in it, and the renderer cannot underline that far.
+/// Longest line of a text that is shown. In a longer line no reader finds the place, and the renderer cannot underline that far.
 const LINE_BYTES_SHOWN_MAX: usize = 1000;
 
-/// Everything that is wrong with one scenario or rig file.
+/// All problems of one scenario or rig file.
 #[derive(Debug, Diagnostic)]
 pub struct ScenarioError {
-    /// What the file should be: "scenario".
+    /// Kind of the file: "scenario".
     kind: &'static str,
     file_name: String,
     problems_total: usize,
@@ -31,7 +31,7 @@ pub struct ScenarioError {
 impl ScenarioError {
     pub(crate) fn new(kind: &'static str, file_name: &str, mut problems: Vec<Problem>) -> Self {
         problems.sort_by_key(|problem| problem.offset);
-        // What holds for several loops is read once for each of them.
+        // A key that holds for several loops is read once for each of them.
         problems.dedup_by(|second, first| second.is_same(first));
         let problems_total = problems.len();
         problems.truncate(PROBLEMS_SHOWN_MAX);
@@ -43,7 +43,7 @@ impl ScenarioError {
         }
     }
 
-    /// A scenario that is not there or cannot be read.
+    /// Makes the error of a scenario that does not exist or cannot be read.
     #[must_use]
     pub fn unreadable(path: &Path, error: &io::Error) -> Self {
         let message = match error.kind() {
@@ -53,7 +53,7 @@ impl ScenarioError {
         Self::of_scenario(&path.display().to_string(), message)
     }
 
-    /// A scenario of which something is wrong at no place of its text.
+    /// Makes the error of a scenario with a problem that has no place in its text.
     pub(crate) fn of_scenario(file_name: &str, message: String) -> Self {
         let problem = Problem {
             message: message.into_boxed_str(),
@@ -67,7 +67,7 @@ impl ScenarioError {
         Self::new("scenario", file_name, vec![problem])
     }
 
-    /// The problems in the order of the file; at least one, at most 50.
+    /// Returns the problems in the order of the file; at least one, at most 50.
     #[must_use]
     pub fn problems(&self) -> &[Problem] {
         &self.problems
@@ -97,10 +97,10 @@ impl fmt::Display for ScenarioError {
 
 impl std::error::Error for ScenarioError {}
 
-/// An error with the places that it underlines, in which every escape is that of a file.
+/// Renders an error without colours, with the places that it underlines. An escape sequence in it can only come from a file.
 ///
 /// # Panics
-/// Never: memory takes all that is written.
+/// Never: writing to memory does not fail.
 #[must_use]
 pub fn without_colours(error: &dyn Diagnostic) -> String {
     let handler = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
@@ -110,7 +110,7 @@ pub fn without_colours(error: &dyn Diagnostic) -> String {
     text
 }
 
-/// One thing that is wrong, and where.
+/// A problem with its place.
 #[derive(Clone, Debug, Diagnostic, Error)]
 #[error("{message}")]
 pub struct Problem {
@@ -118,11 +118,11 @@ pub struct Problem {
     label: Box<str>,
     #[help]
     help: Option<Box<str>>,
-    /// Where it is, also in a text that is not shown.
+    /// Start of the underlined place, even in a text that is not shown.
     offset: Option<usize>,
     #[label("{label}")]
     underlined: Option<SourceSpan>,
-    /// Other places that have to do with it, each with its own label.
+    /// Related places, each with its own label.
     #[label(collection)]
     others: Vec<LabeledSpan>,
     #[source_code]
@@ -130,12 +130,12 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Where it begins in its text.
+    /// Returns the start of the place in its text.
     pub(crate) fn offset(&self) -> Option<usize> {
         self.offset
     }
 
-    /// The same with other names in its words.
+    /// Replaces names in the message.
     pub(crate) fn renamed(self, rename: impl Fn(&str) -> String) -> Self {
         Self {
             message: rename(&self.message).into(),
@@ -156,13 +156,13 @@ impl Problem {
         parts(self) == parts(other)
     }
 
-    /// Name of the file with the problem: the scenario or a table of it.
+    /// Returns the name of the file with the problem: the scenario, or a table that it names.
     #[must_use]
     pub fn file_name(&self) -> &str {
         self.source_text.name()
     }
 
-    /// Line and column of the underlined place, counted from 1 in characters; `None` when the file could not be read.
+    /// Returns line and column of the underlined place, counted from 1 in characters; `None` if the file could not be read.
     #[must_use]
     pub fn line_and_column(&self) -> Option<(usize, usize)> {
         let before = self.source_text.inner().get(..self.offset?)?;
@@ -175,7 +175,7 @@ impl Problem {
         self
     }
 
-    /// The same with a second place of the text that has to do with it.
+    /// Adds a related second place of the text.
     pub(crate) fn with_place(mut self, span: Range<usize>, label: &str) -> Self {
         if self.underlined.is_some() {
             let label = Some(label.to_owned());
@@ -185,7 +185,7 @@ impl Problem {
     }
 }
 
-/// A named text that problems point into; clones share the text.
+/// A named text in which problems have their places; clones share the text.
 #[derive(Clone, Debug)]
 pub(crate) struct Source {
     text: Arc<NamedSource<String>>,
@@ -200,7 +200,7 @@ impl Source {
         }
     }
 
-    /// A problem at a place of this text: `message` says what, `label` stands at the place.
+    /// Makes a problem at a place of this text: `message` describes it, and `label` stands at the place.
     pub(crate) fn problem(
         &self,
         span: Range<usize>,

@@ -1,4 +1,4 @@
-//! What the metrics must know of a scenario: steps, periods and disturbances, with their windows in scenario time.
+//! The part of a scenario that the metrics use: steps, periods and disturbances, with their windows in scenario time.
 
 use crate::chirp::FrequencySweep;
 use crate::disturbance::Disturbance;
@@ -6,39 +6,39 @@ use crate::port::{Unit, symbol_of, unit_in};
 use crate::trial::Trial;
 pub use crate::window::Window;
 
-/// Where no scenario says another band.
+/// Recovery band in millimetres, unless the scenario has another one.
 const RECOVERY_BAND_MILLIMETRES: f64 = 0.25;
-/// Of the sensor's range, in another unit.
+/// Recovery band in another unit, as a share of the sensor's range.
 const RECOVERY_BAND_SHARE: f64 = 1.0 / 240.0;
 
 /// A step of the set-point that the metrics judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JudgedStep {
-    /// From the step to the next event, or to the end of what is judged.
+    /// Window from the step to the next event, or to the end of the judgement.
     pub window: Window,
-    /// The set-point just before.
+    /// Set-point just before the step.
     pub from_millimetres: f64,
-    /// The set-point from the step on.
+    /// Set-point from the step on.
     pub to_millimetres: f64,
 }
 
 /// A sine of the set-point that the metrics judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JudgedSine {
-    /// The last three whole periods.
+    /// Window of the last three whole periods.
     pub window: Window,
-    /// The length of one.
+    /// Length of one period.
     pub period_seconds: f64,
 }
 
 /// A chirp of the set-point that the metrics judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JudgedChirp {
-    /// When it begins.
+    /// Start of the chirp.
     pub from_seconds: f64,
-    /// How its frequency moves.
+    /// Move of its frequency.
     pub sweep: FrequencySweep,
-    /// Its whole turns up to its end, the next piece or the end of what is judged; at least four.
+    /// Whole turns up to its end, the next piece or the end of the judgement; at least four.
     pub turns: f64,
     /// Mean of the set-point.
     pub centre_millimetres: f64,
@@ -49,55 +49,55 @@ pub struct JudgedChirp {
 /// A disturbance that the metrics judge.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisturbanceWindow {
-    /// From its start to its end; the change of a load begins and ends at one instant.
+    /// Window from its start to its end; the change of a load begins and ends at one instant.
     pub window: Window,
-    /// What happens, for people.
+    /// Description of the disturbance.
     pub text: String,
 }
 
-/// Something that happens at one time, for plots.
+/// Event of a run, for plots.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {
-    /// When.
+    /// Time of the event.
     pub at_seconds: f64,
-    /// What, for people.
+    /// Description of the event.
     pub text: String,
-    /// Whether a fault begins; all else is part of a run without faults.
+    /// Whether a fault begins. All other events are part of a run without faults, too.
     pub is_fault: bool,
 }
 
-/// What people call one of several loops and its nodes.
+/// Names of a loop and its nodes, where a run has several loops.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopWords {
-    /// The loop.
+    /// Name of the loop.
     pub name: String,
-    /// Its controller.
+    /// Name of its controller.
     pub controller: String,
-    /// Its drive.
+    /// Name of its drive.
     pub drive: String,
 }
 
-/// What an io node is commanded at one time.
+/// Command to an io node from one time on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisturbanceCommand {
-    /// From when.
+    /// Time from which it holds.
     pub at_seconds: f64,
-    /// Multiplies the convection coefficient.
+    /// Factor on the convection coefficient.
     pub convection_factor: f64,
-    /// Added to the plant's load.
+    /// Mass that is added to the plant's load.
     pub added_grams: f64,
 }
 
 impl Trial {
-    /// The end of what the metrics of the loop are judged on.
+    /// Returns the end of the time that the metrics of the loop judge.
     #[must_use]
     pub fn judged_end_seconds(&self) -> f64 {
         let earlier = self.expect.judged_until_seconds;
         earlier.unwrap_or(self.run.duration_seconds)
     }
 
-    /// A deviation within this counts as recovered, in the unit of the loop: four steps of a 10-bit converter over 60 mm, and in
-    /// another unit as much of the sensor's range.
+    /// Returns the deviation within which the position counts as recovered, in the unit of the loop: four steps of a 10-bit
+    /// converter over 60 mm, and in another unit the same share of the sensor's range.
     #[must_use]
     pub fn recovery_band(&self) -> f64 {
         let [min, max] = self.wiring.feedback.range();
@@ -108,7 +108,7 @@ impl Trial {
         self.expect.recovery_band_millimetres.unwrap_or(of_unit)
     }
 
-    /// The steps that the metrics judge, in the order of time.
+    /// Returns the steps that the metrics judge, in the order of time.
     #[must_use]
     pub fn judged_steps(&self) -> Vec<JudgedStep> {
         let trajectory = self.reference.trajectory();
@@ -120,7 +120,7 @@ impl Trial {
             .map(|step| {
                 let before = starts.partition_point(|&start| start < step.at_seconds);
                 let next = starts.partition_point(|&start| start <= step.at_seconds);
-                // Just before the step the piece before it is still in force.
+                // Just before the step the piece before it still acts.
                 let last_moment = step.at_seconds.next_down();
                 let from_millimetres = match before {
                     0 => 0.0,
@@ -139,8 +139,8 @@ impl Trial {
         judged.collect()
     }
 
-    /// Of each sine the last three whole periods, before the next piece or the end of what is judged; those of which fewer
-    /// than four fit are left out.
+    /// Returns for each sine its last three whole periods, before the next piece or the end of the judgement. Sines of which
+    /// fewer than four periods fit are left out.
     #[must_use]
     pub fn judged_sines(&self) -> Vec<JudgedSine> {
         let end_of_piece = self.ends_of_pieces();
@@ -161,7 +161,8 @@ impl Trial {
         judged.collect()
     }
 
-    /// The chirps that the metrics judge, in the order of the file; those of which fewer than four turns fit are left out.
+    /// Returns the chirps that the metrics judge, in the order of the file. Chirps of which fewer than four turns fit are left
+    /// out.
     #[must_use]
     pub fn judged_chirps(&self) -> Vec<JudgedChirp> {
         let end_of_piece = self.ends_of_pieces();
@@ -181,7 +182,7 @@ impl Trial {
         judged.collect()
     }
 
-    /// The disturbances, in the order of time.
+    /// Returns the disturbances, in the order of time.
     #[must_use]
     pub fn disturbance_windows(&self) -> Vec<DisturbanceWindow> {
         let fans = self.disturbance.fan.iter().map(|fan| DisturbanceWindow {
@@ -219,7 +220,7 @@ impl Trial {
         windows
     }
 
-    /// The begins and ends of its disturbances and of the faults of its loop, in no order.
+    /// Returns the starts and ends of the loop's disturbances and faults, in no order.
     #[must_use]
     pub fn edges_seconds(&self) -> Vec<f64> {
         let disturbances = self.disturbance_windows().into_iter();
@@ -231,7 +232,8 @@ impl Trial {
         of_disturbances.chain(of_faults).flatten().collect()
     }
 
-    /// Steps, disturbances and faults for plots, in the order of time; of one of several loops with its names.
+    /// Returns the steps, disturbances and faults for plots, in the order of time; `words` names the loop, where there are
+    /// several.
     #[must_use]
     pub fn events(&self, words: Option<&LoopWords>) -> Vec<Event> {
         let event = |at_seconds, text| Event {
@@ -284,7 +286,7 @@ impl Trial {
         events
     }
 
-    /// When a piece that starts at a time ends: where the next one starts, or what is judged ends.
+    /// Returns a function from the start of a piece to its end: the start of the next piece, or the end of the judgement.
     fn ends_of_pieces(&self) -> impl Fn(f64) -> f64 {
         let mut starts: Vec<f64> = self.reference.starts_seconds().collect();
         starts.sort_by(f64::total_cmp);
@@ -296,7 +298,7 @@ impl Trial {
         }
     }
 
-    /// The starts of all pieces and disturbances, and the ends of disturbances.
+    /// Returns the starts of all pieces and disturbances, and the ends of disturbances, in the order of time.
     fn starts_in_order(&self) -> Vec<f64> {
         let windows = self.disturbance_windows();
         let disturbances = windows.iter().flat_map(|disturbance| {
@@ -316,7 +318,7 @@ impl Trial {
 }
 
 impl Disturbance {
-    /// Those that one io node is commanded, of several loops.
+    /// Returns the disturbances that one io node is commanded, of several loops.
     #[must_use]
     pub fn at_node<'a>(node: &str, of_loops: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut all = Self::default();
@@ -332,7 +334,8 @@ impl Disturbance {
         all
     }
 
-    /// What the disturbance node is commanded, in the order of time, one entry per instant; nothing before the first entry.
+    /// Returns the commands to the disturbance node, in the order of time, one for each instant; there is none before the first
+    /// entry.
     #[must_use]
     pub fn commands(&self) -> Vec<DisturbanceCommand> {
         let fans = self
@@ -355,7 +358,7 @@ impl Disturbance {
         times.into_iter().map(command).collect()
     }
 
-    /// The factor on the convection coefficient at one time; 1 while no fan blows.
+    /// Returns the factor on the convection coefficient at one time; 1 while no fan blows.
     #[must_use]
     pub fn convection_factor_at(&self, time_seconds: f64) -> f64 {
         let blows = |fan: &&crate::disturbance::Fan| {
@@ -367,7 +370,7 @@ impl Disturbance {
             .map_or(1.0, |fan| fan.convection_factor)
     }
 
-    /// What an output is at one time: the latest of its changes that lasts; none at rest.
+    /// Returns the value of an output at one time: that of the latest change in force; `None` at rest.
     #[must_use]
     pub fn output_at(&self, name: &str, time_seconds: f64) -> Option<f64> {
         let lasts = |output: &&crate::disturbance::Output| {
@@ -379,7 +382,7 @@ impl Disturbance {
         latest.map(|output| output.value)
     }
 
-    /// The added load in grams at one time; 0 before the first change.
+    /// Returns the added load in grams at one time; 0 before the first change.
     #[must_use]
     pub fn added_grams_at(&self, time_seconds: f64) -> f64 {
         let started = self
@@ -442,7 +445,7 @@ mod tests {
         assert_eq!(steps[0].window.until_seconds, 30.0);
     }
 
-    /// The windows of the judged sines, from and until.
+    /// Returns the windows of the judged sines, each with start and end.
     fn windows_of_sines(tables: &str) -> Vec<(f64, f64)> {
         let sines = scenario(tables).judged_sines().into_iter();
         sines

@@ -1,4 +1,4 @@
-//! The `[expect]` table: what passes. Every key is optional, every limit two-sided.
+//! The `[expect]` table: conditions of a pass. Every key is optional, every limit two-sided.
 
 mod sequence;
 mod signal;
@@ -19,10 +19,10 @@ use crate::timing::TimingLimits;
 pub use sequence::{Expected, Sequence};
 pub use signal::{Course, Demand, SignalCheck};
 
-/// Requirements by their names in whatever lists them, such as "REQ-12".
+/// Names of requirements, such as "REQ-12", in the system that lists them.
 pub type Requirements = Vec<String>;
 
-/// An expectation of a metric, in the form of its row in [`METRICS`].
+/// Expectation of a metric, in the form of its row in [`METRICS`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Expectation {
@@ -41,20 +41,20 @@ pub enum Expectation {
 #[serde(deny_unknown_fields, default, remote = "Self")]
 #[schemars(transform = add_metrics)]
 pub struct Expect {
-    /// The expectations of metrics, each by the name of its metric. The others are keys of their own.
+    /// Expectations of metrics, each by the name of its metric. The others are keys of their own.
     #[serde(skip)]
     metrics: BTreeMap<&'static str, Expectation>,
-    /// What counts as recovered: a deviation from the set-point within this, for `recovery_time_seconds`,
-    /// `recovers_within_seconds` and `current_ripple_amperes_rms`. If absent 0.25 mm; in a loop of another unit 1/240 of the sensor's
-    /// range, which 0.25 mm are of 60 mm.
+    /// Largest deviation from the set-point that counts as recovered, for `recovery_time_seconds`, `recovers_within_seconds` and
+    /// `current_ripple_amperes_rms`. If absent 0.25 mm; in a loop of another unit 1/240 of the sensor's range, as 0.25 mm are of
+    /// 60 mm.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recovery_band_millimetres: Option<f64>,
-    /// The requirements that single limits test, by the limit's key, `overshoot_percent = ["REQ-12"]`; for those of
+    /// Requirements that single limits test, by the limit's key, `overshoot_percent = ["REQ-12"]`; for limits of
     /// `[expect.timing]` by key and quantile, `round_trip_microseconds_p99 = ["REQ-13"]`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub requirements: BTreeMap<String, Requirements>,
-    /// The metrics of position, current and traffic are judged on what comes before this; later the loop is meant to be open,
+    /// End of the time on which the metrics of position, current and traffic are judged; later the loop is meant to be open,
     /// because a node dies on purpose. Reactions to faults, signals and sequences are judged to the end of the scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0), range(max = crate::TIME_SECONDS_MAX))]
@@ -73,19 +73,19 @@ pub struct Expect {
 }
 
 impl Expect {
-    /// The expectation of a metric.
+    /// Returns the expectation of a metric.
     #[must_use]
     pub fn of(&self, metric: &str) -> Option<&Expectation> {
         self.metrics.get(metric)
     }
 
-    /// The two-sided limit of a metric.
+    /// Returns the two-sided limit of a metric.
     #[must_use]
     pub fn limit(&self, metric: &str) -> Option<Limit> {
         Metric::named(metric)?.limit(self)
     }
 
-    /// The texts that a metric lists.
+    /// Returns the texts that a metric lists.
     #[must_use]
     pub fn listed(&self, metric: &str) -> &[String] {
         match self.of(metric) {
@@ -94,7 +94,7 @@ impl Expect {
         }
     }
 
-    /// The same with a largest value of a metric that has a limit with two sides.
+    /// Sets the largest value of a metric that has a two-sided limit.
     ///
     /// # Panics
     /// No metric has this name.
@@ -109,7 +109,7 @@ impl Expect {
         self
     }
 
-    /// The limits with two sides that are given, each with its metric, in the order of the table.
+    /// Returns the two-sided limits that are given, each with its metric, in the order of the table.
     pub fn limits(&self) -> impl Iterator<Item = (&'static Metric, Limit)> {
         METRICS
             .iter()
@@ -119,13 +119,13 @@ impl Expect {
             })
     }
 
-    /// The names of all metrics of which something is expected.
+    /// Returns the names of all metrics that have an expectation.
     pub fn keys(&self) -> impl Iterator<Item = &'static str> {
         let is_given = |metric: &&Metric| self.of(metric.name).is_some();
         METRICS.iter().filter(is_given).map(|metric| metric.name)
     }
 
-    /// The rows of the verdict that test requirements, each with these.
+    /// Returns the rows of the verdict that test requirements, each with its requirements.
     #[must_use]
     pub fn requirements_of_rows(&self) -> BTreeMap<String, Requirements> {
         let limits = self.requirements.clone();
@@ -142,7 +142,7 @@ impl Expect {
             .collect()
     }
 
-    /// The signals that checks and sequences name, each with the path of its name in the file.
+    /// Returns the signals that checks and sequences name, each with the path of its name in the file.
     pub fn named_signals(&self) -> impl Iterator<Item = (String, &str)> {
         let checks = self
             .signal
@@ -165,7 +165,7 @@ impl Expect {
 }
 
 impl<'de> Deserialize<'de> for Expect {
-    /// The loader has checked keys and types by the schema before.
+    /// Reads the table. The loader has checked its keys and types by the schema before.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let mut table = toml::Table::deserialize(deserializer)?;
         let mut metrics = BTreeMap::new();
@@ -207,7 +207,7 @@ impl Serialize for Expect {
     }
 }
 
-/// The keys of `[expect]` that are no metric.
+/// Keys of `[expect]` that are not metrics.
 struct OtherKeys<'a>(&'a Expect);
 
 impl Serialize for OtherKeys<'_> {
@@ -226,12 +226,12 @@ fn add_metrics(schema: &mut Schema) {
     }
 }
 
-/// An emergency of a node, written as "drive 0x8130".
+/// Emergency of a node, written as "drive 0x8130".
 #[derive(Clone, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub struct Emergency {
-    /// The node's name on the rig.
+    /// Name of the node on the rig.
     pub node: String,
-    /// The error code (CiA 301, table 26).
+    /// Error code (CiA 301, table 26).
     pub code: u16,
 }
 

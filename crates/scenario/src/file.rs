@@ -1,4 +1,4 @@
-//! Files that somebody else may have written: opened only where they are files, and read only so far.
+//! Files that other programs may have written: only regular files are opened, and only up to a length are they read.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
@@ -8,13 +8,13 @@ use std::path::Path;
 /// Opens a file to read it.
 ///
 /// # Errors
-/// It cannot be read, or is no file: a pipe would block until somebody writes to it, and a device may have no end.
+/// It cannot be read, or is no regular file: a pipe would block until another program writes to it, and a device may have no end.
 pub fn open_file(path: &Path) -> io::Result<File> {
     require_file(path)?;
     File::open(path)
 }
 
-/// Opens a file to write to it, and makes it where there is none.
+/// Opens a file to write to it, and creates it if it does not exist.
 ///
 /// # Errors
 /// As [`open_file`]; or the file cannot be written.
@@ -26,10 +26,10 @@ pub fn open_to_write(path: &Path, options: &mut OpenOptions) -> io::Result<File>
     options.write(true).create(true).open(path)
 }
 
-/// Refuses what is no file: a pipe would be waited for, and a device might never end.
+/// Refuses all but regular files: reading a pipe would wait, and a device might never end.
 ///
 /// # Errors
-/// There is no file, or something else.
+/// The file does not exist, or is no regular file.
 pub fn require_file(path: &Path) -> io::Result<()> {
     let kind = path.metadata()?.file_type();
     if kind.is_file() {

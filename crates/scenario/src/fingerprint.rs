@@ -1,4 +1,4 @@
-//! Which file it was that a run used and that is too large to be copied: its hash, as `sha256sum` writes it.
+//! Hashes of files that a run used and that are too large to be copied, in the format of `sha256sum`.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -8,18 +8,18 @@ use sha2::{Digest, Sha256};
 
 use crate::file::{open_file, read_text};
 
-/// What the name of a file's hash ends in, beside the file.
+/// End of the name of a file with a hash; the rest is the name of the hashed file, beside it.
 pub const HASH_SUFFIX: &str = ".sha256";
-/// Longest text with a hash.
+/// Largest length of a file with a hash.
 const TEXT_BYTES_MAX: u64 = 4096;
-/// So much of a file is in memory at a time.
+/// Length of the part of a file that is in memory at a time.
 const PART_BYTES: usize = 64 << 10;
 
-/// The line of a file, by its path from a folder: `HASH  NAME`. Where the folder has such a line already, as a run's has, both must
-/// be the same.
+/// Returns the line of a file, by its path from a folder: `HASH  NAME`. If the folder has such a line already, as a run folder
+/// has, both must be the same.
 ///
 /// # Errors
-/// The file cannot be read, or is another one than the line says.
+/// The file cannot be read, or its hash differs from the line.
 pub(crate) fn hash_line(folder: &Path, file: &str) -> io::Result<String> {
     let path = folder.join(file);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -34,16 +34,16 @@ pub(crate) fn hash_line(folder: &Path, file: &str) -> io::Result<String> {
     }
 }
 
-/// The hash in such a line.
+/// Returns the hash in such a line.
 #[must_use]
 pub fn hash_in(line: &str) -> &str {
     line.split_whitespace().next().unwrap_or_default()
 }
 
-/// The SHA-256 of a file, in hexadecimal digits.
+/// Returns the SHA-256 of a file, in hexadecimal digits.
 ///
 /// # Errors
-/// It cannot be read.
+/// The file cannot be read.
 pub fn hash_of(mut file: File) -> io::Result<String> {
     let mut hasher = Sha256::new();
     let mut part = vec![0; PART_BYTES];
@@ -56,7 +56,7 @@ pub fn hash_of(mut file: File) -> io::Result<String> {
     Ok(hexadecimal(hasher.finalize()))
 }
 
-/// Two digits for each byte, as hashes are written.
+/// Returns two hexadecimal digits for each byte, as in hashes.
 #[must_use]
 pub fn hexadecimal(bytes: impl AsRef<[u8]>) -> String {
     let bytes = bytes.as_ref().iter();
@@ -80,7 +80,7 @@ mod tests {
         let place = |name: &str| folder.path().join(name);
         fs::create_dir(place("rigs")).unwrap();
         fs::write(place("rigs/a.fmu"), "abc").unwrap();
-        // FIPS 180-4, its first example.
+        // First example of FIPS 180-4.
         let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad  a.fmu\n";
         assert_eq!(hash_line(folder.path(), "rigs/a.fmu").unwrap(), expected);
         fs::write(place("rigs/a.fmu.sha256"), expected).unwrap();

@@ -1,6 +1,7 @@
-//! What the ports of a law stand for. A law of one loop reads `position` and `set_point` and writes `current_amperes`. A law of all
-//! loops reads `LOOP.position_UNIT` and `LOOP.set_point_UNIT` and writes `DRIVE.current_amperes`, or what else the amplifier of the
-//! drive gives. To a law of one loop that is a current, too. What else one writes is a term of its own, which is recorded.
+//! The meaning of a law's ports. A law of one loop reads `position` and `set_point` and writes `current_amperes`. A law of all
+//! loops reads `LOOP.position_UNIT` and `LOOP.set_point_UNIT` and writes `DRIVE.current_amperes`, or another quantity that the
+//! amplifier of the drive gives; for a law of one loop that quantity is a current, too. Every other output is a term of the law,
+//! which is recorded.
 
 use crate::nearest::meant_or_known;
 use crate::own::is_name;
@@ -8,15 +9,15 @@ use crate::port::{Direction, Measurand, Port, Ports, Unit, conversion};
 use crate::wiring::LoopOfRig;
 
 const AMPERES: &str = "amperes";
-/// Beginnings of the names of what a law reads and writes.
+/// Beginnings of the names of a law's ports.
 const SET_POINT: &str = "set_point_";
 const CURRENT: &str = "current_";
 /// Ends of the names of a set-point's derivatives.
 const VELOCITY: &str = "_per_second";
 const ACCELERATION: &str = "_per_second_squared";
 
-/// Inputs of a law of one loop, in the order of the [`Quantity`]s. Positions are in the unit that the law sees: metres, or the unit of
-/// a loop in another one than millimetres.
+/// Inputs of a law of one loop, in the order of the [`Quantity`]s. Positions are in metres in a loop in millimetres, else in the
+/// unit of the loop.
 pub const LOOP_INPUTS: [(&str, Quantity); 6] = [
     ("position", Quantity::Position),
     ("set_point", Quantity::SetPoint),
@@ -32,7 +33,7 @@ pub const LOOP_INPUTS: [(&str, Quantity); 6] = [
     ),
 ];
 
-/// Name of the output of a law of one loop that commands the drive at this place of the loop, from 0 on.
+/// Returns the name of the output of a law of one loop that commands the drive at this place of the loop, counted from 0.
 #[must_use]
 pub fn loop_output(place: usize) -> String {
     match place {
@@ -41,55 +42,55 @@ pub fn loop_output(place: usize) -> String {
     }
 }
 
-/// A quantity of a loop that a law reads.
+/// Quantity of a loop that a law reads.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Quantity {
-    /// What the loop's drive measured; not a number in a cycle that brought no position.
+    /// Position that the loop's drive measured; not a number in a cycle that brought no position.
     Position,
-    /// What it should be.
+    /// Set-point of the position.
     SetPoint,
-    /// The set-point's first derivative.
+    /// First derivative of the set-point.
     SetPointVelocity,
-    /// The set-point's second derivative.
+    /// Second derivative of the set-point.
     SetPointAcceleration,
-    /// The set-point's third derivative.
+    /// Third derivative of the set-point.
     SetPointJerk,
-    /// 1 where the derivatives of the set-point are exact, else 0.
+    /// 1 if the derivatives of the set-point are exact, else 0.
     HasExactDerivatives,
 }
 
-/// What an input of a law reads.
+/// Quantity that an input of a law reads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// The place of the loop.
+    /// Index of the loop.
     pub of_loop: usize,
-    /// What of it.
+    /// Quantity of the loop.
     pub quantity: Quantity,
-    /// What one of the loop's unit is at the port.
+    /// Factor from the loop's unit to the unit of the port.
     pub factor: f64,
 }
 
-/// Where an output of a law goes.
+/// Destination of an output of a law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Writing {
-    /// To the drive of the loop at this place, from the smallest to the largest current; one of the port is so many amperes.
+    /// Command to the drive of the loop at this index, limited to the range of its currents.
     Current {
-        /// The place of the loop.
+        /// Index of the loop.
         of_loop: usize,
-        /// Amperes of one at the port.
+        /// Factor from the unit of the port to amperes.
         factor: f64,
     },
-    /// To the terms of the loop at this place.
+    /// Term of the loop at this index.
     Term {
-        /// The place of the loop.
+        /// Index of the loop.
         of_loop: usize,
-        /// What one that the law writes is in the unit of the term's name.
+        /// Factor from the unit in which the law writes to the unit of the term's name.
         factor: f64,
     },
 }
 
 impl Writing {
-    /// The place of its loop.
+    /// Returns the index of the loop.
     #[must_use]
     pub fn of_loop(&self) -> usize {
         match self {
@@ -98,30 +99,30 @@ impl Writing {
     }
 }
 
-/// What all ports of a law stand for, in their order.
+/// Meaning of all ports of a law, in their order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LawWires {
-    /// The inputs.
+    /// Quantities that the inputs read.
     pub inputs: Vec<Reading>,
-    /// The outputs.
+    /// Destinations of the outputs.
     pub outputs: Vec<Writing>,
 }
 
-/// What is wrong with a law's ports.
+/// Problem of a law's ports.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 #[error("{message}: {label}")]
 pub struct WrongPort {
-    /// What is wrong.
+    /// Description of the problem.
     pub message: String,
-    /// What would be right.
+    /// Correct port.
     pub label: String,
 }
 
 impl LawWires {
-    /// Finds what the ports of a law of all loops stand for.
+    /// Finds the meaning of the ports of a law of all loops.
     ///
     /// # Errors
-    /// The first port that stands for nothing, or is there twice; a drive that gets no command.
+    /// The first port without a meaning, or the second one of a name; a drive that gets no command, or two.
     pub fn of_all(ports: &Ports, loops: &[LoopOfRig]) -> Result<Self, WrongPort> {
         let reading = |port: &Port| reading(port, loops);
         let writing = |port: &Port| writing(port, loops);
@@ -130,7 +131,7 @@ impl LawWires {
         Ok(wires)
     }
 
-    /// Finds what the ports of a law of one loop stand for. The places of the outputs are those of the loop's drives.
+    /// Finds the meaning of the ports of a law of one loop. An output's index is the place of its drive in the loop.
     ///
     /// # Errors
     /// As [`LawWires::of_all`].
@@ -149,10 +150,10 @@ impl LawWires {
         }
     }
 
-    /// What a port of a law that names loops and drives stands for, beside which loop.
+    /// Finds the meaning of one port of a law that names loops and drives.
     ///
     /// # Errors
-    /// It stands for nothing.
+    /// The port has no meaning.
     pub fn of_port(port: &Port, loops: &[LoopOfRig]) -> Result<Self, WrongPort> {
         let none = Self::default();
         Ok(match port.direction {
@@ -185,7 +186,7 @@ impl LawWires {
     }
 }
 
-/// The drive of a loop that an output commands; none where it is a term.
+/// Returns the place in the loop of the drive that an output commands; `None` if the output is a term.
 fn drive_of(output: &str) -> Option<usize> {
     match output.strip_prefix(CURRENT)?.strip_suffix(AMPERES)? {
         "" => Some(0),
@@ -231,7 +232,7 @@ fn writing_of_loop(port: &Port, inside: f64) -> Writing {
     }
 }
 
-/// The terms that a law of all loops writes for one of them, each with its name there.
+/// Returns the terms that a law of all loops writes for one of them, each with its name in that loop.
 pub fn terms_of<'a>(
     ports: &'a Ports,
     of_loop: &'a LoopOfRig,
@@ -243,7 +244,7 @@ pub fn terms_of<'a>(
     })
 }
 
-/// The terms that a law of one loop writes.
+/// Returns the terms that a law of one loop writes.
 pub fn terms_of_one(ports: &Ports) -> impl Iterator<Item = (&str, &Port)> {
     let is_term = |port: &&Port| matches!(writing_of_loop(port, 1.0), Writing::Term { .. });
     let terms = ports.outputs.iter().filter(is_term);
@@ -254,7 +255,7 @@ fn wrong(message: String, label: String) -> WrongPort {
     WrongPort { message, label }
 }
 
-/// Ports with names of their own, and ranges that are some.
+/// Checks that ports have names of their own, and ranges that are not empty.
 fn each_once(ports: &[Port]) -> Result<(), WrongPort> {
     for (place, port) in ports.iter().enumerate() {
         let name = &port.name;
@@ -272,7 +273,7 @@ fn each_once(ports: &[Port]) -> Result<(), WrongPort> {
     Ok(())
 }
 
-/// The loop at which a port is, and the rest of its name.
+/// Returns the index of the loop to which a port belongs, and the rest of the port's name.
 fn owner<'a>(port: &'a Port, loops: &[LoopOfRig]) -> Result<(usize, &'a str), WrongPort> {
     let (owner, name) = port.name.split_once('.').unwrap_or((&port.name, ""));
     let is_it = |one: &LoopOfRig| one.name == owner || one.drive == owner;
@@ -319,7 +320,7 @@ fn reading(port: &Port, loops: &[LoopOfRig]) -> Result<Reading, WrongPort> {
     })
 }
 
-/// What a law can read of a loop, for people.
+/// Describes the quantities of a loop that a law can read.
 fn readable(one: &LoopOfRig) -> String {
     let Measurand { signal, unit, .. } = &one.measurand;
     let name = &one.name;
@@ -333,7 +334,7 @@ fn readable(one: &LoopOfRig) -> String {
     }
 }
 
-/// The quantity of a set-point whose name ends so.
+/// Returns the quantity of a set-point whose name has this end, with its factor.
 fn set_point(of_loop: &Unit, end: &str) -> Option<(Quantity, f64)> {
     let derivative = |quantity, by: &str| {
         let unit = end.strip_suffix(by)?;
@@ -345,12 +346,12 @@ fn set_point(of_loop: &Unit, end: &str) -> Option<(Quantity, f64)> {
         .or_else(|| derivative(Quantity::SetPointVelocity, VELOCITY))
 }
 
-/// What one of the loop's unit is in another one.
+/// Returns the factor from the loop's unit to another one.
 fn factor(of_loop: &Unit, unit: &str) -> Option<f64> {
     conversion(of_loop.word(), unit)
 }
 
-/// How many of the unit of a loop's commands one is at a port with this name; none where it is no command.
+/// Returns the factor from a port of this name to the unit of a loop's commands; `None` if it is no command.
 fn command_of(name: &str, of_loop: &LoopOfRig) -> Option<f64> {
     let command = of_loop.measurand.command;
     let unit = name.strip_prefix(command.signal())?.strip_prefix('_')?;
@@ -368,7 +369,7 @@ fn writing(port: &Port, loops: &[LoopOfRig]) -> Result<Writing, WrongPort> {
     })
 }
 
-/// Each drive gets one command.
+/// Checks that each drive gets one command.
 fn each_drive_once(
     ports: &[Port],
     written: &[Writing],

@@ -1,14 +1,13 @@
-//! Scenario files say what to try and what passes; rig files say on which drive.
+//! Scenario files define a trial and the conditions of a pass; rig files define the drives on which it runs.
 //!
-//! Comes in: the text of a scenario or a rig file, the tables that it names, the tables of plants and laws from outside, the
-//! objects of a drive's EDS. Goes out: a [`Scenario`] on its [`rig::nodes::Rig`], or every [`Problem`] with the character where it
-//! stands; the JSON Schemas of both; what a rig file makes of a drive ([`rig::drive`]) and the watch over its limits
-//! ([`rig::limits`]).
+//! Input: the text of a scenario or a rig file, the tables that it names, the tables of plants and laws from outside, the objects
+//! of a drive's EDS. Output: a [`Scenario`] on its [`rig::nodes::Rig`], or every [`Problem`] with its place in the text; the JSON
+//! Schemas of both; the layout of a drive from a rig file ([`rig::drive`]), and the watch over its limits ([`rig::limits`]).
 //!
-//! What is tried in a loop is a [`Trial`]; the controller gets a [`ControllerView`] of it, without the plant.
+//! A [`Trial`] is the part of a scenario for one loop; the controller gets a [`ControllerView`] of it, without the plant.
 //!
-//! It does not know: the signals of the bus (the caller brings an [`Objection`] to a name that is none), which data sheets
-//! ship, how a plant behaves, how a run is played or judged.
+//! The crate does not know the signals of the bus (the caller brings an [`Objection`] to an unknown name), the data sheets that
+//! ship, the behaviour of a plant, or how a run is played or judged.
 
 mod beside;
 mod bus;
@@ -59,7 +58,7 @@ mod view;
 mod window;
 pub mod wiring;
 
-/// Longest run, and latest time of a scenario: a week, in which a soak over a weekend has room.
+/// Longest run, and latest time of a scenario: a week, which leaves room for a soak over a weekend.
 pub const TIME_SECONDS_MAX: f64 = 604_800.0;
 
 pub use beside::Beside;

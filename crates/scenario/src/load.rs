@@ -1,6 +1,6 @@
-//! Reads scenario files, each with the rig that it names, and resolves both into what a run is.
+//! Reads scenario files, each with the rig that it names, and resolves both into the facts of a run.
 //!
-//! Syntax first, then keys, types and ranges against the schema, then what only makes sense together.
+//! Checks come in an order: first syntax, then keys, types and ranges against the schema, then values that must fit each other.
 
 mod contours;
 mod expect;
@@ -44,19 +44,19 @@ use crate::view::ControllerView;
 
 /// Longest scenario file.
 pub(crate) const SCENARIO_BYTES_MAX: u64 = 1 << 20;
-/// What the file is for people.
+/// Kind of the file in messages.
 const KIND: &str = "scenario";
 
-/// Something wrong that only the caller can know, such as a signal that the bus does not have.
+/// Problem that only the caller can know, such as a signal that the bus does not have.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Objection {
-    /// Where, as in `expect.signal.0.name`.
+    /// Path of the place, as in `expect.signal.0.name`.
     pub path: String,
-    /// What is wrong.
+    /// Description of the problem.
     pub message: String,
-    /// What stands at the place.
+    /// Label at the place.
     pub label: String,
-    /// What to do.
+    /// Advice to the user.
     pub help: Option<String>,
 }
 
@@ -70,43 +70,43 @@ impl Objection {
     }
 }
 
-/// What was read of a scenario, to the byte.
+/// Texts that were read for a scenario, to the byte.
 #[derive(Clone, Debug, Default)]
 pub struct Texts {
-    /// The scenario's file.
+    /// Text of the scenario's file.
     pub scenario: String,
-    /// The tables beside it, and the rig file that it names, by the names that the scenario uses.
+    /// Tables beside it, and the rig file that it names, by the names that the scenario uses.
     pub tables: BTreeMap<String, String>,
 }
 
-/// What a scenario is read for.
+/// Purpose for which a scenario is read.
 #[derive(Clone, Copy)]
 enum Reading {
     ToPlay,
     /// As `ToPlay`, with other values than those with which its rig was checked.
     Case,
-    /// It was played already.
+    /// To use the recording of a scenario that was played already.
     Recorded,
-    /// By the controller, without what it may not know.
+    /// For the controller, without the tables that are hidden from it.
     View,
 }
 
-/// Finds what else is wrong with a loop.
+/// Finds further problems of a loop.
 type FindObjections<'a> = &'a dyn Fn(&Trial) -> Vec<Objection>;
 
 impl Trial {
     /// Reads the scenario of a rig with one loop, and the files that it names.
     ///
     /// # Errors
-    /// The file cannot be read, or everything that is wrong in it; several loops are.
+    /// The file cannot be read, or has problems, which the error lists; or the rig has several loops.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let beside = Beside::new(path);
         let read = |name: &str| beside.read(name);
         Self::parse(&text_of(path)?, &path.display().to_string(), read)
     }
 
-    /// As [`Trial::load`], from text. `file_name` names it in errors; `read_table` gives the text of a table by the name that the
-    /// scenario uses.
+    /// Parses as [`Trial::load`], from text. `file_name` names the text in errors; `read_table` returns the text of a table by
+    /// the name that the scenario uses.
     ///
     /// # Errors
     /// As [`Trial::load`].
@@ -123,10 +123,10 @@ impl Trial {
 }
 
 impl ControllerView {
-    /// Reads what the controller may know of the scenario of a rig with one loop; as [`Trial::parse`].
+    /// Reads the part of a scenario that the controller may know, for a rig with one loop; as [`Trial::parse`].
     ///
     /// # Errors
-    /// As [`Trial::parse`], for what the controller sees.
+    /// As [`Trial::parse`], for the tables that the controller sees.
     pub fn parse(
         text: &str,
         file_name: &str,
@@ -138,7 +138,7 @@ impl ControllerView {
     }
 }
 
-/// The only loop.
+/// Returns the only loop.
 fn only(mut loops: Vec<Trial>, file_name: &str) -> Result<Trial, ScenarioError> {
     let count = loops.len();
     let one = loops.pop().filter(|_| loops.is_empty());
@@ -148,22 +148,22 @@ fn only(mut loops: Vec<Trial>, file_name: &str) -> Result<Trial, ScenarioError> 
     })
 }
 
-/// The text of a scenario's file.
+/// Reads the text of a scenario's file.
 ///
 /// # Errors
-/// It cannot be read.
+/// The file cannot be read.
 pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
     read_text(path, SCENARIO_BYTES_MAX).map_err(|error| ScenarioError::unreadable(path, &error))
 }
 
-/// Problems of a loop in its own names.
+/// Gives the problems of a loop the names that its positions have in the file.
 pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Problem> {
     let problems = problems.into_iter();
     let problems = problems.map(|problem| problem.renamed(|text| measurand.rename_keys(text)));
     problems.collect()
 }
 
-/// Hands a text to `parse` with a reader of the files that it names, and keeps what was read.
+/// Calls `parse` with a text and a reader of the files that it names, and returns the texts that were read with the result.
 fn reading<T>(
     scenario: String,
     read_file: ReadTable<'_>,
@@ -183,8 +183,8 @@ fn reading<T>(
     Ok((parsed, Texts { scenario, tables }))
 }
 
-/// Builds a type from the document. With it come the problems that did not prevent that, such as values out of range.
-/// `what` names the whole for people, and `schema` is that of the type.
+/// Builds a type from the document, together with the problems that do not prevent it, such as values out of range. `what` names
+/// the whole in messages, and `schema` is the schema of the type.
 pub(crate) fn build<T: DeserializeOwned>(
     document: &Document<'_>,
     outside: &Outside,
@@ -199,7 +199,7 @@ pub(crate) fn build<T: DeserializeOwned>(
     }
 }
 
-/// The table from outside at a path of a document, if there is one, and what its own type finds wrong with it.
+/// Returns the table from outside at a path of a document, if there is one, and the problems that its own type finds in it.
 fn own_table(
     document: &Document<'_>,
     outside: &Outside,
@@ -223,7 +223,8 @@ fn own_table(
     Some((Own::new(name, table), checked))
 }
 
-/// Reads the table of a law from outside; what the schema said of it already is not said twice.
+/// Reads the table of a law from outside. A problem that its own type finds is reported only if there is no other: the schema may
+/// have found the same.
 fn read_law(
     document: &Document<'_>,
     outside: &Outside,
@@ -240,7 +241,8 @@ fn read_law(
     }
 }
 
-/// Reads the models of plants from outside; what the schema said of them already is not said twice.
+/// Reads the models of plants from outside. Problems that their own types find are reported only if there are no others: the
+/// schema may have found the same.
 fn read_models(
     document: &Document<'_>,
     outside: &Outside,

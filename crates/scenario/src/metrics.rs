@@ -7,57 +7,57 @@ use crate::expect::{Expect, Expectation};
 use crate::limit::Limit;
 use crate::trial::Trial;
 
-/// A metric of a run.
+/// Metric of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Metric {
-    /// Its key in `[expect]`, which is its name in the verdict.
+    /// Key in `[expect]`, and name in the verdict.
     pub name: &'static str,
-    /// The unit, as the name has it; empty for a ratio, a count or a yes.
+    /// Unit at the end of the name; empty for a ratio, a count or an answer.
     pub unit: &'static str,
-    /// The part of a run that it is about.
+    /// Part of a run that it measures.
     pub subject: Subject,
-    /// The part of a scenario without which it has no meaning.
+    /// Part of a scenario that gives it a meaning.
     pub needs: Needs,
-    /// What its value is made of, and so what a stall may have moved.
+    /// Pieces of the recording that make its value, and so the reach of a host stall.
     pub pieces: Pieces,
-    /// Its largest value for a node under test that is not canrig's, where the scenario has no limit.
+    /// Largest value for a node under test that is not canrig's, if the scenario has no limit.
     pub default_max: Option<f64>,
-    /// The form of its limit in `[expect]`.
+    /// Form of its limit in `[expect]`.
     pub form: Form,
-    /// Its description in the schema and in the book.
+    /// Description in the schema and in the book.
     pub text: &'static str,
 }
 
-/// The part of a run that a metric is about.
+/// Part of a run that a metric measures.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Subject {
-    /// The position of the loop. It has a second value where measured and true position differ.
+    /// Position of the loop. It has a second value if measured and true position differ.
     Position,
-    /// The current of the drive.
+    /// Current of the drive.
     Current,
-    /// The cycles of the loop: a value exists of what was recorded, however early that ends.
+    /// Cycles of the loop. Their metrics have a value of any recording, however early it ends.
     Cycles,
-    /// The whole bus, which all loops share; otherwise as the cycles.
+    /// The whole bus, which all loops share; its metrics have a value as those of the cycles have.
     Bus,
-    /// The plant and its events.
+    /// Plant and its events.
     Plant,
 }
 
-/// What the value of a metric is made of.
+/// Pieces of the recording that make the value of a metric.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Pieces {
-    /// Single samples, cycles or events of the bus, of which one decides or all are counted.
+    /// Single samples, cycles or events of the bus; one of them decides, or all are counted.
     Sample,
-    /// Steps, disturbances or faults, each from its begin to where its value is reached.
+    /// Steps, disturbances or faults, each from its start to the time at which its value is reached.
     Event,
     /// All samples of a window together.
     Whole,
 }
 
-/// The part of a scenario without which a metric has no meaning.
+/// Part of a scenario that gives a metric a meaning.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Needs {
-    /// Every scenario gives it a meaning.
+    /// No part: it has a meaning in every scenario.
     Nothing,
     /// A step of the set-point.
     Step,
@@ -75,12 +75,12 @@ pub enum Needs {
     FaultAndSetPoint,
 }
 
-/// The form of a metric's limit in `[expect]`.
+/// Form of a metric's limit in `[expect]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Form {
     /// `{ min = …, max = … }`
     TwoSided,
-    /// The largest value, from 0 to this.
+    /// Largest value, at most this number and at least 0.
     AtMost(f64),
     /// Yes or no.
     Answer,
@@ -90,9 +90,9 @@ pub enum Form {
 
 use Form::{Answer, AtMost, List, TwoSided};
 
-/// Largest time in milliseconds that can be demanded.
+/// Longest time in milliseconds that a scenario can demand.
 const MILLISECONDS_MAX: f64 = 1e6;
-/// Entries of a list at most.
+/// Largest number of entries of a list.
 const ENTRIES_MAX: usize = 100;
 
 /// All metrics.
@@ -293,7 +293,7 @@ pub static METRICS: &[Metric] = &[
     },
 ];
 
-/// The columns that rows of a subject share.
+/// Columns that all rows of a subject share.
 const POSITION: Metric = Metric {
     name: "",
     unit: "",
@@ -321,13 +321,13 @@ const fn of(subject: Subject) -> Metric {
 }
 
 impl Metric {
-    /// The metric of a name.
+    /// Returns the metric of a name.
     #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         METRICS.iter().find(|metric| metric.name == name)
     }
 
-    /// The limit of the metric; none where nothing is expected of it.
+    /// Returns the limit of the metric; `None` if it has no expectation.
     #[must_use]
     pub fn limit(&self, expect: &Expect) -> Option<Limit> {
         Some(match expect.of(self.name)? {
@@ -337,29 +337,29 @@ impl Metric {
                 max: Some(*max),
             },
             Expectation::Answer(is_yes) => exactly(if *is_yes { 1.0 } else { 0.0 }),
-            // None of what is listed may be there, or missing.
+            // No event of the list may happen, and none of its emergencies may be missing.
             Expectation::List(_) => exactly(0.0),
         })
     }
 
-    /// Whether it is about the traffic on the bus, of which a run that broke off has a value too.
+    /// Checks whether it measures the traffic on the bus. Such a metric has a value of a run that broke off, too.
     #[must_use]
     pub fn is_of_traffic(&self) -> bool {
         matches!(self.subject, Subject::Cycles | Subject::Bus)
     }
 
-    /// Whether it has the unit of the loop's position.
+    /// Checks whether it has the unit of the loop's position.
     #[must_use]
     pub fn is_in_unit_of_position(&self) -> bool {
         self.unit == "millimetres"
     }
 
-    /// Whether it is a reaction to a fault.
+    /// Checks whether it measures a reaction to a fault.
     pub(crate) fn needs_fault(&self) -> bool {
         matches!(self.needs, Needs::Fault | Needs::FaultAndSetPoint)
     }
 
-    /// The part of a scenario, but for a fault, that the metric needs and the scenario lacks: a table of the file.
+    /// Returns the table of the file that the metric needs and the scenario lacks; a fault is not considered.
     pub(crate) fn missing_in(&self, trial: &Trial) -> Option<&'static str> {
         let end_seconds = trial.judged_end_seconds();
         let has_set_point = !trial.reference.is_empty();
@@ -384,7 +384,7 @@ impl Metric {
         }
     }
 
-    /// The schema of its key in `[expect]`.
+    /// Returns the schema of its key in `[expect]`.
     pub(crate) fn schema(&self) -> Value {
         let mut schema = match self.form {
             TwoSided => json!({ "allOf": [{ "$ref": "#/definitions/Limit" }] }),
@@ -408,25 +408,25 @@ fn exactly(value: f64) -> Limit {
     }
 }
 
-/// Whether a row of a verdict is a metric of the bus, which all loops share.
+/// Checks whether a row of a verdict is a metric of the bus, which all loops share.
 #[must_use]
 pub fn is_of_bus(row: &str) -> bool {
     Metric::named(row).is_some_and(|metric| metric.subject == Subject::Bus)
 }
 
-/// Whether a row of a verdict is a metric of the traffic.
+/// Checks whether a row of a verdict is a metric of the traffic.
 #[must_use]
 pub fn is_of_traffic(row: &str) -> bool {
     Metric::named(row).is_some_and(Metric::is_of_traffic)
 }
 
-/// Whether the value of a metric means yes: the bench is safe, none of the events happened, every emergency came. None for
-/// metrics that are numbers. `name` may begin with that of a loop.
+/// Returns the answer of a metric that is not a number: the bench is safe, none of the events happened, every emergency came.
+/// `None` for metrics that are numbers. `name` may begin with the name of a loop.
 #[must_use]
 pub fn answer(name: &str, value: f64) -> Option<bool> {
     match Metric::named(name.rsplit('.').next()?)?.form {
         Answer => Some(value == 1.0),
-        // The number of those that should not have been, or that were missed.
+        // The value counts the events that should not have happened, or the emergencies that did not come.
         List => Some(value == 0.0),
         TwoSided | AtMost(_) => None,
     }
@@ -458,7 +458,7 @@ mod tests {
         }
     }
 
-    /// What a scenario that demands it must be shown as its limit.
+    /// The limit of such a demand is the value that means yes.
     #[test]
     fn a_demand_that_is_no_number_is_a_yes() {
         let text = "safe_state = true\nno_event = [\"loss\"]\nemcy = [\"drive 0x8130\"]\n";

@@ -1,9 +1,9 @@
-//! The name that was probably meant.
+//! Suggestions for unknown names.
 
-/// A name is near enough to be suggested from this similarity (Jaro-Winkler) on.
+/// Smallest similarity (Jaro-Winkler) of a name that is suggested.
 const SIMILARITY_MIN: f64 = 0.8;
 
-/// What to say of a name that is not known: the one that was probably meant, else all that are.
+/// Returns advice on an unknown name: the known name that was probably meant, else all known names.
 #[must_use]
 pub fn meant_or_known(name: &str, known: &[&str]) -> String {
     match nearest(name, known.iter().copied()) {
@@ -12,7 +12,7 @@ pub fn meant_or_known(name: &str, known: &[&str]) -> String {
     }
 }
 
-/// The known name that is most like a given one, if any is like it, whatever is written large.
+/// Returns the known name that is most similar to a given one, if one is similar enough; upper and lower case count as equal.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
     let similar = known

@@ -4,21 +4,21 @@ use std::borrow::Cow;
 
 use crate::rig::nodes::CONTROLLER_NODE_ID;
 
-/// A node of a run.
+/// Node of a run.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Node {
-    /// Its name.
+    /// Name of the node.
     pub name: String,
-    /// Its node-ID; 0 of canrig's own node.
+    /// Node-ID; 0 for canrig's own node.
     pub id: u8,
-    /// Its part in the run.
+    /// Part of the node in the run.
     pub part: Part,
 }
 
-/// The part of a node in a run.
+/// Part of a node in a run.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub enum Part {
-    /// The manager.
+    /// Controller, the manager of the network.
     Controller,
     /// A drive.
     Drive,
@@ -29,7 +29,7 @@ pub enum Part {
 }
 
 impl Part {
-    /// As rig files say it: `kind = "drive"`.
+    /// Returns its word in rig files: `kind = "drive"`.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -42,7 +42,7 @@ impl Part {
 }
 
 impl Node {
-    /// A node.
+    /// Makes a node.
     #[must_use]
     pub fn new(name: &str, id: u8, part: Part) -> Self {
         Self {
@@ -52,7 +52,7 @@ impl Node {
         }
     }
 
-    /// It within a sentence: `the drive` for a node that is called after its part, else its name.
+    /// Returns its name within a sentence: `the drive` for a node with the name of its part, else the name.
     #[must_use]
     pub fn in_words(&self) -> Cow<'_, str> {
         if self.name == self.part.word() {
@@ -63,33 +63,33 @@ impl Node {
     }
 }
 
-/// The nodes of a loop.
+/// Nodes of a loop.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct LoopNodes {
-    /// The controller, which leads all loops.
+    /// Controller, which leads all loops.
     pub controller: Node,
-    /// Its drive.
+    /// Drive of the loop.
     pub drive: Node,
-    /// The drive whose signal it follows: mostly its own.
+    /// Drive whose signal the loop follows: mostly its own.
     pub followed: Node,
-    /// The io nodes whose commands are recorded in it: those whose first drive its own is.
+    /// Io nodes whose commands are recorded in the loop, since their first drive is the loop's.
     pub io: Vec<Node>,
 }
 
 impl LoopNodes {
-    /// Its nodes in the order controller, drive, io nodes.
+    /// Returns controller, drive and io nodes, in this order.
     pub fn all(&self) -> impl Iterator<Item = &Node> {
         [&self.controller, &self.drive].into_iter().chain(&self.io)
     }
 
-    /// The node with a part in the loop.
+    /// Returns the node with a part in the loop.
     #[must_use]
     pub fn of(&self, part: Part) -> Option<&Node> {
         self.all().find(|node| node.part == part)
     }
 }
 
-/// The nodes of the rig that ships.
+/// Nodes of the shipped rig.
 impl Default for LoopNodes {
     fn default() -> Self {
         let named = |part: Part, id| Node::new(part.word(), id, part);

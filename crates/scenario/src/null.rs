@@ -3,7 +3,7 @@
 use schemars::Schema;
 use serde_json::Value;
 
-/// TOML has no null: what is optional is left out, so "or null" only misleads.
+/// Removes null from a schema: TOML omits an optional value, so "or null" only misleads.
 #[derive(Clone, Debug)]
 pub(crate) struct TakeNullAway;
 

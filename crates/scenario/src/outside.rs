@@ -1,4 +1,4 @@
-//! Which tables of plants and laws from outside a scenario may have.
+//! Tables of plants and laws from outside that a scenario may have.
 
 use std::borrow::Cow;
 
@@ -10,17 +10,17 @@ use crate::own::{self, Section, is_name};
 use crate::plant::MODELS;
 use crate::schema;
 
-/// The tables from outside that a reader of a scenario admits.
+/// Tables from outside that a reader of a scenario admits.
 pub(crate) enum Outside {
-    /// Those of the plants and laws that are registered here.
+    /// Tables of the plants and laws that are registered here.
     Registered,
-    /// Those that a recorded scenario has. Whether their plants and laws are known here does not matter: what was played is
-    /// in the recording, so nothing in these tables is looked at.
+    /// Tables of a recorded scenario. Their plants and laws need not be known here: the recording holds their effects, so the
+    /// content of these tables is not read.
     Recorded(Vec<(Section, String)>),
 }
 
 impl Outside {
-    /// Those of a recorded scenario: every law that the format itself does not know.
+    /// Collects the tables of a recorded scenario: every law that the format itself does not know.
     pub(crate) fn from_recording(root: &DeTable<'_>) -> Self {
         let laws = root.get(Section::Controller.key());
         let laws = laws.and_then(|laws| laws.get_ref().as_table());
@@ -36,7 +36,7 @@ impl Outside {
         )
     }
 
-    /// Those of the rig of a recording: every model of a plant that the format itself does not know.
+    /// Collects the tables of the rig of a recording: every model of a plant that the format itself does not know.
     pub(crate) fn from_recorded_rig(root: &DeTable<'_>) -> Self {
         let plants = root.get(Section::Plant.key());
         let plants = plants.and_then(|plants| plants.get_ref().as_table());
@@ -48,7 +48,7 @@ impl Outside {
         Self::Recorded(strange.map(|name| (Section::Plant, name)).collect())
     }
 
-    /// What a rig file with these models is checked against.
+    /// Returns the schema for a rig file with these models.
     pub(crate) fn rig_schema(&self) -> Cow<'static, Value> {
         match self {
             Self::Registered => Cow::Borrowed(&schema::RIG),
@@ -62,7 +62,7 @@ impl Outside {
         }
     }
 
-    /// The names of a section's tables.
+    /// Returns the names of a section's tables.
     pub(crate) fn names(&self, section: Section) -> Vec<&str> {
         match self {
             Self::Registered => own::tables(section).iter().map(|own| own.name()).collect(),
@@ -73,7 +73,7 @@ impl Outside {
         }
     }
 
-    /// What scenarios with these tables are checked against.
+    /// Returns the schema for scenarios with these tables.
     pub(crate) fn schema(&self) -> Cow<'static, Value> {
         match self {
             Self::Registered => Cow::Borrowed(&schema::SECTIONS),
@@ -89,7 +89,7 @@ impl Outside {
         }
     }
 
-    /// What is wrong with a table of a section.
+    /// Checks a table of a section.
     pub(crate) fn check(
         &self,
         section: Section,
@@ -106,8 +106,8 @@ impl Outside {
         }
     }
 
-    /// Removes the tables from a document, since no type of ours has a field for them: laws of a scenario, and the models of a rig
-    /// file's plants.
+    /// Removes the tables from a document, since no type of the format has a field for them: the laws of a scenario, and the
+    /// models of a rig file's plants.
     pub(crate) fn remove_from(&self, root: &mut DeTable<'_>) {
         if let Some(laws) = root.get_mut(Section::Controller.key()) {
             self.remove_names(Section::Controller, laws);

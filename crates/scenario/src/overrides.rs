@@ -1,4 +1,4 @@
-//! Values that take the place of those in a scenario file, by their keys.
+//! Values that replace those of a scenario file, by their keys.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,7 +6,7 @@ use std::str::FromStr;
 use thiserror::Error;
 use toml::{Table, Value};
 
-/// Longer keys lead nowhere; what has many thousand parts is deeper than a stack.
+/// Largest number of parts in a key. Longer keys lead nowhere, and many thousand parts are deeper than the stack.
 const KEY_PARTS_MAX: usize = 100;
 
 /// A key and its value: `controller.pid.integral_time_seconds=0.2`, `reference.step[0].position_millimetres=20`.
@@ -16,34 +16,34 @@ pub struct Override {
     value: Value,
 }
 
-/// As it may stand on a command line.
+/// Writes it as on a command line.
 impl fmt::Display for Override {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "{}={}", self.key, self.value)
     }
 }
 
-/// Why a value takes nobody's place.
+/// Reason why a value cannot replace another one.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum OverrideError {
-    /// There is no `=`, or nothing before it.
+    /// There is no `=`, or no key before it.
     #[error("KEY=VALUE is expected, such as reference.step[0].position_millimetres=20")]
     NoKey,
-    /// Some part of the key is no table, or no element of a list.
+    /// A part of the key is no table, or no element of a list.
     #[error(
         "`{0}` leads nowhere: a key is the dotted path of a value, and reference.step[0] the first element of a list that the scenario has"
     )]
     Nowhere(String),
-    /// A list is shorter.
+    /// The list has fewer elements.
     #[error("`{key}`: there is no {name} {place}; the scenario has {}", how_many(*.count))]
     NoElement {
-        /// The whole key.
+        /// Whole key.
         key: String,
-        /// The name of the list.
+        /// Name of the list.
         name: String,
-        /// The place that it does not have, counted from 0.
+        /// Index that it does not have, counted from 0.
         place: usize,
-        /// Its elements.
+        /// Number of its elements.
         count: usize,
     },
 }
@@ -56,7 +56,7 @@ fn how_many(count: usize) -> String {
     }
 }
 
-/// A value in TOML; text that is none is a string, so that nobody must quote twice.
+/// Reads the value as TOML; any other text is a string, so that no string needs quotes twice.
 impl FromStr for Override {
     type Err = OverrideError;
 
@@ -73,8 +73,8 @@ impl FromStr for Override {
     }
 }
 
-/// The text of a scenario with other values. Without any it stays as it is, and so does one that is no TOML, since its loader
-/// says that better.
+/// Returns the text of a scenario with other values. Without any the text stays as it is. A text that is not TOML stays so, too:
+/// its loader describes the problem better.
 ///
 /// # Errors
 /// A key leads nowhere.
@@ -95,7 +95,7 @@ pub fn overridden(text: String, overrides: &[Override]) -> Result<String, Overri
     Ok(document.to_string())
 }
 
-/// The reason why a key leads nowhere.
+/// Returns the reason why a key leads nowhere.
 fn why_nowhere(document: &Table, key: &str) -> OverrideError {
     let nowhere = || OverrideError::Nowhere(key.to_owned());
     let mut table = document;
@@ -125,7 +125,7 @@ fn why_nowhere(document: &Table, key: &str) -> OverrideError {
     nowhere()
 }
 
-/// Sets a value by its key; tables on the way are made, elements of lists must be there.
+/// Sets a value by its key. Missing tables are made; elements of lists must exist.
 pub fn set(table: &mut Table, key: &str, value: Value) -> Option<()> {
     let (first, rest) = match key.split_once('.') {
         Some((first, rest)) => (first, Some(rest)),

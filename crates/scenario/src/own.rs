@@ -17,13 +17,13 @@ use crate::null::TakeNullAway;
 /// Longest name.
 const NAME_CHARACTERS_MAX: usize = 64;
 
-/// What a plant's or a law's parameters must be: what a scenario's table is read into, and described by. The schema gives
-/// types and ranges, `serde(default)` the defaults, `serde(deny_unknown_fields)` what does not belong there.
+/// Parameters of a plant or a law, into which a scenario's table is read and by which it is described. The schema gives types and
+/// ranges, `serde(default)` the defaults; `serde(deny_unknown_fields)` refuses other keys.
 pub trait Parameters: DeserializeOwned + JsonSchema + 'static {}
 
 impl<T: DeserializeOwned + JsonSchema + 'static> Parameters for T {}
 
-/// The parameters that an empty table stands for.
+/// Returns the parameters of an empty table.
 ///
 /// # Errors
 /// One of them has no default.
@@ -31,7 +31,7 @@ pub fn defaults<P: Parameters>() -> Result<P, toml::de::Error> {
     toml::Table::new().try_into()
 }
 
-/// The tables of which a plant's or a law's own is one.
+/// Section of a file with tables from outside.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Section {
     /// Models of plants: `[plant.NAME.MODEL]` of a rig file.
@@ -43,7 +43,8 @@ pub enum Section {
 impl Section {
     pub(crate) const ALL: [Self; 2] = [Self::Plant, Self::Controller];
 
-    /// Whether its tables stand in the table at a place: the models of a plant in `[plant.NAME]`, the laws in `[controller]`.
+    /// Checks whether the tables of the section stand in the table of this name: the models of a plant in `[plant.NAME]`, the
+    /// laws in `[controller]`.
     pub(crate) fn is_place(self, place: &str) -> bool {
         match self {
             Self::Plant => {
@@ -54,7 +55,7 @@ impl Section {
         }
     }
 
-    /// What the section chooses.
+    /// Returns the kind of its tables in words.
     pub(crate) const fn kind(self) -> &'static str {
         match self {
             Self::Plant => "plant model",
@@ -62,7 +63,7 @@ impl Section {
         }
     }
 
-    /// Its key in a scenario.
+    /// Returns its key in a scenario.
     pub(crate) const fn key(self) -> &'static str {
         match self {
             Self::Plant => "plant",
@@ -70,7 +71,7 @@ impl Section {
         }
     }
 
-    /// Sets the tables from outside for good; gives them back where that was done before.
+    /// Sets the tables from outside once and for all; returns them if they have been set before.
     pub(crate) fn set_tables(self, tables: Vec<OwnTable>) -> Result<(), Vec<OwnTable>> {
         self.tables().set(tables)
     }
@@ -85,20 +86,20 @@ impl Section {
     }
 }
 
-/// The table of a plant or a law from outside.
+/// Table of a plant or a law from outside.
 #[derive(Debug)]
 pub struct OwnTable {
     name: &'static str,
-    /// Faults of `[[fault.plant.…]]` that mean something to the plant.
+    /// Faults of `[[fault.plant.…]]` that have a meaning for the plant.
     faults: &'static [&'static str],
-    /// Of a law: how many drives of its loop it leads; none for a law that leads all loops.
+    /// Number of drives of its loop that a law leads; `None` for a law that leads all loops.
     drives: Option<usize>,
     schema: Value,
     check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
 }
 
 impl OwnTable {
-    /// The table `name`, which holds these parameters.
+    /// Makes the table `name`, which holds these parameters.
     #[must_use]
     pub fn new<P: Parameters>(name: &'static str) -> Self {
         Self {
@@ -110,13 +111,13 @@ impl OwnTable {
         }
     }
 
-    /// The same for a plant to which these faults mean something.
+    /// Sets the faults that have a meaning for the plant.
     #[must_use]
     pub fn with_faults(self, faults: &'static [&'static str]) -> Self {
         Self { faults, ..self }
     }
 
-    /// The same for a law that leads so many drives of its loop; `None` for one that leads all loops.
+    /// Sets the number of drives of its loop that a law leads; `None` for a law that leads all loops.
     #[must_use]
     pub fn leading(self, drives: Option<usize>) -> Self {
         Self { drives, ..self }
@@ -134,13 +135,13 @@ impl OwnTable {
         &self.schema
     }
 
-    /// What the parameters' own type finds wrong with a table.
+    /// Checks a table by the type of the parameters.
     pub(crate) fn check(&self, table: Spanned<DeValue<'_>>) -> Result<(), toml::de::Error> {
         (self.check)(table)
     }
 }
 
-/// The JSON Schema of parameters, without definitions of its own, which may be called like one of ours.
+/// Returns the JSON Schema of parameters. It has no definitions of its own, since their names might be taken.
 #[must_use]
 pub fn schema<P: Parameters>() -> Value {
     let mut settings = SchemaSettings::draft07().with_transform(TakeNullAway);
@@ -152,7 +153,7 @@ pub fn schema<P: Parameters>() -> Value {
     schema
 }
 
-/// Whether a text can be the name of a table: small letters, digits and underscores, a letter first.
+/// Checks whether a text can be the name of a table: small letters, digits and underscores, a letter first.
 #[must_use]
 pub fn is_name(text: &str) -> bool {
     let is_part = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
@@ -161,7 +162,7 @@ pub fn is_name(text: &str) -> bool {
         && text.bytes().all(is_part)
 }
 
-/// The tables of a section that come from outside.
+/// Returns the tables of a section that come from outside.
 pub(crate) fn tables(section: Section) -> &'static [OwnTable] {
     section.tables().get().map_or(&[], Vec::as_slice)
 }
@@ -170,22 +171,22 @@ fn find(section: Section, name: &str) -> Option<&'static OwnTable> {
     tables(section).iter().find(|table| table.name == name)
 }
 
-/// The faults of `[[fault.plant.…]]` that mean something to a plant from outside.
+/// Returns the faults of `[[fault.plant.…]]` that have a meaning for a plant from outside.
 pub(crate) fn faults_of(plant: &str) -> &'static [&'static str] {
     find(Section::Plant, plant).map_or(&[], |table| table.faults)
 }
 
-/// How many drives a law from outside leads; none where that is not known, or it leads all loops.
+/// Returns the number of drives that a law from outside leads; `None` if it is not known, or if the law leads all loops.
 pub(crate) fn drives_led_by(law: &str) -> Option<usize> {
     find(Section::Controller, law)?.drives
 }
 
-/// Whether a law from outside leads all loops.
+/// Checks whether a law from outside leads all loops.
 pub(crate) fn leads_all(law: &str) -> bool {
     find(Section::Controller, law).is_some_and(|table| table.drives.is_none())
 }
 
-/// Which plants or laws there are among the keys of a section, for people.
+/// Lists the plants or laws among the keys of a section.
 pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -> String {
     let names = Vec::from_iter(keys).join(", ");
     let page = match section {
@@ -198,12 +199,12 @@ pub(crate) fn known<'a>(section: Section, keys: impl Iterator<Item = &'a str>) -
     )
 }
 
-/// The schema of the table of a plant from outside.
+/// Returns the schema of the table of a plant from outside.
 pub(crate) fn schema_of_plant(name: &str) -> Value {
     find(Section::Plant, name).map_or_else(Value::default, |table| table.schema.clone())
 }
 
-/// Puts the tables of plants from outside among the properties of a schema.
+/// Adds the tables of plants from outside to the properties of a schema.
 pub(crate) fn describe_plants(properties: &mut Value) {
     let Some(properties) = properties.as_object_mut() else {
         return;
@@ -213,7 +214,7 @@ pub(crate) fn describe_plants(properties: &mut Value) {
     }
 }
 
-/// Puts the tables from outside into a schema.
+/// Adds the tables from outside to a schema.
 pub(crate) fn describe(schema: &mut Value) {
     if let Some(models) = schema.pointer_mut("/definitions/PlantModel/properties") {
         describe_plants(models);
@@ -226,14 +227,13 @@ pub(crate) fn describe(schema: &mut Value) {
     }
 }
 
-/// The table of a plant or a law from outside, as a scenario has it. Its parameters are checked, but for those of a recorded
-/// scenario.
+/// Table of a plant or a law from outside, as a scenario has it. Its parameters are checked, except in a recorded scenario.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Own(toml::Table);
 
 impl Own {
-    /// What a scenario says of a plant or a law of this name.
+    /// Makes the table of a plant or a law of this name.
     pub(crate) fn new(name: &str, parameters: toml::Table) -> Self {
         Self(toml::Table::from_iter([(
             name.to_owned(),
@@ -241,21 +241,21 @@ impl Own {
         )]))
     }
 
-    /// The name of the plant or the law.
+    /// Returns the name of the plant or the law.
     #[must_use]
     pub fn name(&self) -> &str {
         self.0.keys().next().map_or("", String::as_str)
     }
 
-    /// The table, by its name.
+    /// Returns the table, under its name.
     pub(crate) fn tables_mut(&mut self) -> &mut toml::Table {
         &mut self.0
     }
 
-    /// The parameters.
+    /// Returns the parameters.
     ///
     /// # Errors
-    /// They are those of another plant or law.
+    /// They belong to another plant or law.
     pub fn parameters<P: Parameters>(&self) -> Result<P, toml::de::Error> {
         let table = self.0.values().next().cloned();
         table

@@ -1,4 +1,4 @@
-//! Ports: the named quantities of a plant that drives and io nodes are wired to, and their units.
+//! Ports: the named quantities of a plant to which drives and io nodes are wired, and their units.
 
 use std::fmt;
 
@@ -7,15 +7,15 @@ use canopen::object_dictionary::Preset;
 use crate::metrics::METRICS;
 use crate::own::is_name;
 
-/// Steps that 16 bits have.
+/// Largest number of steps that 16 bits hold.
 const STEPS_MAX: f64 = 32_767.0;
 
-/// Which way a port goes.
+/// Direction of a port.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Direction {
-    /// Acts on the plant.
+    /// The port acts on the plant.
     Input,
-    /// Is seen of the plant.
+    /// The port shows a quantity of the plant.
     Output,
 }
 
@@ -41,47 +41,47 @@ pub enum Width {
 
 /// Largest real number of 32 bits.
 const REAL_MAX: f64 = 3.402_823_5e38;
-/// Name of the signal of a sensor that has none.
+/// Name of the signal of a sensor without a name.
 const POSITION: &str = "position";
-/// A position on the bus is in thousandths of its unit, in 32 bits.
+/// Steps of a position on the bus, which has 32 bits, for one of its unit.
 const POSITION_STEPS: f64 = 1e3;
 const POSITION_RANGE: [f64; 2] = [-2_147_483.648, 2_147_483.647];
 
-/// A named quantity of a plant or a law, in the unit in which that computes.
+/// Named quantity of a plant or a law, in the unit in which the plant or law computes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Port {
-    /// Its name, whose end is the unit: `"flexor_current_amperes"`.
+    /// Name, which ends in the unit: `"flexor_current_amperes"`.
     pub name: String,
-    /// The unit in words, as the name has it; empty for a number without one.
+    /// Unit in words, as in the name; empty for a number without a unit.
     pub unit: String,
-    /// The unit as the DBC writes it.
+    /// Unit as the DBC writes it.
     pub symbol: String,
-    /// What it is.
+    /// Description of the quantity.
     pub comment: String,
-    /// Which way it goes.
+    /// Direction of the port.
     pub direction: Direction,
     /// Lowest and highest value.
     pub range: [f64; 2],
-    /// What acts while nobody drives it.
+    /// Value that acts while no node drives the port.
     pub at_rest: f64,
-    /// Steps of one unit where the port is published as an integer: 100 for a resolution of 0.01.
+    /// Steps of one unit if the port is published as an integer: 100 for a resolution of 0.01.
     pub steps_per_unit: f64,
     /// Form of a law's term on the bus.
     pub width: Width,
-    /// An output that a drive publishes whose `record` is left out.
+    /// Whether a drive whose `record` is left out publishes the output.
     pub is_published: bool,
-    /// A term that the law writes in the unit in which it reads its loop's position, whatever the name says.
+    /// Whether it is a term that the law writes in the unit of its loop's position, whatever the name says.
     pub is_of_position: bool,
 }
 
 impl Port {
-    /// An input with this range, which is 0 while nobody drives it. Its unit is the end of its name.
+    /// Makes an input with this range, which is 0 while no node drives it. Its unit is the end of its name.
     #[must_use]
     pub fn input(name: &str, range: [f64; 2]) -> Self {
         Self::new(name, Direction::Input, range)
     }
 
-    /// An output with this range. Its unit is the end of its name.
+    /// Makes an output with this range. Its unit is the end of its name.
     #[must_use]
     pub fn output(name: &str, range: [f64; 2]) -> Self {
         Self::new(name, Direction::Output, range)
@@ -104,20 +104,20 @@ impl Port {
         }
     }
 
-    /// A term of a law: an output that is recorded, in 32 bits. Its unit is the end of its name.
+    /// Makes a term of a law: an output that is recorded, in 32 bits. Its unit is the end of its name.
     #[must_use]
     pub fn term(name: &str) -> Self {
         Self::output(name, [-REAL_MAX, REAL_MAX])
     }
 
-    /// A term of a law that is 0 or 1, in one bit.
+    /// Makes a term of a law that is 0 or 1, in one bit.
     #[must_use]
     pub fn flag(name: &str) -> Self {
         Self::output(name, [0.0, 1.0]).counted(Width::Unsigned(1), 1.0)
     }
 
-    /// A term of a law that is a position of its loop, or a derivative of one. The law writes it in the unit in which it reads the
-    /// position. The name says millimetres, and in a loop of another unit that unit.
+    /// Makes a term of a law that is a position of its loop, or a derivative of one. The law writes it in the unit in which it
+    /// reads the position. The name says millimetres, and in a loop of another unit that unit.
     #[must_use]
     pub fn position_term(name: &str) -> Self {
         let port = Self::output(name, POSITION_RANGE).counted(Width::Signed(32), POSITION_STEPS);
@@ -127,7 +127,7 @@ impl Port {
         }
     }
 
-    /// The same published in this form, in so many steps of one unit.
+    /// Sets the form in which the port is published, and the steps of one unit.
     #[must_use]
     pub fn counted(self, width: Width, steps_per_unit: f64) -> Self {
         Self {
@@ -136,14 +136,14 @@ impl Port {
         }
     }
 
-    /// The same with what it is, in a sentence.
+    /// Sets the description, a sentence.
     #[must_use]
     pub fn with_comment(self, comment: &str) -> Self {
         let comment = comment.to_owned();
         Self { comment, ..self }
     }
 
-    /// The same published only by a drive whose `record` names it.
+    /// Restricts the publication to drives whose `record` names the port.
     #[must_use]
     pub fn if_recorded(self) -> Self {
         Self {
@@ -152,7 +152,7 @@ impl Port {
         }
     }
 
-    /// The same with another unit than the end of its name, in words and as the DBC writes it.
+    /// Sets another unit than the end of its name, in words and as the DBC writes it.
     #[must_use]
     pub fn with_unit(self, unit: &str, symbol: &str) -> Self {
         Self {
@@ -162,13 +162,13 @@ impl Port {
         }
     }
 
-    /// The same with what acts while nobody drives it.
+    /// Sets the value that acts while no node drives the port.
     #[must_use]
     pub fn resting_at(self, at_rest: f64) -> Self {
         Self { at_rest, ..self }
     }
 
-    /// The same published in so many steps of one unit.
+    /// Sets the steps of one unit in which the port is published.
     #[must_use]
     pub fn in_steps(self, steps_per_unit: f64) -> Self {
         Self {
@@ -177,16 +177,16 @@ impl Port {
         }
     }
 
-    /// Its name without that of its plant.
+    /// Returns its name without that of its plant.
     #[must_use]
     pub fn own_name(&self) -> &str {
         own_name(&self.name)
     }
 
-    /// The reason why it cannot be a port of a plant, as the end of a sentence.
+    /// Returns the reason why it cannot be a port of a plant, as the end of a sentence.
     fn flaw(&self) -> Option<&'static str> {
         let [min, max] = self.range;
-        // As the bus rounds: -32.768 in steps of 0.001 are -32768.
+        // Rounded as on the bus: -32.768 in steps of 0.001 are -32768.
         let [lowest, highest] = self.range.map(|end| libm::round(end * self.steps_per_unit));
         let highest_max = if min < 0.0 {
             f64::from(i16::MAX)
@@ -211,7 +211,7 @@ impl Port {
         }
     }
 
-    /// Whether its range is one: two finite numbers, the lower one first.
+    /// Checks whether its range is valid: two finite numbers, the lower one first.
     #[must_use]
     pub fn has_range(&self) -> bool {
         let [min, max] = self.range;
@@ -219,17 +219,17 @@ impl Port {
     }
 }
 
-/// The ports of a plant or a law that was made of its parameters.
+/// Ports of a plant or a law with certain parameters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ports {
-    /// What acts on it, or what it reads, in its order.
+    /// Inputs of the plant or the law, in its order.
     pub inputs: Vec<Port>,
-    /// What is seen of it, or what it writes, in its order.
+    /// Outputs of the plant or the law, in its order.
     pub outputs: Vec<Port>,
 }
 
 impl Ports {
-    /// The ports of plants that are emulated together, each as `PLANT.PORT`, in the order of these plants.
+    /// Joins the ports of plants that are emulated together, each as `PLANT.PORT`, in the order of these plants.
     #[must_use]
     pub fn joined<'a>(plants: impl IntoIterator<Item = (&'a str, Self)>) -> Self {
         let mut all = Self::default();
@@ -243,13 +243,13 @@ impl Ports {
         all
     }
 
-    /// The place of an input.
+    /// Returns the index of an input.
     #[must_use]
     pub fn input(&self, name: &str) -> Option<usize> {
         self.inputs.iter().position(|port| port.name == name)
     }
 
-    /// The first port that a plant cannot have, and the reason as the end of a sentence.
+    /// Returns the first port that a plant cannot have, with the reason as the end of a sentence.
     #[must_use]
     pub fn flaw(&self) -> Option<(&Port, &'static str)> {
         let all = Vec::from_iter(self.inputs.iter().chain(&self.outputs));
@@ -260,29 +260,29 @@ impl Ports {
         })
     }
 
-    /// The place of an output.
+    /// Returns the index of an output.
     #[must_use]
     pub fn output(&self, name: &str) -> Option<usize> {
         self.outputs.iter().position(|port| port.name == name)
     }
 }
 
-/// The plant of a port that is called `PLANT.PORT`.
+/// Returns the plant of a port with a name `PLANT.PORT`.
 #[must_use]
 pub fn plant_of_port(port: &str) -> Option<&str> {
     port.split_once('.').map(|(plant, _)| plant)
 }
 
-/// The name of a port without that of its plant.
+/// Returns the name of a port without that of its plant.
 #[must_use]
 pub fn own_name(port: &str) -> &str {
     port.split_once('.').map_or(port, |(_, name)| name)
 }
 
-/// The finest of 1, 2 and 5 times a power of ten whose steps over a range fit 16 bits; 1 where the range is none.
+/// Returns the finest resolution of 1, 2 and 5 times a power of ten whose steps over a range fit 16 bits; 1 for an invalid range.
 pub(crate) fn steps_for([min, max]: [f64; 2]) -> f64 {
     let most = STEPS_MAX / min.abs().max(max.abs());
-    // Neither a range of nothing, nor one without an end.
+    // The range is neither empty nor without an end.
     if !(most.is_finite() && most > 0.0) {
         return 1.0;
     }
@@ -297,12 +297,12 @@ pub(crate) fn steps_for([min, max]: [f64; 2]) -> f64 {
     fitting.unwrap_or(1.0) * power
 }
 
-/// A unit by its word, with what it is one of.
+/// Known unit, with its quantity.
 struct Known {
     word: &'static str,
     symbol: &'static str,
     of: &'static str,
-    /// How many of the first unit of its kind one is.
+    /// Size of the unit in the first unit of its quantity.
     size: f64,
 }
 
@@ -315,10 +315,10 @@ const fn known(word: &'static str, symbol: &'static str, of: &'static str, size:
     }
 }
 
-/// What a number without a unit may be: 100 percent are 1.
+/// Quantity of a number without a unit: 100 percent are 1.
 const SHARE: &str = "share";
 
-/// Units that names end in.
+/// Units in which names end.
 const KNOWN: [Known; 31] = [
     known("metres", "m", "length", 1.0),
     known("millimetres", "mm", "length", 1e-3),
@@ -358,7 +358,7 @@ const KNOWN: [Known; 31] = [
     known("litres_per_minute", "l/min", "flow", 1.0),
 ];
 
-/// Words of all units that names end in.
+/// Returns the words of all units in which names end.
 pub fn known_units() -> impl Iterator<Item = &'static str> {
     KNOWN.iter().map(|known| known.word)
 }
@@ -367,7 +367,7 @@ fn find(word: &str) -> Option<&'static Known> {
     KNOWN.iter().find(|known| known.word == word)
 }
 
-/// The unit that is the end of a name; empty where none is.
+/// Returns the unit at the end of a name; empty if there is none.
 #[must_use]
 pub fn unit_in(name: &str) -> &str {
     let is_end = |known: &&Known| {
@@ -381,7 +381,7 @@ pub fn unit_in(name: &str) -> &str {
     longest.map_or("", |known| &name[name.len() - known.word.len()..])
 }
 
-/// One of a unit, in words.
+/// Returns the singular of a unit, in words.
 #[must_use]
 pub fn singular(word: &str) -> String {
     let (of, per) = word.split_at(word.find("_per_").unwrap_or(word.len()));
@@ -392,7 +392,7 @@ pub fn singular(word: &str) -> String {
     format!("{one}{per}")
 }
 
-/// The unit that a text begins with, in the singular, and the text behind it.
+/// Returns the unit at the start of a text, there in the singular, and the rest of the text.
 #[must_use]
 pub fn unit_at_start(text: &str) -> Option<(&'static str, &str)> {
     let found = KNOWN.iter().filter_map(|known| {
@@ -402,14 +402,14 @@ pub fn unit_at_start(text: &str) -> Option<(&'static str, &str)> {
     found.min_by_key(|(_, rest)| rest.len())
 }
 
-/// A unit as the DBC writes it; the word itself where it has no other form.
+/// Returns a unit as the DBC writes it; the word itself if it has no other form.
 #[must_use]
 pub fn symbol_of(word: &str) -> &str {
     find(word).map_or(word, |known| known.symbol)
 }
 
-/// What one of the unit `from` is in the unit `to`; none where they are of different kinds. A number without a unit is a share, or one
-/// of a unit that only its user knows.
+/// Returns the factor from the unit `from` to the unit `to`; `None` if they are of different quantities. A number without a unit
+/// is a share, or has a unit that only its user knows.
 #[must_use]
 pub fn conversion(from: &str, to: &str) -> Option<f64> {
     if from == to {
@@ -437,13 +437,13 @@ const KEYS_OF_POSITIONS: [&str; 8] = [
     "height_millimetres",
 ];
 
-/// Names beside those, of what is worked out of a set-point.
+/// Further names with this unit, of values computed from a set-point.
 const NAMES_OF_SET_POINTS: [&str; 2] = ["set_point_millimetres", "error_millimetres"];
 
-/// Beginnings of the names of gains, before the unit by one of which they are.
+/// Beginnings of the names of gains; the unit by which they are follows.
 pub(crate) const GAINS: [&str; 2] = ["amperes_per_", "ampere_seconds_per_"];
 
-/// What is recorded of a position and a current.
+/// Names of the recorded signals of a position and a current.
 const NAMES_ON_THE_BUS: [&str; 5] = [
     "current_amperes",
     "target_current_amperes",
@@ -452,7 +452,7 @@ const NAMES_ON_THE_BUS: [&str; 5] = [
     "reference_position_millimetres",
 ];
 
-/// The unit in which a loop counts its position: of its set-points, its limits, and what is recorded of it.
+/// Unit in which a loop counts its position: in its set-points, its limits, and its recorded signals.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub enum Unit {
     /// Millimetres.
@@ -462,12 +462,12 @@ pub enum Unit {
     Degrees,
     /// Revolutions.
     Revolutions,
-    /// That of the port itself, by its word.
+    /// The unit of the port itself, by its word.
     Own(String),
 }
 
 impl Unit {
-    /// The unit of a word.
+    /// Returns the unit of a word.
     #[must_use]
     pub fn of_word(word: &str) -> Self {
         match word {
@@ -478,7 +478,7 @@ impl Unit {
         }
     }
 
-    /// Its word.
+    /// Returns the word of the unit.
     #[must_use]
     pub fn word(&self) -> &str {
         match self {
@@ -489,7 +489,7 @@ impl Unit {
         }
     }
 
-    /// The word of the unit in which a law of one loop reads: metres in a loop in millimetres.
+    /// Returns the word of the unit in which a law of one loop reads: metres in a loop in millimetres.
     #[must_use]
     pub fn of_laws(&self) -> &str {
         match self {
@@ -498,19 +498,19 @@ impl Unit {
         }
     }
 
-    /// As plots and the DBC write it.
+    /// Returns the unit as plots and the DBC write it.
     #[must_use]
     pub fn symbol(&self) -> &str {
         symbol_of(self.word())
     }
 
-    /// As [`Unit::symbol`], where it is one of those that are known; else nothing.
+    /// Returns the symbol as [`Unit::symbol`] if the unit is known, else an empty text.
     #[must_use]
     pub fn known_symbol(&self) -> &'static str {
         find(self.word()).map_or("", |known| known.symbol)
     }
 
-    /// The units in which a port of this unit can be measured, the best known first.
+    /// Returns the units in which a port of this unit can be measured, the best known first.
     #[must_use]
     pub fn of_port(port_unit: &str) -> Vec<Self> {
         let fits = |unit: &Self| conversion(port_unit, unit.word()).is_some();
@@ -527,8 +527,8 @@ impl Unit {
         fitting
     }
 
-    /// Counts of the drive's position object (0x6064) for one unit: micrometres, thousandths of a degree, millionths of a
-    /// revolution.
+    /// Returns the counts of the drive's position object (0x6064) for one unit: micrometres, thousandths of a degree, millionths
+    /// of a revolution.
     #[must_use]
     pub fn counts(&self) -> f64 {
         match self {
@@ -537,7 +537,7 @@ impl Unit {
         }
     }
 
-    /// The SI unit of the drive's positions (0x60A8, CiA 303-2): prefix and unit. 0 for a unit without a code.
+    /// Returns the SI unit of the drive's positions (0x60A8, CiA 303-2): prefix and unit; 0 for a unit without a code.
     #[must_use]
     pub fn si_position(&self) -> u32 {
         let (prefix, unit): (u32, u32) = match self {
@@ -550,7 +550,7 @@ impl Unit {
         prefix << 24 | unit << 16
     }
 
-    /// The same in the drive's data sheet, with the unit of velocities (0x60A9).
+    /// Returns the same for the drive's data sheet, together with the unit of velocities (0x60A9).
     pub(crate) fn presets(&self) -> [Preset; 2] {
         let position = self.si_position();
         let velocity = match position {
@@ -563,7 +563,7 @@ impl Unit {
         ]
     }
 
-    /// A name of the bench, which has the unit of a position, as it is for this unit.
+    /// Returns a name of the bench, which has the unit of a position, with this unit.
     #[must_use]
     pub fn rename(&self, name: &str) -> String {
         exchanged(name, Self::Millimetres.word(), self.word())
@@ -573,10 +573,10 @@ impl Unit {
 /// Objects of a drive (CiA 402-2).
 const SI_UNIT_POSITION: u16 = 0x60A8;
 const SI_UNIT_VELOCITY: u16 = 0x60A9;
-/// By second, as an SI unit has it (CiA 303-2).
+/// "Per second" in the code of an SI unit (CiA 303-2).
 const BY_SECOND: u32 = 0x0300;
 
-/// What an amplifier gives: a signal in a unit.
+/// Output quantity of an amplifier: a signal in a unit.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum Command {
     /// A current, in amperes.
@@ -593,7 +593,7 @@ pub enum Command {
 impl Command {
     pub(crate) const ALL: [Self; 4] = [Self::Current, Self::Voltage, Self::Torque, Self::Force];
 
-    /// Name of the signal.
+    /// Returns the name of the signal.
     #[must_use]
     pub fn signal(self) -> &'static str {
         match self {
@@ -604,7 +604,7 @@ impl Command {
         }
     }
 
-    /// The word of its unit.
+    /// Returns the word of its unit.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -615,38 +615,39 @@ impl Command {
         }
     }
 
-    /// Its unit as the DBC writes it.
+    /// Returns its unit as the DBC writes it.
     #[must_use]
     pub fn symbol(self) -> &'static str {
         find(self.word()).map_or("", |known| known.symbol)
     }
 
-    /// As the title of a plot.
+    /// Returns the signal as the title of a plot.
     #[must_use]
     pub fn title(self) -> String {
         title(self.signal())
     }
 
-    /// What an amplifier gives that drives a port in this unit; none where no amplifier can.
+    /// Returns the output quantity of an amplifier that drives a port in this unit; `None` if no amplifier can.
     #[must_use]
     pub fn of_port(unit: &str) -> Option<Self> {
         let mut all = Self::ALL.into_iter();
         all.find(|command| conversion(command.word(), unit).is_some())
     }
 
-    /// Names of the bench, which are those of a current, as they are for this command: `current_amperes` is `voltage_volts`.
+    /// Replaces names of the bench, which are those of a current, by the names of this command: `current_amperes` by
+    /// `voltage_volts`.
     #[must_use]
     pub fn rename(self, word: &str) -> String {
         Self::exchange(word, Self::Current, self)
     }
 
-    /// The other way round.
+    /// Replaces the names of this command by those of the bench, as the reverse of [`Command::rename`].
     #[must_use]
     pub fn canonical(self, word: &str) -> String {
         Self::exchange(word, self, Self::Current)
     }
 
-    /// What is right where a name is that of another command.
+    /// Returns the correct form of a name that belongs to another command.
     pub(crate) fn corrected(self, name: &str) -> Option<String> {
         let has = |word: &str| exchanged(name, word, "") != name;
         let mut others = Self::ALL.into_iter().filter(|other| *other != self);
@@ -659,7 +660,7 @@ impl Command {
             return word.to_owned();
         }
         let units = exchanged(word, from.word(), to.word());
-        // A unit such as the newton metre holds another one.
+        // The name of a unit such as the newton metre contains that of another one.
         let [one, other] = [from, to].map(|command| singular(command.word()) + "_seconds");
         let units = exchanged(&units, &one, &other);
         if units == word {
@@ -670,14 +671,14 @@ impl Command {
     }
 }
 
-/// What a loop measures and controls, a signal in a unit, and what it commands.
+/// Signal that a loop measures and controls, with its unit, and the quantity that it commands.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Measurand {
     /// Name of the signal.
     pub signal: String,
-    /// Its unit.
+    /// Unit of the signal.
     pub unit: Unit,
-    /// What the amplifier of the loop's drive gives.
+    /// Output quantity of the amplifier of the loop's drive.
     pub command: Command,
 }
 
@@ -688,7 +689,7 @@ impl Default for Measurand {
 }
 
 impl Measurand {
-    /// A position.
+    /// Makes a position in a unit.
     #[must_use]
     pub fn position(unit: Unit) -> Self {
         Self {
@@ -698,13 +699,13 @@ impl Measurand {
         }
     }
 
-    /// The same of a loop with another command.
+    /// Sets another command of the loop.
     #[must_use]
     pub fn commanding(self, command: Command) -> Self {
         Self { command, ..self }
     }
 
-    /// Names of the bench, which have the unit of a position, as they are for this signal: `position_millimetres` is
+    /// Replaces names of the bench, which have the unit of a position, by those of this signal: `position_millimetres` by
     /// `speed_revolutions_per_minute`.
     #[must_use]
     pub fn rename(&self, text: &str) -> String {
@@ -715,25 +716,25 @@ impl Measurand {
         words.map(|word| self.rename_word(word)).collect()
     }
 
-    /// Whether the names of the bench are its own.
+    /// Checks whether the names of the bench need no replacement.
     fn is_canonical(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Whether its name is also that of a key or a column of another meaning.
+    /// Checks whether its name is also that of a key or a column of another meaning.
     pub(crate) fn is_ambiguous(&self) -> bool {
         let names = KEYS_OF_POSITIONS.into_iter().chain(NAMES_OF_SET_POINTS);
         let mut beginnings = names.filter_map(|name| name.strip_suffix("_millimetres"));
         self.signal != POSITION && beginnings.any(|beginning| beginning == self.signal)
     }
 
-    /// In words, as the title of a plot.
+    /// Returns the signal in words, as the title of a plot.
     #[must_use]
     pub fn title(&self) -> String {
         title(&self.signal)
     }
 
-    /// What a name of the signals is for a position and a current; other names stay.
+    /// Returns the name that a recorded signal has for a position and a current; other names stay.
     #[must_use]
     pub fn as_position<'n>(&self, name: &'n str) -> &'n str {
         let mut known = NAMES_ON_THE_BUS.into_iter();
@@ -752,18 +753,18 @@ impl Measurand {
         named.replace("{unit}", self.unit.word())
     }
 
-    /// As [`Measurand::rename`], for words with keys in them, among them gains of laws, which are by one of the unit.
+    /// Replaces names as [`Measurand::rename`], in a text that may also contain gains of laws, which are by one of the unit.
     #[must_use]
     pub fn rename_keys(&self, text: &str) -> String {
         self.rename(&self.by_own_unit(text))
     }
 
-    /// Name that a parameter of a law has in this loop: gains are by one of its unit, and currents are its command.
+    /// Returns the name of a law's parameter in this loop: gains are by one of its unit, and currents are its command.
     pub(crate) fn rename_of_law(&self, key: &str) -> String {
         self.command.rename(&self.by_own_unit(key))
     }
 
-    /// Gains by the metre as they are by one of this unit.
+    /// Replaces gains by the metre by gains by one of this unit.
     fn by_own_unit(&self, text: &str) -> String {
         GAINS.into_iter().fold(text.to_owned(), |text, gain| {
             let own = format!("{gain}{}", singular(self.unit.of_laws()));
@@ -771,14 +772,15 @@ impl Measurand {
         })
     }
 
-    /// The other way round: as the bench calls it. What is no name of the signal stays as it is, whatever its unit.
+    /// Returns the name of the bench, as the reverse of [`Measurand::rename`]. A name that is not of the signal stays as it is,
+    /// whatever its unit.
     #[must_use]
     pub fn canonical(&self, name: &str) -> String {
         let of_position = self.position_of(name).map(str::to_owned);
         of_position.unwrap_or_else(|| self.command.canonical(name))
     }
 
-    /// Name that the bench has for a name of the signal; `None` if it is none.
+    /// Returns the name of the bench for a name of the signal; `None` if it is no such name.
     pub(crate) fn position_of(&self, name: &str) -> Option<&'static str> {
         if !name.contains(self.unit.word()) {
             return None;
@@ -798,7 +800,7 @@ impl fmt::Display for Unit {
     }
 }
 
-/// The name of a signal in words, as the title of a plot.
+/// Returns the name of a signal in words, as the title of a plot.
 fn title(signal: &str) -> String {
     let words = signal.replace('_', " ");
     let mut letters = words.chars();
@@ -806,7 +808,7 @@ fn title(signal: &str) -> String {
     first.chain(letters).collect()
 }
 
-/// A name with one of its words in place of another.
+/// Replaces a word in a name by another.
 fn exchanged(name: &str, word: &str, by: &str) -> String {
     let is_end = |rest: &str| !rest.starts_with(char::is_alphanumeric);
     let mut found = String::with_capacity(name.len());

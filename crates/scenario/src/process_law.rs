@@ -9,23 +9,24 @@ use toml::Value;
 
 use crate::plant::whole_names;
 
-/// A law that a program plays, in any language. It gets what the law reads in each cycle, and answers what it writes.
+/// A law that a program plays, in any language. In each cycle it gets the values that the law reads, and answers with those that
+/// it writes.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Program {
-    /// The program and its arguments, without a shell. The program is searched on `PATH`; one with a `/` in its name is a file in the
-    /// scenario's folder or below it, where the program runs.
+    /// The program and its arguments, without a shell. The program is searched on `PATH`; one with a `/` in its name is a file in
+    /// the scenario's folder or below it, where the program runs.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 4096)))]
     pub command: Vec<String>,
-    /// What it reads: `position_millimetres`, `set_point_millimetres`, and that with `_per_second` or `_per_second_squared`, in any
-    /// unit of the quantity. A name may begin with that of the loop and a dot.
+    /// Quantities that the law reads: `position_millimetres`, `set_point_millimetres`, and the latter with `_per_second` or
+    /// `_per_second_squared`, in any unit of the quantity. A name may begin with that of the loop and a dot.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 200)))]
     pub reads: Vec<String>,
-    /// What it commands: `current_amperes` or what else the drive's amplifier gives, as in `voltage_volts`, and
-    /// `DRIVE.current_amperes` of each further drive of the loop.
+    /// Quantities that the law commands: `current_amperes` or another quantity of the drive's amplifier, as in `voltage_volts`,
+    /// and `DRIVE.current_amperes` of each further drive of the loop.
     #[schemars(length(min = 1, max = 8), inner(length(min = 1, max = 200)))]
     pub writes: Vec<String>,
-    /// What it writes besides, to be recorded: names that end in their units.
+    /// Terms that the law also writes, to be recorded: names that end in their units.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 8), inner(length(min = 1, max = 200)))]
     pub terms: Vec<String>,
@@ -42,13 +43,13 @@ pub struct Library {
     /// The library, in the scenario's folder or below it.
     #[schemars(length(min = 1, max = 4096))]
     pub file: String,
-    /// What it reads, as in `[controller.program]`.
+    /// Quantities that the law reads, as in `[controller.program]`.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 200)))]
     pub reads: Vec<String>,
-    /// What it commands, as in `[controller.program]`.
+    /// Quantities that the law commands, as in `[controller.program]`.
     #[schemars(length(min = 1, max = 8), inner(length(min = 1, max = 200)))]
     pub writes: Vec<String>,
-    /// What it writes besides, as in `[controller.program]`.
+    /// Terms that the law also writes, as in `[controller.program]`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 8), inner(length(min = 1, max = 200)))]
     pub terms: Vec<String>,
@@ -65,17 +66,17 @@ pub struct FmuLaw {
     /// The FMU, in the scenario's folder or below it.
     #[schemars(length(min = 1, max = 4096))]
     pub file: String,
-    /// Its inputs, each with what it reads, as in `[controller.program]`: `y = "position_millimetres"`.
+    /// Its inputs, each with the quantity that it reads, as in `[controller.program]`: `y = "position_millimetres"`.
     #[schemars(length(min = 1, max = 64))]
     pub reads: BTreeMap<String, String>,
     /// Its outputs that are commands, as in `[controller.program]`: `u = "current_amperes"`.
     #[schemars(length(min = 1, max = 8))]
     pub writes: BTreeMap<String, String>,
-    /// Its outputs that are recorded besides.
+    /// Its outputs that are also recorded.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(length(max = 8))]
     pub terms: BTreeMap<String, String>,
-    /// Start values by the names of its variables, in the FMU's units: numbers, truths or texts.
+    /// Start values by the names of its variables, in the FMU's units: numbers, booleans or texts.
     #[serde(
         default,
         deserialize_with = "whole_names",
@@ -85,43 +86,43 @@ pub struct FmuLaw {
     pub parameters: BTreeMap<String, Value>,
 }
 
-/// The schema of whatever a program takes.
+/// Returns the schema of values that a program interprets.
 fn values(_: &mut SchemaGenerator) -> Schema {
     json_schema!({"type": "object", "additionalProperties": {}})
 }
 
-/// A law that a process of its own plays, whichever it is.
+/// A law that a process of its own plays, of any kind.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProcessLaw {
-    /// What plays it.
+    /// Player of the law.
     pub plays: Plays,
-    /// What it reads.
+    /// Quantities that the law reads.
     pub reads: Vec<PlayedPort>,
-    /// What it commands.
+    /// Quantities that the law commands.
     pub writes: Vec<PlayedPort>,
-    /// What it writes besides.
+    /// Further terms that the law writes.
     pub terms: Vec<PlayedPort>,
-    /// Its parameters.
+    /// Parameters of the law.
     pub parameters: BTreeMap<String, Value>,
 }
 
-/// What plays a law.
+/// Player of a law.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Plays {
-    /// A program with its arguments.
+    /// Program with its arguments.
     Command(Vec<String>),
-    /// The functions of a shared library.
+    /// Functions of a shared library.
     Library(String),
     /// An FMU.
     Fmu(String),
 }
 
-/// A port of a law that a process plays.
+/// Port of a law that a process plays.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlayedPort {
-    /// The variable of an FMU that it is.
+    /// Variable of an FMU behind the port.
     pub variable: Option<String>,
-    /// The signal as it is written, which may begin with the name of a loop or a drive.
+    /// Signal as written, which may begin with the name of a loop or a drive.
     pub signal: String,
 }
 

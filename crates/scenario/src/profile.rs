@@ -1,14 +1,14 @@
-//! The current profile of `[controller.open_loop]`, made ready to be asked once per cycle.
+//! The current profile of `[controller.open_loop]`, prepared for a look-up in every cycle.
 
 use crate::controller::OpenLoop;
 use crate::curve::{Curve, Piece};
 
-/// A current over time; the piece that started last wins, 0 A before the first.
+/// Current over time; the piece that started last acts, 0 A before the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Profile(Curve);
 
 impl Profile {
-    /// The current in amperes at a scenario time; no allocation.
+    /// Returns the current in amperes at a scenario time, without allocation.
     #[must_use]
     pub fn current_at(&self, time_seconds: f64) -> f64 {
         self.0.at(time_seconds).value
@@ -16,7 +16,7 @@ impl Profile {
 }
 
 impl OpenLoop {
-    /// Makes the profile ready to be asked once per cycle.
+    /// Prepares the profile for a look-up in every cycle.
     #[must_use]
     pub fn profile(&self) -> Profile {
         let steps = self.step.iter().map(|step| {
@@ -34,7 +34,7 @@ impl OpenLoop {
         Profile(Curve::new(steps.chain(ramps).chain(tables).collect()))
     }
 
-    /// The current in amperes at one time. Builds the profile first: ask [`Profile::current_at`] where it is needed
+    /// Returns the current in amperes at one time. It builds the profile first: use [`Profile::current_at`] for a look-up in
     /// every cycle.
     #[must_use]
     pub fn current_at(&self, time_seconds: f64) -> f64 {

@@ -32,11 +32,11 @@ pub struct Reference {
     pub table: Vec<Table>,
 }
 
-/// From a time on, a position.
+/// A position from a time on.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Hold {
-    /// When the hold begins.
+    /// Time at which the hold begins.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Position that is held.
@@ -48,7 +48,7 @@ pub struct Hold {
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
-    /// When the set-point jumps.
+    /// Time of the jump.
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub at_seconds: f64,
     /// Position after the jump.
@@ -111,13 +111,13 @@ pub struct Chirp {
     /// Frequency at its end.
     #[schemars(range(min = 0.000_1, max = 100.0))]
     pub until_hertz: f64,
-    /// How the frequency moves; `linear` if absent.
+    /// Spacing of the frequency over time; `linear` if absent.
     #[serde(default)]
     pub spacing: Spacing,
 }
 
 impl Chirp {
-    /// How its frequency moves.
+    /// Returns the move of its frequency.
     #[must_use]
     pub fn sweep(&self) -> FrequencySweep {
         FrequencySweep {
@@ -143,7 +143,7 @@ pub struct Table {
     pub rows: Vec<(f64, f64)>,
 }
 
-/// The set-point and its derivatives at one time, in the unit of the loop and seconds.
+/// Set-point and its derivatives at one time, in the unit of the loop and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SetPoint {
     /// Position.
@@ -154,13 +154,13 @@ pub struct SetPoint {
     pub acceleration: f64,
     /// Third derivative.
     pub jerk: f64,
-    /// True where the derivatives are exact (sine, chirp): such a set-point bypasses the reference filter (PAPER E5).
+    /// Whether the derivatives are exact (sine, chirp): such a set-point bypasses the reference filter (PAPER E5).
     pub has_exact_derivatives: bool,
 }
 
-/// A set-point made ready to be asked once per cycle.
+/// Set-point prepared for a look-up in every cycle.
 ///
-/// The piece that started last wins; before the first piece the set-point is 0, the stop on which the load rests.
+/// The piece that started last acts; before the first piece the set-point is 0, the stop on which the load rests.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectory(Curve);
 
@@ -187,27 +187,28 @@ impl Trajectory {
         }
     }
 
-    /// Rows `(seconds, set-point)` until a time, with straight lines between them; two rows of one time are a jump. A piece that is no
-    /// straight line has a row in each spacing.
+    /// Returns rows `(seconds, set-point)` until a time, with straight lines between them; two rows at one time are a jump. A
+    /// piece that is not a straight line has a row in each spacing.
     #[must_use]
     pub fn rows(&self, end_seconds: f64, spacing_seconds: f64) -> Vec<(f64, f64)> {
         self.0.rows(end_seconds, spacing_seconds)
     }
 
-    /// The stretches of scenario time that show every set-point until `end_seconds`. A stretch may end where it begins.
+    /// Returns stretches of scenario time that together show every set-point until `end_seconds`. A stretch may end where it
+    /// begins.
     pub fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
         self.0.stretches(end_seconds)
     }
 }
 
 impl Reference {
-    /// True when there is no piece at all.
+    /// Checks whether there is no piece.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.starts_seconds().next().is_none()
     }
 
-    /// Makes the set-point ready to be asked once per cycle.
+    /// Prepares the set-point for a look-up in every cycle.
     #[must_use]
     pub fn trajectory(&self) -> Trajectory {
         let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
@@ -244,13 +245,14 @@ impl Reference {
         Trajectory(Curve::new(holds.chain(steps).chain(moving).collect()))
     }
 
-    /// The raw set-point at one time. Builds the trajectory first: ask [`Trajectory::at`] where it is needed every cycle.
+    /// Returns the raw set-point at one time. It builds the trajectory first: use [`Trajectory::at`] for a look-up in every
+    /// cycle.
     #[must_use]
     pub fn at(&self, time_seconds: f64) -> SetPoint {
         self.trajectory().at(time_seconds)
     }
 
-    /// The starts of all pieces, kind by kind.
+    /// Returns the starts of all pieces, kind by kind.
     pub fn starts_seconds(&self) -> impl Iterator<Item = f64> + '_ {
         let holds = self.hold.iter().map(|hold| hold.at_seconds);
         let steps = self.step.iter().map(|step| step.at_seconds);

@@ -6,34 +6,34 @@ use crate::own::{OwnTable, Section, is_name};
 use crate::plant::is_of_format;
 use crate::schema::schema_of;
 
-/// Why a plant or a law cannot be registered.
+/// Reason why a plant or a law cannot be registered.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum InvalidOwn {
-    /// No name of a table.
+    /// The name cannot be that of a table.
     #[error(
         "`{0}` cannot be the name of a table: a name has at most 64 small letters, digits and underscores, and begins with a letter"
     )]
     Name(String),
-    /// The name of something else.
+    /// The name is taken.
     #[error("[{}.{name}] is a table already: choose another name", section.key())]
     Taken {
-        /// Where.
+        /// Section with the name.
         section: Section,
-        /// The name.
+        /// Name that is taken.
         name: String,
     },
-    /// Parameters that are no table.
+    /// The parameters are not a table.
     #[error("the parameters of `{0}` are no struct with named fields")]
     NoTable(&'static str),
-    /// No such fault.
+    /// The fault does not exist.
     #[error("`{name}` names a fault `{fault}`, and there is no [[fault.plant.{fault}]]")]
     Fault {
-        /// The plant.
+        /// Name of the plant.
         name: &'static str,
-        /// The fault.
+        /// Name of the fault.
         fault: &'static str,
     },
-    /// Registered twice, or after a scenario was read.
+    /// Tables are registered twice, or after a scenario was read.
     #[error("the plants and laws of a bench are registered once")]
     RegisteredAlready,
 }
@@ -67,7 +67,7 @@ pub fn register(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOw
 /// Refuses a name that a plant or a law cannot have.
 ///
 /// # Errors
-/// It cannot be a table's, or is that of another one.
+/// The name cannot be that of a table, or is that of another one.
 pub fn is_free(section: Section, name: &str) -> Result<(), InvalidOwn> {
     if !is_name(name) {
         return Err(InvalidOwn::Name(name.to_owned()));

@@ -7,14 +7,14 @@ use schemars::JsonSchema;
 use crate::bus::Bus;
 use crate::fault::Faults;
 
-/// What all loops of a run share.
+/// Facts that all loops of a run share.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
-    /// What the scenario tries, in a few words.
+    /// Short name of the scenario.
     pub name: String,
-    /// What the scenario shows and where its limits come from.
+    /// Purpose of the scenario, and source of its limits.
     pub description: Option<String>,
-    /// The requirements that the scenario as a whole tests, such as "REQ-12".
+    /// Requirements that the scenario as a whole tests, such as "REQ-12".
     pub requirements: Vec<String>,
     /// Seed of every random number.
     pub seed: u64,
@@ -22,11 +22,11 @@ pub struct Run {
     pub duration_seconds: f64,
     /// Bit rate and cycle of the bus.
     pub bus: Bus,
-    /// The faults, each at its node; the nodes do not know of them.
+    /// Faults of the run, each at its node; the nodes do not know of them.
     pub faults: Faults,
 }
 
-/// The keys of a scenario file that are no tables.
+/// Keys of a scenario file that are not tables.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Header {
@@ -34,10 +34,10 @@ pub(crate) struct Header {
     #[schemars(range(min = 1, max = 1))]
     #[serde(rename = "schema")]
     _schema: u32,
-    /// What the scenario tries, in a few words.
+    /// Short name of the scenario.
     #[schemars(length(min = 1, max = 200))]
     name: String,
-    /// What the scenario shows and where its limits come from.
+    /// Purpose of the scenario, and source of its limits.
     #[serde(default)]
     description: Option<String>,
     /// The requirements that the scenario as a whole tests, such as "REQ-12".

@@ -1,4 +1,4 @@
-//! The JSON Schemas of scenario and rig files: what editors complete from and what the loader checks against.
+//! The JSON Schemas of scenario and rig files: editors complete from them, and the loader checks against them.
 
 mod loops;
 
@@ -19,30 +19,31 @@ use crate::sweep::Swept;
 use crate::trial::Sections;
 use crate::wiring::Wiring;
 
-/// What is tried in a loop is checked against this. To make a schema takes most of the time that loading takes, so each is made once.
+/// Schema of the trial of a loop. Making a schema takes most of the time of loading, so each is made once.
 pub(crate) static SECTIONS: LazyLock<Value> = LazyLock::new(schema_of::<Sections>);
-/// As [`SECTIONS`], of a recording: the same without laws from outside.
+/// Schema as [`SECTIONS`] for a recording: without laws from outside.
 pub(crate) static SHIPPED: LazyLock<Value> = LazyLock::new(shipped::<Sections>);
-/// What the keys of a scenario that are no tables are checked against.
+/// Schema of the keys of a scenario that are not tables.
 pub(crate) static HEADER: LazyLock<Value> = LazyLock::new(schema_of::<Header>);
-/// What rig files are checked against.
+/// Schema of rig files.
 pub(crate) static RIG: LazyLock<Value> = LazyLock::new(schema_of::<Rig>);
 
-/// What `[[expect.contour]]` is checked against.
+/// Schema of `[[expect.contour]]`.
 pub(crate) static CONTOURS: LazyLock<Value> = LazyLock::new(schema_of::<Contours>);
 
-/// What `[sweep]` is checked against.
+/// Schema of `[sweep]`.
 pub(crate) static SWEPT: LazyLock<Value> = LazyLock::new(schema_of::<Swept>);
 
-/// What `[fault]` is checked against.
+/// Schema of `[fault]`.
 pub(crate) static FAULTS: LazyLock<Value> = LazyLock::new(fault::described);
 
-/// The loader's keyword for numbers in steps. Editors would take `multipleOf` in binary fractions, of which 12.7 is no multiple of 0.1.
+/// Keyword of the loader for numbers in steps. Editors would take `multipleOf` in binary fractions, of which 12.7 is no multiple
+/// of 0.1.
 pub(crate) const MULTIPLE_OF: &str = "x-multiple-of";
 
 pub(crate) use loops::on_rig;
 
-/// The schema of what is tried in a loop, where its set-points have this range: that of its sensor.
+/// Returns the schema of a loop's trial with the range of its sensor for the set-points.
 pub(crate) fn of_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, Value> {
     if !wiring.feedback.is_other_travel() {
         return schema;
@@ -52,7 +53,7 @@ pub(crate) fn of_travel<'a>(schema: Cow<'a, Value>, wiring: &Wiring) -> Cow<'a, 
     Cow::Owned(schema)
 }
 
-/// The definitions of a table's arrays.
+/// Returns the definitions of a table's arrays.
 pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
     let arrays = schema["definitions"][table]["properties"].as_object();
     let names = arrays.into_iter().flatten().filter_map(|(_, array)| {
@@ -62,33 +63,33 @@ pub(crate) fn entries(schema: &Value, table: &str) -> Vec<String> {
     names.collect()
 }
 
-/// Whether a table of a loop has such a key.
+/// Checks whether a table of a loop has a key.
 pub(crate) fn is_key(table: &str, key: &str) -> bool {
     let property = &SECTIONS["properties"][table];
     let schema = resolve(&SECTIONS, property);
     schema["properties"].get(key).is_some()
 }
 
-/// The JSON Schema of scenario files, as committed in `scenarios/schema.json`.
+/// Returns the JSON Schema of scenario files, as committed in `scenarios/schema.json`.
 #[must_use]
 pub fn json_schema() -> String {
     format!("{:#}\n", loops::of_scenario())
 }
 
-/// The JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
+/// Returns the JSON Schema of rig files, as committed in `scenarios/rig_schema.json`.
 #[must_use]
 pub fn rig_json_schema() -> String {
     let mut schema = RIG.clone();
     let of_drives = RIG["definitions"]["DriveDefaults"]["properties"].as_object();
     for key in of_drives.into_iter().flat_map(Map::keys) {
-        // The defaults have what is left out.
+        // Missing keys come from the defaults.
         let property = &mut schema["definitions"]["RigNode"]["properties"][key];
         *property = part_of(&RIG, property);
     }
     format!("{schema:#}\n")
 }
 
-/// A table, with the tables in it, of which any part may be written.
+/// Returns the schema of a table and its tables without required keys.
 pub(crate) fn part_of(root: &Value, table: &Value) -> Value {
     let mut part = resolve(root, table).clone();
     let Some(keywords) = part.as_object_mut() else {
@@ -108,14 +109,14 @@ pub(crate) fn part_of(root: &Value, table: &Value) -> Value {
     part
 }
 
-/// The schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.
+/// Returns the schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     let mut schema = shipped::<T>();
     own::describe(&mut schema);
     schema
 }
 
-/// The schema of a type as it ships.
+/// Returns the schema of a type without plants and laws from outside.
 fn shipped<T: JsonSchema>() -> Value {
     let settings = SchemaSettings::draft07().with_transform(TakeNullAway);
     settings.into_generator().into_root_schema_for::<T>().into()
@@ -131,7 +132,7 @@ pub(crate) fn resolve<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     root.pointer(pointer).unwrap_or(&Value::Null)
 }
 
-/// The copy in `scenarios/` is the schema; with UPDATE_SCHEMA it becomes so.
+/// Checks that the copy in `scenarios/` equals the schema; with UPDATE_SCHEMA it writes the copy.
 #[cfg(test)]
 #[track_caller]
 pub(crate) fn assert_committed(name: &str, current: &str) {

@@ -12,7 +12,7 @@ use crate::nearest::nearest;
 use crate::own::{self, Section};
 use crate::schema::{MULTIPLE_OF, resolve};
 
-/// Everything in the document that the schema does not admit; `what` names the whole for people.
+/// Finds everything in the document that the schema does not admit; `what` names the whole in messages.
 pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
     let mut checker = Checker {
         source: &document.source,
@@ -42,7 +42,7 @@ impl<'a> Checker<'a> {
         resolve(self.schema, schema)
     }
 
-    /// `path` names the value for people: `reference.step`.
+    /// Checks a value; `path` names it in messages: `reference.step`.
     fn value(&mut self, path: &str, value: &Spanned<DeValue<'_>>, schema: &'a Value) {
         let (span, schema) = (value.span(), self.resolve(schema));
         match (schema["type"].as_str(), value.get_ref()) {
@@ -57,7 +57,7 @@ impl<'a> Checker<'a> {
             }
             (Some("string"), DeValue::String(text)) => self.string(path, span, text, schema),
             (Some("boolean"), DeValue::Boolean(_)) => {}
-            // Whatever a type reads by itself.
+            // The schema leaves the value to the reader of its type.
             (None, _) if schema.get("oneOf").is_none() => {}
             (None, DeValue::String(text)) => self.choice(path, span, text, schema),
             (expected, found) => {
@@ -84,7 +84,8 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// `place` names the table for people, `[controller.pid]`, `[[reference.step]]`, and `path` what is in it: `reference.step[1]`.
+    /// Checks a table; `place` names it in messages, `[controller.pid]`, `[[reference.step]]`, and `path` its values:
+    /// `reference.step[1]`.
     fn table(
         &mut self,
         place: &str,
@@ -92,7 +93,7 @@ impl<'a> Checker<'a> {
         (span, table): (Range<usize>, &DeTable<'_>),
         schema: &'a Value,
     ) {
-        // One of several tables: which one is for somebody else to say.
+        // The table is one of several; another check decides which.
         if schema["anyOf"].is_array() {
             return;
         }
@@ -127,7 +128,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Reports an unknown key and returns the known one that was probably meant.
+    /// Reports an unknown key, and returns the known one that was probably meant.
     fn unknown_key(
         &mut self,
         place: &str,
@@ -176,7 +177,7 @@ impl<'a> Checker<'a> {
             return;
         }
         for (place, element) in array.iter().enumerate() {
-            // A tuple has a schema for each place.
+            // A tuple has a schema for each index.
             let items = schema["items"].get(place).unwrap_or(&schema["items"]);
             let items = self.resolve(items);
             let numbered = match count {
@@ -203,7 +204,7 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// A word out of a list, each with its own description.
+    /// Checks a word of a list, in which each has its own description.
     fn choice(&mut self, path: &str, span: Range<usize>, text: &str, schema: &Value) {
         let alternatives = schema["oneOf"].as_array().into_iter().flatten();
         let words: Vec<&str> = alternatives
@@ -236,7 +237,7 @@ impl<'a> Checker<'a> {
     }
 }
 
-/// How a limit is written, where something else stands in its place.
+/// Returns advice on how to write a limit, if there is another value in its place.
 fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String> {
     let number = match found {
         DeValue::Integer(integer) => integer.as_str(),
@@ -269,7 +270,7 @@ fn limit_help(path: &str, schema: &Value, found: &DeValue<'_>) -> Option<String>
     }
 }
 
-/// The number that a TOML integer or float stands for.
+/// Returns the number that a TOML integer or float represents.
 pub(crate) fn number(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Integer(integer) => {
@@ -282,12 +283,12 @@ pub(crate) fn number(value: &DeValue<'_>) -> Option<f64> {
     }
 }
 
-/// What is said of a number at a path that is outside its range.
+/// Returns the message for a number outside its range.
 pub(crate) fn out_of_range(path: &str, number: f64) -> String {
     format!("`{path}` = {number} is out of range")
 }
 
-/// The range in words when the number is outside.
+/// Returns the range in words if the number is outside.
 pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
     if let Some(values) = schema["enum"].as_array() {
         let words: Vec<String> = values.iter().map(Value::to_string).collect();
@@ -315,7 +316,7 @@ pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
     (!is_multiple).then(|| format!("must be a multiple of {unit}"))
 }
 
-/// `reference` and `step` give `reference.step`.
+/// Joins `reference` and `step` to `reference.step`.
 fn join(path: &str, name: &str) -> String {
     match path {
         "" => name.to_owned(),
@@ -334,7 +335,7 @@ fn expected_words(schema_type: Option<&str>) -> &'static str {
     }
 }
 
-/// What a value is, for people.
+/// Describes the type of a value.
 pub(crate) fn found_words(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a string",

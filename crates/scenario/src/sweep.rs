@@ -1,27 +1,27 @@
-//! The `[sweep]` table: many scenarios of one. Lists and ranges span a grid; at each of its points so many sets of
-//! numbers are drawn.
+//! The `[sweep]` table: many scenarios of one. Lists and ranges span a grid; at each of its points a number of sets of values is
+//! drawn.
 
 use std::collections::BTreeSet;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Runs of a sweep.
+/// Largest number of runs of a sweep.
 pub const RUNS_MAX: u64 = 1_000_000;
 /// Significant decimals of a range's values: 0.1, 0.2, 0.3 rather than 0.30000000000000004.
 const RANGE_DECIMALS: usize = 11;
-/// A range by steps has its end if the last step comes so near to it, in steps.
+/// Largest distance of the last step from the end of a range, in steps, at which the end is a value of the range.
 const STEP_TOLERANCE: f64 = 1e-9;
 
-/// What `canrig sweep` varies. A key is a dotted path to a number of the scenario, such as `plant.mechanics.load_kilograms`
-/// or `reference.step[0].position_millimetres`.
+/// Numbers that `canrig sweep` varies. A key is a dotted path to a number of the scenario, such as
+/// `plant.mechanics.load_kilograms` or `reference.step[0].position_millimetres`.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sweep {
-    /// Seed of what is drawn. Each key has its own stream, so one more key changes no other's numbers.
+    /// Seed of the draws. Each key has its own stream, so one more key changes no other's numbers.
     #[schemars(range(min = 0, max = 9_007_199_254_740_991_u64))]
     pub seed: u64,
-    /// How many sets of numbers are drawn; each is played at each point of the grid.
+    /// Number of sets of values that are drawn; each is played at each point of the grid.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 1, max = 1_000_000))]
     pub draws: Option<u32>,
@@ -46,12 +46,12 @@ pub struct Sweep {
     #[schemars(length(max = 100))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub normal: Vec<Normal>,
-    /// The keys that take whole numbers only, put in by the loader.
+    /// Keys that take whole numbers only, put in by the loader.
     #[serde(skip)]
     pub whole_numbers: BTreeSet<String>,
 }
 
-/// The `[sweep]` of a scenario whose other tables are read by themselves.
+/// The `[sweep]` of a scenario, whose other tables are read by themselves.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Swept {
@@ -86,16 +86,16 @@ pub struct Range {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2, max = 100_000))]
     pub count: Option<u32>,
-    /// Distance of two values; give either this or `count`.
+    /// Distance between two values; give either this or `count`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub step: Option<f64>,
-    /// How the values lie; `linear` if absent. A logarithmic range has `count`, not `step`.
+    /// Spacing of the values; `linear` if absent. A logarithmic range has `count`, not `step`.
     #[serde(default)]
     pub spacing: Spacing,
 }
 
-/// How the values of a range lie.
+/// Spacing of the values of a range.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Spacing {
@@ -147,7 +147,7 @@ pub struct Normal {
     pub standard_deviation: f64,
 }
 
-/// A key of the grid with its values.
+/// Key of the grid with its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     /// The key that varies.
@@ -156,21 +156,21 @@ pub struct Axis {
     pub values: Vec<f64>,
 }
 
-/// What a number is drawn from.
+/// Distribution of a number that is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Distribution {
     /// The same probability between two values.
     Uniform {
-        /// The least.
+        /// Smallest value.
         from: f64,
-        /// The greatest.
+        /// Largest value.
         to: f64,
     },
-    /// The logarithm has the same probability between those of two values.
+    /// The same probability between the logarithms of two values.
     LogUniform {
-        /// The least.
+        /// Smallest value.
         from: f64,
-        /// The greatest.
+        /// Largest value.
         to: f64,
     },
     /// A normal distribution.
@@ -183,12 +183,12 @@ pub enum Distribution {
 }
 
 impl Range {
-    /// The values; none where neither their number nor their distance is given.
+    /// Returns the values; none if neither `count` nor `step` is given.
     #[must_use]
     pub fn values(&self) -> Vec<f64> {
         let last = self.last();
         let value = |place: u32| match (self.spacing, self.step) {
-            // The end as it is written, not as it is computed.
+            // The end as written, not as computed.
             _ if place == last && self.step.is_none() => self.to,
             (Spacing::Linear, Some(step)) => self.from + f64::from(place) * step,
             (Spacing::Linear, None) => {
@@ -202,12 +202,12 @@ impl Range {
         (0..=last).map(|place| rounded(value(place))).collect()
     }
 
-    /// How many values there are, without making them.
+    /// Returns the number of values, without making them.
     fn values_total(&self) -> u64 {
         u64::from(self.last()) + 1
     }
 
-    /// The number of the last value, counted from 0.
+    /// Returns the index of the last value.
     fn last(&self) -> u32 {
         let steps = match (self.count, self.step) {
             (Some(count), _) => return count.saturating_sub(1),
@@ -224,7 +224,7 @@ impl Range {
     }
 }
 
-/// As many digits as anybody writes.
+/// Rounds a value to more digits than users write.
 fn rounded(value: f64) -> f64 {
     format!("{value:.RANGE_DECIMALS$e}")
         .parse()
@@ -232,7 +232,7 @@ fn rounded(value: f64) -> f64 {
 }
 
 impl Sweep {
-    /// The keys of the grid, lists before ranges.
+    /// Returns the keys of the grid, lists before ranges.
     #[must_use]
     pub fn axes(&self) -> Vec<Axis> {
         let lists = self.list.iter().map(|list| Axis {
@@ -246,7 +246,7 @@ impl Sweep {
         lists.chain(ranges).collect()
     }
 
-    /// The keys that are drawn.
+    /// Returns the keys that are drawn.
     #[must_use]
     pub fn distributions(&self) -> Vec<(&str, Distribution)> {
         let uniform = self.uniform.iter().map(|one| {
@@ -267,7 +267,7 @@ impl Sweep {
         uniform.chain(log_uniform).chain(normal).collect()
     }
 
-    /// How many runs there are: points of the grid times draws.
+    /// Returns the number of runs: points of the grid times draws.
     #[must_use]
     pub fn runs(&self) -> u64 {
         let lists = self.list.iter().map(|list| list.values.len() as u64);
@@ -276,7 +276,7 @@ impl Sweep {
         lists.chain(ranges).fold(draws, u64::saturating_mul)
     }
 
-    /// What varies: the keys of the grid, then those that are drawn.
+    /// Returns the keys that vary: those of the grid, then those that are drawn.
     pub fn keys(&self) -> impl Iterator<Item = &str> {
         let lists = self.list.iter().map(|list| list.key.as_str());
         let ranges = self.range.iter().map(|range| range.key.as_str());

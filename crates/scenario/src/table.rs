@@ -1,5 +1,5 @@
-//! CSV tables: the set-points, two columns under a fixed header, and the recorded courses of signals and currents, one column of
-//! many.
+//! CSV tables: set-points, with two columns under a fixed header, and recorded courses of signals and currents, which are one
+//! column of many.
 
 use std::io;
 use std::ops::RangeInclusive;
@@ -10,12 +10,12 @@ use crate::error::{Problem, Source};
 use crate::nearest::nearest;
 use crate::wiring::Wiring;
 
-/// The only header of a set-point, whose second name has the unit of its loop.
+/// Required header of a set-point; its second name has the unit of its loop.
 const HEADER: [&str; 2] = ["time_seconds", "position_millimetres"];
 const ROWS_MAX: usize = 1_000_000;
-/// Columns that are listed when the one that is wanted is none of them.
+/// Largest number of columns that are listed if a column is missing.
 const COLUMNS_LISTED_MAX: usize = 50;
-/// What a profile may command.
+/// Returns the values that a profile may command.
 fn currents(range: &CurrentRange) -> Values {
     Values {
         what: "leaves the range of the current",
@@ -23,7 +23,7 @@ fn currents(range: &CurrentRange) -> Values {
     }
 }
 
-/// The travel of a loop.
+/// Returns the travel of a loop.
 fn positions(wiring: &Wiring) -> Values {
     let [min, max] = wiring.feedback.range();
     Values {
@@ -32,13 +32,13 @@ fn positions(wiring: &Wiring) -> Values {
     }
 }
 
-/// Gives the text of a table by the name that a scenario uses.
+/// Reader of the text of a table, by the name that a scenario uses.
 pub(crate) type ReadTable<'a> = &'a mut dyn FnMut(&str) -> io::Result<String>;
 
 /// Rows `(time_seconds, value)`.
 type Rows = Vec<(f64, f64)>;
 
-/// True when the path stays inside the folder that it is relative to.
+/// Checks whether a path stays inside the folder that it is relative to.
 pub(crate) fn is_inside_folder(path: &str) -> bool {
     let mut components = Path::new(path).components();
     let stays = |component| matches!(component, Component::Normal(_) | Component::CurDir);
@@ -47,7 +47,7 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
 
 /// Reads the rows of a set-point, `(time_seconds, position_millimetres)`; times increase.
 ///
-/// The first problem ends the reading: a table that is wrong is mostly wrong in every row.
+/// The first problem ends the reading: most problems of a table repeat in every row.
 pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {
     let reader = Reader::new(name, text);
     let position = wiring.feedback.measurand.rename(HEADER[1]);
@@ -65,7 +65,8 @@ pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Pro
     })
 }
 
-/// Reads the course of a signal, one column of a table beside its `time_seconds`, as [`parse`]; rows without a value are left out.
+/// Reads the course of a signal, one column of a table beside its `time_seconds`, as [`parse`]; rows without a value are left
+/// out.
 pub(crate) fn parse_course(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
     parse_column(name, text, column, None)
 }
@@ -116,22 +117,22 @@ fn parse_column(
     })
 }
 
-/// What is read of each row.
+/// Columns that are read of each row.
 struct Columns<'a> {
     names: [&'a str; 2],
     places: [usize; 2],
-    /// Of all columns.
+    /// Number of all columns of the table.
     count: usize,
-    /// What the value may be; any number if absent.
+    /// Allowed values; any number if absent.
     values: Option<Values>,
     /// Whether each row must have a value.
     is_complete: bool,
 }
 
-/// What values may be.
+/// Allowed values.
 struct Values {
     range: RangeInclusive<f64>,
-    /// What is wrong with a table that has others.
+    /// Problem of a table with another value.
     what: &'static str,
 }
 
@@ -155,7 +156,7 @@ impl<'text> Reader<'text> {
         header.split(',').map(str::trim).collect()
     }
 
-    /// The rows below the header.
+    /// Reads the rows below the header.
     fn rows(&self, columns: &Columns<'_>) -> Result<Rows, Problem> {
         let mut rows = Rows::new();
         let lines = self.text.lines().enumerate().skip(1);
@@ -222,7 +223,7 @@ impl<'text> Reader<'text> {
         })
     }
 
-    /// A problem at a part of the text.
+    /// Makes a problem at a part of the text.
     fn problem(
         &self,
         part: &'text str,

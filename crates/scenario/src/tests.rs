@@ -12,7 +12,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenarios")
 }
 
-/// The scenarios that ship, but for those of several loops.
+/// Returns the scenarios that ship, without those of several loops.
 fn shipped() -> Vec<PathBuf> {
     let entries = fs::read_dir(folder()).unwrap();
     let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
@@ -42,7 +42,7 @@ fn no_tables(_: &str) -> std::io::Result<String> {
     Err(std::io::Error::other("no such file"))
 }
 
-/// The least valid scenario, with `more` behind it.
+/// Returns the smallest valid scenario, with `more` behind it.
 fn with(more: &str) -> String {
     format!("schema = 1\nrig = \"sma_actuator\"\nname = \"test\"\nduration_seconds = 12.0\n{more}")
 }
@@ -193,7 +193,7 @@ Error:
     );
 }
 
-/// A way to break a file: the text, the line and column where it is underlined, what is said, and what stands there.
+/// A way to break a file: the text, line and column of the underlined place, the message, and the label.
 type Broken = (String, usize, usize, &'static str, &'static str);
 
 #[track_caller]
@@ -676,7 +676,7 @@ fn a_recorded_current_is_one_column_of_many() {
     let scenario = Trial::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
     let open_loop = scenario.controller.open_loop.unwrap();
     assert_eq!(open_loop.current_at(1.0), 0.2);
-    // The controller reads it too.
+    // The controller reads the table, too.
     let view = ControllerView::parse(&column, "x.toml", |_| Ok(table.to_owned())).unwrap();
     assert_eq!(view.controller.open_loop, Some(open_loop));
 }

@@ -17,14 +17,14 @@ use crate::schema::schema_of;
 
 static NOMINAL_MODEL_FILE: LazyLock<Value> = LazyLock::new(schema_of::<NominalModelFile>);
 
-/// A file with other values for the plant of a rig, as a scenario has them. Its other tables are ignored.
+/// File with other values for the plant of a rig, as in a scenario. Its other tables are ignored.
 #[derive(Deserialize, Serialize)]
 struct PlantFile {
     #[serde(default)]
     plant: BTreeMap<String, Sma>,
 }
 
-/// A file with the model of a law.
+/// File with the model of a law.
 #[derive(Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields)]
 struct NominalModelFile {
@@ -32,10 +32,10 @@ struct NominalModelFile {
 }
 
 impl NominalModel {
-    /// The model of a file's text; `name` names it in problems.
+    /// Reads the model from the text of a file; `name` names it in problems.
     ///
     /// # Errors
-    /// Everything that is wrong in the text.
+    /// All problems of the text.
     pub(crate) fn from_file_text(name: &str, text: &str) -> Result<Self, Vec<Problem>> {
         let document = Document::parse(Source::new(name, text), text)?;
         let (file, problems) = build::<NominalModelFile>(
@@ -47,7 +47,7 @@ impl NominalModel {
         none_of(problems, file.nominal_model)
     }
 
-    /// The text of a file with this model.
+    /// Returns the text of a file with this model.
     ///
     /// # Errors
     /// A value has no form in TOML.
@@ -59,15 +59,15 @@ impl NominalModel {
 }
 
 impl Sma {
-    /// The actuator of a file's text, if there is one, by the name of its plant.
+    /// Reads the actuator from the text of a file, if there is one, with the name of its plant.
     ///
     /// # Errors
-    /// The text is no TOML, or the table describes no actuator.
+    /// The text is not TOML, or the table describes no actuator.
     pub fn from_file_text(text: &str) -> Result<Option<(String, Self)>, toml::de::Error> {
         toml::from_str(text).map(|file: PlantFile| file.plant.into_iter().next())
     }
 
-    /// The text of a file with these values for a plant, as a scenario has them.
+    /// Returns the text of a file with these values for a plant, as in a scenario.
     ///
     /// # Errors
     /// A value has no form in TOML.

@@ -1,4 +1,4 @@
-//! The `[expect.timing]` table: limits on real time, which are judged only where it can be trusted.
+//! The `[expect.timing]` table: limits on real time, which are judged only if the clock can be trusted.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -23,12 +23,12 @@ pub struct QuantileLimits {
     pub max: Option<Limit>,
 }
 
-/// Limits on the timing of a run in real time; virtual time has none. Where real-time priority was refused or the
-/// machine held the nodes up the run is inconclusive.
+/// Limits on the timing of a run in real time; virtual time has none. If real-time priority was refused, or if the machine held
+/// the nodes up, the run is inconclusive.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimingLimits {
-    /// How late the nodes' loops woke up, of controller and plant emulator the worse.
+    /// Lateness of the nodes' loops on wake-up, the worse of controller and plant emulator.
     pub wake_up_lateness_microseconds: QuantileLimits,
     /// Time from the SYNC to the drive's position.
     pub sync_to_position_microseconds: QuantileLimits,
@@ -43,7 +43,7 @@ pub struct TimingLimits {
 }
 
 impl TimingLimits {
-    /// The limits that are given, each with its path below `[expect.timing]`.
+    /// Returns the limits that are given, each with its path below `[expect.timing]`.
     pub fn limits(&self) -> impl Iterator<Item = (String, Limit)> + use<> {
         let distributions = [
             (
@@ -78,12 +78,12 @@ impl TimingLimits {
         quantiles.chain(delayed)
     }
 
-    /// The rows of the verdict that the limits become.
+    /// Returns the rows of the verdict for the limits.
     pub fn rows(&self) -> impl Iterator<Item = String> + use<> {
         self.limits().map(|(path, _)| path.replace('.', "_"))
     }
 
-    /// True when no limit is given.
+    /// Checks whether no limit is given.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.limits().next().is_none()

@@ -1,4 +1,4 @@
-//! What is tried in one loop, on which drive and plant.
+//! The trial of one loop, on its drive and plant.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -18,37 +18,37 @@ use crate::reference::Reference;
 use crate::run::Run;
 use crate::wiring::Wiring;
 
-/// The second SDO channel of an emulated drive.
+/// Second SDO channel of an emulated drive.
 const SECOND_SDO: u16 = 0x1201;
-/// The object of a drive's position before its sensor.
+/// Object of a drive's position before its sensor.
 const TRUE_POSITION: u16 = 0x2103;
 
-/// One loop of a run: what its law does, what disturbs it, and what is expected of it.
+/// Trial of one loop of a run: its law, its disturbances, and its expectations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
-    /// The facts of the whole run.
+    /// Facts of the whole run.
     pub run: Arc<Run>,
-    /// The control law.
+    /// Control law.
     pub controller: Controller,
-    /// The set-point.
+    /// Set-point.
     pub reference: Reference,
-    /// What disturbs the plant.
+    /// Disturbances of the plant.
     pub disturbance: Disturbance,
-    /// Limits: what a run must keep to pass.
+    /// Limits that a run must keep to pass.
     pub expect: Expect,
-    /// The plant that its drive moves; the controller never sees its parameters.
+    /// Plant that its drive moves; the controller never sees its parameters.
     pub plant: PlantModel,
-    /// The other plants that are emulated together with it, by name: those that nodes connect with it.
+    /// Other plants that are emulated together with it, by name: those that nodes connect with it.
     pub plants_beside: BTreeMap<String, PlantModel>,
-    /// The sensor of its drive.
+    /// Sensor of its drive.
     pub sensor: Sensor,
-    /// The amplifier of its drive.
+    /// Amplifier of its drive.
     pub amplifier: Amplifier,
-    /// How its drive is wired.
+    /// Wiring of its drive.
     pub wiring: Wiring,
 }
 
-/// The tables of a scenario that are of one loop.
+/// Tables of a scenario for one loop.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Sections {
@@ -58,21 +58,21 @@ pub(crate) struct Sections {
     /// The position set-point; may be absent with `open_loop` only.
     #[serde(default)]
     pub(crate) reference: Reference,
-    /// What disturbs the plant.
+    /// Disturbances of the plant.
     #[serde(default)]
     pub(crate) disturbance: Disturbance,
-    /// Limits: what a run must keep to pass.
+    /// Limits that a run must keep to pass.
     #[serde(default)]
     pub(crate) expect: Expect,
 }
 
 impl Trial {
-    /// The facts of the run, to be changed for this loop alone.
+    /// Returns the facts of the run for changes that hold for this loop alone.
     pub fn run_mut(&mut self) -> &mut Run {
         Arc::make_mut(&mut self.run)
     }
 
-    /// The same on each of the plants that are emulated together, its own among them, in the order of their names.
+    /// Returns the trial on each of the plants that are emulated together, its own among them, in the order of their names.
     pub fn on_each_plant(&self) -> Vec<Cow<'_, Self>> {
         let on = |(name, plant): (&String, &PlantModel)| {
             let mut other = self.clone();
@@ -85,40 +85,40 @@ impl Trial {
         all
     }
 
-    /// The plants that are emulated together, its own first.
+    /// Returns the plants that are emulated together, its own first.
     pub fn plants(&self) -> impl Iterator<Item = &PlantModel> {
         [&self.plant].into_iter().chain(self.plants_beside.values())
     }
 
-    /// Whether one of the plants that are emulated together is an FMU.
+    /// Checks whether one of the plants that are emulated together is an FMU.
     #[must_use]
     pub fn has_fmu(&self) -> bool {
         self.plants().any(|plant| plant.fmu.is_some())
     }
 
-    /// The faults of its loop: those at its drive and plant, and those at no other drive.
+    /// Returns the faults of its loop: those of its drive and plant, and those of no drive.
     pub fn own_faults(&self) -> impl Iterator<Item = &Fault> {
         let Wiring { nodes, plant, .. } = &self.wiring;
         let is_own = |fault: &&Fault| fault.is_of_loop(nodes.drive.id, plant);
         self.run.faults.iter().filter(is_own)
     }
 
-    /// The faults as its own would be if its drive were the one that it follows.
+    /// Returns the faults that it would have if its drive were the one that it follows.
     pub fn faults_followed(&self) -> impl Iterator<Item = &Fault> {
         let Wiring { nodes, plant, .. } = &self.wiring;
         let is_own = |fault: &&Fault| fault.is_of_loop(nodes.followed.id, plant);
         self.run.faults.iter().filter(is_own)
     }
 
-    /// The faults at its drive, and at the plant that the drive moves.
+    /// Returns the faults of its drive, and of the plant that the drive moves.
     #[must_use]
     pub fn drive_faults(&self) -> Faults {
         let Wiring { nodes, plant, .. } = &self.wiring;
         self.run.faults.at_drive(nodes.drive.id, plant)
     }
 
-    /// What the data sheet of its drive has of its own where canrig emulates it: the unit of positions and velocities, the
-    /// amplifier's currents and protection, and identifiers that are not the usual ones.
+    /// Returns the values that an emulated drive has in its own data sheet: the unit of positions and velocities, the amplifier's
+    /// currents and protection, and identifiers that differ from the usual ones.
     #[must_use]
     pub fn presets(&self) -> Vec<Preset> {
         let amplifier = self.amplifier.presets();
@@ -138,7 +138,7 @@ impl Trial {
         unit.into_iter().chain(of_plant).chain(channel).collect()
     }
 
-    /// Whether one of the faults of the run is of its loop.
+    /// Checks whether a fault of the run belongs to its loop.
     #[must_use]
     pub fn has_own_faults(&self) -> bool {
         self.own_faults().next().is_some()

@@ -1,4 +1,4 @@
-//! What the controller may know of a loop.
+//! The part of a loop that the controller may know.
 
 use crate::bus::Bus;
 use crate::controller::Controller;
@@ -6,25 +6,26 @@ use crate::reference::Reference;
 use crate::trial::Trial;
 use crate::wiring::Wiring;
 
-/// A loop without the plant's parameters, its disturbances and faults, and its limits: a controller cannot use what it cannot see.
+/// A loop without the plant's parameters, its disturbances and faults, and its limits: a controller cannot use values that it
+/// cannot see.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControllerView {
-    /// The bus.
+    /// Bus and its cycle.
     pub bus: Bus,
-    /// The control law.
+    /// Control law.
     pub controller: Controller,
-    /// The set-point.
+    /// Set-point.
     pub reference: Reference,
-    /// How the drive is wired.
+    /// Wiring of the drive.
     pub wiring: Wiring,
 }
 
-/// The tables that the controller's loader takes out of the document before it looks at anything.
+/// Tables that the controller's loader removes from the document before it reads any other.
 pub(crate) const HIDDEN_FROM_CONTROLLER: [&str; 5] =
     ["plant", "disturbance", "fault", "expect", "sweep"];
 
 impl Trial {
-    /// What the controller may know of this loop.
+    /// Returns the part of this loop that the controller may know.
     #[must_use]
     pub fn controller_view(&self) -> ControllerView {
         ControllerView {

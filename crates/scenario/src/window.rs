@@ -1,6 +1,6 @@
-//! A span of scenario time, for whoever judges one.
+//! A span of scenario time, in which values are judged.
 
-/// A span of scenario time.
+/// Span of scenario time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
     /// First instant.

@@ -1,4 +1,4 @@
-//! How the drive of a loop is wired to its plant, as the rig file says.
+//! The wiring of a loop's drive to its plant, from the rig file.
 
 use std::collections::BTreeMap;
 
@@ -13,32 +13,32 @@ use crate::port::{
     symbol_of, unit_in,
 };
 
-/// Outputs that a drive can publish: what fits TPDO2, beside the true position, and TPDO3.
+/// Largest number of outputs that a drive can publish: TPDO2 holds them beside the true position, and TPDO3.
 pub const RECORDED_MAX: usize = 6;
-/// Outputs of an io node: what fits its RPDO1.
+/// Largest number of outputs of an io node, which its RPDO1 holds.
 pub const IO_OUTPUTS_MAX: usize = 4;
-/// Those that are the fan and the load, where the node has one of them.
+/// Number of places for fan and load, if the node has one of them.
 const FAN_AND_LOAD: usize = 2;
 /// Steps of a true position (0x2103) for one unit.
 pub const TRUE_STEPS_PER_UNIT: f64 = 1e6;
-/// The travel where no sensor says another range, in millimetres.
+/// Travel in millimetres, unless a sensor has another range.
 const TRAVEL_MILLIMETRES: f64 = 60.0;
 
-/// What a sensor gives, on the bus.
+/// Signal of a sensor, on the bus.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measured {
-    /// The signal and its unit.
+    /// Signal and its unit.
     pub measurand: Measurand,
-    /// The lowest value, in that unit.
+    /// Lowest value, in that unit.
     pub min: f64,
-    /// The highest one; 60 mm if none.
+    /// Highest value; 60 mm if absent.
     pub max: Option<f64>,
-    /// What one count stands for, in that unit; what the unit says if none.
+    /// Size of one count, in that unit; the default of the unit if absent.
     pub increment: Option<f64>,
 }
 
 impl Measured {
-    /// The same in a loop with this command.
+    /// Sets the command of the loop.
     #[must_use]
     pub fn commanding(self, command: Command) -> Self {
         Self {
@@ -47,95 +47,95 @@ impl Measured {
         }
     }
 
-    /// The lowest and the highest value, within which set-points lie.
+    /// Returns the lowest and the highest value, within which set-points lie.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
         [self.min, self.max.unwrap_or(TRAVEL_MILLIMETRES)]
     }
 
-    /// Counts (0x6064) for one unit.
+    /// Returns the counts (0x6064) for one unit.
     #[must_use]
     pub fn counts_per_unit(&self) -> f64 {
         let own = self.increment.map(|increment| 1.0 / increment);
         own.unwrap_or_else(|| self.measurand.unit.counts())
     }
 
-    /// Whether 32 bits do not hold a true value in the range in millionths of the unit: then it is a float.
+    /// Checks whether 32 bits do not hold a true value in the range in millionths of the unit: then it is a float.
     #[must_use]
     pub fn is_true_float(&self) -> bool {
         let ends = self.range().map(|end| end.abs() * TRUE_STEPS_PER_UNIT);
         ends.into_iter().any(|end| end > f64::from(i32::MAX))
     }
 
-    /// Whether set-points have another range or another unit than 0 to 60 mm.
+    /// Checks whether set-points have another range or another unit than 0 to 60 mm.
     #[must_use]
     pub fn is_other_travel(&self) -> bool {
         self.measurand.unit != Unit::Millimetres || self.range() != [0.0, TRAVEL_MILLIMETRES]
     }
 }
 
-/// One of the loops of a rig, as others know it.
+/// Facts of a loop of a rig for the other loops.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopOfRig {
-    /// Its name.
+    /// Name of the loop.
     pub name: String,
-    /// Its first drive.
+    /// First drive of the loop.
     pub drive: String,
-    /// What it follows.
+    /// Signal that it follows, and its command.
     pub measurand: Measurand,
-    /// What the amplifier of its drive can be commanded.
+    /// Range of commands to the amplifier of its drive.
     pub current: CurrentRange,
-    /// The law of another loop that leads its drive.
+    /// Law of another loop that leads its drive.
     pub led_by: Option<LedBy>,
 }
 
-/// What the rig file says of the drive of a loop; that of the shipped rig where nothing else is said.
+/// Wiring of the drive of a loop, from the rig file; that of the shipped rig by default.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wiring {
-    /// The nodes of its loop.
+    /// Nodes of its loop.
     pub nodes: LoopNodes,
-    /// The name of the plant that it moves; empty where no rig file says any.
+    /// Name of the plant that it moves; empty without a rig file.
     pub plant: String,
-    /// The name of the first of the plants that are emulated together with it.
+    /// Name of the first of the plants that are emulated together with it.
     pub emulated_with: String,
-    /// The input that its amplifier drives, as `PLANT.PORT`; the first one if empty.
+    /// Input that its amplifier drives, as `PLANT.PORT`; the first one if empty.
     pub input: String,
-    /// The output that its sensor reads, of the same plant or another one; the first one if empty.
+    /// Output that its sensor reads, of the same plant or another one; the first one if empty.
     pub output: String,
-    /// What its own sensor gives.
+    /// Signal of its own sensor.
     pub sensor: Measured,
-    /// What its loop follows: the same, or what the sensor of another drive gives.
+    /// Signal that its loop follows: of its own sensor, or of the sensor of another drive.
     pub feedback: Measured,
-    /// The io nodes that act on the plants that are emulated together.
+    /// Io nodes that act on the plants that are emulated together.
     pub io: Vec<IoWiring>,
-    /// The drive publishes the truth about its plant in every so many cycles.
+    /// Number of cycles from one publication of the truth about its plant to the next.
     pub truth_every_cycles: u8,
-    /// The outputs that it publishes, each as `PLANT.PORT`; those that are its own where nothing is said.
+    /// Outputs that it publishes, each as `PLANT.PORT`; its own outputs if absent.
     pub record: Option<Vec<String>>,
-    /// The inputs that other drives drive on the same plant, and whether one of them comes first.
+    /// Inputs of the same plant that other drives drive.
     pub beside: Vec<String>,
     /// Whether another drive of the plant has a lower node-ID.
     pub is_second: bool,
-    /// What a position can be; nothing is watched where nothing is said.
+    /// Limits of plausible positions; a limit that is absent is not watched.
     pub plausible: Plausible,
-    /// How many drives its law leads.
+    /// Number of drives that its law leads.
     pub leads: usize,
-    /// Of a drive that the law of another one leads.
+    /// Law that leads the drive, if it is that of another drive.
     pub led_by: Option<LedBy>,
-    /// The identifiers of its frames beside those that CiA 301 gives it.
+    /// Identifiers of its frames besides those that CiA 301 gives it.
     pub identifiers: Identifiers,
-    /// The name of its loop; empty where no rig file says any.
+    /// Name of its loop; empty without a rig file.
     pub of_loop: String,
     /// All loops of the rig, this one too, in the order of their names.
     pub loops: Vec<LoopOfRig>,
 }
 
-/// Which law leads a drive that has none of its own.
+/// Law that leads a drive without a law of its own.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct LedBy {
-    /// The node-ID of the first drive of the loop.
+    /// Node-ID of the first drive of the loop.
     pub first: u8,
-    /// Its place among the drives of the loop, from 1 on: the first one leads.
+    /// Place among the drives of the loop, from 1 on: the first one, at 0, leads.
     pub place: usize,
 }
 
@@ -165,7 +165,7 @@ impl Default for Wiring {
 }
 
 impl Wiring {
-    /// The name of its loop among several; empty for an only loop.
+    /// Returns the name of its loop among several; empty for an only loop.
     #[must_use]
     pub fn loop_among_several(&self) -> &str {
         match self.loops.len() {
@@ -174,13 +174,13 @@ impl Wiring {
         }
     }
 
-    /// Its loop as others know it; none where no rig file says any.
+    /// Returns the facts of its loop; `None` without a rig file.
     #[must_use]
     pub fn own_loop(&self) -> Option<&LoopOfRig> {
         self.loops.iter().find(|one| one.name == self.of_loop)
     }
 
-    /// Its loop, and behind it those that stand for the further drives that its law leads, in their order.
+    /// Returns its loop, followed by those of the further drives that its law leads, in their order.
     #[must_use]
     pub fn led_loops(&self) -> Vec<LoopOfRig> {
         let place = |one: &LoopOfRig| match one.led_by {
@@ -193,13 +193,14 @@ impl Wiring {
         led
     }
 
-    /// What the amplifier of its drive can be commanded.
+    /// Returns the range of commands to the amplifier of its drive.
     #[must_use]
     pub fn current(&self) -> CurrentRange {
         self.own_loop().map(|one| one.current).unwrap_or_default()
     }
 
-    /// What the amplifiers of so many drives can be commanded that a law leads from its own on; of all loops' where `None`.
+    /// Returns the ranges of commands to the amplifiers of the drives that its law leads, from its own on; with `None` those of
+    /// all loops.
     #[must_use]
     pub fn currents(&self, drives: Option<usize>) -> Vec<CurrentRange> {
         let Some(drives) = drives else {
@@ -215,7 +216,8 @@ impl Wiring {
         currents
     }
 
-    /// The name in its loop of what its own drive measures: with that of the drive where the loop follows another one.
+    /// Returns the name, in its loop, of a signal that its own drive measures: with the name of the drive if the loop follows
+    /// another one.
     #[must_use]
     pub fn name_of_own(&self, measured: &str) -> String {
         if self.follows_itself() {
@@ -225,13 +227,13 @@ impl Wiring {
         }
     }
 
-    /// Whether its loop follows its own sensor.
+    /// Checks whether its loop follows its own sensor.
     #[must_use]
     pub fn follows_itself(&self) -> bool {
         self.nodes.followed.id == self.nodes.drive.id
     }
 
-    /// The place of the output that the sensor reads.
+    /// Returns the index of the output that the sensor reads.
     #[must_use]
     pub fn measured(&self, ports: &Ports) -> Option<usize> {
         match self.output.as_str() {
@@ -240,7 +242,7 @@ impl Wiring {
         }
     }
 
-    /// The place of the input that the amplifier drives.
+    /// Returns the index of the input that the amplifier drives.
     #[must_use]
     pub fn driven(&self, ports: &Ports) -> Option<usize> {
         match self.input.as_str() {
@@ -249,12 +251,13 @@ impl Wiring {
         }
     }
 
-    /// The outputs that the drive publishes: those that the rig file names, else those that are its own. Where a plant has one
-    /// drive, all of that plant are, less what its sensor reads. Where it has several, those are a drive's whose names begin like that of its
-    /// input, and all that are nobody's are the first one's. What has no range is not published, nor what only a rig file asks for.
+    /// Returns the outputs that the drive publishes: those that the rig file names, else its own. If a plant has one drive, all
+    /// of its outputs are the drive's, except the one that its sensor reads. If it has several, a drive has the outputs whose
+    /// names begin like that of its input, and the first drive also those that begin like no drive's input. Outputs without a
+    /// range, and those that need a `record`, are not published by default.
     ///
     /// # Errors
-    /// A name that is no output.
+    /// A name that is not an output.
     pub fn recorded<'a>(&self, ports: &'a Ports) -> Result<Vec<(usize, &'a Port)>, String> {
         let places = match &self.record {
             Some(names) => {
@@ -269,7 +272,8 @@ impl Wiring {
         Ok(ports.collect())
     }
 
-    /// What a port that the drive publishes is called: as its plant calls it, and with the name of that in front where it is another one.
+    /// Returns the name of a port that the drive publishes: the plant's name for it, after the name of the plant if that is
+    /// another one.
     #[must_use]
     pub fn name_of_recorded(&self, port: &Port) -> String {
         match plant_of_port(&port.name) {
@@ -298,21 +302,21 @@ impl Wiring {
     }
 }
 
-/// The outputs of an io node, each with the input that it drives, as `PLANT.PORT`.
+/// Outputs of an io node, each with the input that it drives, as `PLANT.PORT`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IoWiring {
-    /// The io node.
+    /// Io node with these outputs.
     pub node: Node,
-    /// The input on which its fan acts.
+    /// Input on which its fan acts.
     pub fan: Option<String>,
-    /// The input on which its load acts.
+    /// Input on which its load acts.
     pub load: Option<String>,
-    /// The other ones by name.
+    /// Inputs of its other outputs, by the names of the outputs.
     pub outputs: BTreeMap<String, String>,
 }
 
 impl IoWiring {
-    /// Where the other outputs stand among all: behind fan and load, where there is one of them.
+    /// Returns the first place of the other outputs: behind fan and load, if there is one of them.
     #[must_use]
     pub fn first_output(&self) -> usize {
         if self.fan.is_some() || self.load.is_some() {
@@ -322,7 +326,7 @@ impl IoWiring {
         }
     }
 
-    /// The other outputs in the order in which they stand; what fits no port is left out.
+    /// Returns the other outputs in the order of their places, without those that fit no port.
     #[must_use]
     pub fn others(&self, ports: &Ports) -> Vec<IoOutput> {
         let places = self.first_output()..;
@@ -335,31 +339,31 @@ impl IoWiring {
     }
 }
 
-/// An output of an io node besides fan and load: 16 bits that drive an input of a plant.
+/// Output of an io node besides fan and load: 16 bits that drive an input of a plant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IoOutput {
-    /// Its name, whose end is its unit; that of the port if it has none.
+    /// Name, which ends in its unit; the unit of the port if it names none.
     pub name: String,
-    /// The unit as the DBC writes it.
+    /// Unit as the DBC writes it.
     pub symbol: String,
-    /// What it is.
+    /// Description of the output.
     pub comment: String,
-    /// Its place among the outputs of its node.
+    /// Place among the outputs of its node.
     pub place: usize,
-    /// The place of the plant's input.
+    /// Index of the plant's input.
     pub input: usize,
-    /// One of it in the unit of the port.
+    /// Factor from its unit to the unit of the port.
     pub factor: f64,
     /// Lowest and highest value.
     pub range: [f64; 2],
-    /// Its value while nobody commands it.
+    /// Value while no node commands it.
     pub at_rest: f64,
     /// Steps of one unit.
     pub steps_per_unit: f64,
 }
 
 impl IoOutput {
-    /// An output of this name that drives a port; none where their units are of different kinds.
+    /// Makes an output of this name that drives a port; `None` if their units are of different quantities.
     fn new(name: &str, place: usize, input: usize, port: &Port) -> Option<Self> {
         let own = unit_in(name);
         let (factor, symbol) = match own {
@@ -380,7 +384,7 @@ impl IoOutput {
         })
     }
 
-    /// A value in steps, cut to 16 bits.
+    /// Returns a value in steps, cut to 16 bits.
     #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
@@ -391,21 +395,21 @@ impl IoOutput {
     }
 }
 
-/// The first word of the name of a port.
+/// Returns the first word of the name of a port.
 fn beginning(port: &str) -> &str {
     own_name(port).split('_').next().unwrap_or_default()
 }
 
-/// What a measured position can be: one that cannot is no position, and too many in a row end the run. Positions are in the
-/// sensor's unit, rates in it per second. What is left out is not watched.
+/// Limits of a plausible measured position: a position outside them does not count, and too many in a row end the run. Positions
+/// are in the sensor's unit, rates in it per second. A limit that is left out is not watched.
 #[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Plausible {
-    /// The lowest position that can be true.
+    /// The lowest plausible position.
     #[schemars(range(min = -1e9, max = 1e9))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// The highest position that can be true.
+    /// The highest plausible position.
     #[schemars(range(min = -1e9, max = 1e9))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
@@ -413,40 +417,40 @@ pub struct Plausible {
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_max: Option<f64>,
-    /// What noise and quantisation of two samples may add to it; 0 if absent.
+    /// Allowance for noise and quantisation of two samples, added to the motion; 0 if absent.
     #[schemars(range(min = 0.0, max = 1e9))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub jump: Option<f64>,
-    /// How long a position above `max` is believed that came there without a jump, in seconds: a load that was thrown up comes
-    /// back.
+    /// Time for which a position above `max` is believed if it got there without a jump, in seconds: a load that was thrown up
+    /// comes back.
     #[schemars(range(min = 0.0, max = 3_600.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub thrown_seconds: Option<f64>,
-    /// When a position that stands still under a large current is not meant.
+    /// Detection of a position that stands still under a large current without a reason.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stall: Option<Stall>,
 }
 
-/// A position that stands still under a large current. It is never one at an end of the travel, from which the current pushes
-/// outward.
+/// A position that stands still under a large current. Positions at an end of the travel, from which the current pushes outward,
+/// do not count.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stall {
-    /// The current is large from this RMS on, in amperes.
+    /// RMS from which on the current is large, in amperes.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000_000.0))]
     pub current_rms: f64,
-    /// How long it is watched, in seconds.
+    /// Time for which the position is watched, in seconds.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 3_600.0))]
     pub seconds: f64,
-    /// Less than this is no motion.
+    /// Smallest change of the position that is a motion.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
     pub motion: f64,
-    /// Only below this position: above it the plant may be at the end of what a current does.
+    /// Position below which the stall is detected: above it the plant may be at the end of the effect of a current.
     #[schemars(range(min = -1e9, max = 1e9))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub below: Option<f64>,
-    /// Only where the position stays away from the set-point by this much, at the largest current: for a plant that a current
-    /// holds, as a motor does.
+    /// Distance from the set-point above which the stall is detected, at the largest current: for a plant that a current holds,
+    /// as a motor does.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e9))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub away: Option<f64>,

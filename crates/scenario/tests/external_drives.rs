@@ -1,4 +1,4 @@
-//! Drives of a rig file that are somebody else's.
+//! Tests of rig files with external drives.
 
 use scenario::rig::nodes::Rig;
 
@@ -50,7 +50,7 @@ fn an_external_drive_is_described_by_its_node() {
     assert_eq!(real.drive.command.object, "0x2200");
     assert_eq!(real.drive.position.object, "0x6064");
     assert!(rig.real_drive("controller").is_none());
-    // It needs no plant: nobody emulates it.
+    // It needs no plant: no drive emulates it.
     let alone = RIG.replace("[plant.wire.sma]", "");
     let alone = alone.replace("amplifier.port = \"wire.current_amperes\"", "");
     Rig::parse(&alone, "rig.toml").unwrap();

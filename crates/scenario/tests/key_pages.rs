@@ -1,4 +1,4 @@
-//! The pages of the book with all keys of scenario and rig files, written from the schemas: they cannot age.
+//! The pages of the book with all keys of scenario and rig files, written from the schemas, so that they cannot age.
 //! `UPDATE_SCHEMA=1 cargo test --release -p scenario` writes them.
 #![expect(clippy::unwrap_used, reason = "tests fail by panicking")]
 
@@ -9,11 +9,11 @@ use std::path::Path;
 use scenario::port::{Command, Measurand, Unit, known_units};
 use serde_json::{Map, Value};
 
-/// Tables that more properties than this refer to stand once, behind all others.
+/// Largest number of references to a table that is repeated below each of them; other tables stand once, behind all others.
 const OWN_SECTIONS_MAX: usize = 2;
 const REFERENCE: &str = "#/definitions/";
 
-/// A page while it is written.
+/// Page while it is written.
 struct Page<'a> {
     definitions: &'a Map<String, Value>,
     /// Tables that many properties refer to.
@@ -21,7 +21,7 @@ struct Page<'a> {
     text: String,
 }
 
-/// A table below another one.
+/// Table below another one.
 struct Child<'a> {
     path: String,
     is_list: bool,
@@ -45,7 +45,7 @@ impl<'a> Page<'a> {
         page.text
     }
 
-    /// A table with its keys, then the tables below it.
+    /// Writes a table with its keys, then the tables below it.
     fn section(&mut self, heading: &str, about: &str, path: &str, table: &'a Value) {
         write!(self.text, "\n## {heading}\n\n").unwrap();
         if !about.is_empty() {
@@ -79,7 +79,7 @@ impl<'a> Page<'a> {
         }
     }
 
-    /// A key; `section` is where the table stands that it is.
+    /// Writes the row of a key; `section` is the section of its table.
     fn row(
         &self,
         key: &str,
@@ -105,7 +105,7 @@ impl<'a> Page<'a> {
         format!("| `{key}` | {} | {meaning} |\n", value.join("; "))
     }
 
-    /// The table that a property is, where it has a section of its own.
+    /// Returns the table of a property, if it has a section of its own.
     fn child(&self, path: &str, key: &str, property: &'a Value) -> Option<Child<'a>> {
         let is_list = property["type"] == "array";
         // A table whose keys are the user's own has tables that are all alike.
@@ -140,7 +140,7 @@ impl<'a> Page<'a> {
         })
     }
 
-    /// What a property is, in words.
+    /// Describes the type of a property.
     fn kind(&self, property: &Value) -> String {
         if let Some(name) = referred(property) {
             return self.kind_of_definition(name, "table");
@@ -173,7 +173,7 @@ impl<'a> Page<'a> {
         }
     }
 
-    /// The values of a choice, each with what it means.
+    /// Returns the values of a choice, each with its description.
     fn values(&self, name: &str) -> impl Iterator<Item = (&Value, &str)> {
         let values = self.definitions[name]["oneOf"]
             .as_array()
@@ -195,25 +195,25 @@ fn description(schema: &Value) -> &str {
     schema["description"].as_str().unwrap_or_default()
 }
 
-/// A text in a cell of a table.
+/// Returns a text for a cell of a table.
 fn line(text: &str) -> String {
     text.replace('\n', " ").replace('|', "\\|")
 }
 
-/// Whether a table must have a key. One that has another name in another loop is only counted there.
+/// Checks whether a table must have a key. A key with another name in another loop is only counted there.
 fn is_required(table: &Value, key: &str) -> bool {
     let mut required = table["required"].as_array().into_iter().flatten();
     let is_counted = table["minProperties"].is_number() && is_of_loop(key);
     required.any(|one| one == key) || is_counted
 }
 
-/// Whether a key has other names in other loops.
+/// Checks whether a key has other names in other loops.
 fn is_of_loop(key: &str) -> bool {
     let other = Measurand::position(Unit::Degrees).commanding(Command::Voltage);
     other.rename(key) != key
 }
 
-/// The definition that a schema refers to.
+/// Returns the definition to which a schema refers.
 fn referred(schema: &Value) -> Option<&str> {
     let reference = schema["$ref"]
         .as_str()
@@ -221,7 +221,7 @@ fn referred(schema: &Value) -> Option<&str> {
     reference?.strip_prefix(REFERENCE)
 }
 
-/// The tables that many properties refer to.
+/// Returns the tables to which many properties refer.
 fn shared(schema: &Value) -> BTreeSet<&str> {
     let definitions = schema["definitions"].as_object().unwrap();
     let tables = definitions.values().chain([schema]);
@@ -242,7 +242,7 @@ fn shared(schema: &Value) -> BTreeSet<&str> {
     often.map(|(name, _)| name).collect()
 }
 
-/// Which values a property may have.
+/// Describes the values that a property may have.
 fn range(property: &Value) -> String {
     let mut parts = Vec::new();
     let number = |key: &str| {
@@ -274,7 +274,7 @@ fn range(property: &Value) -> String {
     parts.join("; ")
 }
 
-/// Whether a key of a table is another one, in another unit.
+/// Checks whether a key of a table is another key in another unit.
 fn is_of_other_unit(key: &str, properties: &Map<String, Value>) -> bool {
     let units = known_units().map(|unit| Measurand::position(Unit::Own(unit.to_owned())));
     let units = Vec::from_iter(units);
@@ -315,7 +315,7 @@ fn the_page_of_rig_keys_is_that_of_the_schema() {
     check("rig-keys.md", head, &scenario::schema::rig_json_schema());
 }
 
-/// Every key of a schema is on a page: those of plants stand on that of rigs.
+/// Every key of a schema is on a page: the keys of plants are on that of rigs.
 #[test]
 fn no_key_is_left_out() {
     use scenario::schema::{json_schema, rig_json_schema};

@@ -1,5 +1,5 @@
-//! Tables of plants and laws from outside: read, refused, described and written as the shipped ones. A program of its own,
-//! since they are registered once.
+//! Tests of tables of plants and laws from outside: they are read, refused, described and written as the shipped ones. A test
+//! binary of its own, since tables are registered once.
 
 use std::sync::Once;
 
@@ -17,7 +17,7 @@ struct Pendulum {
     /// Its length.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10.0))]
     length_metres: f64,
-    /// What it hangs on.
+    /// Pivot on which it hangs.
     pivot: Pivot,
     /// A place.
     place: (f64, f64),
@@ -25,7 +25,7 @@ struct Pendulum {
     count: u8,
 }
 
-/// Called like a type of ours, and another one.
+/// A type with the name of a shipped type and other fields.
 #[derive(Debug, Default, Deserialize, JsonSchema, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 struct Pivot {
@@ -62,7 +62,7 @@ fn register_once() {
     });
 }
 
-/// A scenario with this law on a rig file.
+/// Returns a scenario with this law on a rig file.
 fn text(controller: &str) -> String {
     format!(
         "schema = 1\nrig = \"rig.toml\"\nname = \"t\"\nduration_seconds = 9.0\n{controller}\n\
@@ -70,7 +70,7 @@ fn text(controller: &str) -> String {
     )
 }
 
-/// A rig file with a plant `p` of this model, in place of `[plant.sma]`.
+/// Returns a rig file with a plant `p` of this model, in place of `[plant.sma]`.
 fn rig(model: &str) -> String {
     let model = model.replace("[plant.", "[plant.p.");
     let model = if model.is_empty() {
@@ -220,7 +220,7 @@ fn a_recorded_scenario_keeps_what_the_bench_does_not_have() {
     let scenario = recorded(fuzzy, rocket).unwrap();
     assert_eq!(scenario.plant.name(), "rocket");
     assert_eq!(scenario.controller.law_name(), "fuzzy");
-    // One that the bench has may have been another one when it was played.
+    // A law that the bench has may have been another one when the scenario was played.
     let scenario = recorded(RELAY, "[plant.pendulum]\nmass_kilograms = 1.0\n").unwrap();
     assert_eq!(scenario.plant.name(), "pendulum");
     let scenario = recorded("[controller.pid]\n", "").unwrap();

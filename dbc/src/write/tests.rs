@@ -4,7 +4,7 @@ use proptest::sample::Index;
 use super::*;
 use crate::coding::{Range, Scale};
 
-/// Any text; often a name, often one of characters that mean something in a DBC.
+/// Returns any text; often a name, often one of characters that have a meaning in a DBC.
 fn text() -> impl Strategy<Value = String> {
     prop_oneof![
         "[a-z][a-z0-9_]{0,63}",
@@ -75,7 +75,7 @@ fn signal() -> impl Strategy<Value = Signal> {
         |(name, unit, coding, labels, receivers, object, comment, start_bit)| Signal {
             name,
             unit,
-            // More often than by chance inside the payload.
+            // Inside the payload more often than by chance.
             coding: coding.starting_at(coding.start_bit.min(start_bit)),
             labels,
             receivers,
@@ -120,7 +120,7 @@ fn message() -> impl Strategy<Value = Message> {
     )
 }
 
-/// Messages whose names and identifiers differ.
+/// Returns messages whose names and identifiers differ.
 fn database() -> impl Strategy<Value = Database> {
     prop::collection::vec(message(), 0..8).prop_map(|mut messages| {
         let (mut names, mut identifiers) = (BTreeSet::new(), BTreeSet::new());

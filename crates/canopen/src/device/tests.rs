@@ -1,4 +1,4 @@
-//! A device and a bench round it: each test plays the other side of the bus, frame by frame.
+//! A device and a bench around it: each test plays the other side of the bus, frame by frame.
 
 mod emcy;
 mod fuzz;
@@ -13,13 +13,13 @@ use super::*;
 use crate::object_dictionary::{Access as Rights, DataType, Entry};
 use crate::pdo::WaitingPdo;
 
-/// The drive's node id.
+/// Node-ID of the drive.
 const ID: u8 = 0x10;
 const CONTROLWORD: u16 = 0x6040;
 const STATUSWORD: u16 = 0x6041;
 const TARGET: u16 = 0x6071;
 
-/// What an application heard, in order.
+/// Events of an application, in order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Heard {
     Reset(NmtCommand),
@@ -35,7 +35,7 @@ enum Heard {
     Frame(u16),
 }
 
-/// Notes what it hears; at each SYNC it copies the target into the statusword, so that TPDOs show when it ran.
+/// Application that notes its events; at each SYNC it copies the target into the statusword, so that TPDOs show when it ran.
 #[derive(Default)]
 struct Listener {
     heard: Vec<Heard>,
@@ -144,7 +144,7 @@ fn add_pdo(dictionary: &mut ObjectDictionary, index: u16, cob_id: u32, kind: u8,
     }
 }
 
-/// A drive-like dictionary: RPDO1 type 1 (controlword, target), RPDO2 type 255 (0x2301), TPDO1 type 1 (statusword,
+/// Returns a drive-like dictionary: RPDO1 type 1 (controlword, target), RPDO2 type 255 (0x2301), TPDO1 type 1 (statusword,
 /// 0x2300), TPDO2 type 255 (0x2301), and every service's objects.
 fn dictionary() -> ObjectDictionary {
     use DataType::{Integer16, Integer32, Unsigned8, Unsigned16, Unsigned32};
@@ -187,14 +187,14 @@ fn dictionary() -> ObjectDictionary {
     all
 }
 
-/// A device with the time and what it sent.
+/// A device with the time and the frames that it sent.
 struct Bench {
     device: Device<Listener>,
     now: Duration,
 }
 
 impl Bench {
-    /// A booted device in Pre-operational; its boot-up frame is taken.
+    /// Returns a booted device in Pre-operational; its boot-up frame is taken.
     fn new() -> Self {
         Self::with(dictionary())
     }
@@ -210,7 +210,7 @@ impl Bench {
         bench
     }
 
-    /// A device in Operational; what it sent on the way is taken.
+    /// Returns a device in Operational; the frames that it sent on the way are taken.
     fn operational() -> Self {
         let mut bench = Self::new();
         bench.send(0, &[1, ID]);
@@ -228,7 +228,7 @@ impl Bench {
         self.drain()
     }
 
-    /// Delivers a frame at the present time and returns what comes back.
+    /// Delivers a frame at the present time, and returns the answers.
     fn send(&mut self, id: u16, data: &[u8]) -> Vec<String> {
         self.send_frame(&CanFrame::new(id, data))
     }
@@ -238,7 +238,7 @@ impl Bench {
         self.drain()
     }
 
-    /// Lets time pass as a runner does: ticks at each deadline. Returns what was sent with its milliseconds.
+    /// Lets time pass as a runner does: ticks at each deadline. Returns the frames that were sent, with their milliseconds.
     fn pass(&mut self, time: Duration) -> Vec<(f64, String)> {
         let end = self.now + time;
         let mut sent = Vec::new();

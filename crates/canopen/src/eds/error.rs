@@ -1,24 +1,24 @@
-//! What can be wrong with an EDS.
+//! Errors of an EDS.
 
 use std::fmt;
 
-/// What is wrong with an EDS, and where.
+/// Error of an EDS, with its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EdsError {
-    /// Line, from 1; 0 when the text as a whole is refused.
+    /// Line, from 1; 0 if the text as a whole is refused.
     pub line: usize,
-    /// Section, without brackets; empty when the error is in none.
+    /// Section, without brackets; empty if the error is in none.
     pub section: String,
-    /// Key; empty when the error concerns no single key.
+    /// Key; empty if the error concerns no single key.
     pub key: String,
-    /// The text of the value.
+    /// Text of the value.
     pub value: String,
-    /// What is wrong.
+    /// Reason of the error.
     pub reason: String,
 }
 
 impl EdsError {
-    /// An error about a line that belongs to no section.
+    /// Makes an error about a line that belongs to no section.
     pub(super) fn at_line(line: usize, reason: impl Into<String>) -> Self {
         Self {
             line,

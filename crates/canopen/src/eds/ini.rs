@@ -11,7 +11,7 @@ use super::error::EdsError;
 /// Longest line; CiA 306-1 allows 255 characters.
 const MAX_LINE_BYTES: usize = 1024;
 
-/// The name of a section or a key, whose case does not matter. Shorter ones come first, since most differ in length.
+/// Name of a section or a key; case does not matter. Shorter names come first, since most differ in length.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Name<'t>(pub(super) &'t str);
 
@@ -37,7 +37,7 @@ impl PartialEq for Name<'_> {
 
 impl Eq for Name<'_> {}
 
-/// One `key=value` line.
+/// A `key=value` line.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Item<'t> {
     pub(super) line: usize,
@@ -47,7 +47,7 @@ pub(super) struct Item<'t> {
 }
 
 impl Item<'_> {
-    /// An error about this item.
+    /// Makes an error about this item.
     pub(super) fn error(&self, reason: impl Into<String>) -> EdsError {
         EdsError {
             line: self.line,
@@ -59,7 +59,7 @@ impl Item<'_> {
     }
 }
 
-/// One section.
+/// Section of the text.
 #[derive(Debug)]
 pub(super) struct Section<'t> {
     pub(super) line: usize,
@@ -68,19 +68,19 @@ pub(super) struct Section<'t> {
 }
 
 impl<'t> Section<'t> {
-    /// The item with this key; `None` when it is absent or its value is empty.
+    /// Returns the item with this key; `None` if it is absent or its value is empty.
     pub(super) fn get<'s>(&'s self, key: &'s str) -> Option<&'s Item<'t>> {
         self.items
             .get(&Name(key))
             .filter(|item| !item.value.is_empty())
     }
 
-    /// All items, sorted by key.
+    /// Returns all items, sorted by key.
     pub(super) fn items(&self) -> impl Iterator<Item = &Item<'t>> {
         self.items.values()
     }
 
-    /// An error about the section as a whole.
+    /// Makes an error about the section as a whole.
     pub(super) fn error(&self, reason: impl Into<String>) -> EdsError {
         EdsError {
             line: self.line,
@@ -157,7 +157,7 @@ fn add_item<'t>(section: &mut Section<'t>, number: usize, line: &'t str) -> Resu
     }
 }
 
-/// Files a section that is complete.
+/// Adds a complete section to the others.
 fn finish<'t>(sections: &mut Sections<'t>, section: Option<Section<'t>>) -> Result<(), EdsError> {
     let Some(section) = section else {
         return Ok(());
@@ -174,7 +174,7 @@ fn finish<'t>(sections: &mut Sections<'t>, section: Option<Section<'t>>) -> Resu
     }
 }
 
-/// The value without a trailing comment: a semicolon at its start or after a blank.
+/// Returns the value without a trailing comment: a semicolon at its start or after a blank.
 fn without_comment(value: &str) -> &str {
     let mut before = b' ';
     let begins_comment = |letter: u8| {
@@ -185,8 +185,8 @@ fn without_comment(value: &str) -> &str {
     value[..end.unwrap_or(value.len())].trim()
 }
 
-/// The pieces of a text between these ASCII letters. They are so short that the standard library's search, which looks at
-/// many bytes at once, would take longer.
+/// Splits a text at these ASCII letters. Texts are so short that the standard library's search, which looks at many bytes at
+/// once, would take longer.
 pub(super) fn split(text: &str, letter: u8) -> impl Iterator<Item = &str> {
     let mut rest = Some(text);
     std::iter::from_fn(move || {
@@ -197,7 +197,7 @@ pub(super) fn split(text: &str, letter: u8) -> impl Iterator<Item = &str> {
     })
 }
 
-/// What stands before and behind the first of these ASCII letters.
+/// Returns the text before and behind the first of these ASCII letters.
 fn cut(text: &str, letter: u8) -> Option<(&str, &str)> {
     let place = text.bytes().position(|byte| byte == letter)?;
     Some((&text[..place], &text[place + 1..]))

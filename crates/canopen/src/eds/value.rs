@@ -40,7 +40,7 @@ fn literal(text: &str) -> Result<i128, String> {
     Ok(if is_negative { -value } else { value })
 }
 
-/// True for `0x…`.
+/// Checks whether a number is written as `0x…`.
 fn is_hexadecimal(text: &str) -> bool {
     text.starts_with("0x") || text.starts_with("0X")
 }
@@ -56,7 +56,7 @@ pub(super) fn encode(data_type: DataType, text: &str, node_id: u8) -> Result<Vec
     }
 }
 
-/// The bytes of an integer, or of a real given by its bits.
+/// Returns the bytes of an integer, or of a real given by its bits.
 fn number(data_type: DataType, text: &str, value: i128) -> Result<Vec<u8>, String> {
     let size = data_type.size_bytes().unwrap_or(16);
     let bits = if data_type == DataType::Boolean {
@@ -78,7 +78,7 @@ fn number(data_type: DataType, text: &str, value: i128) -> Result<Vec<u8>, Strin
     Ok(value.to_le_bytes()[..size].to_vec())
 }
 
-/// The bytes of a decimal real.
+/// Returns the bytes of a decimal real.
 fn real(data_type: DataType, text: &str) -> Result<Vec<u8>, String> {
     let text = text.split(';').next().unwrap_or_default().trim();
     let refused = || format!("\"{text}\" is not a finite {data_type:?}");
@@ -91,7 +91,7 @@ fn real(data_type: DataType, text: &str) -> Result<Vec<u8>, String> {
     }
 }
 
-/// The bytes that hexadecimal digits spell, with blanks between bytes allowed.
+/// Returns the bytes of hexadecimal digits; blanks between bytes are allowed.
 fn octets(text: &str) -> Result<Vec<u8>, String> {
     let digits = text
         .chars()

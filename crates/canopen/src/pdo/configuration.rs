@@ -1,4 +1,4 @@
-//! Which PDOs a dictionary has, what may be written to their objects, and what these come to (CiA 301, 7.5.2.35 to 7.5.2.38).
+//! The PDOs of a dictionary, the rules for writing their objects, and their configuration (CiA 301, 7.5.2.35 to 7.5.2.38).
 
 use std::time::Duration;
 
@@ -22,24 +22,24 @@ const SYNC_START: u8 = 6;
 const OBJECTS_MAX: u8 = 8;
 const LENGTH_MAX: u8 = 8;
 
-/// The way of a PDO as seen from its node.
+/// Direction of a PDO as seen from its node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Direction {
     Receive,
     Transmit,
 }
 
-/// A PDO object's place: which PDO, and whether its parameters or its mapping.
+/// Place of a PDO object: the PDO, and whether it is its parameters or its mapping.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Place {
     pub(crate) direction: Direction,
-    /// 1 to 512.
+    /// Number of the PDO, 1 to 512.
     pub(crate) number: u16,
     is_mapping: bool,
 }
 
 impl Place {
-    /// The place of a PDO object; `None` for other indices.
+    /// Returns the place of a PDO object; `None` for other indices.
     pub(crate) fn from_index(index: u16) -> Option<Self> {
         let (direction, is_mapping, base) = match index {
             0x1400..=0x15FF => (Direction::Receive, false, RPDO_PARAMETERS),
@@ -55,7 +55,7 @@ impl Place {
         })
     }
 
-    /// The place of a PDO's parameters.
+    /// Returns the place of a PDO's parameters.
     pub(super) fn from_parameters(direction: Direction, number: u16) -> Self {
         Self {
             direction,
@@ -73,17 +73,17 @@ impl Place {
     }
 }
 
-/// The 11-bit identifier in a PDO's COB-ID, whether the PDO exists now or not.
+/// Returns the 11-bit identifier in a PDO's COB-ID, whether the PDO exists now or not.
 ///
 /// # Errors
-/// [`AbortCode::INVALID_VALUE`] for a 29-bit identifier, which no node here sends or hears, and for those that CiA 301
+/// [`AbortCode::INVALID_VALUE`] for a 29-bit identifier, which no node here sends or hears, and for identifiers that CiA 301
 /// keeps for other services.
 pub fn identifier(cob_id: u32) -> Result<u16, AbortCode> {
     let cob_id = CobId(cob_id);
     cob_id.check().map(|()| cob_id.id())
 }
 
-/// The numbers of the PDOs that a dictionary has parameters for.
+/// Returns the numbers of the PDOs for which a dictionary has parameters.
 pub(crate) fn numbers(
     dictionary: &ObjectDictionary,
     direction: Direction,
@@ -94,7 +94,7 @@ pub(crate) fn numbers(
     })
 }
 
-/// The rules for writing a PDO object, beyond access rights and limits.
+/// Checks the rules for writing a PDO object, beyond access rights and limits.
 pub(crate) fn check_write(
     dictionary: &ObjectDictionary,
     place: Place,
@@ -110,7 +110,7 @@ pub(crate) fn check_write(
     }
 }
 
-/// CiA 301, 7.5.2.35 and 7.5.2.37.
+/// Checks the rules of CiA 301, 7.5.2.35 and 7.5.2.37.
 fn check_parameter_write(
     dictionary: &ObjectDictionary,
     place: Place,
@@ -140,7 +140,7 @@ fn check_parameter_write(
     }
 }
 
-/// CiA 301, 7.5.2.36 and 7.5.2.38.
+/// Checks the rules of CiA 301, 7.5.2.36 and 7.5.2.38.
 fn check_mapping_write(
     dictionary: &ObjectDictionary,
     place: Place,
@@ -166,13 +166,13 @@ fn check_mapping_write(
     }
 }
 
-/// One mapped object.
+/// Mapped object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Slot {
-    /// `None` for a dummy, whose bytes nobody takes.
+    /// Handle of the object; `None` for a dummy, whose bytes are dropped.
     handle: Option<Handle>,
     size_bytes: u8,
-    /// The object has a limit, so that what is received is held against it.
+    /// Whether the object has a limit, against which received values are checked.
     is_limited: bool,
 }
 
@@ -183,7 +183,7 @@ impl Slot {
         is_limited: false,
     };
 
-    /// The slot that a mapping entry describes: index, sub-index, length in bits (CiA 301, figure 74).
+    /// Makes the slot of a mapping entry: index, sub-index, length in bits (CiA 301, figure 74).
     fn new(
         dictionary: &ObjectDictionary,
         entry: u32,
@@ -218,7 +218,7 @@ impl Slot {
     }
 }
 
-/// The length of a data type that may stand as a dummy in an RPDO (CiA 301, 7.4.7.1).
+/// Returns the length of a data type that may be a dummy in an RPDO (CiA 301, 7.4.7.1).
 fn dummy_size_bytes(index: u16, sub_index: u8) -> Option<u8> {
     match (index, sub_index) {
         (0x0002 | 0x0005, 0) => Some(1),
@@ -228,7 +228,7 @@ fn dummy_size_bytes(index: u16, sub_index: u8) -> Option<u8> {
     }
 }
 
-/// CiA 306: what may be mapped where.
+/// Checks whether an object with these rights may be mapped into a PDO of this direction (CiA 306).
 fn is_direction_allowed(access: Access, direction: Direction) -> bool {
     match access {
         Access::ReadWrite => true,
@@ -239,7 +239,7 @@ fn is_direction_allowed(access: Access, direction: Direction) -> bool {
     }
 }
 
-/// A checked mapping: where the bytes of a PDO belong. Packing and unpacking allocate nothing.
+/// Checked mapping: the objects of a PDO's bytes. Packing and unpacking allocate nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mapping {
     slots: [Slot; OBJECTS_MAX as usize],
@@ -255,7 +255,7 @@ impl Mapping {
         length: 0,
     };
 
-    /// The mapping of the first `count` entries of a mapping object.
+    /// Reads the mapping of the first `count` entries of a mapping object.
     fn read(
         dictionary: &ObjectDictionary,
         index: u16,
@@ -282,13 +282,13 @@ impl Mapping {
         Ok(mapping)
     }
 
-    /// Bytes on the wire.
+    /// Returns the number of bytes on the wire.
     #[must_use]
     pub fn length(&self) -> usize {
         usize::from(self.length)
     }
 
-    /// The bytes of the PDO from the dictionary.
+    /// Packs the bytes of the PDO from the dictionary.
     pub(super) fn pack(&self, dictionary: &ObjectDictionary) -> [u8; 8] {
         let mut data = [0; 8];
         for (range, handle) in self.ranges() {
@@ -297,8 +297,8 @@ impl Mapping {
         data
     }
 
-    /// Stores the bytes of the PDO in the dictionary. A value beyond its object's limits is cut to the limit, since a PDO
-    /// cannot be refused as an SDO can; true when that happened.
+    /// Stores the bytes of the PDO in the dictionary. A value beyond its object's limits is cut to the limit, since a PDO cannot
+    /// be refused as an SDO can; the result is true if that happened.
     pub(super) fn unpack(&self, dictionary: &mut ObjectDictionary, data: &[u8; 8]) -> bool {
         let mut is_cut = false;
         for (range, slot, handle) in self.places() {
@@ -317,7 +317,7 @@ impl Mapping {
         is_cut
     }
 
-    /// Each object with its place in the PDO.
+    /// Returns each object with its place in the PDO.
     pub(super) fn ranges(&self) -> impl Iterator<Item = (std::ops::Range<usize>, Handle)> + '_ {
         self.places().map(|(range, _, handle)| (range, handle))
     }
@@ -332,10 +332,10 @@ impl Mapping {
     }
 }
 
-/// A PDO's communication parameters.
+/// Communication parameters of a PDO.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Parameters {
-    /// `None` while the PDO does not exist.
+    /// COB-ID; `None` while the PDO does not exist.
     pub(super) cob_id: Option<u16>,
     pub(super) allows_remote_frames: bool,
     pub(super) transmission_type: u8,

@@ -16,7 +16,7 @@ pub struct WaitingPdo {
 }
 
 impl WaitingPdo {
-    /// The integer that an object will get; `None` when it is not mapped here.
+    /// Returns the integer that an object will get; `None` if it is not mapped here.
     #[must_use]
     pub fn integer(&self, dictionary: &ObjectDictionary, wanted: Handle) -> Option<i128> {
         let (range, handle) = self
@@ -27,7 +27,7 @@ impl WaitingPdo {
     }
 }
 
-/// What became of a received PDO.
+/// Result of a received PDO.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Received {
     /// Its data are in the dictionary.
@@ -38,20 +38,20 @@ pub(crate) enum Received {
     TooShort,
 }
 
-/// A receive PDO.
+/// Receive PDO.
 #[derive(Clone, Debug)]
 pub(crate) struct Rpdo {
     place: Place,
     parameters: Parameters,
     mapping: Mapping,
     waiting: Option<[u8; 8]>,
-    /// A value of the latest data in the dictionary was beyond its object's limits.
+    /// Whether a value of the latest data in the dictionary was beyond its object's limits.
     is_cut: bool,
     deadline: Option<Duration>,
 }
 
 impl Rpdo {
-    /// The RPDO as the dictionary configures it.
+    /// Makes the RPDO from the dictionary's configuration.
     pub(crate) fn new(dictionary: &ObjectDictionary, number: u16) -> Result<Self, AbortCode> {
         let place = Place::from_parameters(Direction::Receive, number);
         let (parameters, mapping) = read(dictionary, place)?;
@@ -74,46 +74,46 @@ impl Rpdo {
         self.stop();
     }
 
-    /// Number, from 1.
+    /// Returns the number, from 1.
     pub(crate) fn number(&self) -> u16 {
         self.place.number
     }
 
-    /// True when frames with this identifier are for this PDO.
+    /// Checks whether frames with this identifier are for this PDO.
     #[inline]
     pub(crate) fn listens_to(&self, id: u16) -> bool {
         self.parameters.cob_id == Some(id) && self.mapping.length > 0
     }
 
-    /// True when a limit cut a value of the latest data in the dictionary.
+    /// Checks whether a limit cut a value of the latest data in the dictionary.
     pub(crate) fn is_cut(&self) -> bool {
         self.is_cut
     }
 
-    /// True when nothing happens before a SYNC, whatever arrives: neither its data nor the end of a deadline.
+    /// Checks whether no frame has an effect before a SYNC, neither by its data nor by the end of a deadline.
     pub(crate) fn is_silent(&self) -> bool {
         self.is_synchronous() && !self.is_timed()
     }
 
-    /// True when it may have a deadline.
+    /// Checks whether it may have a deadline.
     pub(crate) fn is_timed(&self) -> bool {
         self.parameters.event_timer.is_some()
     }
 
-    /// Forgets what was received (Operational left, or new configuration).
+    /// Forgets the received data (Operational left, or new configuration).
     pub(crate) fn stop(&mut self) {
         self.waiting = None;
         self.is_cut = false;
         self.deadline = None;
     }
 
-    /// True when what arrives now must wait for a SYNC.
+    /// Checks whether data that arrive now must wait for a SYNC.
     #[inline]
     pub(crate) fn is_synchronous(&self) -> bool {
         self.parameters.is_synchronous()
     }
 
-    /// True when a payload is longer than the mapping.
+    /// Checks whether a payload is longer than the mapping.
     #[inline]
     pub(crate) fn is_exceeded_by(&self, frame: &CanFrame) -> bool {
         frame.data().len() > self.mapping.length()
@@ -138,7 +138,7 @@ impl Rpdo {
         Received::Waiting
     }
 
-    /// What waits for the next SYNC.
+    /// Returns the data that wait for the next SYNC.
     pub(crate) fn waiting(&self) -> Option<WaitingPdo> {
         self.waiting.map(|data| WaitingPdo {
             number: self.place.number,
@@ -147,7 +147,7 @@ impl Rpdo {
         })
     }
 
-    /// Puts what waited into the dictionary; false when nothing did.
+    /// Stores the waiting data in the dictionary; false if there are none.
     #[inline]
     pub(crate) fn on_sync(&mut self, dictionary: &mut ObjectDictionary) -> bool {
         let waiting = self.waiting.take();
@@ -157,7 +157,7 @@ impl Rpdo {
         waiting.is_some()
     }
 
-    /// True once when the deadline has passed.
+    /// Returns true once when the deadline has passed.
     #[inline]
     pub(crate) fn has_timed_out(&mut self, now: Duration) -> bool {
         let has_timed_out = self.deadline.is_some_and(|deadline| now >= deadline);
@@ -167,7 +167,7 @@ impl Rpdo {
         has_timed_out
     }
 
-    /// When the deadline passes.
+    /// Returns the time at which the deadline passes.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         self.deadline
     }

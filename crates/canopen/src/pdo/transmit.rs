@@ -8,7 +8,7 @@ use crate::node::earlier;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sync::Sync;
 
-/// A transmit PDO.
+/// Transmit PDO.
 #[derive(Clone, Debug)]
 pub(crate) struct Tpdo {
     place: Place,
@@ -18,16 +18,16 @@ pub(crate) struct Tpdo {
     /// SYNCs until the next transmission; `None` until the SYNC with the start value.
     countdown: Option<u8>,
     is_requested: bool,
-    /// What the dictionary held when it was last looked at: another value is an event for types 0, 254 and 255.
+    /// Mapped values at the last check: a change is an event for types 0, 254 and 255.
     known: [u8; 8],
-    /// What was sampled at the last SYNC, for remote frames.
+    /// Values that were sampled at the last SYNC, for remote frames.
     sampled: Option<[u8; 8]>,
     next_allowed: Duration,
     event_deadline: Option<Duration>,
 }
 
 impl Tpdo {
-    /// The TPDO as the dictionary configures it.
+    /// Makes the TPDO from the dictionary's configuration.
     pub(crate) fn new(dictionary: &ObjectDictionary, number: u16) -> Result<Self, AbortCode> {
         let place = Place::from_parameters(Direction::Transmit, number);
         let (parameters, mapping) = read(dictionary, place)?;
@@ -56,12 +56,12 @@ impl Tpdo {
         }
     }
 
-    /// Number, from 1.
+    /// Returns the number, from 1.
     pub(crate) fn number(&self) -> u16 {
         self.place.number
     }
 
-    /// Begins (Operational entered, or new configuration): counts SYNCs anew; an event-driven PDO is sent at once.
+    /// Starts (Operational entered, or new configuration): SYNCs are counted anew; an event-driven PDO is sent at once.
     pub(crate) fn start(&mut self, now: Duration, dictionary: &ObjectDictionary) {
         let waits_for_start = self.parameters.sync_start != 0;
         self.is_started = true;
@@ -72,20 +72,20 @@ impl Tpdo {
         self.event_deadline = self.parameters.event_timer.map(|timer| now + timer);
     }
 
-    /// Ends (Operational left).
+    /// Stops (Operational left).
     pub(crate) fn stop(&mut self) {
         self.is_started = false;
         self.is_requested = false;
         self.event_deadline = None;
     }
 
-    /// Asks for transmission, as a change of a mapped value does by itself: at once for types 254 and 255 (after the inhibit
+    /// Requests transmission, as a change of a mapped value does by itself: at once for types 254 and 255 (after the inhibit
     /// time), at the next SYNC for type 0.
     pub(crate) fn request(&mut self) {
         self.is_requested = self.is_started;
     }
 
-    /// The frame to send at this SYNC.
+    /// Returns the frame to send at this SYNC.
     #[inline]
     pub(crate) fn on_sync(
         &mut self,
@@ -112,7 +112,7 @@ impl Tpdo {
             .and_then(|data| self.frame(&data))
     }
 
-    /// The frame to send at `now` because of a change, a request or the event timer.
+    /// Returns the frame to send at `now` because of a change, a request or the event timer.
     #[inline]
     pub(crate) fn on_tick(
         &mut self,
@@ -145,15 +145,15 @@ impl Tpdo {
         }
     }
 
-    /// CiA 301, 7.5.2.37, leaves the event of types 0, 254 and 255 to profile or manufacturer; here it is another value of
-    /// a mapped object.
+    /// Notices a change of a mapped object. CiA 301, 7.5.2.37, leaves the event of types 0, 254 and 255 to profile or
+    /// manufacturer; here a change is the event.
     fn notice_change(&mut self, dictionary: &ObjectDictionary) {
         let present = self.mapping.pack(dictionary);
         self.is_requested |= present != self.known;
         self.known = present;
     }
 
-    /// The answer to a remote frame with this identifier.
+    /// Returns the answer to a remote frame with this identifier.
     pub(crate) fn on_remote_frame(
         &mut self,
         id: u16,
@@ -173,7 +173,7 @@ impl Tpdo {
         self.frame(&data)
     }
 
-    /// When an event-driven transmission is due.
+    /// Returns the time at which an event-driven transmission is due.
     pub(crate) fn next_deadline(&self) -> Option<Duration> {
         if !self.is_active() || !self.is_event_driven() {
             return None;
@@ -191,12 +191,12 @@ impl Tpdo {
         self.parameters.cob_id.is_some() && self.mapping.length > 0
     }
 
-    /// True when a change of a value may make it leave without SYNC, now or once the node is Operational.
+    /// Checks whether a change of a value may cause transmission without SYNC, now or once the node is Operational.
     pub(crate) fn follows_changes(&self) -> bool {
         self.is_event_driven() && self.exists()
     }
 
-    /// True when it goes by events or by time, so that it may have a deadline.
+    /// Checks whether events or time cause transmission, so that it may have a deadline.
     pub(crate) fn is_event_driven(&self) -> bool {
         self.parameters.transmission_type >= 254
     }
@@ -206,8 +206,8 @@ impl Tpdo {
         CanFrame::from_raw(u32::from(cob_id), self.mapping.length, *data)
     }
 
-    /// Counts SYNCs and says whether this is the period's last. A lost SYNC counts by the counter, so that the phase
-    /// stays. The SYNC with the start value is a transmission itself (CiA 301, 7.5.2.37).
+    /// Counts SYNCs, and returns whether this is the period's last. A lost SYNC counts by the counter, so that the phase stays.
+    /// The SYNC with the start value is a transmission itself (CiA 301, 7.5.2.37).
     fn count(&mut self, period: u8, sync: &Sync) -> bool {
         let remaining = match (self.countdown, sync.counter) {
             (Some(remaining), _) => remaining,

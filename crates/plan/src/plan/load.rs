@@ -1,4 +1,4 @@
-//! Makes plans of files: scenarios of one loop and of several, rig files, recordings.
+//! Makes plans from files: scenarios of one loop and of several, rig files, recordings.
 
 use std::cell::OnceCell;
 use std::io;
@@ -26,8 +26,8 @@ impl Plan {
         Self::parse_beside(&Beside::new(path), text_of(path)?, catalogue)
     }
 
-    /// As [`Plan::load`], with signals in the scenario that nobody sends: whoever looks for the right name has a wrong one in
-    /// the file.
+    /// Loads as [`Plan::load`], but accepts names of unknown signals in the scenario: a user who looks for the correct name has a
+    /// wrong one in the file.
     ///
     /// # Errors
     /// As [`Plan::load`] for everything else.
@@ -43,7 +43,7 @@ impl Plan {
         Ok(Self::of_texts(scenario, &beside, texts, catalogue))
     }
 
-    /// As [`Plan::load`], for a text that is at hand; the files that it names lie beside it.
+    /// Parses as [`Plan::load`], from a text; the files that it names lie beside it.
     ///
     /// # Errors
     /// As [`Plan::load`].
@@ -55,7 +55,7 @@ impl Plan {
         Self::parse(beside, text, |name| beside.read(name), catalogue)
     }
 
-    /// As [`Plan::parse_beside`], for files that `read_file` gives by their names.
+    /// Parses as [`Plan::parse_beside`], with files that `read_file` returns by their names.
     ///
     /// # Errors
     /// As [`Plan::load`].
@@ -71,10 +71,10 @@ impl Plan {
         Ok(Self::of_texts(scenario, beside, texts, catalogue))
     }
 
-    /// The plan of a rig file in which nothing is tried.
+    /// Makes the plan of a rig file without a trial.
     ///
     /// # Errors
-    /// It is not valid.
+    /// The rig file is not valid.
     pub fn of_rig(path: &Path, text: &str, catalogue: &Catalogue) -> Result<Self, ScenarioError> {
         let object = |scenario: &Scenario| planned(scenario.clone(), catalogue).err();
         let scenario = Scenario::of_rig(text, &path.display().to_string(), object)?;
@@ -87,8 +87,8 @@ impl Plan {
         ))
     }
 
-    /// Reads the scenario of a recording, whose frames mean what the database says. Plants and laws need not be known here.
-    /// `external` are the nodes that were somebody else's.
+    /// Reads the scenario of a recording, whose frames have the meaning of its database. Plants and laws need not be known here.
+    /// `external` are the nodes that were external.
     ///
     /// # Errors
     /// A file cannot be read or is not valid.
@@ -109,10 +109,10 @@ impl Plan {
         Ok(plan.recorded_external(external).with_texts(&beside, texts))
     }
 
-    /// The plan of another scenario on the same rig, with the same plants and laws: they share what the frames mean.
+    /// Makes the plan of another scenario on the same rig, with the same plants and laws: the meaning of the frames is shared.
     ///
     /// # Errors
-    /// Everything that is wrong in the text and its files, and a value that an FMU does not take.
+    /// All problems of the text and its files, and a value that an FMU does not take.
     pub fn varied(
         &self,
         text: &str,
@@ -123,10 +123,10 @@ impl Plan {
             let with_fmus = scenario.loops.iter().filter(|one| one.has_fmu());
             let mut plants = with_fmus.flat_map(Trial::on_each_plant);
             let found = plants.find_map(|one| catalogue.objection_to_plant(&one, None));
-            // That the file is not there any more is no value's fault.
+            // A file that no longer exists is not the fault of a value.
             found.filter(|objection| objection.path.contains(".fmu.start."))
         };
-        // Files that are no text lie beside the scenario that is varied.
+        // Files that are not text lie beside the scenario that is varied.
         let beside = self.shared.beside.of_case();
         let scenario = Scenario::parse_case(&beside, text.to_owned(), read_file, object)?;
         let varied = self.loops.iter().zip(scenario.loops);
@@ -139,7 +139,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The plan of loops that were found to be without objections.
+    /// Makes the plan of loops that were found to be without objections.
     fn of_texts(scenario: Scenario, beside: &Beside, texts: Texts, catalogue: &Catalogue) -> Self {
         let plan = planned(scenario, catalogue);
         plan.expect("a rig without objections")
@@ -147,10 +147,10 @@ impl Plan {
     }
 }
 
-/// Checks the text of a rig file on which nothing is tried, and computes what it needs of the bus under the shipped laws.
+/// Checks the text of a rig file without a trial, and computes its bus budget under the shipped laws.
 ///
 /// # Errors
-/// It is not valid, or the frames do not fit between two SYNCs.
+/// The rig file is not valid, or the frames do not fit between two SYNCs.
 pub fn check_rig(
     text: &str,
     name: &str,
@@ -163,7 +163,7 @@ pub fn check_rig(
     Ok((scenario.rig, budget))
 }
 
-/// What is wrong with a rig: a drive that cannot be led, nodes that send the same, a cycle that is too short.
+/// Finds a problem of a rig: a drive that cannot be led, nodes that send the same frame, a cycle that is too short.
 fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
     if let Some(objection) = ports::objection(scenario, catalogue) {
         return Some(objection);
@@ -174,7 +174,7 @@ fn objection(scenario: &Scenario, catalogue: &Catalogue) -> Option<Objection> {
     }
 }
 
-/// A rig whose cycle is too short for its frames.
+/// Refuses a rig whose cycle is too short for its frames.
 fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
     if budget.fits() {
         return None;
@@ -203,7 +203,7 @@ fn does_not_fit(budget: &BusBudget) -> Option<Objection> {
     })
 }
 
-/// The plan of the loops of a rig, each with the frames of the whole bus.
+/// Makes the plan of the loops of a rig, each with the frames of the whole bus.
 fn planned(scenario: Scenario, catalogue: &Catalogue) -> Result<Plan, Objection> {
     let alone = |trial: Trial| {
         let frames = catalogue.frames(&trial);
@@ -223,7 +223,7 @@ fn planned(scenario: Scenario, catalogue: &Catalogue) -> Result<Plan, Objection>
     }
 }
 
-/// The names of signals in a scenario that its recording does not have. Of an external drive the truth is missing.
+/// Finds names of signals in a scenario that its recording does not have. An external drive has no truth.
 fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection> {
     let wiring = &trial.wiring;
     let drive = &wiring.nodes.drive.name;
@@ -235,7 +235,7 @@ fn recorded_objections(trial: &Trial, database: &Arc<Database>) -> Vec<Objection
     SignalNames::objections(trial, || names.get_or_init(make))
 }
 
-/// A drive, if it is a real one.
+/// Returns a drive, if it is a real one.
 fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive>>, Objection> {
     let Some(real) = scenario.rig.real_drive(drive) else {
         return Ok(None);
@@ -250,7 +250,7 @@ fn real_drive(scenario: &Scenario, drive: &str) -> Result<Option<Arc<LoadedDrive
     Ok(Some(Arc::new(loaded)))
 }
 
-/// The plan of loops that `make` makes, each with its real drive.
+/// Makes the plan of loops that `make` makes, each with its real drive.
 fn named(mut scenario: Scenario, make: impl Fn(Trial) -> ControlLoop) -> Result<Plan, Objection> {
     let mut external = External::default();
     for node in scenario.rig.node.values().filter(|node| !node.is_ours()) {

@@ -1,4 +1,4 @@
-//! Currents that the amplifier of a drive cannot be commanded.
+//! Checks of currents against the range of a drive's amplifier.
 
 use serde_json::json;
 
@@ -8,7 +8,7 @@ use crate::error::Problem;
 use crate::structure::{broken_limit, out_of_range};
 use crate::trial::Trial;
 
-/// The currents of the law of a loop.
+/// Checks the currents of a loop's law.
 pub(super) fn of_law(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let range = trial.wiring.current();
     let mut problems = Vec::new();
@@ -35,7 +35,7 @@ pub(super) fn of_law(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     problems
 }
 
-/// A current at a path that is not within these.
+/// Refuses a current outside a range; `path` is that of the current in the document.
 pub(crate) fn outside(
     document: &Document<'_>,
     path: &str,

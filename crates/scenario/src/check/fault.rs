@@ -1,4 +1,4 @@
-//! Checks what the schema cannot say about faults.
+//! Checks of faults that the schema cannot express.
 
 use crate::document::Document;
 use crate::error::Problem;
@@ -6,10 +6,10 @@ use crate::fault::{Fault, Faults, Group, Time};
 use crate::plant::PlantModel;
 use crate::rig::nodes::Rig;
 
-/// Faults of nodes that a program can have, too.
+/// Faults of nodes that can also happen to a program.
 const PROGRAM_FAULTS: [&str; 3] = ["crash", "hang", "nmt_stop"];
 
-/// Faults that begin within the run and end after they begin.
+/// Checks that faults begin within the run and end after they begin.
 pub(super) fn faults(
     document: &Document<'_>,
     faults: &Faults,
@@ -56,7 +56,7 @@ fn times(document: &Document<'_>, fault: &Fault, duration_seconds: f64) -> Vec<P
     problems
 }
 
-/// A foreign node that sends what a plant says of itself, by which the run is judged.
+/// Refuses a foreign node that sends the report of a plant, on which the verdict rests.
 fn forged(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> {
     let is_foreign = fault.kind.group == Group::Bus && fault.kind.node_key().is_none();
     let forged = fault.whole("identifier").filter(|_| is_foreign)?;
@@ -69,7 +69,7 @@ fn forged(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> 
     Some(document.problem(&path, message, label))
 }
 
-/// A fault at a node that a program plays, which canrig can only end, halt and order to stop.
+/// Refuses faults that a program which plays a node cannot have: canrig can only end it, halt it and order it to stop.
 fn at_program(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Problem> {
     let node = &fault.node.as_ref()?.name;
     rig.node.get(node)?.program.as_ref()?;
@@ -84,7 +84,7 @@ fn at_program(document: &Document<'_>, fault: &Fault, rig: &Rig) -> Option<Probl
     })
 }
 
-/// Faults of a plant that mean nothing to it.
+/// Finds faults of a plant that have no meaning for it.
 pub(crate) fn faults_of_plants<'a>(
     document: &Document<'_>,
     faults: &Faults,

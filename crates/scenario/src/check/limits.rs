@@ -1,4 +1,4 @@
-//! Checks that what is expected can be judged.
+//! Checks that each expectation can be judged.
 
 use crate::document::Document;
 use crate::error::Problem;
@@ -8,7 +8,7 @@ use crate::nearest::meant_or_known;
 use crate::rig::nodes::Rig;
 use crate::trial::Trial;
 
-/// Limits that can be met, on metrics that the scenario has.
+/// Checks that each limit can be met, and that the scenario has what its metric needs.
 pub(super) fn limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let mut problems = Vec::from_iter(end_problem(document, trial));
     for (metric, limit) in trial.expect.limits() {
@@ -31,7 +31,7 @@ pub(super) fn limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     problems
 }
 
-/// A limit that no value or every value meets.
+/// Refuses a limit that no value meets, or that every value meets.
 pub(super) fn limit_problem(
     document: &Document<'_>,
     path: &str,
@@ -52,7 +52,7 @@ pub(super) fn limit_problem(
     Some(document.problem(path, message, label))
 }
 
-/// A judgement that ends after the run.
+/// Refuses an end of the judgement after the end of the run.
 fn end_problem(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     let end_seconds = trial.judged_end_seconds();
     (end_seconds > trial.run.duration_seconds).then(|| {
@@ -62,7 +62,7 @@ fn end_problem(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     })
 }
 
-/// The part that the scenario lacks for a metric, up to the end of what is judged.
+/// Returns the part that the scenario lacks for a metric, up to the end of the judgement.
 fn missing_for(metric: &Metric, trial: &Trial) -> Option<String> {
     let missing = metric.missing_in(trial)?;
     let end_seconds = trial.expect.judged_until_seconds;
@@ -70,7 +70,7 @@ fn missing_for(metric: &Metric, trial: &Trial) -> Option<String> {
     Some(format!("{missing}{}", before.unwrap_or_default()))
 }
 
-/// What is wrong with an emergency that is demanded: it has another form, or is of no node of the rig.
+/// Refuses an emergency that has another form, or that comes from no node of the rig.
 pub(super) fn emergency(
     document: &Document<'_>,
     path: &str,
@@ -91,7 +91,7 @@ pub(super) fn emergency(
     }
 }
 
-/// Reactions that can be demanded: there is a fault, and emergencies are named as the standard numbers them.
+/// Checks the demanded reactions: there is a fault, and emergencies have numbers of the standard.
 pub(crate) fn reactions(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let expect = &trial.expect;
     let mut problems = Vec::new();

@@ -1,4 +1,4 @@
-//! Times of pieces: of the set-point, of a current profile, of disturbances.
+//! Checks the times of pieces of the set-point, of a current profile, and of disturbances.
 
 use crate::controller::OpenLoop;
 use crate::document::Document;
@@ -6,7 +6,7 @@ use crate::error::Problem;
 use crate::reference::Reference;
 use crate::trial::Trial;
 
-/// One entry of an array of timed tables.
+/// Entry of an array of timed tables.
 pub(super) struct Piece {
     kind: &'static str,
     index: usize,
@@ -107,7 +107,8 @@ pub(super) fn disturbance_pieces(trial: &Trial) -> Vec<Piece> {
     pieces
 }
 
-/// Times in order, windows that end after they begin, one piece at a time, nothing after the end.
+/// Checks that the times are in order, that windows end after they begin, that one piece acts at a time, and that none is after
+/// the end.
 pub(super) fn pieces(
     document: &Document<'_>,
     table: &str,
@@ -131,7 +132,7 @@ pub(super) fn pieces(
     problems
 }
 
-/// Times in order within each kind, windows that end after they begin, nothing after the end.
+/// Checks that the times are in order within each kind, that windows end after they begin, and that none is after the end.
 pub(super) fn order(
     document: &Document<'_>,
     table: &str,

@@ -1,12 +1,12 @@
-//! Checks what the schema cannot say about the plant.
+//! Checks of the plant that the schema cannot express.
 
 use crate::document::Document;
 use crate::error::Problem;
 use crate::plant::{Heat, Kinetics, Phase};
 
-/// Transformation temperatures in order: Eq. (2) divides by their differences.
+/// Checks the order of the transformation temperatures: Eq. (2) divides by their differences.
 ///
-/// `path` is that of the table in the document.
+/// `path` is the path of the table in the document.
 pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -> Vec<Problem> {
     let pairs = [
         (
@@ -31,9 +31,9 @@ pub(crate) fn temperatures(document: &Document<'_>, path: &str, phase: &Phase) -
     pairs.into_iter().filter(is_wrong).map(problem).collect()
 }
 
-/// A memory of turns begins with all martensite, so air and cooling element must not keep the wire above `Mf`.
+/// Checks that air and cooling element do not keep the wire above `Mf`: a memory of turns begins with all martensite.
 ///
-/// `path` is that of the wire's table in the document.
+/// `path` is the path of the wire's table in the document.
 pub(crate) fn cooling(
     document: &Document<'_>,
     path: &str,

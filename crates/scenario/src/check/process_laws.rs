@@ -1,4 +1,4 @@
-//! Finds the files of programs, of laws and of nodes: where they may lie, and their hashes.
+//! Finds the files of programs, of laws and of nodes: checks where they lie, and reads their hashes.
 
 use std::env;
 use std::io;
@@ -16,7 +16,8 @@ use crate::table::{ReadTable, is_inside_folder};
 
 const OUTSIDE: &str = "no absolute path, no `..`: it lies in this file's folder, or below it";
 
-/// Finds the files of a law that a process plays, and puts their hashes among what was read. A recording may lack file and hash.
+/// Finds the files of a law that a process plays, and adds their hashes to the texts that were read. A recording may lack file
+/// and hash.
 pub(crate) fn read_files(
     document: &Document<'_>,
     controller: &Controller,
@@ -55,7 +56,8 @@ pub(crate) fn read_files(
     problems
 }
 
-/// Finds the files of the programs that play nodes, as [`read_files`] does; `beside` is the file that names them, as the scenario does.
+/// Finds the files of the programs that play nodes, as [`read_files`] does. `beside` is the name, in the scenario, of the file
+/// that names them.
 pub(crate) fn read_programs<'a>(
     document: &Document<'_>,
     programs: impl IntoIterator<Item = (&'a String, &'a Vec<String>)>,
@@ -77,7 +79,7 @@ pub(crate) fn read_programs<'a>(
     problems
 }
 
-/// Whether a value is the same in JSON.
+/// Checks whether a value has a form in JSON.
 fn is_finite(value: &Value) -> bool {
     match value {
         Value::Float(number) => number.is_finite(),
@@ -90,9 +92,9 @@ fn is_finite(value: &Value) -> bool {
 
 struct Files<'a, 'b> {
     document: &'a Document<'b>,
-    /// The file beside which the others lie, by its name beside the scenario; empty for the scenario itself.
+    /// Name of the file that names the others, relative to the scenario; empty for the scenario itself.
     beside: &'a str,
-    /// What they are part of.
+    /// Owner of the files in messages.
     whose: &'static str,
     is_recorded: bool,
     read_file: ReadTable<'a>,
@@ -111,7 +113,7 @@ impl Files<'_, '_> {
         problems.collect()
     }
 
-    /// The first word of a command.
+    /// Checks the first word of a command.
     fn program(&mut self, path: &str, word: &str) -> Option<Problem> {
         if word.contains('/') {
             return self.required(path, word);
@@ -124,7 +126,7 @@ impl Files<'_, '_> {
         Some(self.document.problem(path, message, label))
     }
 
-    /// A word that may be a file.
+    /// Checks a word that may be a file.
     fn argument(&mut self, path: &str, word: &str) -> Option<Problem> {
         match self.hash(word) {
             Ok(()) if self.is_recorded || is_inside_folder(word) => None,
@@ -132,12 +134,12 @@ impl Files<'_, '_> {
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                 Some(self.wrong(path, word, &error.to_string()))
             }
-            // It is no file.
+            // The word is not a file.
             Err(_) => None,
         }
     }
 
-    /// A file that must be there.
+    /// Checks a file that must exist.
     fn required(&mut self, path: &str, file: &str) -> Option<Problem> {
         if !is_inside_folder(file) {
             return Some(self.wrong(path, file, OUTSIDE));
@@ -164,7 +166,7 @@ impl Files<'_, '_> {
         }
     }
 
-    /// The file that names it, for people.
+    /// Returns the file that names the others, in words.
     fn kind(&self) -> &'static str {
         match self.beside {
             "" => "the scenario",
@@ -178,18 +180,18 @@ impl Files<'_, '_> {
     }
 }
 
-/// The name of a file that another one names, as the scenario has it; `of` is empty for the scenario.
+/// Returns the name that the scenario has for a file that another file names; `of` is that file, or empty for the scenario.
 fn beside(of: &str, file: &str) -> String {
     let place = match of {
         "" => PathBuf::from(file),
         of => Path::new(of).with_file_name(file),
     };
-    // Without `.` in it: a hash stands under one name.
+    // Components drop each `.`, so that a hash has one name.
     let place = PathBuf::from_iter(place.components());
     place.to_string_lossy().into_owned()
 }
 
-/// Whether a program is found by its name alone.
+/// Checks whether a program is found by its name alone.
 fn is_on_path(name: &str) -> bool {
     let is_program = |path: &Path| {
         let metadata = path.metadata();

@@ -1,4 +1,4 @@
-//! Checks on requirements: names that can be printed, each once, of limits that are given.
+//! Checks of requirements: each name can be printed, stands once, and belongs to a limit that is given.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use crate::trial::Trial;
 /// Longest name of a requirement.
 const LENGTH_MAX: usize = 100;
 
-/// Everything that is wrong with the requirements of a loop's limits.
+/// Checks the requirements of a loop's limits.
 pub(super) fn of_limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let expect = &trial.expect;
     let mut problems = Vec::new();
@@ -30,7 +30,7 @@ pub(super) fn of_limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> 
     problems
 }
 
-/// A key without a limit tests nothing.
+/// Refuses a key without a limit, which tests nothing.
 fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> Option<Problem> {
     let timing = trial.expect.timing.rows();
     let given: Vec<String> = trial
@@ -55,7 +55,7 @@ fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> 
     })
 }
 
-/// Everything that is wrong with the names of requirements at a path.
+/// Checks the names of requirements at a path.
 pub(super) fn names(document: &Document<'_>, path: &str, requirements: &[String]) -> Vec<Problem> {
     let mut seen = BTreeSet::new();
     let mut problems = Vec::new();

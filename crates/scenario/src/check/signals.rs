@@ -1,4 +1,4 @@
-//! Checks on signals and sequences: what can be judged, within the run, each once.
+//! Checks of signals and sequences: each can be judged, lies within the run, and stands once.
 
 use std::collections::BTreeSet;
 
@@ -12,10 +12,10 @@ use crate::rig::nodes::Rig;
 use crate::table::{self, ReadTable};
 use crate::trial::Trial;
 
-/// A window may end so much after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
+/// Time by which a window may end after the last row: the `signals.csv` of a run ends with its last cycle, not with the run.
 const END_SECONDS: f64 = 0.1;
 
-/// Everything that is wrong with the checks on signals and the sequences.
+/// Checks the demands on signals, and the sequences.
 pub(super) fn check(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Problem> {
     let duration_seconds = trial.run.duration_seconds;
     let mut problems = Vec::new();
@@ -45,7 +45,7 @@ pub(super) fn check(document: &Document<'_>, trial: &Trial, rig: &Rig) -> Vec<Pr
     problems
 }
 
-/// A window that ends after it begins, within the run.
+/// Checks that a window ends after it begins, within the run.
 fn window_problem(
     document: &Document<'_>,
     path: &str,
@@ -72,7 +72,7 @@ fn window_problem(
     Some(document.problem(&format!("{path}.{key}"), message, label))
 }
 
-/// At least one demand, limits that can be met, and no row of the verdict twice.
+/// Checks that there is a demand, that its limits can be met, and that no row of the verdict stands twice.
 fn demands(
     document: &Document<'_>,
     path: &str,
@@ -101,7 +101,7 @@ fn demands(
     problems
 }
 
-/// Events that can be recognised, each with its time.
+/// Checks that each event can be recognised and has its time.
 fn events(document: &Document<'_>, path: &str, sequence: &Sequence, rig: &Rig) -> Vec<Problem> {
     let mut problems = Vec::new();
     for (place, event) in sequence.event.iter().enumerate() {
@@ -201,7 +201,7 @@ pub(crate) fn read_courses(
     problems
 }
 
-/// A window that the course does not cover would be judged in part only, or not at all.
+/// Refuses a window outside the course: it would be judged in part only, or not at all.
 fn uncovered(
     document: &Document<'_>,
     path: &str,

@@ -1,4 +1,4 @@
-//! Checks on `[sweep]`: keys that are numbers of this scenario, and values that they admit.
+//! Checks of `[sweep]`: keys are numbers of this scenario, and their values are ones that they admit.
 
 #[cfg(test)]
 mod tests;
@@ -20,14 +20,14 @@ use crate::structure::broken_limit;
 use crate::sweep::{LogUniform, RUNS_MAX, Spacing, Sweep, Uniform};
 use crate::{schema, sweep};
 
-/// What is known of a number under the user's own key.
+/// Schema of a number under the user's own key.
 static NUMBER: LazyLock<Value> = LazyLock::new(|| json!({"type": "number"}));
-/// Tables of the format itself, which are not swept.
+/// Tables of the format itself, which cannot be swept.
 const NOT_SWEPT: [&str; 2] = ["schema", "sweep"];
-/// Checks, which are not swept either: their names in the verdict hold their windows and limits.
+/// Checks, which cannot be swept either: their names in the verdict contain their windows and limits.
 const CHECKS: [&str; 2] = [".signal", ".sequence"];
 
-/// Everything that is wrong with the sweep of a scenario. Notes in it which keys are whole numbers.
+/// Checks the sweep of a scenario, and notes in it which keys are whole numbers.
 pub(crate) fn check(document: &Document<'_>, rig: &Rig, sweep: Option<&mut Sweep>) -> Vec<Problem> {
     let Some(sweep) = sweep else {
         return Vec::new();
@@ -76,7 +76,7 @@ fn check_keys(
     problems
 }
 
-/// The numbers of a scenario by their dotted paths, each with its schema.
+/// Numbers of a scenario by their dotted paths, each with its schema.
 struct Keys<'a>(BTreeMap<String, &'a Value>);
 
 impl<'a> Keys<'a> {
@@ -86,7 +86,7 @@ impl<'a> Keys<'a> {
         keys
     }
 
-    /// Collects what is below a table: `key` is its path as users write it, `path` as the document does.
+    /// Collects the numbers below a table: `key` is its path as users write it, `path` its path in the document.
     fn collect(
         &mut self,
         root: &'a Value,
@@ -111,7 +111,7 @@ impl<'a> Keys<'a> {
                 Some("number" | "integer") => {
                     self.0.insert(key, schema);
                 }
-                // A table without a default is a choice, such as that of the law, which a number does not make.
+                // A table without a default is a choice, such as the law, which a number does not make.
                 Some("object") if document.has(&path) || property.get("default").is_some() => {
                     self.collect(root, schema, document, &key, &path);
                     if schema["additionalProperties"].is_object() {
@@ -141,7 +141,7 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The key that was probably meant: one with the same last name, or one that is spelt alike.
+    /// Returns the key that was probably meant: one with the same last name, or one that is spelt alike.
     fn meant(&self, key: &str) -> Option<&str> {
         let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
         let mut namesakes = self.0.keys().filter(|known| last(known) == last(key));
@@ -158,10 +158,10 @@ fn is_integer(schema: &Value) -> bool {
 
 struct Checker<'a, 'text> {
     document: &'a Document<'text>,
-    /// A key for people.
+    /// Key that messages give as an example.
     example: &'a str,
     keys: Keys<'a>,
-    /// False where the values of ranges are too many to be looked at.
+    /// False if the ranges have too many values to check each.
     has_few_runs: bool,
     seen: BTreeSet<String>,
     problems: Vec<Problem>,
@@ -239,7 +239,7 @@ impl<'a> Checker<'a, '_> {
         }
     }
 
-    /// A key that is drawn, with the numbers of its distribution that it must admit itself.
+    /// Checks a key that is drawn, and the numbers of its distribution that the key itself must admit.
     fn drawn(&mut self, path: &str, key: &str, numbers: &[(&str, f64)]) {
         let Some(schema) = self.key(path, key) else {
             return;
@@ -250,7 +250,7 @@ impl<'a> Checker<'a, '_> {
             return;
         }
         for (name, value) in numbers {
-            // Draws of whole numbers are rounded, so the mean need not be one.
+            // Draws of whole numbers are rounded, so the mean need not be whole.
             let place = format!("{path}.{name}");
             if let Some(limits) = broken_limit(*value, schema) {
                 self.out_of_range(&place, key, *value, limits);
@@ -271,7 +271,7 @@ impl<'a> Checker<'a, '_> {
         is_ordered
     }
 
-    /// The schema of a key; a problem if there is none, or if something else varies it already.
+    /// Returns the schema of a key, or reports that there is none, or that another entry varies it already.
     fn key(&mut self, path: &str, key: &str) -> Option<&'a Value> {
         let Some(schema) = self.keys.0.get(key).copied() else {
             let label = match self.keys.meant(key) {
@@ -296,7 +296,7 @@ impl<'a> Checker<'a, '_> {
         Some(schema)
     }
 
-    /// The part of a key from which on it leads nowhere.
+    /// Returns the place of a key from the first part on that leads nowhere.
     fn within(&self, path: &str, key: &str) -> Range<usize> {
         let span = self.document.span(path);
         let is_known = |end: &usize| {
@@ -309,7 +309,7 @@ impl<'a> Checker<'a, '_> {
         };
         let ends = key.match_indices(['.', '[']).map(|(end, _)| end);
         let from = ends.filter(is_known).max().map_or(0, |end| end + 1);
-        // Escapes in the text would shift the place; then the whole stands for the part.
+        // Escapes in the text would shift the place; then the whole key is underlined.
         if span.len() == key.len() + 2 {
             span.start + 1 + from..span.end - 1
         } else {
@@ -331,7 +331,7 @@ impl<'a> Checker<'a, '_> {
         self.report(path, format!("`{key}` = {value} is out of range"), limits);
     }
 
-    /// What only makes sense of all entries together.
+    /// Checks the sweep as a whole.
     fn whole(&mut self, sweep: &Sweep) {
         let is_drawn = !sweep.distributions().is_empty();
         let span = self.document.key_span("sweep");
@@ -362,7 +362,7 @@ impl<'a> Checker<'a, '_> {
     }
 }
 
-/// What a key demands that a value does not meet.
+/// Returns the demand of a key that a value does not meet.
 fn wrong(value: f64, schema: &Value) -> Option<String> {
     if is_integer(schema) && value != libm::trunc(value) {
         return Some("must be an integer".to_owned());

@@ -8,7 +8,7 @@ use crate::error::Problem;
 use crate::table::{self, ReadTable};
 use crate::trial::Trial;
 
-/// Reads the tables of the set-point and of the current into their rows, and the nominal model into its place.
+/// Reads the tables of the set-point and of the current into their rows, and the nominal model into its field.
 pub(crate) fn read_tables(
     document: &Document<'_>,
     trial: &mut Trial,
@@ -59,7 +59,7 @@ pub(crate) fn read_tables(
     problems
 }
 
-/// The text of a table that the scenario names at a path.
+/// Reads the text of a table that the scenario names at a path.
 pub(super) fn read_beside(
     document: &Document<'_>,
     path: &str,

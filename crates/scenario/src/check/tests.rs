@@ -1,4 +1,4 @@
-//! `[[expect.signal]]` and `[[expect.sequence]]` as the loader takes them: what is wrong, where, and what is read.
+//! Tests of `[[expect.signal]]` and `[[expect.sequence]]` in the loader: values, problems, and their places.
 
 use std::io;
 use std::path::Path;
@@ -10,12 +10,12 @@ use crate::{Beside, Objection, ScenarioError, Trial};
 
 const GOLDEN: &str = "cycle,time_seconds,current_amperes\n0,0.5,1.0\n1,1.0,\n2,1.5,2.0\n";
 
-/// A scenario of 4 s with something more; `[[expect.signal]]` begins in line 8.
+/// Parses a scenario of 4 s with more tables; `[[expect.signal]]` begins in line 8.
 pub(super) fn parse(more: &str) -> Result<Trial, ScenarioError> {
     resolved(more).map(|mut scenario| scenario.loops.remove(0))
 }
 
-/// As [`parse`], with all that is not of its loop.
+/// Parses as [`parse`], and returns the whole scenario.
 pub(super) fn resolved(more: &str) -> Result<Scenario, ScenarioError> {
     let text = format!(
         "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 4.0\n[controller.pid]\n[[reference.hold]]\n\
@@ -30,7 +30,7 @@ pub(super) fn resolved(more: &str) -> Result<Scenario, ScenarioError> {
     Scenario::parse(&beside, text, read, |_| Vec::new(), |_| None).map(|(scenario, _)| scenario)
 }
 
-/// One problem, with its place and its words; those that stand at the place are in the `Debug` text.
+/// Checks that there is one problem, its place and its message; its label is in the `Debug` text.
 #[track_caller]
 pub(super) fn check(more: &str, line: usize, column: usize, message: &str, label: &str) {
     let error = parse(more).expect_err(message);
@@ -51,7 +51,7 @@ fn sequence(events: &str) -> String {
     format!("[[expect.sequence]]\nname = \"s\"\nevent = [{events}]\n")
 }
 
-/// What stands as help under the only problem.
+/// Returns the help of the only problem.
 #[track_caller]
 fn help(parsed: Result<Trial, ScenarioError>) -> String {
     let error = parsed.expect_err("it is broken");

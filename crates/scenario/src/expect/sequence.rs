@@ -12,18 +12,19 @@ use crate::window::Window;
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sequence {
-    /// What the sequence is about, in a few words.
+    /// Short name of the sequence.
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
-    /// The requirements that are tested by it, such as "REQ-12".
+    /// Requirements that the sequence tests, such as "REQ-12".
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
     pub requirements: Vec<String>,
-    /// Earlier events do not count, and the first one's time counts from here; the start of the scenario if absent.
+    /// Start of the window: earlier events do not count, and the time of the first event counts from here. The start of the
+    /// scenario if absent.
     #[serde(default)]
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: f64,
-    /// Later events do not count; the end of the run if absent.
+    /// End of the window: later events do not count. The end of the run if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
@@ -32,7 +33,7 @@ pub struct Sequence {
     pub event: Vec<Expected>,
 }
 
-/// One event of a sequence: exactly one of `emcy`, `text` and `signal`.
+/// Event of a sequence: exactly one of `emcy`, `text` and `signal`.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Expected {
@@ -48,21 +49,21 @@ pub struct Expected {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(length(min = 1, max = 200))]
     pub signal: Option<String>,
-    /// Where the signal must get.
+    /// Limits that the signal must reach.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reaches: Option<Limit>,
-    /// How long the signal must stay there for its arrival to count; one sample is enough if absent.
+    /// Time for which the signal must stay within the limits; one sample is enough if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub for_milliseconds: Option<f64>,
-    /// Longest time after the event before; the first event may go without.
+    /// Longest time after the event before; optional for the first event.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = 1e6))]
     pub within_milliseconds: Option<f64>,
 }
 
 impl Sequence {
-    /// The stretch of a run of so many seconds in which events count.
+    /// Returns the window in which events count, in a run of this duration.
     #[must_use]
     pub fn window(&self, duration_seconds: f64) -> Window {
         Window {
@@ -71,7 +72,7 @@ impl Sequence {
         }
     }
 
-    /// The name of an event's row in the verdict.
+    /// Returns the name of an event's row in the verdict.
     #[must_use]
     pub fn row_name(&self, place: usize) -> String {
         let (name, number) = (&self.name, place + 1);

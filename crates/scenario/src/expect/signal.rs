@@ -1,4 +1,4 @@
-//! `[[expect.signal]]`: what a signal must do in a window of time.
+//! `[[expect.signal]]`: demands on a signal in a window of time.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -7,15 +7,15 @@ use crate::curve;
 use crate::limit::Limit;
 use crate::window::Window;
 
-/// Recordings have whole microseconds.
+/// Resolution of recordings.
 const RESOLUTION_SECONDS: f64 = 1e-6;
 
-/// What a signal must do in a window of time; at least one of `stays`, `reaches`, `rate_per_second` and `follows`.
-/// A window without a sample, a silent signal and a value that is no number never pass.
+/// Demands on a signal in a window of time; at least one of `stays`, `reaches`, `rate_per_second` and `follows`. A window without
+/// a sample, a silent signal and a value that is no number never pass.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignalCheck {
-    /// The requirements that are tested by it, such as "REQ-12".
+    /// Requirements that the check tests, such as "REQ-12".
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 100), inner(length(min = 1, max = 100)))]
     pub requirements: Vec<String>,
@@ -23,11 +23,11 @@ pub struct SignalCheck {
     /// ("Position actual value", also as "drive.Position actual value").
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
-    /// The window begins: that sample counts. From the start of the scenario if absent.
+    /// Start of the window; a sample at this time counts. The start of the scenario if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub from_seconds: Option<f64>,
-    /// The window ends: that sample counts no more. With the run if absent.
+    /// End of the window; a sample at this time no longer counts. The end of the run if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0, max = crate::TIME_SECONDS_MAX))]
     pub until_seconds: Option<f64>,
@@ -37,7 +37,7 @@ pub struct SignalCheck {
     /// Some sample of the window is within these limits; judged by the time from the start of the window to the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reaches: Option<Limit>,
-    /// Difference of each two successive samples, divided by the time between them, in the signal's unit per second.
+    /// Difference of two successive samples, divided by the time between them, in the signal's unit per second.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate_per_second: Option<Limit>,
     /// Every sample of the window is near a recorded course.
@@ -59,12 +59,12 @@ pub struct Course {
     /// Largest distance that passes, in the signal's unit.
     #[schemars(range(min = 0.0, max = 1e12))]
     pub tolerance: f64,
-    /// The rows, `(time_seconds, value)`, put in by the loader.
+    /// Rows `(time_seconds, value)`, put in by the loader.
     #[serde(skip)]
     pub rows: Vec<(f64, f64)>,
 }
 
-/// One demand of a check; each is a row of the verdict.
+/// Demand of a check; each is a row of the verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Demand<'a> {
     /// Every sample is within the limits.
@@ -78,7 +78,7 @@ pub enum Demand<'a> {
 }
 
 impl Demand<'_> {
-    /// The key of the format that makes the demand.
+    /// Returns the key of the format that makes the demand.
     #[must_use]
     pub fn key(&self) -> &'static str {
         match self {
@@ -91,24 +91,24 @@ impl Demand<'_> {
 }
 
 impl Course {
-    /// The value at a scenario time: straight lines through the rows, constant outside.
+    /// Returns the value at a scenario time: straight lines through the rows, constant outside.
     #[must_use]
     pub fn at(&self, time_seconds: f64) -> f64 {
         curve::interpolate(&self.rows, time_seconds).value
     }
 
-    /// The time from the first row to the last.
+    /// Returns the time from the first row to the last.
     #[must_use]
     pub fn span(&self) -> Option<Window> {
         let (first, last) = (self.rows.first()?, self.rows.last()?);
         Some(Window {
             from_seconds: first.0,
-            // A window ends before its last instant, and the last row counts.
+            // A window ends before its last instant, but the last row counts.
             until_seconds: last.0 + RESOLUTION_SECONDS,
         })
     }
 
-    /// The column that is read.
+    /// Returns the column to read.
     pub(crate) fn column_for<'a>(&'a self, signal: &'a str) -> &'a str {
         let own = || signal.rsplit_once('.').map_or(signal, |(_, name)| name);
         self.column.as_deref().unwrap_or_else(own)
@@ -116,7 +116,7 @@ impl Course {
 }
 
 impl SignalCheck {
-    /// The demands, in the order of the format.
+    /// Returns the demands, in the order of the format.
     pub fn demands(&self) -> impl Iterator<Item = Demand<'_>> {
         let demands = [
             self.stays.map(Demand::Stays),
@@ -127,7 +127,7 @@ impl SignalCheck {
         demands.into_iter().flatten()
     }
 
-    /// The window of a demand in a run of so many seconds.
+    /// Returns the window of a demand, in a run of this duration.
     #[must_use]
     pub fn window(&self, demand: &Demand<'_>, duration_seconds: f64) -> Window {
         let whole = Window {
@@ -146,7 +146,8 @@ impl SignalCheck {
         }
     }
 
-    /// The name of a demand's row in the verdict. What is measured in another unit than the signal's says so at its end.
+    /// Returns the name of a demand's row in the verdict. A value in another unit than the signal's has that unit at the end of
+    /// the name.
     #[must_use]
     pub fn row_name(&self, demand: &Demand<'_>) -> String {
         let (name, window) = (&self.name, self.window_words());

@@ -1,24 +1,24 @@
-//! The table of faults. Schema, loader, checks, torture and book read its columns; the rooms that act a fault out know it by its
+//! The table of faults. Schema, loader, checks, torture and book read its columns; the crates that play a fault know it by its
 //! name.
 
-/// A kind of fault: `[[fault.GROUP.NAME]]`.
+/// Kind of fault: `[[fault.GROUP.NAME]]`.
 #[derive(Debug)]
 pub struct Kind {
-    /// The part of a run in which it acts.
+    /// Part of a run in which it acts.
     pub group: Group,
-    /// Its name, which no other kind has.
+    /// Unique name.
     pub name: &'static str,
-    /// Its time.
+    /// Time at which it acts.
     pub time: Time,
-    /// The cyclic frames that it can keep from the bus or make late.
+    /// Cyclic frames that it can keep from the bus or delay.
     pub touch: Touch,
-    /// Its keys besides those of its time.
+    /// Keys besides those of its time.
     pub keys: &'static [Key],
-    /// Its description in the schema and in the book.
+    /// Description in the schema and in the book.
     pub text: &'static str,
 }
 
-/// The part of a run in which a fault acts.
+/// Part of a run in which a fault acts.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
 pub enum Group {
     /// The bus.
@@ -33,50 +33,50 @@ pub enum Group {
     Plant,
 }
 
-/// The time of a fault.
+/// Time of a fault.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Time {
-    /// `from_seconds` and `until_seconds`; without the latter it ends with the run.
+    /// From `from_seconds` to `until_seconds`, or to the end of the run without the latter.
     Lasts,
-    /// As `Lasts`, with an end that must be given.
+    /// As `Lasts`, with a required end.
     Ends,
-    /// `at_seconds`.
+    /// At `at_seconds`.
     Instant,
-    /// The boot of its node.
+    /// At the boot of its node.
     Boot,
 }
 
-/// The cyclic frames that a fault can keep from the bus. What a node does about a fault it reports itself.
+/// Cyclic frames that a fault can keep from the bus. The node itself reports its reaction to a fault.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Touch {
-    /// None.
+    /// No frames.
     Nothing,
-    /// Those of all nodes.
+    /// The frames of all nodes.
     All,
-    /// Those of its node.
+    /// The frames of its node.
     OfNode,
-    /// Those of its node, or of all, which come later by its `delay_milliseconds`.
+    /// The frames of its node, or of all nodes, which its `delay_milliseconds` delays.
     Late,
     /// The heartbeats of its node: the nodes that watch it may stop.
     Heartbeats,
 }
 
-/// A key of a fault's table.
+/// Key of a fault's table.
 #[derive(Clone, Copy, Debug)]
 pub struct Key {
-    /// Its name; the unit is its end.
+    /// Name, which ends in the unit.
     pub name: &'static str,
-    /// Its values.
+    /// Form of its values.
     pub form: Form,
     /// Whether it may be left out.
     pub need: Need,
-    /// The values that torture draws.
+    /// Values that torture draws.
     pub drawn: Drawn,
-    /// Its description.
+    /// Description in the schema and in the book.
     pub text: &'static str,
 }
 
-/// The values of a key.
+/// Form of a key's values.
 #[derive(Clone, Copy, Debug)]
 pub enum Form {
     /// A number in a range.
@@ -94,36 +94,36 @@ pub enum Form {
 /// Whether a key may be left out.
 #[derive(Clone, Copy, Debug)]
 pub enum Need {
-    /// It may not.
+    /// It is required.
     Required,
-    /// It has no value then.
+    /// It is optional and has no default.
     Optional,
-    /// It has this number then.
+    /// It has this number by default.
     Default(f64),
-    /// It has this word then.
+    /// It has this word by default.
     DefaultWord(&'static str),
 }
 
-/// The values of a key that torture draws, from harmless to severe (chosen, not measured).
+/// Values of a key that torture draws, from harmless to severe (chosen, not measured).
 #[derive(Clone, Copy, Debug)]
 pub enum Drawn {
     /// A number of this range.
     Between(f64, f64),
     /// A whole number of this range.
     Whole(u32, u32),
-    /// An identifier of the run's own frames, seven times of ten.
+    /// An identifier of the run's own frames, seven times out of ten.
     Identifier,
-    /// An identifier from this one up to those of the truth.
+    /// An identifier from this one up to those of the plants' reports.
     Foreign(u32),
     /// A node-ID that no other node has.
     FreeNodeId,
     /// A node of the run.
     Node,
-    /// A node of the run, or canrig's own.
+    /// A node of the run, or canrig's own node.
     Station,
     /// As `Station`, every second time.
     PerhapsStation,
-    /// This word, three times of ten.
+    /// This word, three times out of ten.
     Word(&'static str),
 }
 
@@ -137,7 +137,7 @@ impl Group {
         Self::Plant,
     ];
 
-    /// Its key in `[fault]`.
+    /// Returns its key in `[fault]`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -149,7 +149,7 @@ impl Group {
         }
     }
 
-    /// Its description.
+    /// Returns its description.
     pub(super) fn text(self) -> &'static str {
         match self {
             Self::Bus => {
@@ -176,26 +176,26 @@ impl PartialEq for Kind {
 }
 
 impl Kind {
-    /// The kind of this name.
+    /// Returns the kind of this name.
     #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         KINDS.iter().find(|kind| kind.name == name)
     }
 
-    /// Its key that names a node, where it has one.
+    /// Returns its key that names a node, if it has one.
     #[must_use]
     pub fn node_key(&self) -> Option<&'static Key> {
         let names_node = |key: &&Key| matches!(key.form, Form::Node | Form::Station);
         self.keys.iter().find(names_node)
     }
 
-    /// Whether it happens to a drive that need not be named where there is only one.
+    /// Checks whether it happens to a drive. The drive need not be named if there is only one.
     #[must_use]
     pub fn is_of_a_drive(&self) -> bool {
         self.group != Group::Bus && self.node_key().is_none()
     }
 
-    /// The heading of its table.
+    /// Returns the heading of its table.
     #[must_use]
     pub fn heading(&self) -> String {
         format!("[[fault.{}.{}]]", self.group.name(), self.name)
@@ -288,11 +288,11 @@ const PLANT: Kind = Kind {
     ..SENSOR
 };
 
-/// All kinds, in the order of the format. The order of keys is that in which torture draws them.
+/// All kinds, in the order of the format. Torture draws the keys in the order in which they stand here.
 pub static KINDS: &[Kind] = &[
     Kind {
         name: "lose",
-        // The receiver does not answer what it misses.
+        // The receiver does not answer a frame that it misses.
         touch: Touch::OfNode,
         keys: &[
             Key {

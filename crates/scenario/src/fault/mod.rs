@@ -1,7 +1,7 @@
-//! The `[fault]` table: what goes wrong on purpose.
+//! The `[fault]` table: faults that a run has on purpose.
 //!
 //! Each kind of fault is a row of [`KINDS`] and an array of tables in a scenario, `[[fault.sensor.stuck]]`. All may be used
-//! together; each draws its random numbers from a stream of its own, so that one more fault leaves the others as they were.
+//! together. Each draws its random numbers from a stream of its own, so one more fault leaves the others as they were.
 
 mod kinds;
 mod read;
@@ -18,50 +18,50 @@ pub use kinds::{Drawn, Form, Group, KINDS, Key, Kind, Need, Time, Touch};
 pub(crate) use read::read;
 pub(crate) use schema::{describe, described};
 
-/// A value of a fault.
+/// Value of a fault's key.
 #[derive(Clone, Debug, PartialEq)]
 enum Value {
     Number(f64),
     Word(String),
 }
 
-/// A fault of a run.
+/// Fault of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
-    /// Its row.
+    /// Kind of the fault: its row.
     pub kind: &'static Kind,
-    /// Its place among those of its kind in the file.
+    /// Index among the faults of its kind in the file.
     pub index: usize,
-    /// The node that fails, or whose part does; `None` where the bus or a plant does.
+    /// Node that fails, or of which a part fails; `None` if the bus or a plant fails.
     pub node: Option<Node>,
-    /// The plant that fails, where the file names it in place of a drive.
+    /// Plant that fails, if the file names it in place of a drive.
     pub plant: Option<String>,
-    /// Its begin; `None` before the start of the scenario, if it is about how a node boots.
+    /// Start; `None` if it acts while a node boots, before the start of the scenario.
     pub from_seconds: Option<f64>,
-    /// Its end; with the run if absent. What happens at an instant ends at that instant.
+    /// End; the end of the run if absent. A fault that happens at an instant ends at that instant.
     pub until_seconds: Option<f64>,
     values: BTreeMap<&'static str, Value>,
 }
 
 impl Fault {
-    /// Its path in the document, which names its stream of random numbers.
+    /// Returns its path in the document, which also names its stream of random numbers.
     #[must_use]
     pub fn path(&self) -> String {
         let Kind { group, name, .. } = self.kind;
         format!("fault.{}.{name}.{}", group.name(), self.index)
     }
 
-    /// A number of it.
+    /// Returns the number at a key.
     ///
     /// # Panics
-    /// Its kind has no such number, or one without a default that is not given.
+    /// The kind has no such number, or the number has no default and is not given.
     #[must_use]
     pub fn number(&self, key: &str) -> f64 {
         let number = self.optional(key);
         number.unwrap_or_else(|| panic!("{} has no number `{key}`", self.kind.heading()))
     }
 
-    /// A number of it that may be left out.
+    /// Returns the number at an optional key.
     #[must_use]
     pub fn optional(&self, key: &str) -> Option<f64> {
         match self.values.get(key)? {
@@ -70,7 +70,7 @@ impl Fault {
         }
     }
 
-    /// A whole number of it that may be left out.
+    /// Returns the whole number at an optional key.
     #[must_use]
     #[expect(
         clippy::cast_possible_truncation,
@@ -81,20 +81,20 @@ impl Fault {
         self.optional(key).map(|number| number as u32)
     }
 
-    /// Whether this word stands at a key of it.
+    /// Checks whether a key has this word.
     #[must_use]
     pub fn says(&self, key: &str, word: &str) -> bool {
         matches!(self.values.get(key), Some(Value::Word(said)) if said == word)
     }
 
-    /// Whether it acts at a scenario time.
+    /// Checks whether the fault acts at a scenario time.
     #[must_use]
     pub fn acts_at(&self, time_seconds: f64) -> bool {
         self.from_seconds.is_some_and(|from| time_seconds >= from)
             && self.until_seconds.is_none_or(|end| time_seconds < end)
     }
 
-    /// Whether it happens to a part of the controller.
+    /// Checks whether it happens to the controller or a part of it.
     #[must_use]
     pub fn is_at_controller(&self) -> bool {
         self.is_at(Part::Controller)
@@ -104,7 +104,7 @@ impl Fault {
         self.node.as_ref().is_some_and(|node| node.part == part)
     }
 
-    /// Whether it happens to a drive with this node-ID, or to the plant that the drive moves.
+    /// Checks whether it happens to the drive with this node-ID, or to the plant that the drive moves.
     #[must_use]
     pub fn is_at_drive(&self, node_id: u8, plant: &str) -> bool {
         match &self.node {
@@ -113,14 +113,14 @@ impl Fault {
         }
     }
 
-    /// Whether it is one of the loop with this drive: it happens to the drive, or to nothing of another one.
+    /// Checks whether it belongs to the loop of this drive: it happens to this drive, or to no drive or plant in particular.
     #[must_use]
     pub fn is_of_loop(&self, drive_node_id: u8, plant: &str) -> bool {
         let is_elsewhere = self.is_at(Part::Drive) || self.plant.is_some();
         !is_elsewhere || self.is_at_drive(drive_node_id, plant)
     }
 
-    /// What happens, for people; among several drives it says to which.
+    /// Describes the fault; `are_drives_named` adds the name of the drive.
     #[must_use]
     pub fn text(&self, are_drives_named: bool) -> String {
         let (group, name) = (self.kind.group, self.kind.name.replace('_', " "));
@@ -139,45 +139,45 @@ impl Fault {
     }
 }
 
-/// The faults of a run, in the order of [`KINDS`] and of the file. All loops of a run share them.
+/// Faults of a run, in the order of [`KINDS`] and of the file. All loops of a run share them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Faults(Arc<[Fault]>);
 
 impl Faults {
-    /// All faults.
+    /// Returns all faults.
     pub fn iter(&self) -> std::slice::Iter<'_, Fault> {
         self.0.iter()
     }
 
-    /// Whether there is none.
+    /// Checks whether there are no faults.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Those of a kind.
+    /// Returns the faults of a kind.
     pub fn of<'a>(&'a self, kind: &'a str) -> impl Iterator<Item = &'a Fault> {
         self.iter().filter(move |fault| fault.kind.name == kind)
     }
 
-    /// Those of a group.
+    /// Returns the faults of a group.
     pub fn in_group(&self, group: Group) -> impl Iterator<Item = &Fault> {
         self.iter().filter(move |fault| fault.kind.group == group)
     }
 
-    /// Those at the controller.
+    /// Returns the faults of the controller.
     #[must_use]
     pub fn at_controller(&self) -> Self {
         self.only(Fault::is_at_controller)
     }
 
-    /// Those at the node with this node-ID.
+    /// Returns the faults of the node with this node-ID.
     #[must_use]
     pub fn at_node(&self, node_id: u8) -> Self {
         self.only(|fault| fault.node.as_ref().is_some_and(|node| node.id == node_id))
     }
 
-    /// Those at a drive with this node-ID, and at the plant that it moves.
+    /// Returns the faults of the drive with this node-ID, and of the plant that it moves.
     #[must_use]
     pub fn at_drive(&self, node_id: u8, plant: &str) -> Self {
         self.only(|fault| fault.is_at_drive(node_id, plant))
@@ -187,7 +187,7 @@ impl Faults {
         Self(self.iter().filter(|fault| is_one(fault)).cloned().collect())
     }
 
-    /// Whether one of a kind acts at a scenario time.
+    /// Checks whether a fault of a kind acts at a scenario time.
     #[must_use]
     pub fn any_acts(&self, kind: &str, time_seconds: f64) -> bool {
         self.of(kind).any(|fault| fault.acts_at(time_seconds))

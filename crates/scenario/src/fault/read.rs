@@ -1,4 +1,4 @@
-//! Reads the faults of a scenario: each with the node to which it happens.
+//! Reads the faults of a scenario, each with the node to which it happens.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use crate::structure::{self, number};
 const FAULT: &str = "fault";
 const PLANT: &str = "plant";
 const BENCH: &str = "bench";
-/// The node of a rig to which a fault may happen.
+/// Returns the node of a rig to which a fault may happen.
 fn node_of(rig: &Rig, name: &str) -> Option<Node> {
     if name == BENCH {
         return Some(Node::new(name, 0, Part::Bench));
@@ -40,8 +40,8 @@ fn only_drive(rig: &Rig) -> Option<Node> {
     node_of(rig, only)
 }
 
-/// The faults of a document, and what is wrong with them. What has another form than the schema says is left out: whoever checks
-/// that has said so.
+/// Reads the faults of a document, and the problems among them. A fault of another form than the schema's is left out: the check
+/// against the schema has reported it.
 pub(crate) fn read(document: &Document<'_>, rig: &Rig) -> (Faults, Vec<Problem>) {
     let reader = Reader { document, rig };
     let mut problems = reader.shape();
@@ -66,7 +66,7 @@ struct Reader<'a, 'text> {
 }
 
 impl<'text> Reader<'_, 'text> {
-    /// What the schema says of groups and kinds, without that which stands in their arrays.
+    /// Checks groups and kinds against the schema, without the entries of their arrays.
     fn shape(&self) -> Vec<Problem> {
         let section = self.document.root().get_key_value(FAULT);
         let section = section.map(|(key, value)| (key.clone(), value.clone()));
@@ -134,7 +134,7 @@ impl<'text> Reader<'_, 'text> {
         }))
     }
 
-    /// The plant that a fault names in place of a drive.
+    /// Returns the plant that a fault names in place of a drive.
     fn plant(
         &self,
         kind: &Kind,
@@ -159,7 +159,7 @@ impl<'text> Reader<'_, 'text> {
             .problem(&format!("{path}.{PLANT}"), message, label))
     }
 
-    /// The node to which a fault happens; `None` where it happens to the bus, or the schema finds fault with the name.
+    /// Returns the node to which a fault happens; `None` if it happens to the bus, or if the schema does not admit the name.
     fn node(&self, kind: &Kind, path: &str, table: &DeTable<'_>) -> Result<Option<Node>, Problem> {
         let key = match kind.node_key() {
             Some(key) => key.name,
@@ -212,7 +212,7 @@ impl<'text> Reader<'_, 'text> {
         Err(self.document.problem(&path, message, label))
     }
 
-    /// A current that the amplifier of the drive never gives.
+    /// Refuses a current that the amplifier of the drive never gives.
     fn outside_amplifier(
         &self,
         kind: &Kind,
@@ -236,7 +236,7 @@ impl<'text> Reader<'_, 'text> {
         )
     }
 
-    /// An entry with the names of positions in millimetres, checked as such.
+    /// Returns an entry with its positions named in millimetres, after a check of these names.
     fn in_own_unit(
         &self,
         kind: &Kind,
@@ -277,7 +277,7 @@ impl<'text> Reader<'_, 'text> {
     }
 }
 
-/// A current of the amplifier, and the beginning of its limit.
+/// Name of a current of the amplifier, and beginning of the name of its limit.
 const CURRENT: &str = "current_amperes";
 
 fn one(problem: Problem) -> Vec<Problem> {
@@ -288,7 +288,7 @@ fn is_of_node(key: &Key) -> bool {
     matches!(key.form, Form::Node | Form::Station)
 }
 
-/// The entries of a table.
+/// Returns the entries of a table.
 fn tables<'a, 'text>(
     value: &'a mut Spanned<DeValue<'text>>,
 ) -> impl Iterator<
@@ -304,7 +304,7 @@ fn tables<'a, 'text>(
     table.into_iter().flat_map(DeTable::iter_mut)
 }
 
-/// The value of a key, or its default.
+/// Returns the value of a key, or its default.
 fn value(key: &Key, table: &DeTable<'_>) -> Option<Value> {
     match (table.get(key.name).map(Spanned::get_ref), key.need) {
         (Some(DeValue::String(word)), _) => Some(Value::Word(word.to_string())),

@@ -1,22 +1,22 @@
-//! The JSON Schema of `[fault]`, made of the table of faults, and its text.
+//! The JSON Schema of `[fault]`, made from the table of faults, and its text.
 
 use serde_json::{Map, Value, json};
 
 use super::{Form, Group, KINDS, Key, Kind, Need, Time};
 use crate::TIME_SECONDS_MAX;
 
-/// Entries of an array at most.
+/// Largest number of entries of an array.
 const ENTRIES_MAX: usize = 100;
 const TEXT: &str = "Injected faults, by where they act; the nodes do not know of them. Each kind says where it acts and whether `bus.log` shows it.";
 
-/// The schema of `[fault]` as the only section.
+/// Returns a schema whose only section is `[fault]`.
 pub(crate) fn described() -> Value {
     let mut schema = json!({"type": "object", "properties": {}, "definitions": {}});
     describe(&mut schema);
     schema
 }
 
-/// Puts `[fault]` into a schema.
+/// Adds `[fault]` to a schema.
 pub(crate) fn describe(schema: &mut Value) {
     let of_kinds = KINDS.iter().map(|kind| (definition(kind), of_kind(kind)));
     let of_groups = Group::ALL.map(|group| (of_group(group), kinds_of(group)));
@@ -45,12 +45,12 @@ pub(crate) fn describe(schema: &mut Value) {
     schema["properties"]["fault"] = reference_to("Faults", TEXT);
 }
 
-/// The name of a group's definition.
+/// Returns the name of a group's definition.
 fn of_group(group: Group) -> String {
     format!("{}Faults", capitalised(group.name()))
 }
 
-/// The name of a kind's definition.
+/// Returns the name of a kind's definition.
 fn definition(kind: &Kind) -> String {
     let words = kind.name.split('_').map(capitalised);
     format!("{}Fault", words.collect::<String>())
@@ -69,7 +69,7 @@ fn reference_to(definition: &str, text: &str) -> Value {
     json!({"allOf": [reference(definition)], "description": text})
 }
 
-/// The words among which a key chooses, with the name of their definition.
+/// Returns the words among which a key chooses, with the name of their definition.
 fn choice(key: &Key) -> Option<(String, &'static [(&'static str, &'static str)])> {
     match key.form {
         Form::Word(words) => Some((capitalised(key.name), words)),

@@ -1,4 +1,4 @@
-//! The `[fault]` table as the loader takes it.
+//! Tests of the `[fault]` table in the loader.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ fn parse(tables: &str) -> Result<Trial, Vec<String>> {
     parsed.map_err(|error| error.problems().iter().map(ToString::to_string).collect())
 }
 
-/// The least table of a kind.
+/// Returns the smallest table of a kind.
 fn least(kind: &Kind) -> String {
     let times = match kind.time {
         Time::Lasts => "from_seconds = 0.0\n",

@@ -1,4 +1,4 @@
-//! What is expected of several loops together.
+//! Reads the expectations of several loops together.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -14,13 +14,13 @@ use crate::port::Unit;
 use crate::rig::nodes::Rig;
 use crate::schema;
 
-/// The limits of a contour.
+/// Keys of a contour's limits.
 const LIMITS: [&str; 2] = [
     "contour_error_millimetres_max",
     "contour_error_millimetres_rms",
 ];
 
-/// `[[expect.contour]]`.
+/// Reads `[[expect.contour]]`.
 pub(super) fn read_contours(
     scenario: &Document<'_>,
     rig: &Rig,
@@ -51,7 +51,7 @@ pub(super) fn read_contours(
     none_of(problems, contour)
 }
 
-/// The unit of a loop.
+/// Returns the unit of a loop.
 fn unit_of(name: &str, rig: &Rig) -> Unit {
     rig.wiring_of(rig.drive_of_loop(name))
         .feedback
@@ -59,7 +59,7 @@ fn unit_of(name: &str, rig: &Rig) -> Unit {
         .unit
 }
 
-/// Gives the limits of a contour the names that they have in millimetres. A distance is of loops of one unit.
+/// Renames the limits of a contour to their names in millimetres. All loops of a contour have one unit.
 fn in_millimetres(
     scenario: &Document<'_>,
     entry: &mut DeValue<'_>,

@@ -1,4 +1,4 @@
-//! What is expected of each loop, and what of the bus that they share.
+//! Divides the expectations among the loops, and the bus that they share.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -11,24 +11,24 @@ use crate::metrics::{Metric, is_of_bus as is_metric_of_bus};
 const TIMING: &str = "timing";
 const REQUIREMENTS: &str = "requirements";
 
-/// Whether a key of `[expect]` is of all loops together.
+/// Checks whether a key of `[expect]` belongs to all loops together.
 pub(super) fn is_of_all(key: &str) -> bool {
     key == CONTOUR || key == REQUIREMENTS || is_of_bus(key)
 }
 
-/// Whether a key of `[expect]` is about the bus and the computer.
+/// Checks whether a key of `[expect]` is about the bus and the computer.
 fn is_of_bus(key: &str) -> bool {
     key == TIMING || is_metric_of_bus(key)
 }
 
 impl<'text> Selector<'_, 'text> {
-    /// `[expect.LOOP]` with what it lacks of `[expect.all]`. The first loop is judged by what `[expect]` says of the bus too.
-    /// Where there is one loop, it may be `[expect]`.
+    /// Returns `[expect.LOOP]`, completed from `[expect.all]`. The first loop also gets the expectations of the bus from
+    /// `[expect]`. If there is one loop, its table may be `[expect]` itself.
     pub(super) fn expect(&self, name: &str) -> Option<Spanned<DeValue<'text>>> {
         let expect = self.root().get(EXPECT)?;
         let whole = match self.table(expect) {
             Some(whole) if self.is_by_loop(EXPECT) => whole,
-            // What is expected of the only loop is not of a drive that its law leads besides.
+            // Expectations of the only loop do not hold for a drive that its law leads besides.
             _ if self.is_led(name) => return None,
             _ => {
                 let mut kept = expect.clone();
@@ -43,7 +43,7 @@ impl<'text> Selector<'_, 'text> {
             Some(kept) => kept.clone(),
             None => Spanned::new(expect.span(), DeValue::Table(DeTable::new())),
         };
-        // What is no table is refused as such.
+        // A value that is no table is refused later.
         if let DeValue::Table(table) = kept.get_mut() {
             if let Some(all) = of_all.and_then(|all| self.table(all)) {
                 add(table, all);
@@ -66,7 +66,7 @@ impl<'text> Selector<'_, 'text> {
         Some(kept)
     }
 
-    /// What is expected of one loop and is of all, and the other way round.
+    /// Finds expectations of all loops in the table of one loop, and the other way round.
     pub(super) fn misplaced(&self, loops: &[&str]) -> Vec<Problem> {
         if !self.is_by_loop(EXPECT) {
             return Vec::new();

@@ -11,7 +11,7 @@ use crate::nearest::meant_or_known;
 use crate::rig::shipped;
 use crate::table::{ReadTable, is_inside_folder};
 
-/// What a scenario's file is called in a run folder, beside the files that it names.
+/// Name of a scenario's file in a run folder, beside the files that it names.
 const SCENARIO_FILE: &str = "scenario.toml";
 
 /// A scenario and the rig that it names.
@@ -19,15 +19,15 @@ pub(super) struct Files<'text> {
     pub(super) name: String,
     pub(super) scenario: Document<'text>,
     pub(super) rig: RigText,
-    /// Where the rig file is.
+    /// Path of the rig file.
     pub(super) path: PathBuf,
 }
 
 pub(super) struct RigText {
     pub(super) text: String,
-    /// Where it was read from, for people.
+    /// Name of the rig file in messages.
     pub(super) name: String,
-    /// Its name beside the scenario; that of its copy in a run folder if it ships.
+    /// Name of the rig file relative to the scenario; the name of its copy in a run folder if it ships.
     pub(super) beside: String,
     pub(super) is_shipped: bool,
 }
@@ -58,7 +58,7 @@ impl<'text> Files<'text> {
     }
 }
 
-/// The rig that a scenario names: one that ships, or a file beside it.
+/// Returns the rig that a scenario names: a shipped one, or a file beside the scenario.
 fn rig_text(
     scenario: &Document<'_>,
     beside: &Beside,
@@ -138,7 +138,7 @@ fn rig_text(
     })
 }
 
-/// Whether a file beside another one is that other one.
+/// Checks whether a file beside another one is the same file.
 fn is_same_file(beside: &str, path: &Path) -> bool {
     let components = Path::new(beside).components();
     let names = components.filter(|component| *component != Component::CurDir);

@@ -3,7 +3,7 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Calls the start values of an FMU by the whole names of their variables.
+/// Names the start values of an FMU by the whole names of their variables.
 pub(super) fn name_start_values(fmu: &mut DeTable<'_>) {
     if let Some(DeValue::Table(start)) = fmu.get_mut("start").map(Spanned::get_mut) {
         let mut whole = DeTable::new();

@@ -1,22 +1,22 @@
-//! Which kind of file a document is meant as: no kind has the tables of another one.
+//! Recognises the intended kind of a file by its tables: each kind has tables that the other has not.
 
 use crate::document::Document;
 use crate::error::Problem;
 
-/// A rig file.
+/// Checks whether the document is meant as a rig file.
 pub(super) fn is_rig(document: &Document<'_>) -> bool {
     let tables = ["node", "loop", "defaults", "drive", "limits"];
     let is_scenario = document.has("controller") || document.has("rig");
     tables.iter().any(|table| document.has(table)) && !is_scenario
 }
 
-/// A scenario.
+/// Checks whether the document is meant as a scenario.
 pub(crate) fn is_scenario(document: &Document<'_>) -> bool {
     let keys = ["controller", "rig", "duration_seconds", "reference"];
     keys.iter().any(|key| document.has(key))
 }
 
-/// A table in which a rig file of a single drive might be expected to have it: a drive is a node of a rig file.
+/// Finds a table at the top of a rig file that belongs to a drive: a drive is a node of a rig file.
 pub(super) fn drive_without_node(document: &Document<'_>) -> Option<Problem> {
     let tables = ["drive", "limits", "timeouts", "preflight"];
     let table = tables.into_iter().find(|table| document.has(table))?;

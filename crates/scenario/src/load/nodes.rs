@@ -1,4 +1,4 @@
-//! Reads rig files, and finds what the schema cannot say: who is wired to what, and whether it fits.
+//! Reads rig files, and checks what the schema cannot express: how nodes are wired, and whether they fit.
 
 mod amplifiers;
 mod ids;
@@ -23,9 +23,9 @@ use crate::rig::{ObjectAddress, RealDrive};
 use crate::table;
 use crate::{meant_or_known, nearest};
 
-/// What the file is for people.
+/// Kind of the file in messages.
 pub(super) const KIND: &str = "rig file";
-/// Tables of names, each with how many it may have.
+/// Tables of names, each with its largest number of entries.
 const TABLES: [(&str, usize); 3] = [
     ("plant", NODES_MAX),
     ("node", NODES_MAX),
@@ -33,7 +33,7 @@ const TABLES: [(&str, usize); 3] = [
 ];
 const CURRENT_PORT: &str = "current_amperes";
 const POSITION_PORT: &str = "position_metres";
-/// An input on which an output of an io node might act, for people.
+/// Returns the example of an input on which an output of an io node might act.
 fn an_input(output: &str) -> &'static str {
     match output {
         FAN_OUTPUT => "convection_factor",
@@ -43,22 +43,22 @@ fn an_input(output: &str) -> &'static str {
 }
 
 impl Rig {
-    /// Whether a text is meant as a rig file.
+    /// Checks whether a text is meant as a rig file.
     #[must_use]
     pub fn is_meant(text: &str) -> bool {
         let document = Document::parse(Source::new("", text), text);
         document.is_ok_and(|document| kind::is_rig(&document))
     }
 
-    /// Reads a rig file from text; `file_name` names it in errors.
+    /// Parses a rig file; `file_name` names it in errors.
     ///
     /// # Errors
-    /// Everything that is wrong in the text.
+    /// All problems of the text.
     pub fn parse(text: &str, file_name: &str) -> Result<Self, ScenarioError> {
         Self::read(text, file_name, Reading::ToPlay).map(|(rig, _)| rig)
     }
 
-    /// As [`Rig::parse`], with the tree from which it was made.
+    /// Parses as [`Rig::parse`], and also returns the tree from which the rig was made.
     pub(super) fn read<'text>(
         text: &'text str,
         file_name: &str,
@@ -70,7 +70,7 @@ impl Rig {
         Ok((rig, document))
     }
 
-    /// The tree of a rig file, in which each node has what it needs.
+    /// Returns the tree of a rig file, in which each node has its defaults.
     pub(super) fn document<'text>(
         text: &'text str,
         file_name: &str,
@@ -84,7 +84,7 @@ impl Rig {
         Ok(document)
     }
 
-    /// The rig of a tree in which each node has what it needs.
+    /// Makes the rig of a tree in which each node has its defaults.
     pub(super) fn of_tree(document: &Document<'_>, reading: Reading) -> Result<Self, Vec<Problem>> {
         let outside = match reading {
             Reading::ToPlay | Reading::Case | Reading::View => Outside::Registered,
@@ -117,12 +117,12 @@ impl Rig {
     }
 }
 
-/// An error of a rig file.
+/// Makes the error of a rig file.
 pub(super) fn fail(file_name: &str, problems: Vec<Problem>) -> ScenarioError {
     ScenarioError::new(KIND, file_name, problems)
 }
 
-/// Another kind of file.
+/// Refuses another kind of file.
 fn no_rig(document: &Document<'_>) -> Option<Problem> {
     if kind::is_scenario(document) {
         let problem = document.problem("name", "this is a scenario, not a rig file", "a scenario");
@@ -131,7 +131,7 @@ fn no_rig(document: &Document<'_>) -> Option<Problem> {
     kind::drive_without_node(document)
 }
 
-/// More of something than any rig has; then nothing else is said.
+/// Refuses a table with more entries than any rig has; then no other problem is reported.
 fn too_many(document: &Document<'_>) -> Option<Problem> {
     let counts = TABLES.iter().map(|(table, max)| {
         let names = document
@@ -146,7 +146,7 @@ fn too_many(document: &Document<'_>) -> Option<Problem> {
     })
 }
 
-/// Gives each drive what it does not say itself. What is copied still knows where it was written.
+/// Gives each drive the defaults that it does not replace. Copied values keep the place where they were written.
 fn spread_defaults(root: &mut DeTable<'_>) {
     let defaults = root
         .get("defaults")
@@ -173,7 +173,7 @@ fn spread_defaults(root: &mut DeTable<'_>) {
     }
 }
 
-/// Where the defaults stand that drives have copies of.
+/// Returns the places of the defaults that drives have copies of.
 fn default_places(document: &Document<'_>) -> BTreeSet<usize> {
     fn add(value: &Spanned<DeValue<'_>>, places: &mut BTreeSet<usize>) {
         places.insert(value.span().start);
@@ -189,7 +189,7 @@ fn default_places(document: &Document<'_>) -> BTreeSet<usize> {
     places
 }
 
-/// What is wrong with a default is so with each copy of it: the first time says enough.
+/// Keeps the first problem at a default and drops those of its further copies.
 fn say_once(problems: &mut Vec<Problem>, places: &BTreeSet<usize>) {
     let mut said = BTreeSet::new();
     problems.retain(|problem| {
@@ -198,7 +198,7 @@ fn say_once(problems: &mut Vec<Problem>, places: &BTreeSet<usize>) {
     });
 }
 
-/// Adds what is missing, down to the last table.
+/// Adds missing keys, down to the last table.
 pub(super) fn fill<'text>(table: &mut DeTable<'text>, defaults: &DeTable<'text>) {
     for (key, default) in defaults {
         match (table.get_mut(key.get_ref().as_ref()), default.get_ref()) {
@@ -235,7 +235,7 @@ impl Check<'_> {
         problems.extend(self.sensors());
         problems.extend(self.ports());
         problems.extend(self.loops());
-        // Of what is not whole, more would be said than is wrong.
+        // An incomplete rig would cause more problems than it has.
         if problems.is_empty() {
             problems.extend(self.unserved());
         }
@@ -260,7 +260,7 @@ impl Check<'_> {
         problems.collect()
     }
 
-    /// An FMU is a file, with something to wire.
+    /// Checks that an FMU is a file, and has ports to wire.
     fn fmus(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         for (name, plant) in &self.rig.plant {
@@ -286,7 +286,8 @@ impl Check<'_> {
         problems
     }
 
-    /// Wires whose transformation temperatures are out of order, and those that never cool to where their memory begins.
+    /// Finds wires whose transformation temperatures are out of order, and wires that never cool to the temperature at which
+    /// their memory begins.
     fn temperatures(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         for (name, plant) in &self.rig.plant {
@@ -329,7 +330,7 @@ impl Check<'_> {
             .map(|(name, _)| name.as_str())
     }
 
-    /// Each node has what its kind needs, and nothing else.
+    /// Checks that each node has the parts that its kind needs, and no others.
     fn nodes(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         for (name, node) in &self.rig.node {
@@ -346,7 +347,7 @@ impl Check<'_> {
                         let label = "of another kind of node";
                         problems.push(self.problem(&format!("{path}.{part}"), message, label));
                     }
-                    // Who knows the plant of a drive that is somebody else's?
+                    // The plant of an external drive need not be known.
                     (false, true) if !node.is_ours() => {}
                     (false, true) => {
                         let message = format!("`{name}` lacks its {part}");
@@ -360,7 +361,7 @@ impl Check<'_> {
         problems
     }
 
-    /// Who is somebody else's, and what canrig must know of it.
+    /// Checks external nodes, and the facts that canrig must know of them.
     fn externals(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         for (name, node) in &self.rig.node {
@@ -445,7 +446,8 @@ impl Check<'_> {
         problems
     }
 
-    /// A real fan cannot cool an emulated wire, nor an emulated one a real wire.
+    /// Refuses an io node between an emulated and a real plant: a real fan cannot cool an emulated wire, nor an emulated one a
+    /// real wire.
     fn io_beside_external(&self, name: &str) -> Option<Problem> {
         let is_other = |(drive, node): &(&String, &RigNode)| {
             let moved = self.rig.plant_of(drive);
@@ -467,7 +469,7 @@ impl Check<'_> {
         Some(self.problem(&format!("node.{name}"), message, label))
     }
 
-    /// Each port exists, and has one that drives it.
+    /// Checks that each port exists, and that one node drives it.
     fn ports(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut driven: BTreeMap<&str, String> = BTreeMap::new();
@@ -511,7 +513,7 @@ impl Check<'_> {
         problems
     }
 
-    /// Which ports a plant has is known to who knows its model.
+    /// Checks a port against the ports of its plant, where its model is known.
     fn port(&self, path: &str, port: &str, wanted: &str) -> Option<Problem> {
         let (plant, name) = port.split_once('.').unwrap_or((port, ""));
         if !self.rig.plant.contains_key(plant) {
@@ -538,7 +540,7 @@ impl Check<'_> {
         self.document.problem(path, message, label)
     }
 
-    /// Each loop has drives, each drive one loop.
+    /// Checks that each loop has drives, and each drive one loop.
     fn loops(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut led: BTreeMap<&str, String> = BTreeMap::new();
@@ -567,12 +569,13 @@ impl Check<'_> {
                 }
                 led.entry(drive).or_insert(path);
             }
-            // Where the drive is the wrong one, its feedback may be right.
+            // If the drive is the wrong one, the feedback may be right.
             if !first_is_led {
                 problems.extend(self.feedback(name, &one.feedback, &one.drives));
             }
         }
-        // A loop without a drive was found by the schema: it is probably the one. So is one that has another loop's drive.
+        // The schema has found a loop without a drive, and it is probably the loop that is missing here; so is one with another
+        // loop's drive.
         let is_said = is_one_in_two || self.rig.loops.values().any(|one| one.drives.is_empty());
         let is_followed = |drive: &str| self.rig.loops.values().any(|one| one.followed() == drive);
         for drive in self.of_kind(NodeKind::Drive) {
@@ -606,7 +609,7 @@ impl Check<'_> {
         }
     }
 
-    /// What a loop commands of a drive.
+    /// Checks the signal of a drive that a loop commands.
     fn output(&self, path: &str, drive: &str, output: &str) -> Option<Problem> {
         let is_drive = (self.rig.node.get(drive)).is_some_and(|node| node.kind == NodeKind::Drive);
         let right = self.command_of(drive);
@@ -617,12 +620,12 @@ impl Check<'_> {
         })
     }
 
-    /// The signal of a drive that a loop can follow.
+    /// Returns the signal of a drive that a loop can follow.
     fn signal_of(&self, drive: &str) -> String {
         self.rig.measurand_of(drive).signal
     }
 
-    /// The signal of a drive that a loop can command.
+    /// Returns the signal of a drive that a loop can command.
     fn command_of(&self, drive: &str) -> String {
         let command = self.rig.measurand_of(drive).command;
         format!("{drive}.{}", command.signal())
@@ -631,7 +634,7 @@ impl Check<'_> {
     fn feedback(&self, name: &str, feedback: &str, drives: &[String]) -> Option<Problem> {
         let (node, signal) = feedback.split_once('.').unwrap_or((feedback, ""));
         let path = format!("loop.{name}.feedback");
-        // Without a drive there is nothing to lead, which is said.
+        // A loop without a drive has been reported already.
         let first = drives.first()?;
         if self.of_kind(NodeKind::Drive).all(|drive| drive != node) {
             let message =
@@ -640,7 +643,7 @@ impl Check<'_> {
                 Some(meant) => format!("did you mean \"{meant}.{}\"?", self.signal_of(meant)),
                 None => format!("write \"{first}.{}\"", self.signal_of(first)),
             };
-            // Of what it commands too, that is said.
+            // If the loop also commands this node, that has been reported already.
             let problem = || self.document.problem(&path, message, label);
             return (first != node).then(problem);
         }

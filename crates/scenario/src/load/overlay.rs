@@ -1,5 +1,5 @@
-//! Other values that a scenario gives to its rig, by the rig's own paths: `[bus]`, `[plant.NAME]` without the model's name, and the
-//! parts of a node, as in `[node.NAME.sensor]`. It adds, removes and rewires nothing.
+//! Values of a scenario that replace those of its rig, by the rig's own paths: `[bus]`, `[plant.NAME]` without the model's name,
+//! and the parts of a node, as in `[node.NAME.sensor]`. A scenario adds, removes and rewires nothing.
 
 use std::ops::Range;
 
@@ -16,15 +16,15 @@ use crate::rig::nodes::Rig;
 use crate::schema;
 use crate::structure::found_words;
 
-/// Tables of a rig file that a scenario may have too.
+/// Tables of a rig file that a scenario may have, too.
 const SECTIONS: [&str; 3] = ["bus", "plant", "node"];
 const PLANT: &str = "plant";
 const NODE: &str = "node";
-/// What a real drive may never do.
+/// Key of the hard limits of a real drive.
 const LIMITS: &str = "limits";
-/// The keys of a node that are values and no tables.
+/// Keys of a node that are values, not tables.
 const VALUES: [&str; 2] = ["truth_every_cycles", "program"];
-/// Keys of a node that say what is there and how it is wired, which only the rig file does.
+/// Keys of a node that define the parts of the rig and their wiring; only the rig file has them.
 const WIRING: [&str; 12] = [
     "kind",
     "node_id",
@@ -39,14 +39,14 @@ const WIRING: [&str; 12] = [
     "outputs",
     "record",
 ];
-/// The same of an FMU.
+/// Keys of an FMU for the rig file only.
 const WIRING_OF_FMU: [&str; 3] = ["file", "ports", "record"];
 
-/// The rig with the values of a scenario in it, and what is wrong with them. `as_written` is the rig without these values, where it
-/// was checked so: then more can be said of a scenario whose values are wrong.
+/// Returns the rig with the values of a scenario in it, and the problems of these values. `as_written` is the rig without these
+/// values, if it was checked so; it allows further checks of a scenario whose values are wrong.
 ///
 /// # Errors
-/// What is wrong with the values, where nothing more can be said.
+/// The problems of the values, if they prevent further checks.
 pub(super) fn overlaid<'text>(
     scenario: &Document<'text>,
     as_written: Option<Rig>,
@@ -58,7 +58,7 @@ pub(super) fn overlaid<'text>(
         Some(rig) if !is_overlaid => return Ok((rig, Vec::new())),
         as_written => as_written,
     };
-    // What the rig file says stands at the scenario's key `rig`.
+    // A problem in the rig file is shown at the scenario's key `rig`.
     let at = scenario.span("rig");
     let mut own_tree = placed_table(rig_tree, &at);
     own_tree.remove("defaults");
@@ -82,7 +82,7 @@ pub(super) fn overlaid<'text>(
 
 struct Overlay<'a, 'text> {
     scenario: &'a Document<'text>,
-    /// The rig's tree as it is written.
+    /// Tree of the rig as written.
     tree: &'a DeTable<'text>,
 }
 
@@ -170,7 +170,7 @@ impl<'text> Overlay<'_, 'text> {
         }
     }
 
-    /// The entries of a table of the rig file.
+    /// Returns the entries of a table of the rig file.
     fn entries(&self, section: &str) -> impl Iterator<Item = (&str, &DeValue<'text>)> {
         let table = self.tree.get(section);
         let table = table.and_then(|table| table.get_ref().as_table());
@@ -178,7 +178,7 @@ impl<'text> Overlay<'_, 'text> {
         entries.map(|(name, value)| (name.get_ref().as_ref(), value.get_ref()))
     }
 
-    /// The plants of the rig, each with the name of its model.
+    /// Returns the plants of the rig, each with the name of its model.
     fn models(&self) -> impl Iterator<Item = (&str, &str)> {
         self.entries(PLANT).filter_map(|(plant, models)| {
             let model = models.as_table()?.keys().next()?;
@@ -186,7 +186,7 @@ impl<'text> Overlay<'_, 'text> {
         })
     }
 
-    /// The name of a model of plants, which a rig file has and a scenario has not.
+    /// Refuses the name of a plant's model, which only a rig file has.
     fn with_model(
         &self,
         plant: &Spanned<DeString<'text>>,
@@ -213,7 +213,7 @@ impl<'text> Overlay<'_, 'text> {
         Some(self.problem(key.span(), message, label))
     }
 
-    /// Why a scenario cannot give other values to a part of a node.
+    /// Refuses values for a part of a node that a scenario cannot change.
     fn part(
         &self,
         name: &Spanned<DeString<'text>>,
@@ -238,7 +238,7 @@ impl<'text> Overlay<'_, 'text> {
         })
     }
 
-    /// The table below a name, if nothing in it is for the rig file alone.
+    /// Returns the table below a name, if it has no key that is for the rig file alone.
     fn values<'b>(
         &self,
         section: &str,
@@ -282,7 +282,7 @@ impl<'text> Overlay<'_, 'text> {
         self.scenario.source.problem(span, message, label)
     }
 
-    /// Problems with the paths that a scenario has, which are without the names of models.
+    /// Gives problems the paths of the scenario, which are without the names of models.
     fn without_models(&self, problems: Vec<Problem>) -> impl Iterator<Item = Problem> {
         let paths = self.models().map(|(plant, model)| {
             let short = format!("{PLANT}.{plant}");
@@ -300,7 +300,7 @@ impl<'text> Overlay<'_, 'text> {
     }
 }
 
-/// The first of some keys in a table, or in one below it.
+/// Returns the first of some keys in a table, or in one below it.
 fn first_of<'a, 'text>(
     table: &'a DeTable<'text>,
     keys: &[&str],
@@ -312,7 +312,7 @@ fn first_of<'a, 'text>(
     })
 }
 
-/// The table at a key, which is made if it is missing.
+/// Returns the table at a key, and makes it if it is missing.
 fn below<'a, 'text>(
     tree: &'a mut DeTable<'text>,
     name: &str,
@@ -330,7 +330,7 @@ fn below<'a, 'text>(
     }
 }
 
-/// Puts values in place of others, down to the last table.
+/// Replaces values by others, down to the last table.
 fn put<'text>(tree: &mut DeTable<'text>, values: &DeTable<'text>) {
     for (key, value) in values {
         let name: &str = key.get_ref();
@@ -344,7 +344,7 @@ fn put<'text>(tree: &mut DeTable<'text>, values: &DeTable<'text>) {
     }
 }
 
-/// A table of another file, as if all of it stood here.
+/// Copies a table of another file; every value gets one place of this file.
 fn placed_table<'text>(table: &DeTable<'text>, at: &Range<usize>) -> DeTable<'text> {
     let entries = table.iter().map(|(key, value)| {
         let key = Spanned::new(at.clone(), key.get_ref().clone());

@@ -1,4 +1,4 @@
-//! Resolves a scenario and the rig that it names into what a run is: one pass that checks and builds.
+//! Resolves a scenario and the rig that it names into the facts of a run, in one pass that checks and builds.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -30,17 +30,17 @@ use crate::trial::{Sections, Trial};
 use crate::view::HIDDEN_FROM_CONTROLLER;
 use crate::wiring::Wiring;
 
-/// Where a path begins that is one of the scenario: a rig file has none of these.
+/// Beginning of paths that belong to the scenario: a rig file has none of these.
 const OF_SWEEP: &str = "sweep.";
 
-/// A scenario that tries nothing.
+/// Scenario of a rig on which nothing is tried.
 const IDLE: &str =
     "schema = 1\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
 
-/// Finds what is wrong with a whole scenario, for an error at a place in the rig file, or in the scenario below `sweep`.
+/// Finds a problem of a whole scenario, for an error at a place in the rig file, or in the scenario below `sweep`.
 type FindObjection<'a> = &'a dyn Fn(&Scenario) -> Option<Objection>;
 
-/// What a scenario is resolved for, and what else may be wrong with it.
+/// Purpose for which a scenario is resolved, and the caller's further checks.
 struct Asked<'a> {
     reading: Reading,
     objections: FindObjections<'a>,
@@ -48,12 +48,12 @@ struct Asked<'a> {
 }
 
 impl Scenario {
-    /// Reads a scenario, the rig that it names, and its tables, with the very texts that were read. `read_file` gives the text of a
-    /// file by the name that the scenario uses; `beside` says where these files are. `objections` says what else is wrong with a
-    /// loop, `object` what is wrong with the rig.
+    /// Parses a scenario, the rig that it names, and its tables, and returns it with the texts that were read. `read_file`
+    /// returns the text of a file by the name that the scenario uses; `beside` locates these files. `objections` finds further
+    /// problems of a loop, `object` a problem of the rig.
     ///
     /// # Errors
-    /// Everything that is wrong in the texts, and every objection.
+    /// All problems of the texts, and every objection.
     pub fn parse(
         beside: &Beside,
         text: String,
@@ -69,7 +69,7 @@ impl Scenario {
         parse_for(beside, text, &mut read_file, &asked)
     }
 
-    /// As [`Scenario::parse`], for a scenario with other values than one that was read before, on the same rig.
+    /// Parses as [`Scenario::parse`], for a scenario with other values than one that was parsed before, on the same rig.
     ///
     /// # Errors
     /// As [`Scenario::parse`].
@@ -87,8 +87,8 @@ impl Scenario {
         parse_for(beside, text, &mut read_file, &asked).map(|(scenario, _)| scenario)
     }
 
-    /// As [`Scenario::parse`], for a scenario that was played already: tables of plants and laws from outside are kept as they are,
-    /// whether this bench has these plants and laws or not, and nothing in them is checked. Nor is what a sweep would vary.
+    /// Parses as [`Scenario::parse`], for a scenario that was played already. Tables of plants and laws from outside are kept
+    /// unchecked, whether this bench has these plants and laws or not. The sweep is not checked either.
     ///
     /// # Errors
     /// As [`Scenario::parse`], but for these tables.
@@ -103,12 +103,13 @@ impl Scenario {
             objections: &objections,
             object: &object,
         };
-        // Hashes are those that were written then.
+        // Hashes come from the recording.
         let read = &mut |name: &str| beside.read_text(name);
         parse_for(beside, text, read, &asked)
     }
 
-    /// As [`Scenario::parse`], without what the controller may not know: disturbances, faults and limits are not looked at.
+    /// Parses as [`Scenario::parse`], without the tables that are hidden from the controller: disturbances, faults and limits are
+    /// not read.
     ///
     /// # Errors
     /// As [`Scenario::parse`], for the tables that the controller sees.
@@ -125,10 +126,10 @@ impl Scenario {
         parse_for(beside, text, &mut read_file, &asked)
     }
 
-    /// As [`Scenario::parse`], for a rig on which nothing is tried; `name` says where its text was read from.
+    /// Makes a scenario of a rig on which nothing is tried; `name` is the source of its text.
     ///
     /// # Errors
-    /// Everything that is wrong in the rig file, and the objection.
+    /// All problems of the rig file, and the objection.
     pub fn of_rig(
         text: &str,
         name: &str,
@@ -211,7 +212,7 @@ fn resolve(
         scenario: document,
         rig: &rig,
     };
-    // A misspelt table is one problem, not another one for all that it does not say.
+    // A misspelt table is one problem; the keys that are then missing are not further ones.
     let strange = selector.strange_keys();
     if !strange.is_empty() {
         problems.extend(strange);
@@ -224,7 +225,7 @@ fn resolve(
         problems.extend(found);
         Vec::new()
     });
-    // What is to be said of all loops together is said when each of them is right.
+    // All loops together are checked once each of them is right.
     let run = match run {
         Some(run) if loops.len() == rig.loops.len() => run,
         _ => return Err(fail(problems)),
@@ -260,8 +261,8 @@ fn resolve(
     }
 }
 
-/// What is tried in each loop, without those that cannot be read. Of the run is told what it is, and whether all of its faults could be
-/// read.
+/// Reads the trial of each loop, without loops that cannot be read. Also returns the facts of the run, and whether all of its
+/// faults could be read.
 fn read_loops(
     selector: &Selector<'_, '_>,
     files: &Files<'_>,
@@ -296,7 +297,7 @@ fn read_loops(
     loops
 }
 
-/// An objection at its place: in the scenario where that has a value for it, else in the rig file.
+/// Places an objection: in the scenario if that has a value at its path, else in the rig file.
 fn objected(
     files: &Files<'_>,
     rig_document: &Document<'_>,
@@ -314,7 +315,8 @@ fn objected(
     nodes::fail(&files.rig.name, vec![objection.problem(rig_document)])
 }
 
-/// The facts of the run; none where the keys of the scenario cannot be read. False where some of the faults could not be.
+/// Reads the facts of the run; `None` if the keys of the scenario cannot be read. The flag is false if some of the faults could
+/// not be read.
 fn read_run(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> (Option<Arc<Run>>, bool) {
     let Selector { scenario, rig } = selector;
     let (faults, wrong_faults) = fault::read(scenario, rig);
@@ -328,7 +330,7 @@ fn read_run(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> (Option
     (run, has_all_faults)
 }
 
-/// The keys of a scenario that are no tables; none where one of them cannot be read.
+/// Reads the keys of a scenario that are not tables; `None` if one of them cannot be read.
 fn read_header(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> Option<Header> {
     let document = selector.scenario.with_root(selector.header());
     let built = build::<Header>(
@@ -345,23 +347,23 @@ fn read_header(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> Opti
     header
 }
 
-/// Reads what is tried in one loop.
+/// Reads the trial of one loop.
 struct TrialReader<'a, 'text> {
-    /// The tables that are of the loop; problems have the names of positions in millimetres.
+    /// Tables of the loop; problems have the names of positions in millimetres.
     document: Document<'text>,
     factors: &'a [(String, f64)],
     rig: &'a Rig,
     rig_path: &'a Path,
     scenario_path: &'a Path,
     run: Option<&'a Arc<Run>>,
-    /// False where some of the faults could not be read.
+    /// False if some of the faults could not be read.
     has_all_faults: bool,
     read_file: ReadTable<'a>,
     asked: &'a Asked<'a>,
 }
 
 impl TrialReader<'_, '_> {
-    /// What is tried; nothing where the facts of the run are not known.
+    /// Reads the trial; `None` if the facts of the run are not known.
     fn read(&mut self, wiring: Wiring) -> Result<Option<Trial>, Vec<Problem>> {
         let document = &self.document;
         let outside = match self.asked.reading {
@@ -416,7 +418,7 @@ impl TrialReader<'_, '_> {
     }
 }
 
-/// The path by which a scenario gives another value to its rig: without the name of the plant's model.
+/// Returns the path by which a scenario changes a value of its rig: without the name of the plant's model.
 fn path_in_scenario(path: &str, rig: &Rig) -> String {
     let mut plants = rig.plant.iter();
     let short = plants.find_map(|(name, plant)| {
@@ -426,14 +428,14 @@ fn path_in_scenario(path: &str, rig: &Rig) -> String {
     short.unwrap_or_else(|| path.to_owned())
 }
 
-/// Faults that mean nothing to their plants.
+/// Finds faults that have no meaning for their plants.
 fn wrong_plant_faults(
     document: &Document<'_>,
     run: &Run,
     loops: &[Trial],
     reading: Reading,
 ) -> Vec<Problem> {
-    // Which faults mean something to a plant from outside, only the bench knows that played it.
+    // Only the bench that played a plant from outside knows which faults have a meaning for it.
     let is_known = |one: &&Trial| one.plant.own.is_none() || !matches!(reading, Reading::Recorded);
     let plant_of = |fault: &Fault| {
         let is_at = |one: &&Trial| fault.is_at_drive(one.wiring.nodes.drive.id, &one.wiring.plant);
@@ -443,7 +445,7 @@ fn wrong_plant_faults(
     check::faults_of_plants(document, &run.faults, plant_of)
 }
 
-/// Finds the FMUs of plants, whose hashes then are among what was read. Of a recording neither file nor hash need be there.
+/// Finds the FMUs of plants, and adds their hashes to the texts that were read. A recording may lack file and hash.
 fn find_fmus(
     rig: &Rig,
     files: &Files<'_>,
@@ -480,7 +482,7 @@ fn find_fmus(
     Ok(())
 }
 
-/// Why a file cannot be one of a plant, whether it is there or not.
+/// Returns the reason why a file cannot belong to a plant, whether it exists or not.
 fn wrong_name(file: &str) -> Option<&'static str> {
     match file {
         file if !is_inside_folder(file) => {
@@ -491,7 +493,7 @@ fn wrong_name(file: &str) -> Option<&'static str> {
     }
 }
 
-/// The programs of nodes, with their files; what is wrong with one that the scenario names is added to the problems.
+/// Returns the programs of nodes, with their files; problems of a program that the scenario names are added to `problems`.
 fn read_programs(
     rig: &Rig,
     files: &Files<'_>,
@@ -540,7 +542,7 @@ fn read_programs(
     Ok(all().map(program).collect())
 }
 
-/// Reads the EDS of each drive that is somebody else's, where the rig file, `beside` the scenario, names one.
+/// Reads the EDS of each external drive for which the rig file, `beside` the scenario, names one.
 fn read_sheets(
     rig: &Rig,
     document: &Document<'_>,

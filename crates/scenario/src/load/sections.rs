@@ -1,6 +1,6 @@
-//! Which tables of a scenario are of which loop: by the loop's name, by that of its drive, or since there is one loop.
+//! Divides the tables of a scenario among the loops: by the loop's name, by that of its drive, or to the only loop.
 //!
-//! The tree of the file is selected from, before any type is made of it, so that everything still knows where it stands.
+//! The division works on the tree of the file, before any type is made of it, so that every value keeps its place.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -14,9 +14,9 @@ use crate::own::leads_all;
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
 use crate::schema;
 
-/// The law of all loops.
+/// Key of the law of all loops.
 pub(super) const ALL: &str = "all";
-/// The limits of several loops together.
+/// Key of the limits of several loops together.
 pub(super) const CONTOUR: &str = "contour";
 /// Keys of a scenario that hold for all loops.
 const SHARED: [&str; 6] = [
@@ -27,7 +27,7 @@ const SHARED: [&str; 6] = [
     "seed",
     "duration_seconds",
 ];
-/// Tables that are of one loop or one node, and the rig with its values.
+/// Tables that belong to one loop or one node, and the rig with its values.
 const TABLES: [&str; 9] = [
     "rig",
     "bus",
@@ -39,11 +39,11 @@ const TABLES: [&str; 9] = [
     "fault",
     "sweep",
 ];
-/// Keys of a rig file to which a scenario gives no other values.
+/// Keys of a rig file that a scenario cannot change.
 const OF_RIG: [&str; 2] = ["defaults", "loop"];
 pub(super) const EXPECT: &str = "expect";
 pub(super) const CONTROLLER: &str = "controller";
-/// The key that names a node.
+/// Key that names a node.
 const NODE: &str = "node";
 
 /// Selects the tables of the rig's loops from a scenario.
@@ -52,23 +52,23 @@ pub(super) struct Selector<'a, 'text> {
     pub(super) rig: &'a Rig,
 }
 
-/// What a scenario says of one loop.
+/// The part of a scenario for one loop.
 pub(super) struct OfLoop<'text> {
-    /// The loop.
+    /// Name of the loop.
     pub(super) name: String,
-    /// Its tables.
+    /// Tables of the loop.
     pub(super) tree: DeTable<'text>,
-    /// What parameters of its law are to be multiplied by.
+    /// Factors for parameters of its law.
     pub(super) factors: Factors,
 }
 
-/// What is said of each loop, and what is wrong with how the scenario names them.
+/// The parts of all loops, and the problems of how the scenario names them.
 pub(super) type Selected<'text> = (Vec<OfLoop<'text>>, Vec<Problem>);
 
 impl<'text> Selector<'_, 'text> {
     pub(super) fn select(&self) -> Selected<'text> {
         let loops = Vec::from_iter(self.rig.loops.keys().map(String::as_str));
-        // A law of no loop is not another problem for each loop that it does not close; one that is left out is none at all.
+        // A law of no loop is not a problem of each loop that lacks a law, too; a law that is left out is no law at all.
         let mut problems = if self.rig.is_led_by_program() {
             Vec::new()
         } else {
@@ -89,7 +89,7 @@ impl<'text> Selector<'_, 'text> {
         (tables, problems)
     }
 
-    /// The keys that hold for all loops.
+    /// Returns the keys that hold for all loops.
     pub(super) fn header(&self) -> DeTable<'text> {
         let shared = self.root().iter();
         let shared = shared.filter(|(key, _)| SHARED.contains(&key.get_ref().as_ref()));
@@ -108,19 +108,19 @@ impl<'text> Selector<'_, 'text> {
         value.get_ref().as_table()
     }
 
-    /// Whether one law leads all that there is, so that nothing need say of which loop it is.
+    /// Checks whether one law leads all drives; then no key need name its loop.
     fn is_only_loop(&self) -> bool {
         let mut loops = self.rig.loops.values().filter(|one| one.led_by.is_none());
         loops.next().is_some() && loops.next().is_none()
     }
 
-    /// Whether a loop stands for a drive that the law of another one leads.
+    /// Checks whether a loop represents a drive that the law of another loop leads.
     pub(super) fn is_led(&self, name: &str) -> bool {
         let one = self.rig.loops.get(name);
         one.is_some_and(|one| one.led_by.is_some())
     }
 
-    /// The drive that a loop leads.
+    /// Returns the drive that a loop leads.
     pub(super) fn drive(&self, name: &str) -> &str {
         let drives = &self.rig.loops[name].drives;
         drives.first().map_or("", String::as_str)
@@ -155,7 +155,7 @@ impl<'text> Selector<'_, 'text> {
         })
     }
 
-    /// `[controller.LOOP.LAW]`, else `[controller.all.LAW]`; where there is one loop, `[controller.LAW]` too.
+    /// Returns `[controller.LOOP.LAW]`, else `[controller.all.LAW]`, and for an only loop also `[controller.LAW]`.
     fn law(&self, name: &str) -> Result<Spanned<DeValue<'text>>, Problem> {
         if self.is_led(name) || self.rig.is_led_by_program() {
             return Ok(self.no_law());
@@ -174,7 +174,7 @@ impl<'text> Selector<'_, 'text> {
         })
     }
 
-    /// A law with ports leads all loops: none has another one, and it is not the law of one of several.
+    /// Refuses a law of all loops beside another law, or as the law of one of several loops.
     fn law_of_all(&self, name: &str) -> Option<Problem> {
         let with_ports = |key: &str| {
             let laws = self.scenario.keys(&format!("{CONTROLLER}.{key}"));
@@ -199,7 +199,7 @@ impl<'text> Selector<'_, 'text> {
         })
     }
 
-    /// The table of a drive that the law of another one leads, or a program.
+    /// Returns the table of a drive that a program or the law of another drive leads.
     fn no_law(&self) -> Spanned<DeValue<'text>> {
         let span = self.scenario.key_span(CONTROLLER);
         let nothing = Spanned::new(span.clone(), DeValue::Table(DeTable::new()));
@@ -208,14 +208,14 @@ impl<'text> Selector<'_, 'text> {
         Spanned::new(span, law)
     }
 
-    /// Whether the tables of a section have the names of loops: where there is one loop, they need not.
+    /// Checks whether the tables of a section have the names of loops; those of an only loop need not.
     pub(super) fn is_by_loop(&self, section: &str) -> bool {
         let keys = self.scenario.keys(section);
         let is_name = |key: &&str| *key == ALL || self.rig.loops.contains_key(*key);
         !self.is_only_loop() || keys.iter().any(is_name)
     }
 
-    /// Keeps the entries of the arrays that are for this loop, such as `reference.step`.
+    /// Keeps the entries of the arrays, such as `reference.step`, that are for this loop.
     fn keep(&self, value: &mut DeValue<'text>, name: &str, path: &str) {
         match value {
             DeValue::Table(table) => {
@@ -233,7 +233,7 @@ impl<'text> Selector<'_, 'text> {
         }
     }
 
-    /// An entry without the name of its loop or its node, if it is for this loop.
+    /// Returns an entry without the name of its loop or its node, if it is for this loop.
     fn of_loop(
         &self,
         mut entry: Spanned<DeValue<'text>>,
@@ -262,13 +262,13 @@ impl<'text> Selector<'_, 'text> {
         is_its.then_some(entry)
     }
 
-    /// The io node with an output, where there is one.
+    /// Returns the io node with an output, if there is exactly one.
     fn only_io_with<'a>(&'a self, output: &'a str) -> Option<&'a str> {
         let mut with = self.rig.io_with(output);
         with.next().filter(|_| with.next().is_none())
     }
 
-    /// Loops and nodes that the scenario names and the rig does not have.
+    /// Finds loops and nodes that the scenario names and the rig does not have.
     fn strangers(&self, loops: &[&str]) -> Vec<Problem> {
         let mut problems = Vec::new();
         let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
@@ -285,7 +285,7 @@ impl<'text> Selector<'_, 'text> {
         problems
     }
 
-    /// Keys that no scenario has.
+    /// Finds keys that no scenario has.
     pub(super) fn strange_keys(&self) -> Vec<Problem> {
         let known = Vec::from_iter(SHARED.into_iter().chain(TABLES).chain([EXPECT]));
         let keys = self.root().keys();
@@ -303,7 +303,7 @@ impl<'text> Selector<'_, 'text> {
         problems.collect()
     }
 
-    /// `[controller.NAME]` and `[expect.NAME]` of no loop.
+    /// Finds `[controller.NAME]` and `[expect.NAME]` of an unknown loop.
     fn strange_tables(&self, section: &str, loops: &[&str]) -> Vec<Problem> {
         if !self.is_by_loop(section) {
             return Vec::new();
@@ -386,7 +386,7 @@ impl<'text> Selector<'_, 'text> {
     }
 }
 
-/// The output of an io node that an entry of a disturbance sets.
+/// Returns the output of an io node that an entry of a disturbance sets.
 fn output_of(path: &str, entry: &DeTable<'_>) -> String {
     let name = entry.get("name").and_then(|name| name.get_ref().as_str());
     match path.rsplit('.').next() {
@@ -396,12 +396,12 @@ fn output_of(path: &str, entry: &DeTable<'_>) -> String {
     }
 }
 
-/// The path of an array, by that of one of its entries.
+/// Returns the path of an array, by that of one of its entries.
 fn parent(path: &str) -> &str {
     path.rsplit_once('.').map_or("", |(parent, _)| parent)
 }
 
-/// Whether a path ends in the place of an array.
+/// Checks whether a path ends in the index of an array.
 fn is_entry(path: &str) -> bool {
     let last = path.rsplit('.').next().unwrap_or_default();
     last.parse::<usize>().is_ok()

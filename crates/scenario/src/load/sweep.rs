@@ -1,4 +1,4 @@
-//! What varies in a scenario.
+//! Reads the sweep of a scenario.
 
 use crate::check;
 use crate::document::Document;
@@ -11,7 +11,7 @@ use crate::sweep::{Sweep, Swept};
 
 const SWEEP: &str = "sweep";
 
-/// The `[sweep]` of a scenario on a rig, whose keys are those of the scenario.
+/// Reads the `[sweep]` of a scenario on a rig, and checks its keys against those of the scenario.
 pub(super) fn read_sweep(
     scenario: &Document<'_>,
     rig: &Rig,

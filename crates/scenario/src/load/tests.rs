@@ -87,7 +87,7 @@ fn load_files(scenario: &str, rig: &str) -> Result<Scenario, ScenarioError> {
     loaded.map(|(loops, _)| loops)
 }
 
-/// How many faults of a kind a loop has.
+/// Returns the number of a loop's faults of a kind.
 fn own(one: &Trial, kind: &str) -> usize {
     let own = one.own_faults();
     own.filter(|fault| fault.kind.name == kind).count()
@@ -118,7 +118,7 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     assert_eq!(y.sensor.resolution_bits, 12);
     assert_eq!(own(x, "noise"), 0);
     assert_eq!(own(y, "noise"), 1);
-    // What happens to the controller happens to all loops.
+    // A fault of the controller belongs to all loops.
     assert_eq!(own(x, "hang"), 2);
     assert_eq!(own(y, "hang"), 1);
     assert!(x.expect.of("tracking_error_millimetres_rms").is_some());
@@ -331,7 +331,7 @@ fn emergencies_are_of_the_nodes_as_the_rig_calls_them() {
     }
 }
 
-/// Neither every copy of a default nor what follows from another mistake.
+/// Copies of a default and consequences of another mistake are not reported.
 #[test]
 fn a_mistake_is_said_once() {
     for (right, wrong, said, unsaid) in [
@@ -438,7 +438,7 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
         let limit = expect.limit("tracking_error_millimetres_rms").unwrap();
         (limit.min, limit.max)
     };
-    // A limit of a loop's own is the whole limit.
+    // A limit of the loop itself replaces the whole limit.
     assert_eq!(
         (rms(x), rms(y)),
         ((None, Some(0.2)), (Some(0.1), Some(0.5)))
@@ -518,7 +518,7 @@ fn a_sweep_varies_what_has_the_names_of_the_rig() {
     }
 }
 
-/// The least scenario on the rig that ships.
+/// The smallest scenario on the shipped rig.
 const ON_SHIPPED: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nduration_seconds = 3.0\n[controller.pid]\n\
     [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
     [[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 1.0\nuntil_seconds = 2.0\n\
@@ -609,8 +609,8 @@ fn a_scenario_gives_other_values_to_its_rig() {
     assert_eq!(scenario.wiring.sensor.range(), [0.0, 50.0]);
 }
 
-/// Each of these entries is wrong by itself, and none is looked at before their number is refused. How the work until then grows
-/// with the number is counted in `tests/allocation.rs`.
+/// Each of these entries is wrong by itself, and none is checked before their number is refused. `tests/allocation.rs` counts how
+/// the work until then grows with the number.
 #[test]
 fn a_rig_with_a_hundred_thousand_nodes_is_refused_by_their_number() {
     for (table, max) in [("node", 127), ("plant", 127), ("loop", 8)] {

@@ -1,4 +1,4 @@
-//! The names of a loop's positions end in the loop's own unit, and the types of a loop have them in millimetres.
+//! Names of positions: in a file they end in the unit of their loop, in the types in millimetres.
 
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
@@ -9,20 +9,20 @@ use crate::metrics::METRICS;
 use crate::own::leads_all;
 use crate::port::{GAINS, Measurand, Unit, conversion, singular, unit_at_start};
 
-/// Where names have the unit of a position.
+/// Sections in which names end in the unit of a position.
 const SECTIONS: [&str; 3] = ["reference", "fault", EXPECT];
 const EXPECT: &str = "expect";
-/// Where names have it as the one by which something is divided: gains of laws.
+/// Section in which names divide by the unit of a position: gains of laws.
 const LAW: &str = "controller";
-/// The unit by which the types of laws have gains.
+/// Unit of the gains in the types of laws.
 const METRE: &str = "metre";
 /// Units that a name might have by mistake.
 const UNITS: [&str; 3] = ["millimetres", "degrees", "revolutions"];
 
-/// What parameters of a law are to be multiplied by, with their paths.
+/// Factors for parameters of a law, with their paths.
 pub(crate) type Factors = Vec<(String, f64)>;
 
-/// The names of one loop.
+/// Renames the keys of one loop.
 pub(crate) struct InUnit<'a> {
     pub(crate) source: &'a Source,
     pub(crate) measurand: &'a Measurand,
@@ -30,8 +30,8 @@ pub(crate) struct InUnit<'a> {
 }
 
 impl InUnit<'_> {
-    /// Gives all names of positions the unit that the types of a loop have. Gains by another unit of the same quantity are to be
-    /// multiplied by what is returned with their paths below the section.
+    /// Renames all positions to the unit of the loop's types. Returns the factors for gains by another unit of the same quantity,
+    /// with their paths below the section.
     ///
     /// # Errors
     /// The first name that ends in another unit than the loop's.
@@ -56,7 +56,7 @@ impl InUnit<'_> {
         Ok(factors)
     }
 
-    /// In `[expect]` the name of another metric stays, as `temperature_celsius` in a loop of a temperature.
+    /// Renames positions. In `[expect]` the name of another metric stays, as `temperature_celsius` in a loop of a temperature.
     fn positions(&self, is_expect: bool, value: &mut DeValue<'_>) -> Result<(), Problem> {
         match value {
             DeValue::Table(table) => {
@@ -80,7 +80,7 @@ impl InUnit<'_> {
         Ok(())
     }
 
-    /// A name whose unit is that of another kind of loop.
+    /// Refuses a name whose unit is that of another kind of loop.
     fn check(&self, key: &Spanned<DeString<'_>>) -> Result<(), Problem> {
         let (name, own): (&str, _) = (key.get_ref(), self.measurand);
         if own.position_of(name).is_some() {
@@ -131,8 +131,8 @@ impl InUnit<'_> {
             .problem(key.span(), message, format!("write `{right}`"))
     }
 
-    /// Gains by the unit are to a law gains by the metre: it sees positions in the loop's unit, or in metres. What a law commands is a
-    /// current to it.
+    /// Renames the gains by the unit of the loop to gains by the metre, as laws have them: a law sees positions in metres, or in
+    /// the loop's unit. A law takes its command for a current.
     fn gains(
         &self,
         path: &str,
@@ -179,7 +179,7 @@ impl InUnit<'_> {
         Ok(())
     }
 
-    /// A gain by a unit of another quantity, with the right name.
+    /// Makes the problem of a gain by a unit of another quantity, with the right name.
     fn wrong_gain(&self, key: &Spanned<DeString<'_>>) -> Problem {
         let own = self.measurand.unit.of_laws();
         let (gain, _, rest) = self.gain(key.get_ref()).unwrap_or_default();
@@ -194,7 +194,7 @@ impl InUnit<'_> {
         self.source.problem(key.span(), message, label)
     }
 
-    /// Parts of a gain's name: what is before the unit, the unit, and what is behind it.
+    /// Returns the parts of a gain's name: before the unit, the unit, and behind it.
     fn gain<'n>(&self, name: &'n str) -> Option<(&'n str, &str, &'n str)> {
         let by = GAINS
             .iter()

@@ -83,7 +83,7 @@ impl Default for DcMotor {
 }
 
 impl DcMotor {
-    /// Faults of `[[fault.plant.…]]` that mean something to a motor.
+    /// Faults of `[[fault.plant.…]]` that have a meaning for a motor.
     pub const FAULTS: &'static [&'static str] = &["jammed_pulley", "dropped_load"];
 }
 

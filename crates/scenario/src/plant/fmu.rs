@@ -14,17 +14,18 @@ pub struct Fmu {
     /// The FMU, in the rig file's folder or below it.
     #[schemars(length(min = 1, max = 4096))]
     pub file: String,
-    /// The length of its steps, where it is to be another than what the drive's cycle makes, or the FMU takes no other.
+    /// Length of its steps, if it should differ from the length that follows from the drive's cycle, or if the FMU takes no
+    /// other.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub step_milliseconds: Option<f64>,
-    /// Variables that are recorded beside the ports: outputs, local variables, parameters. Each becomes a port by its own name and
-    /// unit, and needs a lowest and a highest value in the FMU.
+    /// Variables that are recorded beside the ports: outputs, local variables, parameters. Each becomes a port by its own name
+    /// and unit, and needs a lowest and a highest value in the FMU.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 64), inner(length(min = 1, max = 1000)))]
     pub record: Vec<String>,
-    /// Start values by the names of its variables, in the FMU's units: numbers, truths or texts. A name with dots may be written as
-    /// it is: `motor.inertia = 0.1`.
+    /// Start values by the names of its variables, in the FMU's units: numbers, truths or texts. A name with dots may be written
+    /// as it is: `motor.inertia = 0.1`.
     #[serde(
         deserialize_with = "whole_names",
         skip_serializing_if = "BTreeMap::is_empty"
@@ -37,7 +38,7 @@ pub struct Fmu {
 }
 
 impl Fmu {
-    /// The same with the path of its file, which lies beside the rig file.
+    /// Replaces its file, which lies beside the rig file, by a path.
     pub(crate) fn beside(self, rig: &Path) -> Self {
         let file = rig.with_file_name(&self.file);
         Self {
@@ -47,7 +48,7 @@ impl Fmu {
     }
 }
 
-/// Start values by the whole names of their variables.
+/// Reads start values by the whole names of their variables.
 pub(crate) fn whole_names<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<BTreeMap<String, Value>, D::Error> {
@@ -90,7 +91,7 @@ pub struct FmuPort {
     pub range: Option<Vec<f64>>,
 }
 
-/// Whatever a variable's kind takes.
+/// Returns the schema of values that the kind of a variable decides.
 fn values(_: &mut SchemaGenerator) -> Schema {
     json_schema!({"type": "object", "additionalProperties": {}})
 }
@@ -99,7 +100,7 @@ fn values(_: &mut SchemaGenerator) -> Schema {
 mod tests {
     use super::*;
 
-    /// The start values of an FMU by their names.
+    /// Returns the start values of an FMU by their names.
     fn placed(start: &str) -> Vec<String> {
         let text = format!("file = \"arm.fmu\"\n[start]\n{start}\n");
         let fmu: Fmu = toml::from_str(&text).unwrap();

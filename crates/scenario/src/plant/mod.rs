@@ -1,4 +1,5 @@
-//! The plants that a drive moves, and the sensor and amplifier of a drive. Defaults are the paper's, a data sheet's, or "assumed".
+//! The plants that a drive moves, and the sensor and amplifier of a drive. Defaults come from the paper or a data sheet, or are
+//! marked "assumed".
 
 mod dc_motor;
 mod fmu;
@@ -30,10 +31,10 @@ pub(crate) const DC_MOTOR: &str = "dc_motor";
 pub const SMA_PAIR: &str = "sma_pair";
 /// Name of a plant from a modelling tool, and of its table.
 pub const FMU: &str = "fmu";
-/// The tables of plants that the format has.
+/// Tables of plants that the format has.
 pub(crate) const MODELS: [&str; 4] = [SMA, DC_MOTOR, SMA_PAIR, FMU];
 
-/// Whether the format has the table of a plant; those of others are registered.
+/// Checks whether the format has the table of a plant; tables from outside are registered.
 #[must_use]
 pub fn is_of_format(plant: &str) -> bool {
     plant == SMA_ACTUATOR || MODELS.contains(&plant)
@@ -63,14 +64,14 @@ pub struct PlantModel {
 }
 
 impl PlantModel {
-    /// The same with its files beside the rig file.
+    /// Replaces its files, which lie beside the rig file, by paths.
     pub(crate) fn beside(&self, rig: &Path) -> Self {
         let mut model = self.clone();
         model.fmu = model.fmu.map(|fmu| fmu.beside(rig));
         model
     }
 
-    /// The actuator with these parameters.
+    /// Makes the actuator with these parameters.
     #[must_use]
     pub fn of_sma(sma: Sma) -> Self {
         let sma = Some(sma);
@@ -80,7 +81,7 @@ impl PlantModel {
         }
     }
 
-    /// The parameters of the actuator; none of another model.
+    /// Returns the parameters of the actuator; `None` for another model.
     #[must_use]
     pub fn actuator(&self) -> Option<Sma> {
         match self.model() {
@@ -89,7 +90,7 @@ impl PlantModel {
         }
     }
 
-    /// The key of its table in a rig file.
+    /// Returns the key of its table in a rig file.
     pub(crate) fn key(&self) -> &str {
         match self.model() {
             Model::Sma(_) => SMA,
@@ -97,7 +98,7 @@ impl PlantModel {
         }
     }
 
-    /// The name of the plant; the actuator's where nothing is said.
+    /// Returns the name of the plant; the actuator's if there is no table.
     #[must_use]
     pub fn name(&self) -> &str {
         match self.model() {
@@ -109,7 +110,7 @@ impl PlantModel {
         }
     }
 
-    /// The faults of `[[fault.plant.…]]` that mean something to the plant.
+    /// Returns the faults of `[[fault.plant.…]]` that have a meaning for the plant.
     #[must_use]
     pub fn faults(&self) -> &'static [&'static str] {
         match self.model() {
@@ -121,7 +122,7 @@ impl PlantModel {
         }
     }
 
-    /// The mass that hangs on the plant, without that of disturbances; a plant from outside knows by itself.
+    /// Returns the mass that hangs on the plant, without that of disturbances; `None` for a plant that knows it by itself.
     #[must_use]
     pub fn load_kilograms(&self) -> Option<f64> {
         match self.model() {
@@ -131,10 +132,10 @@ impl PlantModel {
         }
     }
 
-    /// Makes something of the plant's parameters.
+    /// Applies a function to the plant's parameters.
     ///
     /// # Errors
-    /// They are those of another plant.
+    /// The parameters belong to another plant.
     pub fn with_parameters<P: Parameters, T>(
         &self,
         make: impl FnOnce(&P) -> T,
@@ -163,7 +164,7 @@ impl PlantModel {
     }
 }
 
-/// The model of a plant.
+/// Model of a plant.
 enum Model<'a> {
     Own(&'a Own),
     DcMotor(&'a DcMotor),
@@ -172,8 +173,8 @@ enum Model<'a> {
     Sma(Option<&'a Sma>),
 }
 
-/// Position sensor: a potentiometer read by an analogue-to-digital converter, or anything else that counts in equal steps. Lengths
-/// and angles are in the unit of its loop.
+/// Position sensor: a potentiometer with an analogue-to-digital converter, or any other sensor that counts in equal steps.
+/// Lengths and angles are in the unit of its loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     /// Resolution (paper: 10).
@@ -197,12 +198,12 @@ impl Default for Sensor {
 /// Current amplifier.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Amplifier {
-    /// Its currents (paper: 0 to 1 A).
+    /// Range of its currents (paper: 0 to 1 A).
     pub range: CurrentRange,
     /// Resolution of the digital-to-analogue converter over the full range; 0 leaves the command's own 1 permille
     /// (paper: 10 bits; default 0, since the frame already rounds to 1 permille).
     pub resolution_bits: u32,
-    /// Its I²t protection; without one it gives its largest current for ever.
+    /// I²t protection; without one the amplifier gives its largest current for ever.
     pub i2t: Option<I2t>,
 }
 
@@ -214,7 +215,7 @@ const MOTOR_RATED_CURRENT: u16 = 0x6075;
 const THERMAL_PROTECTION: u16 = 0x2110;
 
 impl Amplifier {
-    /// What the data sheet of its drive has of its own.
+    /// Returns the values that the amplifier sets in the data sheet of its drive.
     pub(crate) fn presets(&self) -> [Preset; 6] {
         let thousandths = |value: f64| {
             #[expect(
@@ -224,7 +225,7 @@ impl Amplifier {
             let value = libm::round(value * 1e3) as i64;
             value
         };
-        // Commands reach the rated current at least, so that what the amplifier clips shows.
+        // Commands reach the rated current at least, so that clipping by the amplifier shows.
         let most = thousandths((self.range.largest() / self.range.rated).max(1.0));
         let within = |index, value, low| Preset {
             limits: Some([low, most]),
@@ -244,7 +245,7 @@ impl Amplifier {
     }
 }
 
-/// I²t protection: how long more than the continuous current may flow.
+/// I²t protection: it limits the time for which more than the continuous current may flow.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct I2t {

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Faults of `[[fault.plant.…]]` that mean something to the actuator: all.
+/// Faults of `[[fault.plant.…]]` that have a meaning for the actuator: all.
 pub const SMA_FAULTS: &[&str] = &["ageing", "broken_wire", "jammed_pulley", "dropped_load"];
 
 /// The shape-memory-alloy actuator.
@@ -20,8 +20,8 @@ pub struct Sma {
     pub mechanics: Mechanics,
 }
 
-/// Rule by which the phase transformation follows turns of the temperature. All are the same in the first heating and in every first
-/// cooling.
+/// Rule by which the phase transformation follows turns of the temperature. All are the same in the first heating and in every
+/// first cooling.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kinetics {
@@ -35,7 +35,7 @@ pub enum Kinetics {
 }
 
 impl Kinetics {
-    /// Whether inner turns are remembered until the temperature passes them.
+    /// Checks whether inner turns are remembered until the temperature passes them.
     #[must_use]
     pub fn remembers_turns(self) -> bool {
         self != Self::Paper
@@ -52,7 +52,8 @@ pub struct Heat {
     /// `cp`, specific heat (paper: 837).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub specific_heat_joules_per_kilogram_kelvin: f64,
-    /// `L`, latent heat of the transformation: taken up while heating, given off while cooling (paper: left out; the maker of such wires: 24000).
+    /// `L`, latent heat of the transformation: taken up while heating, given off while cooling (paper: left out; the maker of
+    /// such wires: 24000).
     #[schemars(range(min = 0.0, max = 1_000_000.0))]
     pub latent_heat_joules_per_kilogram: f64,
     /// `R`, electrical resistance (paper: 32).
@@ -120,7 +121,7 @@ impl Default for Phase {
     }
 }
 
-/// Which stress-strain law the wire follows.
+/// Stress-strain law of the wire.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StressStrain {

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::sma::{Heat, Kinetics, Phase};
 
-/// A joint that two shape-memory-alloy wires turn, one each way; the one that is not heated goes slack. Both wires are of the paper's
-/// alloy and longer; what is not said to be the paper's is assumed.
+/// A joint that two shape-memory-alloy wires turn, one each way; the one that is not heated goes slack. Both wires are of the
+/// paper's alloy and longer; values that are not marked as the paper's are assumed.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SmaPair {
@@ -37,7 +37,7 @@ pub struct SmaPair {
     /// Damping of the joint (assumed: 0.01).
     #[schemars(range(min = 0.0, max = 100.0))]
     pub damping_newton_metre_seconds: f64,
-    /// The joint's stops are so far on both sides of its middle, where each wire has contracted by half (assumed: 62).
+    /// Distance of the joint's stops, on both sides, from its middle, where each wire has contracted by half (assumed: 62).
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 360.0))]
     pub stop_degrees: f64,
 }
@@ -61,6 +61,6 @@ impl Default for SmaPair {
 }
 
 impl SmaPair {
-    /// Faults of `[[fault.plant.…]]` that mean something to one of the wires, or to the joint.
+    /// Faults of `[[fault.plant.…]]` that have a meaning for one of the wires, or for the joint.
     pub const FAULTS: &'static [&'static str] = &["ageing", "broken_wire", "jammed_pulley"];
 }

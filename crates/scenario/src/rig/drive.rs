@@ -1,4 +1,4 @@
-//! What is known of the drive before anybody meets it: identity and PDOs, from its EDS and the rig file.
+//! Facts about the drive before it is on the bus: its identity and PDOs, from its EDS and the rig file.
 
 use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
@@ -6,83 +6,83 @@ use canopen::{CanFrame, ObjectDictionary, add_half, cia402};
 
 use super::{ObjectAddress, RigDrive};
 
-/// The drive samples and applies on every SYNC.
+/// Transmission type of a drive that samples and applies on every SYNC.
 const EVERY_SYNC: u8 = 1;
 
-/// Why a drive cannot be led.
+/// Reason why a drive cannot be led.
 #[derive(Debug, thiserror::Error)]
 pub enum DriveError {
-    /// Its EDS cannot be read.
+    /// The EDS of the drive cannot be read.
     #[error("the EDS is wrong: {0}")]
     Eds(#[from] EdsError),
-    /// A PDO of the drive has an identifier that no node here hears or sends.
+    /// A PDO of the drive has an identifier that no node of the bench hears or sends.
     #[error(
         "the drive's EDS gives the PDO at 0x{parameters:04X}:01 the COB-ID 0x{cob_id:08X}: PDOs here have identifiers of 11 bits (up to 0x7FF), and none that CiA 301 keeps for other services; give this PDO another default there"
     )]
     Identifier {
-        /// Index of its communication parameters.
+        /// Index of the PDO's communication parameters.
         parameters: u16,
-        /// What the EDS has there.
+        /// COB-ID in the EDS.
         cob_id: u32,
     },
-    /// A PDO of the drive is not described.
+    /// The EDS does not describe a PDO of the drive.
     #[error("the drive's EDS describes no usable PDO at 0x{0:04X}")]
     Pdo(u16),
     /// The drive lacks an object.
     #[error("the drive's EDS has no object 0x{index:04X}:{sub_index:02X}")]
     NoObject {
-        /// Its index.
+        /// Index of the object.
         index: u16,
-        /// Its sub-index.
+        /// Sub-index of the object.
         sub_index: u8,
     },
     /// An object of the drive is of another type.
     #[error("the drive's object 0x{index:04X}:{sub_index:02X} is no integer of 8, 16 or 32 bits")]
     NoInteger {
-        /// Its index.
+        /// Index of the object.
         index: u16,
-        /// Its sub-index.
+        /// Sub-index of the object.
         sub_index: u8,
     },
-    /// No object's name.
+    /// A text is not the address of an object.
     #[error("\"{0}\" names no object")]
     Address(String),
-    /// No node's number.
+    /// A number is not a node-ID.
     #[error("{0} is no node-ID")]
     NodeId(u8),
-    /// More objects than a PDO holds.
+    /// The objects do not fit in a PDO.
     #[error(
         "the objects of the rig file take {bytes} bytes in PDO mapping 0x{mapping:04X} (limit 8)"
     )]
     PdoTooLong {
-        /// The mapping's index.
+        /// Index of the mapping.
         mapping: u16,
-        /// Their bytes.
+        /// Length of the objects.
         bytes: usize,
     },
 }
 
-/// What the drive's TPDO1 reports.
+/// Content of the drive's TPDO1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Feedback {
-    /// 0x6041.
+    /// Statusword (0x6041).
     pub statusword: u16,
     /// Height of the load above its stop.
     pub position: f64,
-    /// Current through the wire; none where the drive does not measure it.
+    /// Current through the wire; `None` if the drive does not measure it.
     pub current_amperes: Option<f64>,
 }
 
-/// A PDO of the drive as its EDS describes it.
+/// PDO of the drive as its EDS describes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pdo {
     /// Index of the communication parameters.
     pub parameters: u16,
     /// Index of the mapping.
     pub mapping: u16,
-    /// Its identifier with the flags of CiA 301.
+    /// COB-ID with the flags of CiA 301.
     pub cob_id: u32,
-    /// When it is sent or taken over, as CiA 301 numbers it.
+    /// Transmission type: when the PDO is sent or applied, as CiA 301 numbers it.
     pub transmission_type: u8,
     /// Index, sub-index and length in bits of each mapped object (CiA 301, figure 74).
     pub entries: Vec<u32>,
@@ -101,7 +101,7 @@ impl Pdo {
         })
     }
 
-    /// Refuses an identifier of 29 bits, which the bench cannot serve: cut to 11 bits it would be another.
+    /// Refuses an identifier of 29 bits, which the bench cannot serve: cut to 11 bits it would be another one.
     fn check_identifier(&self) -> Result<(), DriveError> {
         let identifier = canopen::pdo::identifier(self.cob_id);
         identifier.map(drop).map_err(|_| DriveError::Identifier {
@@ -110,7 +110,7 @@ impl Pdo {
         })
     }
 
-    /// The 11-bit identifier below the flags.
+    /// Returns the 11-bit identifier below the flags.
     fn id(&self) -> u16 {
         (self.cob_id & 0x7FF) as u16
     }
@@ -119,7 +119,7 @@ impl Pdo {
         bytes_of(&self.entries)
     }
 
-    /// Where a mapped object lies.
+    /// Returns the place of a mapped object.
     fn place(&self, object: &Object) -> Option<Field> {
         let place = self
             .entries
@@ -129,13 +129,13 @@ impl Pdo {
         Field::new(start_byte, object.length_bytes, object.is_signed)
     }
 
-    /// The PDO with these objects: as the EDS maps it if they are all there, else with them alone.
+    /// Returns the PDO with these objects: with the mapping of the EDS if it has them all, else with these objects alone.
     fn with(mut self, objects: &[Object]) -> Result<Self, DriveError> {
         let is_mapped = |object: &Object| self.place(object).is_some();
         if !objects.iter().all(is_mapped) || self.length_bytes() > 8 {
             self.entries = objects.iter().map(|object| object.entry).collect();
         }
-        // Some drives wait for a SYNC or send by themselves; the cycle is the controller's.
+        // Some drives wait for a SYNC or send by themselves; here the controller sets the cycle.
         if self.transmission_type == 0 || self.transmission_type > 240 {
             self.transmission_type = EVERY_SYNC;
         }
@@ -149,7 +149,7 @@ impl Pdo {
     }
 }
 
-/// The bytes that mapping entries take together; their lengths are whole bytes.
+/// Returns the total length of mapping entries; their lengths are whole bytes.
 fn bytes_of(entries: &[u32]) -> usize {
     entries
         .iter()
@@ -157,17 +157,17 @@ fn bytes_of(entries: &[u32]) -> usize {
         .sum()
 }
 
-/// An object that is to be in a PDO.
+/// Object for a PDO.
 #[derive(Clone, Copy, Debug)]
 struct Object {
-    /// As a mapping has it.
+    /// Entry of the object in a mapping.
     entry: u32,
     length_bytes: usize,
     is_signed: bool,
 }
 
 impl Object {
-    /// An integer of the drive's dictionary.
+    /// Finds an integer in the drive's dictionary.
     fn find(dictionary: &ObjectDictionary, address: ObjectAddress) -> Result<Self, DriveError> {
         let ObjectAddress { index, sub_index } = address;
         let handle = dictionary
@@ -188,23 +188,23 @@ impl Object {
     }
 }
 
-/// Where an integer lies in a PDO.
+/// Place of an integer in a PDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its first byte, which is its lowest.
+    /// First byte, which is the lowest one.
     pub start_byte: usize,
-    /// One, two or four bytes.
+    /// Length: one, two or four bytes.
     pub length_bytes: usize,
-    /// Two's complement.
+    /// Whether the integer is a two's complement.
     pub is_signed: bool,
-    /// Bits above it in a PDO of 8 bytes.
+    /// Number of bits above it in a PDO of 8 bytes.
     bits_above: usize,
-    /// Bits of an integer of 8 bytes that it has not.
+    /// Number of bits that an integer of 8 bytes has more.
     unused_bits: usize,
 }
 
 impl Field {
-    /// `None` where a PDO ends before it does.
+    /// Makes a field; `None` if the PDO ends before the field.
     fn new(start_byte: usize, length_bytes: usize, is_signed: bool) -> Option<Self> {
         let bytes_above = 8_usize.checked_sub(start_byte + length_bytes)?;
         Some(Self {
@@ -216,8 +216,8 @@ impl Field {
         })
     }
 
-    /// From a PDO's 8 bytes as an integer. Shifting to the top drops what lies above the field, shifting down again what
-    /// lies below it.
+    /// Reads the integer from a PDO's 8 bytes. The shift to the top drops the bits above the field, the shift down those below
+    /// it.
     #[inline]
     fn read(self, data: u64) -> i64 {
         let at_top = data << self.bits_above;
@@ -228,7 +228,7 @@ impl Field {
         }
     }
 
-    /// A value where it lies in a PDO of 8 bytes, all else 0.
+    /// Returns a PDO of 8 bytes with a value at the field's place, and 0 elsewhere.
     #[inline]
     fn placed(self, value: i64) -> u64 {
         let at_top = value.cast_unsigned() << self.unused_bits;
@@ -239,7 +239,7 @@ impl Field {
         self.start_byte + self.length_bytes
     }
 
-    /// The largest value.
+    /// Returns the largest value.
     fn max(self) -> f64 {
         let bits = 8 * self.length_bytes - usize::from(self.is_signed);
         #[expect(clippy::cast_precision_loss, reason = "at most 32 bits")]
@@ -248,12 +248,12 @@ impl Field {
     }
 }
 
-/// A field and what its values stand for: `(raw − offset) / units`.
+/// Field with the scale of its values: `(raw − offset) / units`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scaled {
-    /// Where it lies.
+    /// Place of the field.
     pub field: Field,
-    /// Raw steps in an ampere or a millimetre.
+    /// Raw steps for an ampere or a millimetre.
     pub units: f64,
     /// Raw value of 0.
     pub offset: f64,
@@ -270,7 +270,7 @@ impl Scaled {
     }
 }
 
-/// The drive's identity and the layout of its PDOs.
+/// Identity of the drive, and layout of its PDOs.
 #[derive(Clone, Debug)]
 pub struct DriveLayout {
     node_id: NodeId,
@@ -283,16 +283,16 @@ pub struct DriveLayout {
     current: Option<Scaled>,
     controlword: Field,
     target: Scaled,
-    /// No command goes beyond it; whole units of the target.
+    /// Largest command, in whole units of the target.
     target_max: f64,
 }
 
 impl DriveLayout {
-    /// A drive by the objects of its EDS with their defaults, what the rig file says of it, and the largest current that
-    /// it may be given.
+    /// Makes the layout from the objects of the drive's EDS with their defaults, the facts of the rig file, and the largest
+    /// current that the drive may be given.
     ///
     /// # Errors
-    /// The EDS has no such objects.
+    /// The EDS does not have the objects.
     pub fn new(
         dictionary: ObjectDictionary,
         rig: &RigDrive,
@@ -360,74 +360,74 @@ impl DriveLayout {
         })
     }
 
-    /// Identifier of TPDO1.
+    /// Returns the identifier of TPDO1.
     #[must_use]
     pub fn feedback_id(&self) -> u16 {
         self.feedback.id()
     }
 
-    /// Identifier of RPDO1.
+    /// Returns the identifier of RPDO1.
     #[must_use]
     pub fn command_id(&self) -> u16 {
         self.command.id()
     }
 
-    /// Its node-ID.
+    /// Returns the node-ID.
     #[must_use]
     #[inline]
     pub fn node_id(&self) -> NodeId {
         self.node_id
     }
 
-    /// Its objects with their defaults.
+    /// Returns the objects with their defaults.
     #[must_use]
     pub fn dictionary(&self) -> &ObjectDictionary {
         &self.dictionary
     }
 
-    /// TPDO1 and RPDO1, as the drive is to be configured.
+    /// Returns TPDO1 and RPDO1, to be configured in the drive.
     #[must_use]
     pub fn pdos(&self) -> [&Pdo; 2] {
         [&self.feedback, &self.command]
     }
 
-    /// What is written to 0x6060.
+    /// Returns the mode of operation, which is written to 0x6060.
     #[must_use]
     pub fn mode_of_operation(&self) -> i8 {
         self.mode_of_operation
     }
 
-    /// Lengths of TPDO1 and RPDO1.
+    /// Returns the lengths of TPDO1 and RPDO1.
     #[must_use]
     pub fn lengths_bytes(&self) -> [usize; 2] {
         [self.feedback.length_bytes(), self.command.length_bytes()]
     }
 
-    /// Where the words of the power state machine lie: statusword in TPDO1, controlword in RPDO1.
+    /// Returns the places of the words of the power state machine: statusword in TPDO1, controlword in RPDO1.
     #[must_use]
     pub fn words(&self) -> [Field; 2] {
         [self.statusword, self.controlword]
     }
 
-    /// The position, in millimetres, in TPDO1.
+    /// Returns the position in TPDO1, in millimetres.
     #[must_use]
     pub fn position(&self) -> Scaled {
         self.position
     }
 
-    /// The measured current, in amperes, in TPDO1; none where the drive does not measure it.
+    /// Returns the measured current in TPDO1, in amperes; `None` if the drive does not measure it.
     #[must_use]
     pub fn current(&self) -> Option<Scaled> {
         self.current
     }
 
-    /// The commanded current, in amperes, in RPDO1.
+    /// Returns the commanded current in RPDO1, in amperes.
     #[must_use]
     pub fn target(&self) -> Scaled {
         self.target
     }
 
-    /// The content of TPDO1; `None` for other frames and when it is too short.
+    /// Decodes TPDO1; `None` for other frames, and for one that is too short.
     #[must_use]
     #[inline]
     pub fn decode(&self, frame: &CanFrame) -> Option<Feedback> {
@@ -444,7 +444,7 @@ impl DriveLayout {
         })
     }
 
-    /// The commanded current in RPDO1; `None` for other frames and when it is too short.
+    /// Decodes the commanded current in RPDO1; `None` for other frames, and for one that is too short.
     #[must_use]
     pub fn decode_target(&self, frame: &CanFrame) -> Option<f64> {
         let is_command = frame.standard_id() == Some(self.command.id())
@@ -452,7 +452,7 @@ impl DriveLayout {
         is_command.then(|| self.target.read(u64::from_le_bytes(frame.buffer())))
     }
 
-    /// RPDO1; the current is limited to what the drive may be given and its object can hold.
+    /// Encodes RPDO1; the current is limited to the one that the drive may be given and its object can hold.
     #[must_use]
     #[inline]
     pub fn encode(&self, controlword: u16, current_amperes: f64) -> CanFrame {
@@ -478,7 +478,7 @@ mod tests {
     use super::*;
     use canopen::eds;
 
-    /// The EDS of the drive that canrig emulates.
+    /// EDS of the drive that canrig emulates.
     const DRIVE_EDS: &str = include_str!("../../../../dbc/drive.eds");
 
     fn objects(eds: &str, node_id: u8) -> ObjectDictionary {

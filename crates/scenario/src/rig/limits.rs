@@ -1,4 +1,4 @@
-//! The hard limits of a rig: the controller keeps to them, and the bench watches that everybody does.
+//! Hard limits of a rig: the controller keeps to them, and the bench watches that all nodes do.
 
 use std::fmt;
 use std::time::Duration;
@@ -7,46 +7,47 @@ use super::Limits;
 use super::drive::Feedback;
 use crate::port::Unit;
 
-/// Speeds are means over this time, or two cycles: a step of a converter is no speed.
+/// Shortest window of a speed, or two cycles if that is longer: a step of a converter is no speed.
 const SPEED_WINDOW: Duration = Duration::from_millis(20);
-/// A measured current may be so much beyond the limit, which a command never is. Assumed: the rig file does not have the drive's accuracy.
+/// Share by which a measured current may exceed the limit, unlike a command. Assumed: the rig file does not have the drive's
+/// accuracy.
 const MEASURED_CURRENT_TOLERANCE: f64 = 0.05;
-/// Commands are whole units of an object; this absorbs their rounding.
+/// Tolerance for the rounding of commands to whole units of an object.
 const COMMAND_TOLERANCE_AMPERES: f64 = 1e-9;
 
-/// A limit that was violated.
+/// Violation of a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Violation {
-    /// More current was commanded than is allowed.
+    /// A command exceeds the allowed current.
     Command {
-        /// The command.
+        /// Commanded current.
         amperes: f64,
-        /// The limit.
+        /// Largest allowed current.
         limit: f64,
     },
-    /// More current flows than is allowed.
+    /// The measured current exceeds the allowed one.
     Current {
-        /// What flows.
+        /// Measured current.
         amperes: f64,
-        /// The limit.
+        /// Largest allowed current.
         limit: f64,
     },
-    /// The load is where it may not be.
+    /// The load has left its allowed range.
     Position {
-        /// Where it is.
+        /// Position of the load.
         position: f64,
-        /// Where it may be.
+        /// Lowest and highest allowed position.
         limits: [f64; 2],
-        /// The unit of both.
+        /// Unit of the positions.
         symbol: &'static str,
     },
     /// The load moves too fast.
     Speed {
-        /// Its speed.
+        /// Speed of the load.
         rate: f64,
-        /// The limit.
+        /// Highest allowed speed.
         limit: f64,
-        /// The unit whose rate both are.
+        /// Unit of positions; speeds are in it per second.
         symbol: &'static str,
     },
 }
@@ -82,19 +83,19 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Watches the limits from sample to sample.
+/// Watch over the limits from sample to sample.
 #[derive(Clone, Copy, Debug)]
 pub struct LimitWatch {
     limits: Limits,
     window: Duration,
-    /// Where the load was at the start of the window.
+    /// Time and position at the start of the window.
     since: Option<(Duration, f64)>,
-    /// The unit of positions, for people.
+    /// Unit of positions in messages.
     symbol: &'static str,
 }
 
 impl LimitWatch {
-    /// A watch that has seen nothing.
+    /// Makes a watch that has seen no sample.
     #[must_use]
     pub fn new(limits: &Limits, sync_period: Duration) -> Self {
         Self {
@@ -105,14 +106,14 @@ impl LimitWatch {
         }
     }
 
-    /// The same for a drive whose positions are in another unit.
+    /// Sets the unit of the drive's positions.
     #[must_use]
     pub fn in_unit(self, unit: &Unit) -> Self {
         let symbol = unit.known_symbol();
         Self { symbol, ..self }
     }
 
-    /// Checks a sample of the drive; the limit that it violates.
+    /// Checks a sample of the drive, and returns the limit that it violates.
     pub fn check(&mut self, now: Duration, feedback: &Feedback) -> Option<Violation> {
         let limit = self.limits.current_amperes;
         let current = feedback.current_amperes.unwrap_or(0.0);
@@ -133,7 +134,7 @@ impl LimitWatch {
         self.check_speed(now, position)
     }
 
-    /// Checks a command to the drive; the limit that it violates.
+    /// Checks a command to the drive, and returns the limit that it violates.
     #[must_use]
     pub fn check_command(&self, amperes: f64) -> Option<Violation> {
         let limit = self.limits.current_amperes;
@@ -235,7 +236,7 @@ mod tests {
             matches!(run(2.1), Some(Violation::Speed { .. })),
             "420 mm/s"
         );
-        // Downwards, from a place from which it does not leave its range.
+        // Downwards, from a place from which the load does not leave its range.
         let mut falling = watch();
         let down = (0..5_u32).find_map(|cycle| {
             let now = Duration::from_millis(5) * cycle;

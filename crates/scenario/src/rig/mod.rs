@@ -1,6 +1,6 @@
-//! Rig files: what is on the bench, and for a real drive what it may never do.
+//! Rig files: the parts of the bench, and the hard limits of a real drive.
 //!
-//! A scenario says what is tried, a rig file on what.
+//! A scenario defines the trial, a rig file the drives and plants for it.
 
 pub mod drive;
 pub mod limits;
@@ -18,18 +18,18 @@ use serde::{Deserialize, Serialize};
 /// A drive that canrig does not emulate, as its node in the rig file describes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealDrive {
-    /// Where its values lie; a key that is left out is as for the emulated drive.
+    /// Objects with its values; a key that is left out is as for the emulated drive.
     pub drive: RigDrive,
     /// Hard limits, which apply whatever a scenario says.
     pub limits: Limits,
-    /// How long drive and controller wait for each other.
+    /// Times for which drive and controller wait for each other.
     pub timeouts: Timeouts,
     /// Checks of the drive before the first scenario.
     pub preflight: Preflight,
 }
 
 impl RealDrive {
-    /// A drive with these limits; all else is as for the emulated drive.
+    /// Makes a drive with these limits; all else is as for the emulated drive.
     #[must_use]
     pub fn new(drive: RigDrive, limits: Limits) -> Self {
         Self {
@@ -41,20 +41,21 @@ impl RealDrive {
     }
 }
 
-/// The objects of a drive on the bus.
+/// Objects of a drive on the bus.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigDrive {
-    /// Its node-ID.
+    /// Node-ID of the drive.
     pub node_id: u8,
-    /// Its EDS, beside the rig file; that of the emulated drive if left out.
+    /// EDS of the drive, beside the rig file; that of the emulated drive if left out.
     pub eds: Option<String>,
-    /// Written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative modes are the maker's own.
+    /// Mode of operation, written to 0x6060 before the drive is enabled: 10 is cyclic synchronous torque, negative modes are the
+    /// maker's own.
     pub mode_of_operation: i8,
-    /// Where the current command goes.
+    /// Object of the current command.
     pub command: CommandObject,
-    /// Where the position comes from.
+    /// Object of the position.
     pub position: PositionObject,
-    /// Where the measured current comes from; `object = ""` if the drive sends none.
+    /// Object of the measured current; `object = ""` if the drive sends none.
     pub current: CurrentObject,
 }
 
@@ -103,7 +104,7 @@ pub struct PositionObject {
     /// The object's value at position 0.
     #[schemars(range(min = -2_147_483_648.0, max = 4_294_967_295.0))]
     pub increments_at_zero: f64,
-    /// One step of the sensor (its LSB), in its unit; the pre-flight waits for five of them.
+    /// Step of the sensor (its LSB), in its unit; the pre-flight waits for five of them.
     #[schemars(range(min = 1e-6, max = 10_000.0))]
     pub resolution: f64,
 }
@@ -139,7 +140,8 @@ impl Default for CurrentObject {
     }
 }
 
-/// What may never be, whatever a scenario says: the controller keeps to it, and canrig stops the drive when it is violated.
+/// Hard limits, which hold whatever a scenario says: the controller keeps to them, and canrig stops the drive when they are
+/// violated.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
@@ -157,7 +159,7 @@ pub struct Limits {
     pub rate_max: f64,
 }
 
-/// How long nodes wait for each other.
+/// Times for which nodes wait for each other.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Timeouts {
@@ -194,13 +196,13 @@ impl Default for Timeouts {
     }
 }
 
-/// What is tried on the drive before the first scenario.
+/// Checks of the drive before the first scenario.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Preflight {
     /// Raise the current slowly until the load moves; `false` leaves this check out.
     pub heating: bool,
-    /// How fast the current rises, from 0 to the limit of the rig at most.
+    /// Rate at which the current rises, from 0 to the limit of the rig at most.
     #[schemars(range(min = 0.001, max = 10.0))]
     pub ramp_amperes_per_second: f64,
     /// The load must move within this time.
@@ -209,7 +211,7 @@ pub struct Preflight {
     /// The current must be gone within this time after a quick stop (assumed: 100).
     #[schemars(range(min = 1, max = 10_000))]
     pub stop_milliseconds_max: u32,
-    /// How long the wire then cools before the first scenario (assumed: 5).
+    /// Time for which the wire then cools before the first scenario (assumed: 5).
     #[schemars(range(min = 0.0, max = 600.0))]
     pub cooling_seconds: f64,
 }
@@ -227,7 +229,7 @@ impl Default for Preflight {
 }
 
 impl Timeouts {
-    /// The drive must be found and configured within this time.
+    /// Returns the time within which the drive must be found and configured.
     #[must_use]
     pub fn bring_up(&self) -> Duration {
         Duration::from_secs_f64(self.bring_up_seconds.clamp(0.0, 600.0))
@@ -237,9 +239,9 @@ impl Timeouts {
 /// Index and sub-index of an object, written as "0x6064" or "0x2345:01".
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct ObjectAddress {
-    /// Its index.
+    /// Index of the object.
     pub index: u16,
-    /// Its sub-index.
+    /// Sub-index of the object.
     pub sub_index: u8,
 }
 

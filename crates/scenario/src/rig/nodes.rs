@@ -1,4 +1,4 @@
-//! What is on the bench: the nodes on the bus by name, the plants that they move, and the loops that the controller closes.
+//! The rig: the nodes on the bus by name, the plants that they move, and the loops that the controller closes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -19,28 +19,28 @@ use crate::wiring::{IoWiring, LedBy, LoopOfRig, Measured, Plausible, Wiring};
 
 /// Node-ID of the controller of the shipped rig.
 pub const CONTROLLER_NODE_ID: u8 = 0x01;
-/// More nodes than that have no node-ID.
+/// Largest number of nodes: further ones would have no node-ID.
 pub const NODES_MAX: usize = 127;
-/// Loops for which the controller has objects and identifiers.
+/// Largest number of loops: the controller has objects and identifiers for these.
 pub const LOOPS_MAX: usize = 8;
 
-/// One rig file.
+/// A rig file.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rig {
     /// Version of the format; 1.
     #[schemars(range(min = 1, max = 1))]
     pub schema: u32,
-    /// Which rig this is, in a few words.
+    /// Short name of the rig.
     #[schemars(length(min = 1, max = 200))]
     pub name: String,
-    /// What one should know of it.
+    /// Notes on the rig for its users.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub description: Option<String>,
     /// The bus and its cycle.
     #[serde(default)]
     pub bus: Bus,
-    /// What several nodes share. A node's own keys come before these.
+    /// Values that several nodes share. A node's own keys come before these.
     #[serde(default, skip_serializing_if = "Defaults::is_empty")]
     pub defaults: Defaults,
     /// The plants by name, each with the table of its model: `[plant.NAME.MODEL]`.
@@ -54,20 +54,21 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// The plant that a drive moves.
+    /// Returns the plant that a drive moves.
     #[must_use]
     pub fn plant_of(&self, drive: &str) -> Option<&str> {
         let amplifier = self.node.get(drive)?.amplifier.as_ref()?;
         plant_of_port(amplifier.port.as_deref()?)
     }
 
-    /// The plant that a drive moves, whose files lie beside the rig file; the actuator of the paper where it moves none.
+    /// Returns the plant that a drive moves, with its files beside the rig file; the actuator of the paper if the drive moves
+    /// none.
     pub(crate) fn model_of(&self, drive: &str, rig: &Path) -> PlantModel {
         let plant = self.plant_of(drive).and_then(|name| self.plant.get(name));
         plant.map_or_else(PlantModel::default, |plant| plant.beside(rig))
     }
 
-    /// The other plants that are emulated together with the one that a drive moves, by name.
+    /// Returns the other plants that are emulated together with the one that a drive moves, by name.
     pub(crate) fn models_beside(&self, drive: &str, rig: &Path) -> BTreeMap<String, PlantModel> {
         let plant = self.plant_of(drive);
         let others = self.emulated_with(drive).into_iter();
@@ -77,8 +78,8 @@ impl Rig {
             .collect()
     }
 
-    /// The plants that are emulated together with the one that a drive moves, that one too: all that nodes connect. With those of
-    /// the first drive go the plants that are connected with no drive.
+    /// Returns the plants that are emulated together with the one that a drive moves, and that plant: all plants that nodes
+    /// connect. Plants that are connected with no drive go with those of the first drive.
     fn emulated_with(&self, drive: &str) -> BTreeSet<&str> {
         let mut groups: Vec<BTreeSet<&str>> = Vec::new();
         let nodes = self.node.values().map(RigNode::plants);
@@ -105,7 +106,7 @@ impl Rig {
         groups.into_iter().filter(is_its).flatten().collect()
     }
 
-    /// The sensor and the amplifier of a drive.
+    /// Returns the sensor and the amplifier of a drive.
     pub(crate) fn parts_of(&self, drive: &str) -> (plant::Sensor, plant::Amplifier) {
         let node = self.node.get(drive);
         let sensor = node.and_then(|node| node.sensor.as_ref());
@@ -116,14 +117,14 @@ impl Rig {
         )
     }
 
-    /// The drive that a loop leads; empty for no loop of this rig.
+    /// Returns the drive that a loop leads; empty if the rig has no such loop.
     #[must_use]
     pub fn drive_of_loop(&self, name: &str) -> &str {
         let drive = self.loops.get(name).and_then(|one| one.drives.first());
         drive.map_or("", String::as_str)
     }
 
-    /// Adds what stands for each drive of a loop besides its first one, and for one that is followed and in no loop; see
+    /// Adds a loop for each drive of a loop but its first one, and for a drive that a loop follows and no loop leads; see
     /// [`RigLoop::led_by`].
     pub(crate) fn add_led_drives(&mut self) {
         let mut led = Vec::new();
@@ -153,7 +154,7 @@ impl Rig {
         self.loops.extend(led);
     }
 
-    /// A loop of one drive, which follows what that measures; whose drives are not put in yet.
+    /// Returns a loop of one drive, which follows the drive's own signal. Its drives are not filled in yet.
     fn loop_of_one(&self, drive: &str) -> RigLoop {
         let Measurand {
             signal, command, ..
@@ -167,32 +168,32 @@ impl Rig {
         }
     }
 
-    /// What a drive measures and commands.
+    /// Returns the signal that a drive measures, and the one that it commands.
     pub(crate) fn measurand_of(&self, drive: &str) -> Measurand {
         let node = self.node.get(drive);
         node.map(RigNode::measurand).unwrap_or_default()
     }
 
-    /// The law that leads a drive which is not the first one of its loop.
+    /// Returns the law that leads a drive which is not the first one of its loop.
     fn led_by(&self, drive: &str) -> Option<LedBy> {
         let leader = self.loops.get(drive)?.led_by.as_deref()?;
         let drives = &self.loops.get(leader)?.drives;
         let place = drives.iter().position(|other| other == drive);
         Some(LedBy {
             first: self.node.get(drives.first()?)?.node_id,
-            // One that is only followed stands behind all that the law commands.
+            // A drive that is only followed comes after all drives that the law commands.
             place: place.unwrap_or(drives.len()),
         })
     }
 
-    /// The plant that a loop moves; empty for no loop of this rig.
+    /// Returns the plant that a loop moves; empty if the rig has no such loop.
     #[must_use]
     pub fn plant_of_loop(&self, name: &str) -> &str {
         self.plant_of(self.drive_of_loop(name)).unwrap_or_default()
     }
 
-    /// The drive in whose loop the commands to an io node are recorded: the first one of the plants on which it acts, by node-ID;
-    /// where nobody moves these, the first one with which they are emulated.
+    /// Returns the drive in whose loop the commands to an io node are recorded: the first one, by node-ID, of the plants on which
+    /// the io node acts. If no drive moves these, it is the first one with which they are emulated.
     #[must_use]
     pub fn drive_of_io(&self, io: &str) -> Option<&str> {
         let plants = self.node.get(io)?.plants();
@@ -203,7 +204,8 @@ impl Rig {
         .or_else(|| self.first_drive(|drive| !self.emulated_with(drive).is_disjoint(&plants)))
     }
 
-    /// The drive in whose loop an output of an io node is a disturbance: the first one of the plant on which it acts.
+    /// Returns the drive in whose loop an output of an io node is a disturbance: the first one of the plant on which the output
+    /// acts.
     pub(crate) fn drive_disturbed(&self, io: &str, output: &str) -> Option<&str> {
         let port = self.node.get(io)?.outputs.as_ref()?.port(output);
         let plant = port.and_then(plant_of_port);
@@ -221,7 +223,7 @@ impl Rig {
         first.map(|(name, _)| name.as_str())
     }
 
-    /// The other drives of the plant that a drive moves, each with whether its node-ID is the lower one.
+    /// Returns the other drives of the plant that a drive moves, each with whether its node-ID is lower.
     fn drives_beside<'a>(&'a self, drive: &'a str) -> impl Iterator<Item = (&'a RigNode, bool)> {
         let plant = self.plant_of(drive);
         let own_id = self.node.get(drive).map(|node| node.node_id);
@@ -231,14 +233,14 @@ impl Rig {
         others.map(move |(_, node)| (node, Some(node.node_id) < own_id))
     }
 
-    /// How many drives the law leads whose first drive this is.
+    /// Returns the number of drives that a law leads, by its first drive.
     fn drives_led_from(&self, drive: &str) -> usize {
         let mut loops = self.loops.values().filter(|one| one.led_by.is_none());
         let own = loops.find(|one| one.drives.first().is_some_and(|first| first == drive));
         own.map_or(1, |one| one.drives.len())
     }
 
-    /// How a drive is wired.
+    /// Returns the wiring of a drive.
     #[must_use]
     pub fn wiring_of(&self, drive: &str) -> Wiring {
         let Some(node) = self.node.get(drive) else {
@@ -285,7 +287,7 @@ impl Rig {
         }
     }
 
-    /// The nodes of the loop of a drive.
+    /// Returns the nodes of the loop of a drive.
     fn nodes_of(&self, drive: &str, node_id: u8) -> LoopNodes {
         let named = |(name, node): (&str, &RigNode), part| Node::new(name, node.node_id, part);
         let controller = self.controller().map(|node| named(node, Part::Controller));
@@ -299,7 +301,7 @@ impl Rig {
         }
     }
 
-    /// The drive whose signal the loop of a drive follows.
+    /// Returns the drive whose signal the loop of a drive follows.
     fn followed_by(&self, drive: &str) -> Option<(&str, &RigNode)> {
         let own = self.loops.get(self.loop_of(drive));
         let followed = own.map_or(drive, RigLoop::followed);
@@ -307,7 +309,7 @@ impl Rig {
         Some((name, node))
     }
 
-    /// The loop whose first drive this is; empty for no drive of this rig.
+    /// Returns the loop whose first drive this is; empty if the rig has no such drive.
     fn loop_of(&self, drive: &str) -> &str {
         let is_its = |one: &RigLoop| one.drives.first().is_some_and(|first| first == drive);
         let mut loops = self.loops.iter();
@@ -316,7 +318,7 @@ impl Rig {
             .map_or("", |(name, _)| name)
     }
 
-    /// A loop as others know it.
+    /// Returns the facts of a loop for the other loops.
     fn as_known(&self, (name, one): (&String, &RigLoop)) -> LoopOfRig {
         let drive = one.drives.first().cloned().unwrap_or_default();
         let node = self.node.get(&drive);
@@ -333,7 +335,7 @@ impl Rig {
         }
     }
 
-    /// The name of the controller.
+    /// Returns the controller with its name.
     #[must_use]
     pub fn controller(&self) -> Option<(&str, &RigNode)> {
         let mut nodes = self.node.iter();
@@ -341,14 +343,14 @@ impl Rig {
         found.map(|(name, node)| (name.as_str(), node))
     }
 
-    /// Whether a program plays the controller.
+    /// Checks whether a program plays the controller.
     #[must_use]
     pub fn is_led_by_program(&self) -> bool {
         let controller = self.controller();
         controller.is_some_and(|(_, node)| node.program.is_some())
     }
 
-    /// What is known of a drive that is not canrig's; none for a drive that canrig emulates.
+    /// Returns the facts about an external drive; `None` for a drive that canrig emulates.
     #[must_use]
     pub fn real_drive(&self, drive: &str) -> Option<RealDrive> {
         let node = self.node.get(drive).filter(|node| !node.is_ours())?;
@@ -368,7 +370,7 @@ impl Rig {
         })
     }
 
-    /// A rig of one of its drives alone, which is a real one, with external io nodes beside it.
+    /// Makes a rig of one real drive alone, with external io nodes beside it.
     #[must_use]
     pub fn of_one_drive<'a>(
         &self,
@@ -422,13 +424,13 @@ impl Rig {
             rig.node.insert(drive.to_owned(), node);
         }
         let led = self.loop_of_one(drive);
-        // No loop has the name of a drive whose law leads it.
+        // The name of the drive's own loop; empty for a drive that the law of another one leads.
         let name = self.loop_of(drive);
         rig.loops.insert(name.to_owned(), led);
         rig
     }
 
-    /// What is allowed and may not be meant.
+    /// Returns notes on values that are allowed and may be mistakes.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
@@ -453,16 +455,16 @@ impl Rig {
         notes
     }
 
-    /// Its text.
+    /// Returns the text of the rig file.
     ///
     /// # Panics
-    /// Never: all of it has a form in TOML.
+    /// Never: every value has a form in TOML.
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("tables of plain data")
     }
 
-    /// The io nodes whose commands are recorded in the loop of a drive.
+    /// Returns the io nodes whose commands are recorded in the loop of a drive.
     pub fn io_of<'a>(&'a self, drive: &'a str) -> impl Iterator<Item = &'a str> {
         let nodes = self
             .node
@@ -472,7 +474,7 @@ impl Rig {
         names.filter(move |name| self.drive_of_io(name) == Some(drive))
     }
 
-    /// The io nodes with an output of this name.
+    /// Returns the io nodes with an output of this name.
     pub(crate) fn io_with<'a>(&'a self, output: &'a str) -> impl Iterator<Item = &'a str> {
         let nodes = self.node.iter();
         let with = nodes.filter(move |(_, node)| {
@@ -487,7 +489,7 @@ impl Rig {
         Node::new(name, id.unwrap_or_default(), Part::Io)
     }
 
-    /// The io nodes that act on the plants that are emulated together with the one that a drive moves.
+    /// Returns the io nodes that act on the plants that are emulated together with the one that a drive moves.
     fn io_beside(&self, drive: &str) -> Vec<IoWiring> {
         let plants = self.emulated_with(drive);
         let nodes = self.node.iter().filter_map(|(name, node)| {
@@ -506,7 +508,7 @@ impl Rig {
     }
 }
 
-/// The name of the controller in the text of a rig file, if that can be read.
+/// Returns the name of the controller in the text of a rig file, if the text can be read.
 #[must_use]
 pub fn controller_in(text: &str) -> Option<String> {
     let rig: toml::Table = text.parse().ok()?;
@@ -517,11 +519,11 @@ pub fn controller_in(text: &str) -> Option<String> {
     Some(name.clone())
 }
 
-/// What several nodes share.
+/// Values that several nodes share.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Defaults {
-    /// What each drive has, unless its own table says otherwise.
+    /// Values of each drive, unless its own table says otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drive: Option<DriveDefaults>,
 }
@@ -532,7 +534,7 @@ impl Defaults {
     }
 }
 
-/// What each drive has, unless its own table says otherwise.
+/// Values of each drive, unless its own table says otherwise.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DriveDefaults {
@@ -542,16 +544,16 @@ pub struct DriveDefaults {
     /// The sensor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Sensor>,
-    /// How often: the truth about the plant is published in every so many cycles, which leaves room on the bus; 1 if absent.
+    /// Number of cycles from one publication of the truth about the plant to the next, which leaves room on the bus; 1 if absent.
     #[schemars(range(min = 1, max = 240))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth_every_cycles: Option<u8>,
-    /// What a position can be.
+    /// Limits of plausible positions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plausible: Option<Plausible>,
 }
 
-/// What a node is.
+/// Kind of a node.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, JsonSchema, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeKind {
@@ -568,7 +570,7 @@ pub enum NodeKind {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "RigNode")]
 pub struct RigNode {
-    /// What it is.
+    /// Kind of the node.
     pub kind: NodeKind,
     /// Its node-ID.
     #[schemars(range(min = 1, max = 127))]
@@ -579,30 +581,31 @@ pub struct RigNode {
     /// Of a drive: the sensor and the port of the plant that it reads.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor: Option<Sensor>,
-    /// Of a drive: the truth about the plant is published in every so many cycles, which leaves room on the bus; 1 if absent.
+    /// Of a drive: number of cycles from one publication of the truth about the plant to the next, which leaves room on the bus;
+    /// 1 if absent.
     #[schemars(range(min = 1, max = 240))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth_every_cycles: Option<u8>,
-    /// Of a drive: what a position can be. What is left out is not watched.
+    /// Of a drive: limits of plausible positions. A limit that is left out is not watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plausible: Option<Plausible>,
-    /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports, or as `PLANT.PORT` those of any
-    /// other one. If absent: all of a plant
-    /// with one drive but `turns_not_remembered`; where a plant has several, those whose names begin like that of the drive's
-    /// input, and of the first drive those that are nobody's too.
+    /// Of a drive: the outputs of its plant that it publishes, at most 6, by the names of their ports, or outputs of any other
+    /// plant, as `PLANT.PORT`. If absent: all of a plant with one drive but `turns_not_remembered`; where a plant has several,
+    /// those whose names begin like that of the drive's input, and for the first drive also those that no drive's input begins
+    /// like.
     #[schemars(length(max = 6), inner(length(min = 1, max = 64)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub record: Option<Vec<String>>,
-    /// Of an io node: which of its outputs acts on which port of a plant.
+    /// Of an io node: its outputs, each with the port of a plant on which it acts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outputs: Option<Outputs>,
-    /// The node is somebody else's: canrig expects it on the bus. A drive with `limits` always is, and an external one needs them;
-    /// an io node acts on the plant of an external drive.
+    /// The node is external: canrig expects it on the bus. A drive with `limits` always is, and an external one needs them; an
+    /// external io node acts on the plant of an external drive.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub external: bool,
-    /// A program in any language that plays the node, with its arguments, without a shell: canrig starts it. It is searched on `PATH`;
-    /// one with a `/` in its name is a file in the folder of this file or below it, where the program runs. A drive that is a program
-    /// needs what an external one does.
+    /// A program in any language that plays the node, with its arguments, without a shell: canrig starts it. It is searched on
+    /// `PATH`; one with a `/` in its name is a file in the folder of this file or below it, where the program runs. A drive that
+    /// is a program needs the same keys as an external one.
     #[schemars(length(min = 1, max = 64), inner(length(min = 1, max = 4096)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<Vec<String>>,
@@ -615,34 +618,34 @@ pub struct RigNode {
     #[schemars(range(min = -128, max = 127))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode_of_operation: Option<i8>,
-    /// Of an external drive: where the current command goes.
+    /// Of an external drive: the object of the current command.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command: Option<CommandObject>,
-    /// Of an external drive: where the position comes from.
+    /// Of an external drive: the object of the position.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position: Option<PositionObject>,
-    /// Of an external drive: where the measured current comes from; `object = ""` if it sends none.
+    /// Of an external drive: the object of the measured current; `object = ""` if it sends none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub current: Option<CurrentObject>,
     /// Of an external drive: hard limits, which apply whatever a scenario says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limits: Option<Limits>,
-    /// Of an external drive: how long drive and controller wait for each other.
+    /// Of an external drive: the times for which drive and controller wait for each other.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timeouts: Option<Timeouts>,
-    /// Of an external drive: what is tried on it before the first scenario.
+    /// Of an external drive: the checks of it before the first scenario.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preflight: Option<Preflight>,
 }
 
 impl RigNode {
-    /// Whether canrig itself plays it.
+    /// Checks whether canrig itself plays the node.
     #[must_use]
     pub fn is_ours(&self) -> bool {
         !self.external && self.program.is_none()
     }
 
-    /// What its sensor measures, and what its amplifier gives.
+    /// Returns the signal that its sensor measures, and the quantity that its amplifier commands.
     #[must_use]
     pub fn measurand(&self) -> Measurand {
         let sensor = self.sensor.as_ref();
@@ -650,14 +653,14 @@ impl RigNode {
         measurand.commanding(self.command_of())
     }
 
-    /// What its amplifier gives: a current, where its port says nothing else.
+    /// Returns the output quantity of its amplifier: a current, unless its port says otherwise.
     pub(crate) fn command_of(&self) -> Command {
         let port = self.amplifier.as_ref().and_then(|one| one.port.as_deref());
         let command = port.and_then(|port| Command::of_port(unit_in(port)));
         command.unwrap_or_default()
     }
 
-    /// What its sensor gives.
+    /// Returns the signal of its sensor with its range.
     fn measured(&self) -> Measured {
         let sensor = self.sensor.clone().unwrap_or_default();
         Measured {
@@ -668,7 +671,7 @@ impl RigNode {
         }
     }
 
-    /// The plants that it connects: of its amplifier, its sensor, its outputs, and of what it records.
+    /// Returns the plants that the node connects: by its amplifier, its sensor, its outputs, and its record.
     pub(crate) fn plants(&self) -> BTreeSet<&str> {
         let amplifier = self.amplifier.iter().filter_map(|one| one.port.as_ref());
         let sensor = self.sensor.iter().filter_map(|one| one.port.as_ref());
@@ -678,7 +681,7 @@ impl RigNode {
         ports.filter_map(|port| plant_of_port(port)).collect()
     }
 
-    /// The keys of an external drive that it has.
+    /// Returns the keys of an external drive that the node has.
     pub(crate) fn keys_of_external(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("eds", self.eds.is_some()),
@@ -700,17 +703,17 @@ impl RigNode {
 #[serde(deny_unknown_fields, default)]
 #[schemars(rename = "RigAmplifier")]
 pub struct Amplifier {
-    /// The port that it drives, as in `"wire.current_amperes"`, whose unit says what it gives: a current, in amperes; a voltage, in
-    /// volts; a force, in newtons; or a torque, in newton metres.
+    /// The port that it drives, as in `"wire.current_amperes"`, whose unit decides the output quantity: a current, in amperes; a
+    /// voltage, in volts; a force, in newtons; or a torque, in newton metres.
     #[schemars(length(min = 1, max = 200))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
-    /// The rated current (0x6075) or what else it gives, in amperes or the other unit, in thousandths of which commands and what is
-    /// measured of them are; 1 if absent.
+    /// The rated current (0x6075), or the rated value of another output quantity, in its unit. Commands and measured values are
+    /// in thousandths of it; 1 if absent.
     #[schemars(range(min = 0.001, max = 1_000_000.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rated: Option<f64>,
-    /// The smallest current: 0, or below it for an amplifier that drives both ways; 0 if absent.
+    /// The smallest current: 0, or negative for an amplifier that drives both ways; 0 if absent.
     #[schemars(range(min = -32_767_000.0, max = 0.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
@@ -722,7 +725,7 @@ pub struct Amplifier {
     #[schemars(range(min = 0, max = 24))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
-    /// Its I²t protection, of one that gives a current; none if absent.
+    /// Its I²t protection, only for an amplifier that gives a current; none if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub i2t: Option<I2t>,
 }
@@ -736,7 +739,7 @@ pub struct Sensor {
     #[schemars(length(min = 1, max = 200))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
-    /// The name of what it measures, as in `"speed"`: that of the signal, of set-points and of limits. `position` if absent.
+    /// The name of the measured quantity, as in `"speed"`: that of the signal, of set-points and of limits. `position` if absent.
     #[schemars(length(min = 1, max = 64))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub signal: Option<String>,
@@ -757,8 +760,8 @@ pub struct Sensor {
     #[schemars(range(min = 1, max = 24))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub resolution_bits: Option<u32>,
-    /// What one count of the drive's position object (0x6064) stands for, in the sensor's unit; a thousandth of it if absent, of a
-    /// revolution a millionth. A converter whose steps are less than half of it is refused.
+    /// Size of a count of the drive's position object (0x6064), in the sensor's unit; if absent a thousandth of the unit, or a
+    /// millionth of a revolution. A converter whose steps are less than half of it is refused.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_increment: Option<f64>,
@@ -769,7 +772,7 @@ pub struct Sensor {
 }
 
 impl Amplifier {
-    /// As the drive has it.
+    /// Returns the amplifier with the defaults of a drive.
     pub(crate) fn of_drive(&self) -> plant::Amplifier {
         plant::Amplifier {
             range: self.range(),
@@ -778,7 +781,7 @@ impl Amplifier {
         }
     }
 
-    /// What it can be commanded.
+    /// Returns the range of commands.
     pub(crate) fn range(&self) -> CurrentRange {
         let rated = self.rated.unwrap_or(CurrentRange::default().rated);
         CurrentRange {
@@ -790,7 +793,7 @@ impl Amplifier {
 }
 
 impl Sensor {
-    /// As the drive has it: its converter goes from the lowest position to the highest.
+    /// Returns the sensor with the defaults of a drive: its converter spans the lowest position to the highest.
     pub(crate) fn of_drive(&self) -> plant::Sensor {
         let default = plant::Sensor::default();
         plant::Sensor {
@@ -814,8 +817,9 @@ impl Sensor {
 }
 
 /// The outputs of an io node by name, each with the port of a plant that it drives: `convection_factor` of `[[disturbance.fan]]`,
-/// as in `"wire.convection_factor"`; `added_load_grams` of `[[disturbance.load]]`; and any other name for `[[disturbance.output]]`,
-/// as in `valve_percent = "tank.valve_percent"`, whose end is its unit. At most 4, in 16 bits each; 2 beside fan or load.
+/// as in `"wire.convection_factor"`; `added_load_grams` of `[[disturbance.load]]`; and any other name for
+/// `[[disturbance.output]]`, as in `valve_percent = "tank.valve_percent"`, whose end is its unit. At most 4, in 16 bits each; 2
+/// beside fan or load.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Outputs(pub BTreeMap<String, String>);
@@ -826,12 +830,12 @@ pub(crate) const FAN_OUTPUT: &str = "convection_factor";
 pub(crate) const LOAD_OUTPUT: &str = "added_load_grams";
 
 impl Outputs {
-    /// The port of an output.
+    /// Returns the port of an output.
     pub(crate) fn port(&self, name: &str) -> Option<&str> {
         self.0.get(name).map(String::as_str)
     }
 
-    /// The outputs besides fan and load.
+    /// Returns the outputs besides fan and load.
     pub(crate) fn others(&self) -> impl Iterator<Item = (&String, &String)> {
         let outputs = self.0.iter();
         outputs.filter(|(name, _)| ![FAN_OUTPUT, LOAD_OUTPUT].contains(&name.as_str()))
@@ -839,12 +843,12 @@ impl Outputs {
 }
 
 impl RigLoop {
-    /// The drive whose signal it follows.
+    /// Returns the drive whose signal the loop follows.
     pub(crate) fn followed(&self) -> &str {
         self.feedback.split('.').next().unwrap_or_default()
     }
 
-    /// Puts in the drives of its outputs.
+    /// Fills in the drives of its outputs.
     pub(crate) fn name_drives(&mut self) {
         let drive = |output: &String| output.split('.').next().unwrap_or_default().to_owned();
         self.drives = self.outputs.iter().map(drive).collect();
@@ -856,22 +860,22 @@ impl RigLoop {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "RigLoop")]
 pub struct RigLoop {
-    /// The signal that follows the set-point, as in `"drive.position"`: of any drive, whether the loop moves it, another one, or
-    /// none.
+    /// The signal that follows the set-point, as in `"drive.position"`: of any drive, whether this loop, another one or no loop
+    /// moves it.
     #[schemars(length(min = 1, max = 200))]
     pub feedback: String,
-    /// The currents of the drives that move it, or what else their amplifiers give, in the order in which its law commands them, as in
-    /// `"drive.current"`.
+    /// The currents of the drives that move it, or other quantities of their amplifiers, in the order in which its law commands
+    /// them, as in `"drive.current"`.
     #[schemars(length(min = 1, max = 8))]
     pub outputs: Vec<String>,
     /// The drives of these outputs, put in by the loader.
     #[serde(skip)]
     pub drives: Vec<String>,
-    /// What the loader adds for each further drive of a loop: it is played, recorded and judged under its own name, and led by the
-    /// law of this loop.
+    /// Loop whose law leads the drive of this one. The loader adds such a loop for each further drive of a loop; it is played,
+    /// recorded and judged under its own name.
     #[serde(skip)]
     pub led_by: Option<String>,
-    /// The identifiers of its frames beside those that CiA 301 gives its nodes, put in by the loader.
+    /// Identifiers of its frames besides those that CiA 301 gives its nodes, put in by the loader.
     #[serde(skip)]
     pub identifiers: Identifiers,
 }

@@ -28,23 +28,23 @@ const RIGS: [(&str, &str); 6] = [
     ),
 ];
 
-/// The text of the rig of a name.
+/// Returns the text of the rig of a name.
 #[must_use]
 pub fn text(name: &str) -> Option<&'static str> {
     let mut rigs = RIGS.iter();
     rigs.find(|(rig, _)| *rig == name).map(|(_, text)| *text)
 }
 
-/// The names.
+/// Returns the names.
 #[must_use]
 pub fn names() -> [&'static str; 6] {
     RIGS.map(|(name, _)| name)
 }
 
-/// Folder of a run folder that holds the rig where the scenario's own folder does not.
+/// Folder in a run folder for a rig that does not lie in the scenario's own folder.
 pub const FOLDER: &str = "rig";
 
-/// Name in a run folder of the copy of a shipped rig, or of a rig file that took its place.
+/// Returns the name, in a run folder, of the copy of a shipped rig, or of a rig file that replaced it.
 #[must_use]
 pub fn copy_of(name: &str) -> String {
     if name.ends_with(".toml") {

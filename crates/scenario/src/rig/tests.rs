@@ -1,7 +1,7 @@
 use super::ObjectAddress;
 use super::nodes::Rig;
 
-/// A rig with one real drive, and these keys in its node.
+/// Returns a rig with one real drive, and these keys in its node.
 fn with(more: &str) -> String {
     format!(
         "schema = 1\nname = \"bench\"\n[node.controller]\nkind = \"controller\"\nnode_id = 1\n\
@@ -62,7 +62,7 @@ fn a_rig_of_one_drive_alone_is_a_rig() {
     assert_eq!((read.node.len(), read.plant.len()), (2, 0));
 }
 
-/// Also one that measures no position.
+/// The drive may also measure another signal than a position.
 #[test]
 fn a_rig_of_one_drive_alone_follows_what_that_measures() {
     let real = Rig::parse(&with(""), "rig.toml").unwrap();

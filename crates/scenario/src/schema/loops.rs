@@ -1,4 +1,4 @@
-//! The schema of scenarios, composed of those of their parts.
+//! The schema of scenarios, composed of the schemas of their parts.
 
 use std::collections::BTreeSet;
 
@@ -11,21 +11,21 @@ use crate::plant::PlantModel;
 use crate::port::{Command, Measurand, Unit, conversion, known_units};
 use crate::rig::nodes::{NodeKind, Rig, RigNode};
 
-/// Tables whose entries say for which loop they are, and those that say for which node.
+/// Tables whose entries name their loop, and tables whose entries name their node.
 const OF_LOOPS: &str = "Reference";
 const OF_NODES: &str = "Disturbance";
-/// Tables whose entries have names that follow from what a loop measures and commands.
+/// Tables whose entries have names that depend on the signal and the command of a loop.
 const NAMED: [&str; 4] = [OF_LOOPS, "OpenLoop", "SensorFaults", "AmplifierFaults"];
 /// Tables that have such names themselves.
 const LIMITS: [&str; 2] = ["Expect", "Contour"];
-/// Units of loops that are proposed where no rig says which they are.
+/// Units of loops that are proposed if no rig defines them.
 const PROPOSED: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
 /// Pattern of a unit or a signal.
 const ANY_WORD: &str = "[a-z][a-z0-9_]*";
-/// What a loop's name is for.
+/// Key in the place of a loop's name.
 const ALL: &str = "all";
 
-/// Parts of a node to which a scenario may give other values, each with its definition.
+/// Parts of a node that a scenario may change, each with its definition.
 const PARTS: [(&str, &str); 5] = [
     ("amplifier", "RigAmplifier"),
     ("sensor", "RigSensor"),
@@ -34,12 +34,12 @@ const PARTS: [(&str, &str); 5] = [
     ("preflight", "Preflight"),
 ];
 
-/// The schema of scenarios on any rig.
+/// Returns the schema of scenarios on any rig.
 pub(super) fn of_scenario() -> Value {
     of_loops(&PROPOSED.map(Measurand::position), None)
 }
 
-/// The schema of scenarios whose loops measure this, and whose set-points have this range.
+/// Returns the schema of scenarios whose loops have these signals, and whose set-points have this range.
 fn of_loops(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
     let mut schema = with_names(of_parts());
     fault::describe(&mut schema);
@@ -78,7 +78,7 @@ fn of_loops(measurands: &[Measurand], travel: Option<[f64; 2]>) -> Value {
     schema
 }
 
-/// The keys of a scenario that are no tables, the tables of a loop, the bus and the sweep.
+/// Returns the schema of the keys that are not tables, the tables of a loop, the bus and the sweep.
 fn of_parts() -> Value {
     let mut schema = HEADER.clone();
     schema["title"] = "Scenario".into();
@@ -98,7 +98,7 @@ fn of_parts() -> Value {
     schema
 }
 
-/// Takes away definitions to which nothing refers.
+/// Removes definitions to which nothing refers.
 fn prune(schema: &mut Value) {
     let Some(mut definitions) = schema["definitions"].as_object().cloned() else {
         return;
@@ -117,7 +117,7 @@ fn prune(schema: &mut Value) {
     schema["definitions"] = used.into();
 }
 
-/// The names of all definitions to which a schema refers.
+/// Returns the names of all definitions to which a schema refers.
 fn references(value: &Value) -> Vec<String> {
     match value {
         Value::Object(table) => {
@@ -131,12 +131,12 @@ fn references(value: &Value) -> Vec<String> {
     }
 }
 
-/// The definition of the values of a part.
+/// Returns the name of the definition of a part's values.
 fn values(definition: &str) -> String {
     format!("{definition}Values")
 }
 
-/// The parts of a node, without how it is wired. The rig file has what is left out.
+/// Returns the schema of the parts of a node, without its wiring. The rig file has the keys that are left out.
 fn rig_part(schema: &mut Value) -> Value {
     for (_, definition) in PARTS {
         let mut part = part_of(&RIG, &reference(definition));
@@ -156,7 +156,7 @@ fn rig_part(schema: &mut Value) -> Value {
     json!({"type": "object", "properties": properties, "additionalProperties": false})
 }
 
-/// The schema of scenarios on a rig: with the names of its loops, plants and nodes.
+/// Returns the schema of scenarios on a rig: with the names of its loops, plants and nodes.
 pub(crate) fn on_rig(rig: &Rig) -> Value {
     let drives = rig
         .node
@@ -213,7 +213,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
     schema
 }
 
-/// An FMU with the start values that the rig file gives it, which may be other numbers.
+/// Returns the schema of an FMU; the start values that the rig file has may be other numbers.
 fn fmu(schema: &Value, plant: &PlantModel) -> Value {
     let start = plant.fmu.iter().flat_map(|fmu| &fmu.start);
     let numbers = start.filter(|(_, value)| value.is_float() || value.is_integer());
@@ -224,7 +224,7 @@ fn fmu(schema: &Value, plant: &PlantModel) -> Value {
     fmu
 }
 
-/// What the sensors of the loops give: set-points lie within what that of one of them does.
+/// Returns the range of set-points: each lies within the range of one of the loops' sensors.
 fn travel(rig: &Rig) -> Option<[f64; 2]> {
     let ranges = rig.loops.keys();
     let ranges = ranges.map(|name| rig.wiring_of(rig.drive_of_loop(name)).feedback.range());
@@ -239,7 +239,7 @@ fn properties(schema: &Value, definition: &str) -> Value {
     schema["definitions"][definition]["properties"].clone()
 }
 
-/// Gives set-points this range; without one only the rig file says it.
+/// Gives set-points this range; `None` leaves the range to the rig file.
 pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
     for definition in entries(schema, OF_LOOPS) {
         let properties = schema["definitions"][definition]["properties"].as_object_mut();
@@ -280,7 +280,7 @@ fn name_keys(schema: &mut Value, measurands: &[Measurand]) {
     }
 }
 
-/// The same loops, each once for every unit by which gains of its law can be.
+/// Returns the loops, each once for every unit by which gains of its law can be.
 fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
     let by_units = measurands.iter().flat_map(|measurand| {
         let is_of_quantity = |unit: &&str| conversion(measurand.unit.of_laws(), unit).is_some();
@@ -295,8 +295,8 @@ fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
     by_units.collect()
 }
 
-/// Gives the keys of a table, and of those in it, the names that they have in these loops. Names in other loops match patterns: the
-/// rig file says which of them is right.
+/// Gives the keys of a table, and of its tables, the names that they have in these loops. Names in other loops match patterns:
+/// the rig file decides which of them is right.
 fn name_keys_of(
     table: &mut Value,
     measurands: &[Measurand],
@@ -339,14 +339,14 @@ fn name_keys_of(
     if let Some(required) = table.get_mut("required").and_then(Value::as_array_mut) {
         let count = required.len();
         required.retain(|key| !key.as_str().is_some_and(|key| renamed.contains(key)));
-        // Under whichever name, what is required is there.
+        // The count requires as many keys, whatever their names.
         if required.len() < count {
             table["minProperties"] = count.into();
         }
     }
 }
 
-/// A key of `[expect]` that is called like a limit in any unit may be a loop as well.
+/// Returns the schema of keys that may be a limit in any unit, or a loop of the same name.
 fn limits_or_loops(schema: &Value) -> Value {
     let limits = schema["definitions"]["Expect"]["patternProperties"].as_object();
     let limits = limits.into_iter().flatten();
@@ -389,14 +389,14 @@ fn with_names(mut schema: Value) -> Value {
     schema
 }
 
-/// The limits of one loop, and of several together.
+/// Returns the limits of one loop, and of several together.
 fn with_contours(schema: &Value) -> Value {
     let mut limits = properties(schema, "Expect");
     limits["contour"] = CONTOURS["properties"]["contour"].clone();
     limits
 }
 
-/// What the parameters of a plant may be.
+/// Returns the schema of a plant's parameters.
 fn models(schema: &mut Value) -> Value {
     let mut model = schema_of::<PlantModel>();
     own::describe_plants(&mut model["properties"]);
@@ -405,7 +405,7 @@ fn models(schema: &mut Value) -> Value {
     models.map(|(_, model)| values_of(model)).collect()
 }
 
-/// Other values for a model. The rig file has what is left out.
+/// Returns the schema of other values for a model. The rig file has the keys that are left out.
 fn values_of(model: &Value) -> Value {
     let mut model = if model["properties"].is_object() {
         part_of(model, model)

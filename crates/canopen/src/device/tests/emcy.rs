@@ -1,4 +1,4 @@
-//! EMCY, error register, history and what the CAN controller reports.
+//! Tests of EMCY, error register, history, and reports of the CAN controller.
 
 use super::*;
 use crate::frame::ERROR_FLAG;
@@ -9,7 +9,7 @@ fn raise(bench: &mut Bench, code: u16) -> Vec<String> {
     bench.drain()
 }
 
-/// A kernel error message of a class, with the controller's byte.
+/// Returns a kernel error message of a class, with the controller's byte.
 fn error_message(class: u32, controller: u8) -> CanFrame {
     CanFrame::from_raw(ERROR_FLAG | class, 8, [0, controller, 0, 0, 0, 0, 0, 0]).unwrap()
 }

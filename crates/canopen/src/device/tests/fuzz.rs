@@ -1,11 +1,11 @@
-//! Whatever arrives, the device does not panic, answers SDO and obeys NMT.
+//! Fuzz tests: after any frames, the device does not panic, answers SDO and obeys NMT.
 
 use proptest::prelude::*;
 
 use super::*;
 use crate::frame::{ERROR_FLAG, EXTENDED_FLAG};
 
-/// Identifiers that mean something, and any other.
+/// Returns identifiers that have a meaning, and any others.
 fn identifiers() -> impl Strategy<Value = u32> {
     prop_oneof![
         4 => prop::sample::select(vec![
@@ -16,7 +16,7 @@ fn identifiers() -> impl Strategy<Value = u32> {
     ]
 }
 
-/// Any frame at all, most of them plain data frames.
+/// Returns any frames, most of them plain data frames.
 fn frames() -> impl Strategy<Value = CanFrame> {
     let flags = prop_oneof![
         6 => Just(0),
@@ -29,7 +29,7 @@ fn frames() -> impl Strategy<Value = CanFrame> {
     })
 }
 
-/// SDO downloads to the objects of the services: the way to a broken configuration.
+/// Returns SDO downloads to the objects of the services, which may break the configuration.
 fn configuration() -> impl Strategy<Value = CanFrame> {
     let indices = prop::sample::select(vec![
         0x1003_u16, 0x1005, 0x1006, 0x1007, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019, 0x1029, 0x1201,
@@ -60,7 +60,7 @@ fn configuration() -> impl Strategy<Value = CanFrame> {
     })
 }
 
-/// A step: a frame, and the microseconds before it.
+/// Returns steps: a frame, and the microseconds before it.
 fn steps() -> impl Strategy<Value = Vec<(CanFrame, u64)>> {
     let frame = prop_oneof![frames(), configuration()];
     prop::collection::vec((frame, 0..3000_u64), 0..200)

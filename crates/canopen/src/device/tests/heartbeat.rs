@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// The bytes of a 0x1016 entry.
+/// Returns the bytes of a 0x1016 entry.
 fn consumer_time(node_id: u8, milliseconds: u16) -> [u8; 4] {
     let [low, high] = milliseconds.to_le_bytes();
     [low, high, node_id, 0]

@@ -4,13 +4,13 @@ use super::*;
 use crate::cia402::{OptionCodes, State, StateMachine, Status};
 use crate::sdo_client::SdoClient;
 
-/// The smallest drive: the state machine between controlword and statusword.
+/// Smallest drive: the state machine between controlword and statusword.
 #[derive(Default)]
 struct Drive {
     machine: StateMachine,
     target: i128,
     latest_sync: Duration,
-    /// When the current was last taken away.
+    /// Time at which the current was last taken away.
     off_at: Option<Duration>,
 }
 
@@ -69,7 +69,7 @@ impl Application for Drive {
     }
 }
 
-/// The manager: waits for the drive's boot-up, configures it by SDO, starts it, produces SYNC and commands torque.
+/// Manager: waits for the drive's boot-up, configures it by SDO, starts it, produces SYNC and commands torque.
 struct Manager {
     client: SdoClient,
     downloads: Vec<(u16, u8, Vec<u8>)>,
@@ -90,7 +90,7 @@ impl Manager {
         }
     }
 
-    /// The next download, or the start of both nodes when there is none.
+    /// Starts the next download, or both nodes if there is none.
     fn go_on(&mut self, services: &mut Services) {
         let now = services.now();
         if let Some((index, sub_index, bytes)) = self.downloads.pop() {
@@ -147,7 +147,7 @@ impl Application for Manager {
     }
 }
 
-/// The manager's dictionary: the drive's TPDO1 comes in, its RPDO1 goes out.
+/// Returns the manager's dictionary: the drive's TPDO1 comes in, its RPDO1 goes out.
 fn manager_dictionary() -> ObjectDictionary {
     use DataType::{Integer16, Integer32, Unsigned8, Unsigned16, Unsigned32};
     let rw = Rights::ReadWrite;

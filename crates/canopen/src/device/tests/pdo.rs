@@ -20,7 +20,7 @@ fn remap(bench: &mut Bench, index: u16, cob_id: u32, mapped: &[u32]) -> Result<(
     bench.write(index, 1, &u32_bytes(cob_id))
 }
 
-/// One SYNC a millisecond; returns the SYNCs, from 1, at which a frame with this identifier came.
+/// Sends one SYNC a millisecond; returns the numbers of the SYNCs, from 1, at which a frame with this identifier came.
 fn syncs_with(bench: &mut Bench, prefix: &str, counters: impl Iterator<Item = u8>) -> Vec<u8> {
     counters
         .filter(|counter| {
@@ -447,7 +447,7 @@ fn identifiers_in_use_are_refused_until_they_are_free() {
     assert_eq!(bench.write(0x1005, 0, &u32_bytes(0x210)), Ok(()));
 }
 
-/// The events of types 0, 254 and 255 (CiA 301, 7.5.2.37) are changes of what is mapped.
+/// The events of types 0, 254 and 255 (CiA 301, 7.5.2.37) are changes of mapped values.
 #[test]
 fn a_changed_value_is_the_event_of_types_254_and_255() {
     for kind in [254, 255] {
@@ -505,7 +505,7 @@ fn an_rpdo_is_not_silent_where_a_change_may_be_sent_at_once() {
     assert!(!bench.device.takes_silently(0x210));
 }
 
-/// A PDO cannot be refused as an SDO can, so that its values are cut to the limits of the EDS.
+/// A PDO cannot be refused as an SDO can, so its values are cut to the limits of the EDS.
 #[test]
 fn an_rpdos_value_beyond_its_objects_limits_is_cut_to_them() {
     let mut dictionary = dictionary();

@@ -1,4 +1,4 @@
-//! The device behind its SDO servers: rights, limits, rules of the services, the application's word.
+//! Tests of the device behind its SDO servers: rights, limits, rules of the services, decisions of the application.
 
 use super::*;
 

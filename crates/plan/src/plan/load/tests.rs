@@ -27,7 +27,7 @@ fn two_servos(second: u8) -> String {
     head.to_owned() + &servo("x", 0x20) + &servo("y", second)
 }
 
-/// The plan of a scenario on this rig, in a folder of their own.
+/// Returns the plan of a scenario on this rig, in a folder of their own.
 fn loaded(rig: &str) -> Result<Plan, String> {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name);
@@ -70,7 +70,7 @@ fn each_external_drive_is_led_by_its_own_eds_limits_and_scaling() {
 
 #[test]
 fn terms_that_another_node_s_identifier_keeps_from_their_place_have_another_one() {
-    // TPDO1 of node 0x21 is where the second loop explains itself.
+    // TPDO1 of node 0x21 has the identifier of the second loop's terms.
     let plan = loaded(&two_servos(0x21)).unwrap();
     let id = |name: &str| plan.database().message(name).unwrap().raw_id;
     assert_eq!((id("y_tpdo1"), id("controller_y_tpdo1")), (0x1A1, 0x6DD));
@@ -119,7 +119,7 @@ fn an_emulated_drive_may_be_somebody_else_s() {
     assert!(unknown.contains("did you mean `controller`?"), "{unknown}");
 }
 
-/// The plan of a scenario on the rig that ships, with these nodes external.
+/// Returns the plan of a scenario on the shipped rig, with these nodes external.
 fn with_external(names: &[&str], fault: &str) -> Result<Plan, String> {
     let head = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n";
     let scenario = Trial::parse(&format!("{head}{fault}"), "t.toml", |_| unreachable!());

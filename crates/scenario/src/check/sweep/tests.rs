@@ -1,4 +1,4 @@
-//! `[sweep]` as the loader takes it.
+//! Tests of `[sweep]` in the loader.
 
 use crate::check::tests::{check, parse, resolved};
 
@@ -15,7 +15,7 @@ fn the_keys_of_a_sweep_are_numbers_of_the_scenario() {
         "`plant.wire.mechanics.lod_kilograms` is no number of this scenario",
         "did you mean `plant.wire.mechanics.load_kilograms`?",
     );
-    // The path is forgotten, the entry does not exist, the law is another one, the key is no number.
+    // The cases: a path that is forgotten, an entry that does not exist, another law, a key that is no number.
     for (key, column, label) in [
         (
             "load_kilograms",
@@ -65,7 +65,7 @@ const NOISE: &str = "key = \"node.drive.sensor.noise_rms\"";
 const BITS: &str = "key = \"node.drive.sensor.resolution_bits\"";
 const BITRATE: &str = "key = \"bus.bitrate_kilobits_per_second\"";
 
-/// Entries of a sweep, the line and column where they are underlined, and some of what is said.
+/// Checks entries of a sweep: the line and column of the underlined place, and parts of the message.
 #[track_caller]
 fn check_entries<const N: usize>(cases: [(String, usize, usize, &str); N]) {
     for (entry, line, column, words) in cases {

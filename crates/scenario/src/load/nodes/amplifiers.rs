@@ -1,4 +1,4 @@
-//! What an amplifier can be commanded, and which ones have a protection or are somebody else's.
+//! Checks the currents of amplifiers, and which amplifiers may have a protection or are external.
 
 use super::Check;
 use crate::current::COUNTS_MAX;
@@ -6,7 +6,7 @@ use crate::error::Problem;
 use crate::port::Command;
 
 impl Check<'_> {
-    /// Currents that 16 bits hold in thousandths of the rated one.
+    /// Checks that 16 bits hold the currents, in thousandths of the rated one.
     pub(super) fn amplifiers(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         for (name, node) in &self.rig.node {
@@ -31,7 +31,7 @@ impl Check<'_> {
             let symbol = command.symbol();
             let most = COUNTS_MAX / range.counts_per_ampere();
             for (key, current) in [("min", range.min), ("max", range.max)] {
-                // A rated current of nothing was found by the schema.
+                // The schema has refused a rated current of 0.
                 if current.abs() <= most || range.rated <= 0.0 {
                     continue;
                 }
@@ -40,7 +40,7 @@ impl Check<'_> {
                     "a command of {current} {symbol} does not fit its frame, which counts thousandths of {} {symbol}",
                     range.rated
                 );
-                // In milliamperes, as 0x6075 has it, so that what is written is enough.
+                // In milliamperes, as in 0x6075, so that the suggested current is large enough.
                 let rated = libm::ceil(current.abs() / COUNTS_MAX * 1e6) / 1e3;
                 let label = format!("write rated = {rated:.3} or more");
                 problems.push(self.document.problem(&path, message, label));

@@ -1,4 +1,4 @@
-//! Which node-IDs nodes can have.
+//! Checks the node-IDs of nodes.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use super::Check;
 use crate::error::Problem;
 
 impl Check<'_> {
-    /// Each once.
+    /// Checks that each node-ID stands once.
     pub(super) fn node_ids(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut taken: BTreeMap<u8, &str> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! What plants, nodes and loops can be called.
+//! Checks the names of plants, nodes and loops.
 
 use std::collections::BTreeMap;
 
@@ -8,17 +8,19 @@ use crate::own::is_name;
 use crate::rig::nodes::RigLoop;
 use crate::schema;
 
-/// Names that a loop cannot have: they stand where a loop's name would.
+/// Names that a loop cannot have: they mean something else in the place of a loop's name.
 const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
-/// Names that no node can have: faults of the bus call canrig's own node so, and a process of the node would have the recording's log.
+/// Names that no node can have: faults of the bus name canrig's own node `bench`, and a process of a node `bus` would write to
+/// the log of the recording.
 const NOT_A_NODE: [&str; 2] = ["bench", "bus"];
-/// Names that no plant can have: its emulator is a process with a log of that name, beside the controller's and the recording.
+/// Names that no plant can have: the process of its emulator has a log of that name, beside those of the controller and the
+/// recording.
 const NOT_A_PLANT: [&str; 3] = ["bench", "bus", "controller"];
-/// Tables of a scenario in which loops have theirs beside other keys.
+/// Tables of a scenario that have the tables of loops beside other keys.
 const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];
 
 impl Check<'_> {
-    /// Each name is one that others can use, and stands for one thing.
+    /// Checks that other files can use each name, and that each name has one meaning.
     pub(super) fn names(&self) -> Vec<Problem> {
         let rig = self.rig;
         let named = [
@@ -52,7 +54,7 @@ impl Check<'_> {
                     let message = format!("a {kind} cannot be called `{name}`");
                     problems.push(self.problem(&path, message, label));
                 }
-                // Where its drives are wrong, that is said, and nobody knows whether one is its own.
+                // Wrong drives are reported elsewhere; until then it is open whether one of them is the loop's own.
                 let may_be_called_so =
                     |one: &RigLoop| one.drives.contains(name) || !self.is_led_rightly(one);
                 let is_named_after_drive =
@@ -70,7 +72,7 @@ impl Check<'_> {
         problems
     }
 
-    /// Whether a loop has drives that no other one has.
+    /// Checks whether a loop has drives, and all of them are its own.
     fn is_led_rightly(&self, one: &RigLoop) -> bool {
         let is_own = |drive: &String| {
             let leaders = self.rig.loops.values().flat_map(|other| &other.drives);

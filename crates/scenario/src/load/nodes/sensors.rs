@@ -1,4 +1,4 @@
-//! What a sensor and the plausibility of its positions can be.
+//! Checks the sensors, and the plausibility of their positions.
 
 use super::Check;
 use crate::error::Problem;
@@ -6,11 +6,11 @@ use crate::own::is_name;
 use crate::port::{Measurand, Unit};
 use crate::rig::nodes::{RigNode, Sensor};
 
-/// So many steps of a converter may share a count of the position: 16 bits over 60 mm are steps of 0.9 micrometres.
+/// Largest number of converter steps in a count of the position: 16 bits over 60 mm are steps of 0.9 micrometres.
 const STEPS_OF_A_COUNT: f64 = 2.0;
 
 impl Check<'_> {
-    /// Ranges that begin below where they end, and units that are words.
+    /// Checks that ranges begin below their ends, and that units are known words.
     pub(super) fn sensors(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         let drives = self.rig.node.iter();
@@ -50,7 +50,7 @@ impl Check<'_> {
                 let (Some(min), Some(max)) = (min, max) else {
                     continue;
                 };
-                // What is no number was refused before.
+                // The schema has refused a value that is no number.
                 if max <= min {
                     let message = format!("the range of `{name}` ends where it has not begun");
                     let label = format!("must be above {min}, its lowest");
@@ -68,7 +68,8 @@ impl Check<'_> {
         problems
     }
 
-    /// A count of the drive's position that its 32 bits hold at the ends of the range, and that shows the converter's steps.
+    /// Checks the count of the drive's position: its 32 bits must hold the ends of the range, and it must resolve the converter's
+    /// steps.
     fn increment(&self, name: &str, node: &RigNode, sensor: &Sensor) -> Option<Problem> {
         if !node.is_ours() {
             let path = format!("node.{name}.sensor.position_increment");
@@ -85,7 +86,7 @@ impl Check<'_> {
         let lowest = sensor.min.unwrap_or_default();
         let farthest = lowest.abs().max((lowest + config.span).abs());
         let too_many = farthest / increment > f64::from(i32::MAX);
-        // A range that ends where it has not begun is another problem.
+        // A range that ends before it begins is another problem.
         if step <= 0.0 || step >= increment / STEPS_OF_A_COUNT && !too_many {
             return None;
         }

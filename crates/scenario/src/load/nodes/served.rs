@@ -1,4 +1,4 @@
-//! What a rig file can say and this bench does not serve.
+//! Finds rigs that the format can describe and this bench cannot serve.
 
 use super::Check;
 use crate::error::Problem;
@@ -15,7 +15,8 @@ impl Check<'_> {
         problems
     }
 
-    /// A drive whose law leads others must be canrig's, and so must they: the rig file of another one has one loop.
+    /// Refuses an external drive in a loop of several drives: canrig must emulate all of them, since an external drive has a loop
+    /// of its own.
     fn loops_of_several_drives(&self) -> Vec<Problem> {
         let several = self
             .rig
@@ -38,7 +39,7 @@ impl Check<'_> {
         problems.collect()
     }
 
-    /// Io nodes whose outputs act on nothing.
+    /// Finds io nodes whose outputs act on nothing.
     fn idle_outputs(&self) -> Vec<Problem> {
         let idle = self.outputs().filter(|(_, outputs)| outputs.0.is_empty());
         let problems = idle.map(|(name, _)| {
@@ -49,7 +50,7 @@ impl Check<'_> {
         problems.collect()
     }
 
-    /// Io nodes with more outputs than their frame has room for, or with one that has no name.
+    /// Finds io nodes with more outputs than fit in their frame, or with an output that has no valid name.
     fn outputs_without_room(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         for (name, outputs) in self.outputs() {
@@ -80,7 +81,7 @@ impl Check<'_> {
         nodes.filter_map(|(name, node)| Some((name.as_str(), node.outputs.as_ref()?)))
     }
 
-    /// Plants that no node names, or that no drive of canrig's emulates.
+    /// Finds plants that no node names, or that no drive of canrig emulates.
     fn idle_plants(&self) -> Vec<Problem> {
         let nodes = self.rig.node.values();
         let named = Vec::from_iter(nodes.flat_map(|node| node.plants()));

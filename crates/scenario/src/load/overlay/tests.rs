@@ -1,4 +1,4 @@
-//! Other values for a rig, as a user meets them: what is read, what is refused, and where that is shown.
+//! Tests of a scenario's values for its rig: values that are read, values that are refused, and the places of the errors.
 
 use std::io;
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::error::{Problem, ScenarioError};
 use crate::scenario::Scenario;
 use crate::trial::Trial;
 
-/// A rig with an emulated drive and a real one; the wire of the latter is known to nobody.
+/// A rig with an emulated drive and a real one; the plant of the real one is unknown.
 const RIG: &str = r#"
 schema = 1
 name = "a motor and a real drive"
@@ -43,7 +43,7 @@ outputs = ["lift.current"]
 "#;
 
 const HEAD: &str = "schema = 1\nname = \"t\"\nduration_seconds = 3.0\n[controller.all.open_loop]\n";
-/// The line at which the tables of a test begin; the rig is named four lines before.
+/// Line at which the tables of a test begin; the rig is named four lines before.
 const BEGIN: i32 = 6;
 
 fn scenario(rig: &str, tables: &str) -> String {
@@ -71,7 +71,7 @@ fn view(rig: &str, tables: &str) -> Scenario {
     view.unwrap().0
 }
 
-/// The problems of a scenario, each of which is in its text, and as a user sees them.
+/// Returns the problems of a scenario, each of which is in its text, and their rendering.
 #[track_caller]
 fn refused(rig: &str, tables: &str) -> (Vec<Problem>, String) {
     let error = load(rig, tables).expect_err(tables);
@@ -82,7 +82,7 @@ fn refused(rig: &str, tables: &str) -> (Vec<Problem>, String) {
     (problems, shown)
 }
 
-/// The one problem of some tables: the line counted from the first of them, the column, what is said, and what stands there.
+/// Checks the one problem of some tables: the line counted from the first of them, the column, the message and the label.
 #[track_caller]
 fn check(rig: &str, tables: &str, (line, column): (i32, usize), message: &str, label: &str) {
     let (problems, shown) = refused(rig, tables);
@@ -222,7 +222,7 @@ fn how_a_rig_is_wired_is_said_by_its_file_alone() {
     }
 }
 
-/// A rig file promises them for a real drive.
+/// The rig file guarantees the limits of a real drive.
 #[test]
 fn no_scenario_changes_the_limits_of_a_real_drive() {
     check(
@@ -340,7 +340,7 @@ fn all_that_is_wrong_is_said_at_once() {
     );
 }
 
-/// What is wrong in the rig file is shown there, whatever values the scenario gives besides.
+/// A problem of the rig file is shown there, whatever values the scenario has besides.
 #[test]
 fn a_mistake_in_the_rig_file_is_shown_in_the_rig_file() {
     for (right, wrong, said, line) in [
