@@ -95,7 +95,8 @@ fn a_program_in_the_place_of_a_scenario_is_told_where_it_stands() {
     let scenario = new_controller(folder.path(), "python");
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let controller = scenario.with_file_name("controller.py");
-    let (code, stdout, stderr) = output(canrig.arg("simulate").arg(scenario).arg(controller));
+    canrig.current_dir(folder.path()).arg("simulate");
+    let (code, stdout, stderr) = output(canrig.arg(controller));
     assert_eq!(code, Some(3), "{stdout}{stderr}");
     let said = Vec::from_iter(stderr.split_whitespace()).join(" ");
     assert!(said.contains("is a program, not a scenario"), "{said}");

@@ -491,3 +491,29 @@ fn nothing_asks_whether_it_is_simulated() {
         must_not_name(package, "is_simulat", |_| false);
     }
 }
+
+/// A doc comment begins with the noun that the item is, or says what a function does, not with a clause in place of a noun.
+#[test]
+fn doc_comments_begin_with_what_the_item_is() {
+    let clauses = [
+        "What", "Who", "Whose", "Whom", "So", "None", "Nobody", "Nothing",
+    ];
+    let is_doc = |line: &str| line.starts_with("///") || line.starts_with("//!");
+    let mut found = Vec::new();
+    let folders = rooms(&root()).into_iter().map(|room| room.folder);
+    for folder in folders.chain([root().join("tests")]) {
+        for path in sources(&folder) {
+            let text = fs::read_to_string(&path).unwrap();
+            let mut before = "";
+            for (number, line) in (1..).zip(text.lines().map(str::trim_start)) {
+                let first = line.get(3..).unwrap_or_default().split_whitespace().next();
+                let is_clause = first.is_some_and(|first| clauses.contains(&first));
+                if is_doc(line) && !is_doc(before) && is_clause {
+                    found.push(format!("{}:{number}: {line}", path.display()));
+                }
+                before = line;
+            }
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
