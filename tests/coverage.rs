@@ -282,7 +282,9 @@ fn coverage_shows_what_is_met_missed_broken_off_and_never_tested() {
     );
     let page = fs::read_to_string(&page).unwrap();
     assert!(
-        page.contains("never tested") && page.contains("/report.html"),
+        page.contains(" (limit ≤ ")
+            && page.contains("never tested")
+            && page.contains("/report.html"),
         "{page}"
     );
 

@@ -387,7 +387,7 @@ fn two_runs_of_one_scenario_agree_and_of_two_do_not() {
     let (code, stdout, stderr) =
         tool(&["compare", text(&a), text(&other), "--output", text(&page)]);
     assert_eq!(code, Some(1), "{stdout}{stderr}");
-    assert!(stdout.contains("DIVERGE, first in"), "{stdout}");
+    assert!(stdout.contains("The runs diverge, first in"), "{stdout}");
     assert!(
         fs::read_to_string(page)
             .unwrap()

@@ -172,6 +172,61 @@ fn runs_of_one_scenario_differ_by_their_folders() {
 }
 
 #[test]
+fn a_failed_run_names_what_it_missed_and_what_was_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let set = "expect.overshoot_percent.max=0.01";
+    let mut simulate = canrig(&runs, "simulate");
+    simulate.arg(scenario("step.toml")).args(["--set", set]);
+    assert_eq!(output(&mut simulate).0, Some(1));
+    let run = only_run(&runs);
+    let page = unbroken(&run.join("report.html"));
+    let (head, _) = page.split_once(">Verdict</h2>").unwrap();
+    let place = |words: &str| head.find(words).unwrap_or_else(|| panic!("{words}"));
+    assert!(place("Missed: overshoot_percent 0.1560 (limit ≤ 0.01).") < place("Without a limit:"));
+    assert!(head.contains(&format!("--set {set}")));
+    let name = if page.contains("program, build ID") {
+        40
+    } else {
+        64
+    };
+    let verdict = fs::read_to_string(run.join("verdict.json")).unwrap();
+    let verdict: serde_json::Value = serde_json::from_str(&verdict).unwrap();
+    assert_eq!(verdict["identity"]["program"].as_str().unwrap().len(), name);
+    // Made again, it is the same.
+    let first = fs::read(run.join("report.html")).unwrap();
+    assert_eq!(tool(&["report"], &[&run]).0, Some(0));
+    assert!(fs::read(run.join("report.html")).unwrap() == first);
+    let all = folder.path().join("all.html");
+    let arguments = ["report", "--output", all.to_str().unwrap()];
+    assert_eq!(tool(&arguments, &[&runs]).0, Some(0));
+    assert!(unbroken(&all).contains(&format!("--set {set}")));
+}
+
+#[test]
+fn a_signal_without_values_is_not_the_same_and_a_metric_of_one_run_is_only_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let (step, fan) = (
+        simulated(folder.path(), "step.toml"),
+        simulated(folder.path(), "fan.toml"),
+    );
+    let place = folder.path().join("compared.html");
+    let arguments = ["compare", "--output", place.to_str().unwrap()];
+    let (code, stdout, _) = tool(&arguments, &[&step, &fan]);
+    assert_eq!(code, Some(1), "{stdout}");
+    let page = unbroken(&place);
+    let row = |name: &str| {
+        let (_, rest) = page
+            .split_once(&format!("\"name\">{name}</td>"))
+            .expect(name);
+        rest.split_once("</tr>").unwrap().0
+    };
+    assert!(row("convection_factor").contains(">no values<"));
+    assert!(row("settling_time_seconds").contains(">only in A<"));
+    assert!(row("recovery_time_seconds").contains(">only in B<"));
+}
+
+#[test]
 fn what_a_scenario_says_cannot_become_part_of_the_page() {
     let folder = tempfile::tempdir().unwrap();
     let path = short_scenario(folder.path(), 1.0);

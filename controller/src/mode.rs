@@ -18,8 +18,8 @@
 //! A law that rings backs off. The sliding variable `s` swings when it turns back by more than `9/10 φ`. Each swing
 //! adds 1/10 to the ringing, which decays slowly. Two swings after each turn of the reference are free, because the
 //! turn itself causes them if the plant cannot follow it. No swing counts for 0.3 s after a jump of the sensor in a
-//! calm hold, which no current can cause. The ringing beyond the swings of a sound move is the caution `β`, from 0 to
-//! 1. With it `λ` is `λm^(1 − β) λβ^β` at most, also in a move. The observer returns to its drifts of a move, since the
+//! calm hold, which no current can cause. The ringing beyond the swings of a sound move is the caution `β` from
+//! 0 to 1. With it `λ` is `λm^(1 − β) λβ^β` at most, also in a move. The observer returns to its drifts of a move, since the
 //! model that it trusts in a hold is not the plant. Law and observer assume a wire that is `2^β` times as lively as the
 //! model's. Moves are launched with the `1 + β / 2`-th part of the jerk.
 //!

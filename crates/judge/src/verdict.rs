@@ -41,7 +41,7 @@ impl Outcome {
 /// Program, plant, law and files of a run. Two runs with equal identities are the same; any difference makes another run.
 #[derive(Clone, Debug, Deserialize, PartialEq, Eq, Serialize)]
 pub struct Identity {
-    /// SHA-256 of the program's file.
+    /// The build ID of the program, or the SHA-256 of its file where the linker left none.
     pub program: String,
     pub plant: String,
     pub law: String,

@@ -33,6 +33,8 @@ pub struct ListedRun<'a> {
     pub verdict: &'a Verdict,
     /// Time of the play; `None` if it is unknown.
     pub played: Option<String>,
+    /// The values of `--set`.
+    pub set: Vec<String>,
     /// Duration of the scenario.
     pub duration_seconds: f64,
 }
@@ -48,9 +50,10 @@ impl ListedRun<'_> {
     }
 
     /// Returns the course of each loop.
-    fn courses(&self) -> impl Iterator<Item = Course<'_>> {
-        self.timelines.iter().map(|timeline| Course {
+    fn courses(&self, number: usize) -> impl Iterator<Item = Course<'_>> {
+        self.timelines.iter().map(move |timeline| Course {
             run: self,
+            number,
             name: &timeline.loop_name,
             timeline,
         })
@@ -66,6 +69,8 @@ impl ListedRun<'_> {
 /// Course of one loop of a run.
 struct Course<'a> {
     run: &'a ListedRun<'a>,
+    /// The number of the run on the page.
+    number: usize,
     name: &'a str,
     timeline: &'a Timeline,
 }
@@ -96,13 +101,15 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
         (table(runs, first, true))
         p.soft { "Below each value stands its limit. ✗ marks a limit that is not met." }
         @for few in further.chunks(COLUMNS_MAX) { (table(runs, few, false)) }
-        @if !others.is_empty() { details {
+        @if !others.is_empty() { details.of-listed {
             summary { "Metrics without a limit" }
             @for few in others.chunks(COLUMNS_MAX) { (table(runs, few, false)) }
         } }
         (checks(runs))
-        h2 { (heading(&groups)) }
-        div.plots.even { @for few in plots.take(PLOTS_MAX) { (positions(few)) } }
+        section.of-listed {
+            h2 { (heading(&groups)) }
+            div.plots.even { @for few in plots.take(PLOTS_MAX) { div data-runs=(numbers(few)) { (positions(few)) } } }
+        }
         @if left_out > 0 { p.soft { (left_out) " more courses are not drawn here; the page of each run has its own." } }
     };
     page::page(&title, &body)
@@ -143,7 +150,7 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
 /// Returns a table with one row for each run and one column for each metric. Unless it must have every run, runs without any of
 /// its metrics are left out.
 fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup {
-    let is_listed = |run: &&&ListedRun<'_>| {
+    let is_listed = |(_, run): &(usize, &&ListedRun<'_>)| {
         has_every_run || names.iter().any(|name| run.metric(name).is_some())
     };
     html! {
@@ -153,7 +160,7 @@ fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup
                 @if has_every_run { th { "played" } }
                 @for name in names { th.number { (page::name(name)) } }
             } }
-            tbody { @for run in runs.iter().filter(is_listed) { tr data-outcome=(run.verdict.outcome.word()) {
+            tbody { @for (number, run) in runs.iter().enumerate().filter(is_listed) { tr data-run=(number) data-outcome=(page::word(run.verdict.outcome)) {
                 td.name { (linked(run, runs)) }
                 (result(run))
                 @if has_every_run { td.nowrap data-name="played" { div {
@@ -168,25 +175,26 @@ fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup
 
 /// Returns a table of the scenarios' checks, one row each.
 fn checks(runs: &[&ListedRun<'_>]) -> Markup {
-    html! { @if runs.iter().any(|run| run.checks().next().is_some()) {
+    html! { @if runs.iter().any(|run| run.checks().next().is_some()) { section.of-listed {
         h2 { "Checks of signals and sequences" }
         div.wide { table.stacked.listed {
             thead { tr { th { "scenario" } th { "check" } th.number { "measured" } th.number { "limit" } th { "result" } } }
-            tbody { @for run in runs { @for check in run.checks() { tr data-outcome=(run.verdict.outcome.word()) {
+            tbody { @for run in runs { @for check in run.checks() { tr data-outcome=(page::word(run.verdict.outcome)) {
                 td.name { (linked(run, runs)) }
-                td data-name="check" { (page::name(&check.name)) }
+                td.words data-name="check" { (page::name(&check.name)) }
                 td.number data-name="measured" { (terminal::measured(check)) }
                 td.number data-name="limit" { (terminal::limit(&check.name, check.limit)) }
                 td data-name="result" { (page::result(check, run.verdict.outcome)) }
             } } } }
         } }
-    } }
+    } } }
 }
 
 /// Returns the scenario with the link to the run's page, and the folder if several runs are of this scenario.
 fn linked(run: &ListedRun<'_>, runs: &[&ListedRun<'_>]) -> Markup {
     html! { div {
         @match &run.page { Some(page) => a href=(page) { (run.scenario()) }, None => (run.scenario()) }
+        @for set in &run.set { div.soft { (page::set(set)) } }
         @if !is_alone(run, runs.iter().copied()) { div.soft { (run.folder) } }
     } }
 }
@@ -198,7 +206,7 @@ fn is_alone<'a>(run: &ListedRun<'_>, mut runs: impl Iterator<Item = &'a ListedRu
 
 fn result(run: &ListedRun<'_>) -> Markup {
     let outcome = run.verdict.outcome;
-    html! { td data-name="result" { span.(page::class(outcome)) { (outcome.word()) } } }
+    html! { td data-name="result" { span.(page::class(outcome)) { (page::word(outcome)) } } }
 }
 
 fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
@@ -216,7 +224,8 @@ fn cell(run: &ListedRun<'_>, name: &str) -> Markup {
 /// Groups the loops of runs with the same set-point, which share a plot.
 fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
     let mut groups: Vec<Vec<Course<'_>>> = Vec::new();
-    for course in runs.iter().flat_map(|run| run.courses()) {
+    let numbered = runs.iter().enumerate();
+    for course in numbered.flat_map(|(number, run)| run.courses(number)) {
         let is_alike = |other: &Course<'_>| {
             other.name == course.name
                 && other.timeline.measurand == course.timeline.measurand
@@ -260,6 +269,12 @@ fn heading(groups: &[Vec<Course<'_>>]) -> String {
     } else {
         "Courses".to_owned()
     }
+}
+
+/// The numbers of the runs that a plot shows, for the filter.
+fn numbers(courses: &[Course<'_>]) -> String {
+    let numbers = courses.iter().map(|course| course.number.to_string());
+    Vec::from_iter(numbers).join(" ")
 }
 
 fn positions(courses: &[Course<'_>]) -> Markup {

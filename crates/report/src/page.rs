@@ -54,9 +54,20 @@ pub fn name(name: &str) -> Markup {
     html! { @for part in name.split_inclusive('_') { (part) @if part.ends_with('_') { wbr; } } }
 }
 
+/// A value of the command line, whose key may be broken after each point and underscore.
+pub fn set(set: &str) -> Markup {
+    let (key, value) = set.split_once('=').unwrap_or((set, ""));
+    html! { "--set " @for part in key.split_inclusive('.') { (name(part)) wbr; } "=" (value) }
+}
+
 /// Returns the outcome as a badge.
 pub fn badge(outcome: Outcome) -> Markup {
-    html! { span.outcome.(class(outcome)) { (outcome.word()) } }
+    html! { span.outcome.(class(outcome)) { (word(outcome)) } }
+}
+
+/// The outcome on a page, where colour marks the one that a terminal writes large.
+pub fn word(outcome: Outcome) -> String {
+    outcome.word().to_lowercase()
 }
 
 /// Returns the clock by which a run was played.
@@ -83,7 +94,7 @@ pub fn result(metric: &Metric, outcome: Outcome) -> Markup {
         (None, _) => html! {},
         (Some(_), Outcome::Inconclusive) => html! { span.unsure { "not judged" } },
         (Some(true), _) => html! { span.pass { "pass" } },
-        (Some(false), _) => html! { span.fail { "FAIL" } },
+        (Some(false), _) => html! { span.fail { "fail" } },
     }
 }
 

@@ -14,8 +14,10 @@
   // As few digits as a value on an axis of this length is known by.
   const known = (value, length) => {
     const step = length / SIDE;
-    const [few, many] = [Math.floor, Math.ceil].map((whole) => clamped(whole(-Math.log10(step)), 0, 12));
-    return fixed(value, Math.abs(value - Number(value.toFixed(few))) <= step / 2 ? few : many);
+    const many = clamped(Math.ceil(-Math.log10(step)), 0, 12);
+    let few = 0;
+    while (few < many && Math.abs(value - Number(value.toFixed(few))) > step / 2) few++;
+    return fixed(value, few);
   };
   const clamped = (value, low, high) => Math.min(Math.max(value, low), high);
 
@@ -248,13 +250,13 @@
       }
       if (value === null) return "";
       this.place(this.hair, this.to_unit(value), 0);
-      this.stamp.textContent = this.along(value);
-      return `${this.title} at ${this.along(value)}: ${said.join(", ")}`;
+      this.stamp.textContent = this.along(value, slack);
+      return `${this.title} at ${this.stamp.textContent}: ${said.join(", ")}`;
     }
-    // A value of x in words, with its unit.
-    along(value) {
+    // A value of x in words, with its unit; it is known to this slack, and to no more than this axis holds.
+    along(value, slack = 0) {
       const unit = (this.x_label.match(/\(([^)]*)\)$/) || ["", ""])[1];
-      return `${known(value, this.right - this.left)} ${unit}`.trim();
+      return `${known(value, Math.max(this.right - this.left, slack * SIDE))} ${unit}`.trim();
     }
     reading(y) {
       return this.is_log ? fixed(this.height(y), 0) : known(this.height(y), this.top - this.bottom);
@@ -333,8 +335,18 @@
       rows.forEach((row, number) => {
         row.hidden = !chosen.includes(row.dataset.outcome) || !wanted.every((word) => words[number].includes(word));
       });
+      for (const table of document.querySelectorAll(".listed")) {
+        table.parentNode.hidden = ![...table.tBodies[0].rows].some((row) => !row.hidden);
+      }
       const first = rows[0].parentNode;
-      count.textContent = `${[...first.rows].filter((row) => !row.hidden).length} of ${first.rows.length} runs`;
+      const shown = new Set([...first.rows].filter((row) => !row.hidden).map((row) => row.dataset.run));
+      for (const plot of document.querySelectorAll("[data-runs]")) {
+        plot.hidden = !plot.dataset.runs.split(" ").some((run) => shown.has(run));
+      }
+      for (const part of document.querySelectorAll(".of-listed")) {
+        part.hidden = [...part.querySelectorAll(".wide, [data-runs]")].every((one) => one.hidden);
+      }
+      count.textContent = shown.size ? `${shown.size} of ${first.rows.length} runs` : "No run is left: change the filter.";
     };
     form.addEventListener("input", apply);
     form.addEventListener("submit", (event) => event.preventDefault());

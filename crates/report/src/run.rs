@@ -16,6 +16,8 @@ pub struct Run<'a> {
     pub timelines: &'a [Timeline],
     /// Verdict of the run.
     pub verdict: &'a Verdict,
+    /// The values of `--set`.
+    pub set: &'a [String],
     /// Whether the log and the signals are compressed, and the recording for the viewer is thinned.
     pub is_long: bool,
 }

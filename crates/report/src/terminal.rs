@@ -170,6 +170,12 @@ pub fn measured(metric: &Metric) -> String {
     }
 }
 
+/// A metric that missed its limit, with both: `overshoot_percent 2.500 (limit ≤ 2.4)`.
+pub(crate) fn missed(metric: &Metric) -> String {
+    let limit = limit(&metric.name, metric.limit);
+    format!("{} {} (limit {limit})", metric.name, measured(metric))
+}
+
 /// Returns the value of a metric as a text: a number, or yes or no.
 #[must_use]
 pub fn value(name: &str, value: f64) -> String {
@@ -186,7 +192,7 @@ pub(crate) fn answer(name: &str, value: f64) -> Option<&'static str> {
 #[must_use]
 pub fn significant(value: f64) -> String {
     if value.is_finite() && (value.abs() >= LONG_FROM || (value != 0.0 && value.abs() < 5e-5)) {
-        return power_of_ten(value);
+        return with_minus(power_of_ten(value));
     }
     let decimals = match value.abs() {
         v if v >= 1000.0 => 0,
@@ -195,7 +201,19 @@ pub fn significant(value: f64) -> String {
         v if v >= 1.0 => 3,
         _ => 4,
     };
-    format!("{value:.decimals$}")
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    with_minus(format!("{value:.decimals$}"))
+}
+
+/// A number for people, with the sign of a minus, which is wider than a hyphen.
+#[must_use]
+pub fn with_minus(number: String) -> String {
+    match number.strip_prefix('-') {
+        Some(rest) => format!("−{rest}"),
+        None => number,
+    }
 }
 
 /// Least number that is shown with a power of ten.
@@ -228,10 +246,11 @@ pub fn limit(name: &str, limit: Option<Limit>) -> String {
     if let Some(wanted) = limit.min.and_then(|wanted| answer(name, wanted)) {
         return wanted.to_owned();
     }
-    match (limit.min, limit.max) {
-        (Some(min), Some(max)) => format!("{} … {}", as_written(min), as_written(max)),
-        (Some(min), None) => format!("≥ {}", as_written(min)),
-        (None, Some(max)) => format!("≤ {}", as_written(max)),
+    let [min, max] = [limit.min, limit.max].map(|end| end.map(as_written).map(with_minus));
+    match (min, max) {
+        (Some(min), Some(max)) => format!("{min} … {max}"),
+        (Some(min), None) => format!("≥ {min}"),
+        (None, Some(max)) => format!("≤ {max}"),
         (None, None) => String::new(),
     }
 }
@@ -323,7 +342,7 @@ mod tests {
         ]
         .map(significant);
         let expected = [
-            "6e10", "1.235e7", "123456", "35.04", "0.1560", "1.2e-6", "-3e12", "0.0000",
+            "6e10", "1.235e7", "123456", "35.04", "0.1560", "1.2e-6", "−3e12", "0",
         ];
         assert_eq!(shown, expected);
         let below = Some(Limit {

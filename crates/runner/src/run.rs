@@ -116,11 +116,13 @@ pub fn run(
     if is_long {
         write_signals(&folder, &timelines)?;
     }
+    let set = Vec::from_iter(place.overrides.iter().map(Override::to_string));
     let run = Run {
         plan,
         frames: &frames,
         timelines: &timelines,
         verdict: &verdict,
+        set: &set,
         is_long,
     };
     report::write_all(&run, &folder)?;

@@ -183,6 +183,7 @@ mod tests {
         };
         let tested = Tested {
             row: Some(row.to_owned()),
+            measured: None,
             outcome,
             case: None,
         };

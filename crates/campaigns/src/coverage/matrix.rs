@@ -1,5 +1,6 @@
 //! Requirements and the scenarios that test them.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use jiff::Timestamp;
@@ -31,6 +32,9 @@ pub(super) struct RequirementTest {
     pub outcome: Outcome,
     /// Rows of the verdict that count; empty if the scenario counts as a whole.
     pub rows: Vec<String>,
+    /// Of rows the measured value and the limit.
+    #[serde(skip)]
+    pub measured: BTreeMap<String, (String, String)>,
     /// Folder of the play that counts.
     pub run: PathBuf,
     /// Number of plays.
@@ -92,10 +96,17 @@ impl Requirement {
             self.tests.len() - 1
         });
         let test = &mut self.tests[place];
-        for Tested { row, outcome, case } in tested {
-            if severity(*outcome) > severity(test.outcome) {
+        for one in tested {
+            let Tested { row, outcome, .. } = one;
+            let is_worse = severity(*outcome) > severity(test.outcome);
+            if is_worse {
                 test.is_of(play);
-                (test.outcome, test.case) = (*outcome, *case);
+                (test.outcome, test.case) = (*outcome, one.case);
+            }
+            if let (Some(row), Some(measured)) = (row, &one.measured)
+                && (is_worse || !test.measured.contains_key(row))
+            {
+                test.measured.insert(row.clone(), measured.clone());
             }
             test.rows
                 .extend(row.clone().filter(|row| !test.rows.contains(row)));
@@ -110,6 +121,7 @@ impl RequirementTest {
             scenario: name.to_owned(),
             outcome: Outcome::Pass,
             rows: Vec::new(),
+            measured: BTreeMap::new(),
             run: PathBuf::new(),
             plays,
             version: None,

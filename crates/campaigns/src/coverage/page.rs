@@ -58,10 +58,10 @@ pub(super) fn to_html(
             } }
             tbody { @for requirement in requirements { tr {
                 td.name { (requirement.id) (remark(requirement)) }
-                td data-name="result" { (overall(requirement)) }
+                td.nowrap data-name="result" { (overall(requirement)) }
                 @for scenario in &scenarios {
                     @let tested = cell(requirement, scenario, &page_of);
-                    td.none[tested.is_none()] data-name=(scenario) { (tested.unwrap_or_default()) }
+                    td.words.none[tested.is_none()] data-name=(scenario) { (tested.unwrap_or_default()) }
                 }
             } } }
         } }
@@ -94,11 +94,26 @@ fn tested_by(test: &RequirementTest) -> String {
         [] => "all limits".to_owned(),
         rows => rows.join("\n"),
     };
-    match (test.sweep_runs, test.case) {
-        (None, _) => rows,
-        (Some(runs), Some(case)) => format!("{rows}\n(the worst of {runs} runs: case {case})"),
-        (Some(runs), None) if test.outcome == Outcome::Pass => format!("{rows}\n(all {runs} runs)"),
-        (Some(_), None) => format!("{rows}\n(not all runs of the sweep were played)"),
+    match runs_of_sweep(test) {
+        None => rows,
+        Some(runs) => format!("{rows}\n({runs})"),
+    }
+}
+
+/// Which runs of a sweep count; `None` for a single run.
+fn runs_of_sweep(test: &RequirementTest) -> Option<String> {
+    Some(match (test.sweep_runs?, test.case) {
+        (runs, Some(case)) => format!("the worst of {runs} runs: case {case}"),
+        (runs, None) if test.outcome == Outcome::Pass => format!("all {runs} runs"),
+        (_, None) => "not all runs of the sweep were played".to_owned(),
+    })
+}
+
+/// A row with what was measured and its limit.
+fn measured(test: &RequirementTest, row: &str) -> Markup {
+    html! {
+        (page::name(row))
+        @if let Some((value, limit)) = test.measured.get(row) { ": " (value) " (limit " (limit) ")" }
     }
 }
 
@@ -126,7 +141,7 @@ fn result(outcome: Outcome) -> Cell {
 
 fn overall(requirement: &Requirement) -> Markup {
     html! { @match requirement.outcome() {
-        Some(outcome) => span.(page::class(outcome)) { (outcome.word()) },
+        Some(outcome) => span.(page::class(outcome)) { (page::word(outcome)) },
         None => span.fail { (NEVER_TESTED) },
     } }
 }
@@ -139,11 +154,14 @@ fn cell(
     let mut tests = requirement.tests.iter();
     let test = tests.find(|test| test.scenario == scenario)?;
     Some(html! { div {
-        @let word = html! { span.(page::class(test.outcome)) { (test.outcome.word()) } };
+        @let word = html! { span.(page::class(test.outcome)) { (page::word(test.outcome)) } };
         @match page_of(&test.run) {
             Some(page) => a href=(page) title=(tested_by(test)) { (word) },
             None => span title=(tested_by(test)) { (word) },
         }
+        @for row in &test.rows { div { (measured(test, row)) } }
+        @if test.rows.is_empty() { div { "all limits" } }
+        @if let Some(runs) = runs_of_sweep(test) { div.soft { (runs) } }
         div.soft { (played(test, " ")) }
     } })
 }

@@ -7,8 +7,10 @@ use jiff::Timestamp;
 use judge::verdict::{Outcome, Verdict};
 use plan::Plan;
 use recording::session::read_plan;
+use report::terminal;
 use runner::play_record::PlayRecord;
 use runner::recorded::{RecordedError, holds_many_runs, read_played, require_run};
+use scenario::expect::Limit;
 use worlds::catalogue::catalogue;
 
 use super::matrix::severity;
@@ -50,6 +52,9 @@ pub(super) struct Play {
 pub(super) struct Tested {
     /// Row of the verdict; `None` for the scenario as a whole.
     pub(super) row: Option<String>,
+    /// The value of the row and its limit, in the worst of a sweep's runs; `None` for the scenario as a whole, and where no run has a
+    /// verdict.
+    pub(super) measured: Option<(String, String)>,
     /// Outcome of the row, in the worst of a sweep's runs.
     pub(super) outcome: Outcome,
     /// Run of the sweep with this outcome.
@@ -77,8 +82,18 @@ impl Play {
                 Some(row) if untimed.contains(row) => Outcome::Inconclusive,
                 row => outcome_of(row.as_deref(), verdict),
             };
-            let case = None;
-            Tested { row, outcome, case }
+            let metrics = verdict.iter().flat_map(|verdict| &verdict.metrics);
+            let mut of_row = metrics.filter(|metric| row.as_ref() == Some(&metric.name));
+            let measured = of_row.next().map(|metric| {
+                let limit = terminal::limit(&metric.name, metric.limit);
+                (terminal::measured(metric), limit)
+            });
+            Tested {
+                row,
+                measured,
+                outcome,
+                case: None,
+            }
         };
         let external = verdict.map_or(&[][..], |verdict| &verdict.external);
         let kind = external.iter().map(|node| format!("external {node}"));
@@ -94,8 +109,10 @@ impl Play {
     fn of_sweep(folder: &Path) -> Result<Self, PlayError> {
         let plan = read_plan(folder, None, catalogue()).map_err(RecordedError::from)?;
         let untimed = untimed(&plan, true);
+        let limits: BTreeMap<String, Limit> = judge::limits(&plan).into_iter().collect();
         let unplayed = |row| Tested {
             row,
+            measured: None,
             outcome: Outcome::Pass,
             case: None,
         };
@@ -109,13 +126,18 @@ impl Play {
                 let row = row?;
                 for one in tested.values_mut().flatten() {
                     let outcome = outcome_in(&row, one.row.as_ref(), &untimed);
-                    one.worsen(outcome, Some(row.case));
+                    if one.worsen(outcome, Some(row.case)) {
+                        one.measured =
+                            (one.row.as_ref()).and_then(|name| measured(name, &row, &limits));
+                    }
                 }
             }
         }
         if !is_whole {
             let all = tested.values_mut().flatten();
-            all.for_each(|one| one.worsen(Outcome::Incomplete, None));
+            for one in all {
+                one.worsen(Outcome::Incomplete, None);
+            }
         }
         let runs = header.as_ref().map_or(0, |header| header.runs);
         let version = header.map(|header| header.version);
@@ -151,11 +173,24 @@ impl Play {
 }
 
 impl Tested {
-    fn worsen(&mut self, outcome: Outcome, case: Option<usize>) {
-        if severity(outcome) > severity(self.outcome) {
+    /// Takes what is worse; whether it was.
+    fn worsen(&mut self, outcome: Outcome, case: Option<usize>) -> bool {
+        let is_worse = severity(outcome) > severity(self.outcome);
+        if is_worse {
             (self.outcome, self.case) = (outcome, case);
         }
+        is_worse
     }
+}
+
+/// Returns the value that a run of a sweep measured in a row, and the limit.
+fn measured(
+    name: &str,
+    run: &SweepRow,
+    limits: &BTreeMap<String, Limit>,
+) -> Option<(String, String)> {
+    let limit = terminal::limit(name, limits.get(name).copied());
+    Some((terminal::value(name, run.metric(name)?), limit))
 }
 
 /// Returns the plays of a test that count: those with the latest date, or all if none has a date.
@@ -242,7 +277,6 @@ fn outcome_in(run: &SweepRow, row: Option<&String>, untimed: &[String]) -> Outco
 mod tests {
     use super::*;
     use judge::verdict::Metric;
-    use scenario::expect::Limit;
 
     #[test]
     fn a_row_has_its_own_outcome_unless_the_run_decides_nothing() {

@@ -12,8 +12,9 @@ use super::row::SweepRow;
 
 /// Approximate number of runs in the sample.
 const SAMPLE: usize = 20_000;
-/// Number of worst runs of each metric that are drawn.
+/// The worst runs of each metric that are drawn, but at most one run in so many.
 const WORST: usize = 25;
+const WORST_ONE_IN: usize = 4;
 /// Number of points of the sample that are drawn.
 const DRAWN: usize = 1000;
 /// Number of keys that are named for each metric.
@@ -25,6 +26,8 @@ const CORRELATION_MIN: f64 = 0.1;
 pub struct Driven {
     /// Name of the metric or the invariant.
     pub name: String,
+    /// Its limit; `None` for an invariant.
+    pub limit: Option<Limit>,
     /// Keys that it follows most, with their rank correlations from -1 to 1, the strongest first.
     pub keys: Vec<(String, f64)>,
     /// Runs of the sample: values of the first key and the metric. Runs without a value are left out.
@@ -42,6 +45,7 @@ pub(super) struct Sampler {
     /// Number of runs of which one is in the sample.
     one_in: u64,
     sample: Vec<Sampled>,
+    worst_max: usize,
     worst: BTreeMap<String, Vec<Worst>>,
 }
 
@@ -66,6 +70,7 @@ impl Sampler {
             limits: limits.iter().cloned().collect(),
             one_in: runs.div_ceil(SAMPLE).max(1) as u64,
             sample: Vec::new(),
+            worst_max: WORST.min(runs.div_ceil(WORST_ONE_IN)),
             worst: BTreeMap::new(),
         }
     }
@@ -91,7 +96,7 @@ impl Sampler {
                 .map_or(1.0, |limit| badness(*limit, *value));
             let worst = self.worst.entry(name.clone()).or_default();
             let place = worst.partition_point(|one| one.badness >= badness);
-            if place < WORST {
+            if place < self.worst_max {
                 let (case, value) = (row.case, *value);
                 worst.insert(
                     place,
@@ -101,7 +106,7 @@ impl Sampler {
                         value,
                     },
                 );
-                worst.truncate(WORST);
+                worst.truncate(self.worst_max);
             }
         }
         // Invariants are rarely broken: all such runs are in the sample, as far as there is room.
@@ -160,6 +165,7 @@ impl Sampler {
         let worst = worst.map(|one| (one.case, cases.values(one.case)[first], one.value));
         Some(Driven {
             name: name.to_owned(),
+            limit: self.limits.get(name).copied(),
             keys: (found.iter())
                 .map(|(key, correlation)| (keys[*key].to_owned(), *correlation))
                 .collect(),
@@ -175,6 +181,17 @@ fn beyond(limit: Limit) -> f64 {
     match limit.max {
         Some(_) => f64::INFINITY,
         None => f64::NEG_INFINITY,
+    }
+}
+
+/// The end of a limit that a value is beyond, or nearest to.
+pub(super) fn nearest_end(limit: Limit, value: f64) -> Limit {
+    let to_max = badness(Limit { min: None, ..limit }, value);
+    let to_min = badness(Limit { max: None, ..limit }, value);
+    if to_max >= to_min {
+        Limit { min: None, ..limit }
+    } else {
+        Limit { max: None, ..limit }
     }
 }
 
@@ -277,5 +294,10 @@ mod tests {
         let order = [12.0, -1.5, 9.5, 0.7, 5.0].map(|value| badness(limit, value));
         assert!(order.windows(2).all(|pair| pair[0] > pair[1]), "{order:?}");
         assert_eq!(badness(limit, beyond(limit)), f64::INFINITY);
+        let ends = [9.5, 0.7].map(|value| nearest_end(limit, value));
+        assert_eq!(
+            ends.map(|end| (end.min, end.max)),
+            [(None, Some(10.0)), (Some(0.0), None)]
+        );
     }
 }

@@ -3,7 +3,7 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
-use super::drivers::Driven;
+use super::drivers::{Driven, nearest_end};
 use super::row::Ended;
 use super::summary::{Failing, MetricSpread, Summary};
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
@@ -16,14 +16,17 @@ const HEADS: [&str; 8] = [
     "runs",
     "least",
     "median",
-    "p95",
-    "greatest",
+    "95 %",
+    "most",
     "limit",
-    "missed by",
+    "missed in",
 ];
 
-/// Number of worst cases that are named for each metric.
-const WORST_NAMED: usize = 5;
+/// The head of the cases that are next to a limit or beyond it.
+const WORST: &str = "next to a limit or beyond";
+
+/// Worst cases that are named for each metric.
+const WORST_NAMED: usize = 3;
 
 /// Outliers stretch the range of 98 % of the values at least by this factor.
 const OUTLIERS_FROM: f64 = 4.0;
@@ -81,7 +84,7 @@ pub(crate) fn to_html(
             h2 { "Results" }
             (metrics(&summary.spreads))
             div.plots.even { @for spread in &summary.spreads { (drawn(spread)) } }
-            p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits, the dashed line is the limit. Runs beyond the edge are dots on it." }
+            p.soft { "Each curve says how many of the runs have at most a value. The shaded stretch is what the limit admits, the dashed line is the limit." @if summary.spreads.iter().any(has_runs_outside) { " Runs beyond the edge are dots on it." } }
         }
         (driven(&summary.driven, &command_of))
         @if !summary.failing.is_empty() {
@@ -101,7 +104,7 @@ fn metrics(spreads: &[MetricSpread]) -> Markup {
                 td.number data-name="runs" { (spread.count) }
                 @for (head, value) in HEADS[2..].iter().zip(spread.quantiles) { td.number data-name=(head) { (number(spread, value)) } }
                 td.none[spread.limit.is_none()] data-name="limit" { (terminal::limit(&spread.name, spread.limit)) }
-                td.none[spread.limit.is_none()].fail[spread.missed > 0] data-name="missed by" { (missed(spread)) }
+                td.none[spread.limit.is_none()].fail[spread.missed > 0] data-name=(HEADS[7]) { (missed(spread)) }
             } } }
         } }
     }
@@ -174,6 +177,10 @@ fn drawn(spread: &MetricSpread) -> Markup {
     plot.render()
 }
 
+fn has_runs_outside(spread: &MetricSpread) -> bool {
+    spread.varies() && !outside(spread, shown_range(spread)).0.is_empty()
+}
+
 /// Returns the runs beyond the edges, moved to the edges, with the percentage of runs up to each.
 fn outside(spread: &MetricSpread, (from, until): (f64, f64)) -> (Vec<f64>, Vec<f64>) {
     let points = spread.curve.0.iter().zip(&spread.curve.1).step_by(2);
@@ -189,29 +196,59 @@ fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Ma
     html! {
         h2 { "Sensitivity" }
         div.wide { table.stacked {
-            thead { tr { th { "metric" } th { "follows most" } th.number { "runs looked at" } th { "worst cases" } } }
+            thead { tr { th { "metric" } th { "follows most" } th.number { "runs looked at" } th { (WORST) } } }
             tbody { @for one in driven { tr {
                 td.name { (page::name(&one.name)) }
-                td data-name="follows most" { div { @for (key, correlation) in &one.keys { div { (format!("{correlation:+.2} ")) (broken(key)) } } } }
+                td data-name="follows most" { div { @for (key, correlation) in &one.keys { div { (format!("{correlation:+.2} ").replace('-', "\u{2212}")) (broken(key)) } } } }
                 td.number data-name="runs looked at" { (one.of) }
-                td data-name="worst cases" { (worst_cases(one)) }
+                td.broken.words data-name=(WORST) { div { @for worst in one.worst.iter().take(WORST_NAMED) { (worst_case(one, worst, &command_of)) } } }
             } } }
         } }
         div.plots.even.dots { @for one in driven { (scatter(one, &command_of)) } }
         p.soft {
             "The numbers are rank correlations (Spearman): +1 or \u{2212}1 where the metric always grows or falls with the key, 0 where \
-             it does not follow it. Below 0.1 no key is named. The worst runs are the farthest beyond a limit, or the nearest to one; a \
-             run that misses its limit without a value counts as the worst. Dots are runs, by the first of the keys; the worst of all \
-             runs have the second colour, and what plays one of them is said when you point at it."
+             it does not follow it. Below 0.1 no key is named. A run that misses its limit without a value counts as the farthest beyond \
+             it. Dots are runs, by the first of the keys; those next to a limit or beyond it have the second colour, and what plays one of \
+             them is said when you point at it."
         }
     }
 }
 
-/// Returns the first of the worst cases.
-fn worst_cases(driven: &Driven) -> String {
-    let worst = driven.worst.iter().take(WORST_NAMED);
-    let worst: Vec<String> = worst.map(|(case, ..)| case.to_string()).collect();
-    worst.join(", ")
+/// One of the worst cases, with its value, the limit that it is next to, and what plays it.
+fn worst_case(
+    driven: &Driven,
+    (case, _, value): &(usize, f64, f64),
+    command_of: impl Fn(usize) -> Option<String>,
+) -> Markup {
+    let name = &driven.name;
+    let shown = if value.is_finite() {
+        terminal::value(name, *value)
+    } else {
+        "never".to_owned()
+    };
+    html! {
+        div {
+            "case " (case)
+            @if let Some(limit) = driven.limit { ": " (shown) " (limit " (terminal::limit(name, Some(nearest_end(limit, *value)))) ")" }
+        }
+        @if let Some(command) = command_of(*case) { div { code { (command) } } }
+    }
+}
+
+/// Label of the second colour: the end of the limit that all of these runs are next to, or that it is either.
+fn worst_label(driven: &Driven) -> String {
+    let Some(limit) = driven.limit else {
+        return "it was broken".to_owned();
+    };
+    let ends = driven.worst.iter();
+    let ends = ends.map(|(.., value)| nearest_end(limit, *value));
+    let ends = Vec::from_iter(ends.map(|end| terminal::limit(&driven.name, Some(end))));
+    match &ends[..] {
+        [first, others @ ..] if others.iter().all(|other| other == first) => {
+            format!("next to or beyond {first}")
+        }
+        _ => "next to or beyond a limit".to_owned(),
+    }
 }
 
 /// Draws the runs in the plane of the first key and the metric.
@@ -235,7 +272,7 @@ fn scatter(driven: &Driven, command_of: impl Fn(usize) -> Option<String>) -> Mar
     };
     plot.draw("runs", Colour::Measured, Shape::Path, &x, &y);
     plot.draw(
-        "the worst",
+        worst_label(driven),
         Colour::Estimated,
         Shape::Path,
         &worst_x,
@@ -296,12 +333,12 @@ fn failing(
         @if shown < total { p.unsure { "The first " (shown) " of " (total) "; the tables have all." } }
         p.soft { "The commands play a case alone, in this folder." }
         div.wide { table.stacked {
-            thead { tr { th { "case" } th { "result" } th { "why" } th { "values" } } }
+            thead { tr { th { "case" } th { "result" } th { "why" } th { "values, and what plays it" } } }
             tbody { @for one in &summary.failing { tr {
-                td.name { a href=(place_of(one)) { (one.case) } }
-                td.(class(one.ended)) data-name="result" { (words(one.ended)) }
-                td.broken data-name="why" { (one.why) }
-                td.broken data-name="values" { div {
+                td.case { a href=(place_of(one)) { "case " (one.case) } }
+                td.nowrap.(class(one.ended)) data-name="result" { (words(one.ended)) }
+                td.broken.words data-name="why" { (page::name(&one.why)) }
+                td.broken.words data-name="values" { div {
                     (one.values)
                     @if let Some(command) = command_of(one.case) { div { code { (command) } } }
                 } }

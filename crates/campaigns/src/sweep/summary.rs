@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use plan::Plan;
+use report::terminal;
 use scenario::expect::Limit;
 
 use super::cases::Cases;
@@ -96,7 +97,7 @@ impl Survey {
             sampler: Sampler::new(cases.runs(), limits),
         };
         for row in rows.iter()? {
-            survey.add(cases, row?);
+            survey.add(cases, limits, row?);
         }
         survey.add_limited(limits);
         Ok(survey)
@@ -111,7 +112,7 @@ impl Survey {
         }
     }
 
-    fn add(&mut self, cases: &dyn Cases, row: SweepRow) {
+    fn add(&mut self, cases: &dyn Cases, limits: &[(String, Limit)], row: SweepRow) {
         self.runs += 1;
         self.sampler.add(&row);
         *self.ended.entry(row.ended).or_default() += 1;
@@ -127,12 +128,28 @@ impl Survey {
             self.failing.push(Failing {
                 case: row.case,
                 ended: row.ended,
-                why: row.reason.unwrap_or_else(|| row.missed.join(", ")),
+                why: (row.reason.clone()).unwrap_or_else(|| missed(&row, limits)),
                 values: cases.short_words(row.case),
                 id: row.id,
             });
         }
     }
+}
+
+/// The limits that a case missed, each with the value.
+fn missed(row: &SweepRow, limits: &[(String, Limit)]) -> String {
+    let words = row.missed.iter().map(|name| {
+        let limit = limits.iter().find(|(limited, _)| limited == name);
+        // An invariant of torture has no limit.
+        let Some((_, limit)) = limit else {
+            return name.clone();
+        };
+        let value = row.metric(name);
+        let value = value.map_or("never".to_owned(), |value| terminal::value(name, value));
+        let limit = terminal::limit(name, Some(*limit));
+        format!("{name} {value} (limit {limit})")
+    });
+    Vec::from_iter(words).join(", ")
 }
 
 impl Summary {

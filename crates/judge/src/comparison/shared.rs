@@ -136,9 +136,13 @@ impl SignalDeviation {
                 least = (found, shift);
             }
         }
+        // The best shift may lie beyond the last one that was tried: then nothing is known of it.
+        #[expect(clippy::cast_precision_loss, reason = "at most 500 rows")]
+        let is_inside = least.1.abs() < reach as f64;
+        let shift = if is_inside { least.1 } else { 0.0 };
         Some(Self {
             rms: libm::sqrt(straight),
-            lag_seconds: least.1 * period_seconds,
+            lag_seconds: shift * period_seconds,
         })
     }
 }
@@ -260,6 +264,9 @@ mod tests {
             late.lag_seconds
         );
         assert!((of(-20.0, 0.01).lag_seconds + 0.2).abs() < 1e-9);
+        // Half a second is the end of the search: the lag may be longer.
+        let too_late = of(60.0, 0.01);
+        assert_eq!(too_late.lag_seconds, 0.0, "{}", too_late.rms);
         let same = of(0.0, 0.01);
         assert_eq!((same.rms, same.lag_seconds), (0.0, 0.0));
         let apart = SignalDeviation::of(

@@ -14,7 +14,8 @@ use maud::{Markup, html};
 
 use crate::page;
 use crate::run::{Run, RunLoop};
-use judge::verdict::{Metric, Verdict};
+use crate::terminal;
+use judge::verdict::{Metric, Outcome, Verdict};
 use recording::events::{Events, Level};
 use recording::run_folder::file;
 use recording::timeline::{Timeline, events_of};
@@ -48,7 +49,7 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
         (foot(run))
     };
     Ok(page::page(
-        &format!("{}: {}", shared.run.name, verdict.outcome.word()),
+        &format!("{}: {}", shared.run.name, page::word(verdict.outcome)),
         &body,
     ))
 }
@@ -113,6 +114,7 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     html! {
         h1 { (shared.run.name) }
         p { (page::badge(verdict.outcome)) }
+        @if let Some(missed) = missed(verdict) { p.fail { (missed) } }
         @if let Some(remark) = verdict.remark() { p { (remark) } }
         @if let Some(cause) = cause_besides(verdict) { p { (cause) } }
         @if let Some(end) = end_besides(verdict) { p { (end) } }
@@ -129,6 +131,7 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
             div { dt { "seed" } dd { (verdict.seed) } }
             div { dt { "canrig" } dd { (verdict.version) } }
             @if !verdict.requirements.is_empty() { div { dt { "requirements" } dd { (verdict.requirements.join(", ")) } } }
+            @if !run.set.is_empty() { div.hash { dt { "values of the command line" } dd { @for set in run.set { div { (page::set(set)) } } } } }
             @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external.join(", ")) } } }
         }
         @if run.loops().any(is_external) {
@@ -197,6 +200,15 @@ fn doubts(verdict: &Verdict) -> Vec<String> {
     not_judged.chain(distrust).chain(frames).collect()
 }
 
+/// The limits that were not met, with the values; nothing where all were, or where nothing is decided.
+fn missed(verdict: &Verdict) -> Option<String> {
+    let metrics = verdict.metrics.iter();
+    let missed = metrics.filter(|metric| metric.passed == Some(false));
+    let missed = Vec::from_iter(missed.map(terminal::missed));
+    let is_said = verdict.outcome == Outcome::Fail && !missed.is_empty();
+    is_said.then(|| format!("Missed: {}.", missed.join(", ")))
+}
+
 /// Returns a remark on the values without a limit, which the verdict does not cover; `None` if no value has a limit, which
 /// another remark says.
 fn without_limit(verdict: &Verdict) -> Option<String> {
@@ -216,6 +228,16 @@ fn end_besides(verdict: &Verdict) -> Option<String> {
     let why = end.lines().next()?;
     let reason = verdict.reason.as_deref().unwrap_or_default();
     (!reason.contains(why)).then(|| format!("The run ended early: {why}"))
+}
+
+/// Name of the program: the linker's build ID, which is shorter, or the hash of the file.
+fn kind_of_identity(program: &str) -> &'static str {
+    const SHA_256_DIGITS: usize = 64;
+    if program.len() == SHA_256_DIGITS {
+        "SHA-256"
+    } else {
+        "build ID"
+    }
 }
 
 fn events(events: &Events) -> Markup {
@@ -273,10 +295,10 @@ fn foot(run: &Run<'_>) -> Markup {
             @if let Some(identity) = &verdict.identity {
                 div { dt { "plant" } dd { (identity.plant) } }
                 div { dt { "law" } dd { (identity.law) } }
-                div.hash { dt { "program, SHA-256" } dd { code { (identity.program) } } }
+                div.hash { dt { "program, " (kind_of_identity(&identity.program)) } dd { code { (identity.program) } } }
                 @for (name, hash) in &identity.files { div.hash { dt { (name) ", SHA-256" } dd { code { (hash) } } } }
             }
         }
-        p.soft { "When and with which values of the command line it was played says " a href=(file::PLAYED) { (file::PLAYED) } "." }
+        p.soft { "When it was played says " a href=(file::PLAYED) { (file::PLAYED) } "." }
     }
 }

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 
 use crate::plot::{Colour, Plot, Shape};
 use crate::run::RunLoop;
+use crate::terminal::with_minus;
 use crate::unit::shown_unit;
 
 /// Curve over frequency: its title, its unit, and its value at a point.
@@ -35,8 +36,8 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
                 tbody { @for point in points() { tr {
                     td.number { (format!("{:.3}", point.hertz)) }
                     td.number { (format!("{:.3}", point.gain)) }
-                    td.number { (format!("{:.1}", point.phase_degrees)) }
-                    td.number { (format!("{:.3}", point.offset_millimetres)) }
+                    td.number { (with_minus(format!("{:.1}", point.phase_degrees))) }
+                    td.number { (with_minus(format!("{:.3}", point.offset_millimetres))) }
                 } } }
             } } }
         }

@@ -150,6 +150,7 @@ fn run<'a>(
         frames,
         timelines,
         verdict,
+        set: &[],
         is_long: false,
     }
 }

@@ -43,16 +43,18 @@ pub fn report(args: &ReportArgs) -> Exit {
             Err(error) => return refuse(error),
         }
     }
-    let further_loops = |(recorded, ..): &(Recorded, _, _)| recorded.plan.loops.len() as u64 - 1;
+    let further_loops = |run: &Judged| run.recorded.plan.loops.len() as u64 - 1;
     let further = runs.iter().map(further_loops);
     bar.expect(WAYS * runs.len() as u64 + further.sum::<u64>());
     let is_of_one = folders.len() == 1 && folders == args.runs;
-    let pages = runs.iter().map(|(recorded, timelines, verdict)| {
+    let pages = runs.iter().map(|judged| {
+        let recorded = &judged.recorded;
         let run = Run {
             plan: &recorded.plan,
             frames: &recorded.log.frames,
-            timelines,
-            verdict,
+            timelines: &judged.timelines,
+            verdict: &judged.verdict,
+            set: judged.set(),
             is_long: recorded.is_long,
         };
         let place = match &args.output {
@@ -64,7 +66,7 @@ pub fn report(args: &ReportArgs) -> Exit {
     });
     let pages: Vec<_> = pages.collect();
     drop(bar);
-    for (recorded, ..) in &runs {
+    for Judged { recorded, .. } in &runs {
         for remark in recorded.log.unread.remarks() {
             let path = recorded.path.display();
             print_error(&format!(
@@ -90,31 +92,51 @@ pub fn report(args: &ReportArgs) -> Exit {
     }
 }
 
-fn read(path: &Path) -> Result<(Recorded, Vec<Timeline>, Verdict), RecordedError> {
+/// A run that was read back.
+struct Judged {
+    recorded: Recorded,
+    timelines: Vec<Timeline>,
+    verdict: Verdict,
+    /// `None` where nothing says when it was played. A damaged one is refused by what needs it.
+    record: Option<PlayRecord>,
+}
+
+impl Judged {
+    fn set(&self) -> &[String] {
+        self.record.as_ref().map_or(&[], |record| &record.set)
+    }
+
+    fn played(&self) -> Option<String> {
+        let record = self.record.as_ref()?;
+        Some(record.at.strftime("%Y-%m-%d %H:%M UTC").to_string())
+    }
+}
+
+fn read(path: &Path) -> Result<Judged, RecordedError> {
     require_run(path)?;
     let recorded = Recorded::load(path, None, catalogue())?;
     let timelines = recorded.timelines()?;
     let verdict = recorded.verdict(&timelines)?;
-    Ok((recorded, timelines, verdict))
+    let record = PlayRecord::read(&recorded.path).ok().flatten();
+    Ok(Judged {
+        recorded,
+        timelines,
+        verdict,
+        record,
+    })
 }
 
-fn together(runs: &[(Recorded, Vec<Timeline>, Verdict)], output: &Path) -> String {
-    let runs: Vec<overview::ListedRun<'_>> = runs
-        .iter()
-        .map(|(recorded, timelines, verdict)| overview::ListedRun {
-            folder: folder_name(&recorded.path),
-            page: link(output, &recorded.path.join(file::REPORT)),
-            timelines,
-            verdict,
-            // A damaged record is left to the commands that need it.
-            played: PlayRecord::read(&recorded.path)
-                .ok()
-                .flatten()
-                .map(|record| record.at.strftime("%Y-%m-%d %H:%M UTC").to_string()),
-            duration_seconds: recorded.plan.shared.run.duration_seconds,
-        })
-        .collect();
-    overview::to_html(&runs)
+fn together(runs: &[Judged], output: &Path) -> String {
+    let listed = runs.iter().map(|judged| overview::ListedRun {
+        folder: folder_name(&judged.recorded.path),
+        page: link(output, &judged.recorded.path.join(file::REPORT)),
+        timelines: &judged.timelines,
+        verdict: &judged.verdict,
+        played: judged.played(),
+        set: judged.set().to_vec(),
+        duration_seconds: judged.recorded.plan.shared.run.duration_seconds,
+    });
+    overview::to_html(&Vec::from_iter(listed))
 }
 
 fn folder_name(path: &Path) -> String {

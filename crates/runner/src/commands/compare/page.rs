@@ -42,10 +42,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
             number(optional(signal.tolerance)),
             number(from(signal)),
             number(lag(signal)),
-            match signal.tolerance {
-                Some(_) => result(signal.agrees()),
-                None => Cell::new("does not count"),
-            },
+            result(Standing::of_signal(signal)),
         ]);
     }
     let mut metrics = terminal::empty_table(["metric", "A", "B", "tolerance", "result"]);
@@ -55,7 +52,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
             number(value(metric, metric.a)),
             number(value(metric, metric.b)),
             number(terminal::significant(metric.tolerance)),
-            result(metric.agrees),
+            result(Standing::of_metric(metric)),
         ]);
     }
     let mut text = String::new();
@@ -92,16 +89,25 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
 /// Returns the outcome in one line.
 fn summary(comparison: &Comparison) -> String {
     if comparison.agrees {
-        return format!("the runs agree in all {} cycles", comparison.shared_cycles);
+        return format!("The runs agree in all {} cycles", comparison.shared_cycles);
     }
     let first = comparison
         .signals
         .iter()
         .filter_map(|signal| Some((signal.diverges_at_seconds?, &signal.name)));
     match first.min_by(|left, right| left.0.total_cmp(&right.0)) {
-        Some((time, name)) => format!("the runs DIVERGE, first in {name} at {time:.3} s"),
-        None => "the runs DIVERGE".to_owned(),
+        Some((time, name)) => format!("The runs diverge, first in {name} at {time:.3} s"),
+        None => match diverging_metrics(comparison).as_str() {
+            "" => "The runs diverge".to_owned(),
+            names => format!("The runs diverge in {names}"),
+        },
     }
+}
+
+fn diverging_metrics(comparison: &Comparison) -> String {
+    let diverging = comparison.metrics.iter().filter(|metric| !metric.agrees);
+    let names = Vec::from_iter(diverging.map(|metric| metric.name.as_str()));
+    names.join(", ")
 }
 
 fn optional(value: Option<f64>) -> String {
@@ -124,7 +130,7 @@ fn from(signal: &SignalDifference) -> String {
 /// Returns the lag of a signal; empty if it comes neither earlier nor later.
 fn lag(signal: &SignalDifference) -> String {
     match signal.lag_seconds {
-        Some(lag) if lag != 0.0 => format!("{lag:.3} s"),
+        Some(lag) if lag != 0.0 => terminal::with_minus(format!("{lag:.3} s")),
         _ => String::new(),
     }
 }
@@ -133,11 +139,66 @@ fn number(text: String) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)
 }
 
-fn result(agrees: bool) -> Cell {
-    if agrees {
-        Cell::new("same").fg(Color::Green)
-    } else {
-        Cell::new("DIVERGES").fg(Color::Red)
+/// How a signal or a metric of the two runs compares.
+#[derive(Clone, Copy)]
+enum Standing {
+    Same,
+    Diverges,
+    DoesNotCount,
+    /// Never do both runs have a value.
+    NoValues,
+    /// One run alone has a value.
+    OnlyIn(&'static str),
+}
+
+impl Standing {
+    fn of_signal(signal: &SignalDifference) -> Self {
+        match (signal.largest, signal.tolerance) {
+            (None, _) => Self::NoValues,
+            (Some(_), None) => Self::DoesNotCount,
+            (Some(_), Some(_)) if signal.agrees() => Self::Same,
+            (Some(_), Some(_)) => Self::Diverges,
+        }
+    }
+
+    fn of_metric(metric: &MetricDifference) -> Self {
+        match (metric.a, metric.b) {
+            (None, None) => Self::NoValues,
+            (Some(_), None) => Self::OnlyIn("A"),
+            (None, Some(_)) => Self::OnlyIn("B"),
+            (Some(_), Some(_)) if metric.agrees => Self::Same,
+            (Some(_), Some(_)) => Self::Diverges,
+        }
+    }
+
+    fn words(self) -> String {
+        match self {
+            Self::Same => "same".to_owned(),
+            Self::Diverges => "diverges".to_owned(),
+            Self::DoesNotCount => "does not count".to_owned(),
+            Self::NoValues => "no values".to_owned(),
+            Self::OnlyIn(run) => format!("only in {run}"),
+        }
+    }
+
+    /// The class in the style sheet.
+    fn class(self) -> &'static str {
+        match self {
+            Self::Same => "pass",
+            Self::Diverges => "fail",
+            Self::DoesNotCount | Self::NoValues => "soft",
+            Self::OnlyIn(_) => "unsure",
+        }
+    }
+}
+
+fn result(standing: Standing) -> Cell {
+    let cell = Cell::new(standing.words());
+    match standing {
+        Standing::Same => cell.fg(Color::Green),
+        Standing::Diverges => cell.fg(Color::Red),
+        Standing::OnlyIn(_) => cell.fg(Color::Yellow),
+        Standing::DoesNotCount | Standing::NoValues => cell,
     }
 }
 
@@ -165,7 +226,8 @@ pub(super) fn to_html(compared: &Compared<'_>) -> String {
         p.soft {
             "What counts: a signal beyond its tolerance, if no value of A within " (milliseconds(compared.time_tolerance_seconds))
             " ms before or after is near enough, and a metric beyond its own. What has no tolerance, as currents, velocities and the terms of a \
-             law, is shown and does not count. The differences are drawn as they count."
+             law, is shown and does not count. What only one run has a value of counts as a difference if it is a metric, and not if it is a \
+             signal. Plots of a difference show 0 where a value of A in that time is near enough."
         }
         h2 { "Plots" }
         div.plots.even { @for plot in plots(compared) { (plot) } }
@@ -311,7 +373,7 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
             td.number data-name="A" { (value(metric, metric.a)) }
             td.number data-name="B" { (value(metric, metric.b)) }
             td.number data-name="tolerance" { (terminal::significant(metric.tolerance)) }
-            td data-name="result" { (word(metric.agrees)) }
+            td data-name="result" { (word(Standing::of_metric(metric))) }
         } } }
     } } }
 }
@@ -332,12 +394,12 @@ fn signals(signals: &[SignalDifference]) -> Markup {
             td.number data-name="tolerance" { (optional(signal.tolerance)) }
             td.number.none[signal.agrees()] data-name="diverges from (s)" { (time(signal.diverges_at_seconds)) }
             td.number data-name="in % of the cycles" { (terminal::significant(signal.beyond_percent)) }
-            td.number.none[lag(signal).is_empty()] data-name="B later by" { (lag(signal)) }
-            td data-name="result" { @if signal.tolerance.is_some() { (word(signal.agrees())) } @else { span.nowrap { "does not count" } } }
+            td.number.nowrap.none[lag(signal).is_empty()] data-name="B later by" { (lag(signal)) }
+            td data-name="result" { (word(Standing::of_signal(signal))) }
         } } }
     } } }
 }
 
-fn word(agrees: bool) -> Markup {
-    html! { @if agrees { span.pass { "same" } } @else { span.fail { "DIVERGES" } } }
+fn word(standing: Standing) -> Markup {
+    html! { span.nowrap.(standing.class()) { (standing.words()) } }
 }
