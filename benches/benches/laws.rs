@@ -49,25 +49,25 @@ fn cycle(held: Box<HeldLaw>) -> Box<HeldLaw> {
     held
 }
 
-#[library_benchmark(config = limit(4200))]
+#[library_benchmark(config = limit(2650))]
 #[bench::hold(sliding_mode())]
 fn sliding_mode_cycle(start: Box<HeldLaw>) -> Box<HeldLaw> {
     cycle(start)
 }
 
-#[library_benchmark(config = limit(1500))]
+#[library_benchmark(config = limit(990))]
 #[bench::hold(sliding_mode_paper())]
 fn sliding_mode_paper_cycle(start: Box<HeldLaw>) -> Box<HeldLaw> {
     cycle(start)
 }
 
-#[library_benchmark(config = limit(365))]
+#[library_benchmark(config = limit(270))]
 #[bench::hold(pid())]
 fn pid_cycle(start: Box<HeldLaw>) -> Box<HeldLaw> {
     cycle(start)
 }
 
-#[library_benchmark(config = limit(330))]
+#[library_benchmark(config = limit(225))]
 #[bench::hold(open_loop())]
 fn open_loop_cycle(start: Box<HeldLaw>) -> Box<HeldLaw> {
     cycle(start)
