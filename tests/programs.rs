@@ -126,6 +126,21 @@ fn an_interpreter_behind_a_link_is_started_by_the_link() {
     assert!((stdout + &stderr).contains(&format!("starts `{}", interpreter.display())));
 }
 
+/// The frames of a case are its own, where the scenario of the sweep sends none.
+#[test]
+fn a_sweep_varies_how_often_set_points_are_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let sweep = folder.path().join("sweep.toml");
+    let text = "schema = 1\nrig = \"dc_motor\"\nname = \"s\"\nduration_seconds = 0.2\n[controller.pid]\n\
+                [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n\
+                [[sweep.list]]\nkey = \"bus.set_points_every_cycles\"\nvalues = [0, 1, 5]\n";
+    fs::write(&sweep, text).unwrap();
+    let mut canrig = canrig(&folder.path().join("runs"), "sweep");
+    let (code, stdout, stderr) = output(canrig.arg(&sweep));
+    assert_eq!(code, Some(0), "{stdout}{stderr}");
+    assert!(stdout.contains("3 runs: 3 pass"), "{stdout}");
+}
+
 /// Copies the files of `tests/data/programs`: a drive and a fan in Python, and a scenario for both.
 fn drive_and_fan(folder: &Path) -> PathBuf {
     let data = root().join("tests/data/programs");

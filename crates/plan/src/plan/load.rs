@@ -136,7 +136,13 @@ impl Plan {
         plan.shared.beside = beside;
         plan.shared.contours = scenario.contours;
         plan.shared.rig = Arc::new(scenario.rig);
-        Ok(plan)
+        let [are_sent, were_sent] =
+            [&plan, self].map(|plan| plan.set_points_every_cycles().is_some());
+        Ok(if are_sent == were_sent {
+            plan
+        } else {
+            plan.composed()
+        })
     }
 
     /// Makes the plan of loops that were found to be without objections.
