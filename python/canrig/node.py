@@ -44,7 +44,7 @@ import struct
 import threading
 import time
 import traceback
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 __all__ = ["Bus", "Ended", "Frame", "Layout", "Loop", "Node", "Part", "part"]
 
@@ -166,6 +166,17 @@ def _pairs(filters: Filters) -> List[Tuple[int, int]]:
     return [(one, _EXACT) if isinstance(one, int) else one for one in filters]
 
 
+def _standard(wanted: int, mask: int) -> Iterator[int]:
+    """The identifiers of 11 bits that pass a filter."""
+    fixed, free = wanted & mask, ~mask & 0x7FF
+    part = free
+    while fixed <= 0x7FF:
+        yield fixed | part
+        if not part:
+            return
+        part = (part - 1) & free
+
+
 class _VirtualBus(Bus):
     def __init__(self, path: str, name: str, filters: List[Tuple[int, int]], silent: List[Tuple[int, int]], errors: bool) -> None:
         self._channel = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -181,7 +192,8 @@ class _VirtualBus(Bus):
         self._now: int = _HEADER.unpack_from(self._buffer)[4]
         #: Rate of the bus, seed of the run, node-ID.
         self.bits_per_second, _, self.seed, self.node_id = struct.unpack_from("<IIQB", self._buffer, 16)
-        self._quiet = list(_FILTER.iter_unpack(bytes(self._buffer[_WELCOME_BYTES:length])))
+        #: Identifiers of 11 bits whose frames nobody answers. Remote frames and extended ones may always be answered.
+        self._quiet = {one for pair in _FILTER.iter_unpack(bytes(self._buffer[_WELCOME_BYTES:length])) for one in _standard(*pair)}
         self._records: Any = iter(())
         self._record: Optional[Tuple[Any, ...]] = None
         self._queued: List[bytes] = []
@@ -199,9 +211,6 @@ class _VirtualBus(Bus):
             raise Ended("canrig is gone")
         return length
 
-    def _is_quiet(self, identifier: int) -> bool:
-        return any(identifier & mask == wanted & mask for wanted, mask in self._quiet)
-
     def _ask(self) -> bool:
         """Receives a question; true if it is for the end."""
         length = self._receive()
@@ -218,7 +227,7 @@ class _VirtualBus(Bus):
             self._now = max(self._now, self._to)
         self._records = _RECORD.iter_unpack(bytes(self._buffer[24:length]))
         self._record = next(self._records, None)
-        self._may_go_on = all(self._is_quiet(_RECORD.unpack(record)[1]) for record in self._queued)
+        self._may_go_on = all(_RECORD.unpack(record)[1] in self._quiet for record in self._queued)
         return False
 
     def _answer(self, a: int, until: int, reached: int, text: bytes = b"") -> None:
@@ -265,7 +274,7 @@ class _VirtualBus(Bus):
         if len(self._queued) == FRAMES_MAX:
             raise BufferError(f"{FRAMES_MAX} frames wait to be sent: wait() first")
         self._queued.append(_RECORD.pack(self._now, identifier, len(data), 0, 0, bytes(data)))
-        self._may_go_on = self._may_go_on and self._is_quiet(identifier)
+        self._may_go_on = self._may_go_on and identifier in self._quiet
 
     def _refuse_threads(self) -> None:
         if threading.get_ident() != self._thread:
