@@ -304,7 +304,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use recording::capture::Watch;
     use runner::run::run;
     use worlds::Played;
-    use worlds::disturbance_node::DisturbanceProducer;
+    use worlds::bench_node::BenchNode;
     use worlds::law_process::LawPlace;
     use worlds::lockstep::{play, simulate};
     use worlds::nodes::{controller_of, controller_views, plant_emulator};
@@ -330,7 +330,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
             Vec::new(),
             |_, capture| {
                 let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
-                let mut bench = DisturbanceProducer::new(&source).unwrap();
+                let mut bench = BenchNode::new(&source).unwrap();
                 let mut controller =
                     controller_of(&controller_views(&source), &LawPlace::of(&source)).unwrap();
                 let mut participants = [
@@ -483,8 +483,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
                 let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
                 let mut controller =
                     controller_of(&controller_views(&source), &LawPlace::of(&source)).unwrap();
-                let mut bench =
-                    worlds::disturbance_node::DisturbanceProducer::new(&source).unwrap();
+                let mut bench = worlds::bench_node::BenchNode::new(&source).unwrap();
                 let mut sleeper = Sleeper { sleeps, calls: 0 };
                 let mut participants = [
                     Local::new("plant-emulator", &mut *plant_emulator),

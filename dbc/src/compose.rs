@@ -384,7 +384,7 @@ impl Composer {
             name: names::set_point(loop_name),
             raw_id: identifier.into(),
             length_bytes: 2 * FLOAT_BITS / 8,
-            sender: Some("bench".to_owned()),
+            sender: Some(names::BENCH.to_owned()),
             cycle_time_milliseconds: 0,
             comment: "From the bench after a SYNC: what the scenario wants at the next one."
                 .to_owned(),
@@ -406,7 +406,7 @@ impl Composer {
     #[must_use]
     pub fn finish(mut self) -> Database {
         let listeners = self.drives.iter().chain(&self.io_nodes).cloned();
-        let listeners = Vec::from_iter(listeners.chain(["bench".to_owned()]));
+        let listeners = Vec::from_iter(listeners.chain([names::BENCH.to_owned()]));
         let heartbeat = names::message(&self.controller, names::HEARTBEAT);
         let is_for_all = |message: &&mut Message| {
             OF_BUS.contains(&message.name.as_str()) || message.name == heartbeat

@@ -3,7 +3,7 @@
 use crate::coding::{ByteOrder, Coding, Kind, Range, Scale};
 use crate::database::{Message, Signal};
 use crate::loops::TERMS_EVERY_CYCLES;
-use crate::names::TERMS_MAX;
+use crate::names::{BENCH, TERMS_MAX};
 
 /// Index of the first term's object; the others follow.
 pub const LAW_TERMS_OBJECT: u16 = 0x2200;
@@ -129,7 +129,7 @@ fn signal(object: u16, term: &LawTerm, start_bit: u8) -> Signal {
             1 => vec![(0, "no".to_owned()), (1, "yes".to_owned())],
             _ => Vec::new(),
         },
-        receivers: vec!["bench".to_owned()],
+        receivers: vec![BENCH.to_owned()],
         object: format!("0x{object:04X}:00"),
         comment: term.comment.clone(),
     }

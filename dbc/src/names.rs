@@ -5,6 +5,10 @@
 
 use crate::{Database, Message, SignalHandle, SignalMissing};
 
+/// Name of canrig's own node.
+pub const BENCH: &str = "bench";
+/// Set-point of a loop, in millimetres.
+pub const SET_POINT: &str = "set_point_millimetres";
 /// Emergencies of a node.
 pub const EMERGENCY: &str = "emergency";
 /// Heartbeats of a node.

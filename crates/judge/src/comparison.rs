@@ -11,12 +11,13 @@ use std::collections::BTreeSet;
 use std::iter;
 
 use crate::verdict::{Metric, Verdict};
+use dbc::names::SET_POINT;
 use recording::timeline::{Series, Timeline};
 use recording::work::Way;
 use shared::{Shared, SignalDeviation, outside};
-use tolerance::SET_POINT;
 
 pub use difference::{Comparison, MetricDifference, SignalDifference};
+pub use shared::reach;
 pub use tolerance::{GivenTolerance, Scale, Tolerances, UnknownName};
 
 /// Prefixes of the signals that the controller publishes of itself. They come with every tenth cycle only, and may be late by as
@@ -113,13 +114,12 @@ fn signals_of_loop(
         if let Some(other) = b.column(&column.name) {
             let what = (prefix.as_str(), column.name.as_str(), column.unit.as_str());
             let none;
-            let other = match column.is_used() == other.is_used() {
-                true => &other.values,
+            let other = if column.is_used() == other.is_used() {
+                &other.values
+            } else {
                 // Zeros without meaning are not compared with values.
-                false => {
-                    none = iter::repeat_n(f64::NAN, other.values.len()).collect();
-                    &none
-                }
+                none = iter::repeat_n(f64::NAN, other.values.len()).collect();
+                &none
             };
             signals.push(signal(tolerances, what, shared, &column.values, other));
         }
@@ -141,7 +141,7 @@ fn signal(
         .iter()
         .any(|start| name.starts_with(start));
     let later = if is_published { CONTROLLER_CYCLES } else { 0 };
-    let reach = shared.reach(tolerances.time_seconds) + later;
+    let reach = reach(tolerances.time_seconds, shared.period_seconds) + later;
     let (one, other) = (outside(&a, &b, reach), outside(&b, &a, reach));
     let differences = one.iter().zip(&other).map(|(one, other)| one.max(*other));
     let deviation = SignalDeviation::of(&a, &b, shared.period_seconds);

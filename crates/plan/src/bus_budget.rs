@@ -110,7 +110,7 @@ impl BusBudget {
             let messages = names.filter_map(|name| plan.database().message(&name));
             let sent = Sent::of(messages);
             (sent.count > 0).then(|| BusShare {
-                node: "bench".to_owned(),
+                node: names::BENCH.to_owned(),
                 what: format!("set-points ({})", sent.words()),
                 bits: sent.bits,
                 pace: Pace::Cycles {

@@ -168,7 +168,7 @@ impl Plan {
 
     /// Composes the frames of its loops again.
     fn composed(self) -> Self {
-        let database = Arc::new(compose(&self.loops));
+        let database = Arc::new(compose(&self));
         self.with_database(&database)
     }
 
@@ -297,7 +297,9 @@ impl Plan {
     /// Returns the number of cycles from one sending of the set-points to the next; `None` if the bench does not send them.
     #[must_use]
     pub fn set_points_every_cycles(&self) -> Option<u8> {
-        set_points_every_cycles(&self.loops)
+        let own = self.shared.run.bus.set_points_every_cycles;
+        let every = own.unwrap_or_else(|| self.is_external(self.controller()).into());
+        Some(every).filter(|every| *every > 0)
     }
 
     /// Returns a clock of scenario time that has not begun.
@@ -339,12 +341,9 @@ pub fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     listed.join(", ")
 }
 
-/// Returns the database of loops on one bus.
-fn compose(loops: &[ControlLoop]) -> Database {
-    let mut controllers = loops.iter().map(|one| &one.nodes.controller);
-    let Some(controller) = controllers.next() else {
-        return Database::default();
-    };
+/// Returns the database of a plan's bus.
+fn compose(plan: &Plan) -> Database {
+    let (controller, loops) = (plan.controller(), &plan.loops);
     let composer = Composer::new(&controller.name, controller.id);
     let composer = loops.iter().fold(composer, |composer, one| {
         let player = match &one.real_drive {
@@ -355,7 +354,7 @@ fn compose(loops: &[ControlLoop]) -> Database {
         let published = &one.frames.published;
         published.compose(composer, &one.trial.wiring, player)
     });
-    let are_sent = set_points_every_cycles(loops).is_some();
+    let are_sent = plan.set_points_every_cycles().is_some();
     let followers = loops.iter().filter(|one| are_sent && one.has_set_point());
     let composer = followers.fold(composer, |composer, one| {
         let wiring = &one.trial.wiring;
@@ -364,20 +363,11 @@ fn compose(loops: &[ControlLoop]) -> Database {
         composer.with_set_point(
             one.name(),
             wiring.identifiers.set_point,
-            &measurand.rename("set_point_millimetres"),
+            &measurand.rename(names::SET_POINT),
             [symbol, &format!("{symbol}/s")],
         )
     });
     composer.finish()
-}
-
-/// Returns the number of cycles from one sending of the set-points of these loops to the next. By default they are sent in each
-/// cycle if the controller is external, since it does not know the scenario.
-fn set_points_every_cycles(loops: &[ControlLoop]) -> Option<u8> {
-    let first = loops.first()?;
-    let own = first.trial.run.bus.set_points_every_cycles;
-    let every = own.unwrap_or_else(|| first.is_external(Part::Controller).into());
-    Some(every).filter(|every| *every > 0)
 }
 
 /// Returns the place of a loop's nodes on the bus.

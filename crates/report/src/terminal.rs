@@ -173,7 +173,19 @@ pub fn measured(metric: &Metric) -> String {
 /// A metric that missed its limit, with both: `overshoot_percent 2.500 (limit ≤ 2.4)`.
 pub(crate) fn missed(metric: &Metric) -> String {
     let limit = limit(&metric.name, metric.limit);
-    format!("{} {} (limit {limit})", metric.name, measured(metric))
+    format!("{} {}", metric.name, with_limit(&measured(metric), &limit))
+}
+
+/// Returns a value with its limit: `2.500 (limit ≤ 2.4)`.
+#[must_use]
+pub fn with_limit(value: &str, limit: &str) -> String {
+    format!("{value} (limit {limit})")
+}
+
+/// Returns the value of a metric in a run of a sweep, in which it may have none although it is limited.
+#[must_use]
+pub fn reached(name: &str, reached: Option<f64>) -> String {
+    reached.map_or_else(|| "never".to_owned(), |reached| value(name, reached))
 }
 
 /// Returns the value of a metric as a text: a number, or yes or no.

@@ -280,10 +280,7 @@ impl<'a> Seen<'a> {
         let path = format!("{}.{STATUSWORD}", message(&one.nodes.drive.name, TPDO1));
         let statusword = one.database.require(&path).ok()?;
         let last = statusword.decode(&self.last(statusword.raw_id())?.frame)?;
-        let mut labels = one.database.definition(&path)?.labels.iter();
-        #[expect(clippy::cast_precision_loss, reason = "a signal of 7 bits")]
-        let label = labels.find(|(value, _)| (*value as f64 - last).abs() < 0.5);
-        label.map(|(_, label)| label.as_str())
+        one.database.definition(&path)?.label(last)
     }
 
     fn controller_id(&self) -> u16 {

@@ -11,6 +11,7 @@
 
 mod after_end;
 mod agenda;
+pub mod bench_node;
 mod blame;
 mod bus_choice;
 pub mod bus_connection;
@@ -19,7 +20,6 @@ mod bus_place;
 pub mod catalogue;
 mod child;
 mod coordinator;
-pub mod disturbance_node;
 mod error;
 mod fmu_plant;
 pub mod fmu_worker;

@@ -10,10 +10,10 @@ use platform::clock::Clock;
 use platform::lockstep::{Local, Participant};
 
 use crate::after_end::{self, ANSWER_TIME};
+use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
 use crate::bus_model::faults::{BusFaults, Seat};
 use crate::coordinator::{Coordinator, CoordinatorError, Wire};
-use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, STOP_PATIENCE, WorldError};
 use crate::law_process::LawPlace;
 use crate::names::{self, BENCH};
@@ -116,7 +116,7 @@ fn play_here(
     for name in names::own_emulators(plan) {
         emulators.push((name, nodes::plant_emulator(plan, name)?));
     }
-    let mut bench = DisturbanceProducer::new(plan)?;
+    let mut bench = BenchNode::new(plan)?;
     let views = nodes::controller_views(plan);
     let make = move || nodes::controller_of(&views, &laws);
     let is_ours = !plan.is_external(plan.controller());
@@ -140,7 +140,7 @@ fn play_here(
 /// Returns the end of a run, or the violation of a limit for which the bench's own node gave up.
 pub(crate) fn or_violation(
     played: Result<End, WorldError>,
-    bench: &DisturbanceProducer,
+    bench: &BenchNode,
 ) -> Result<End, WorldError> {
     match (played, bench.violation()) {
         (Err(WorldError::Coordinator(CoordinatorError::Failed { .. })), Some(violation)) => {

@@ -3,8 +3,8 @@
 use plan::{ControlLoop, Plan};
 use scenario::node::Part;
 
+pub(crate) use dbc::names::BENCH;
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
-pub(crate) const BENCH: &str = "bench";
 
 /// Returns the names of the participants that emulate the plants whose drives are canrig's.
 pub(crate) fn own_emulators(plan: &Plan) -> Vec<&str> {

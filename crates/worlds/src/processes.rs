@@ -9,11 +9,11 @@ use platform::private_bus::PrivateBus;
 use platform::scheduling::OneProcessor;
 use tokio::runtime::Runtime;
 
+use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
 use crate::bus_choice::RunBus;
 use crate::child::NodeProcess;
 use crate::coordinator::CoordinatorError;
-use crate::disturbance_node::DisturbanceProducer;
 use crate::error::WorldError;
 use crate::fmu_plant::more_patience;
 use crate::law_process;
@@ -189,7 +189,7 @@ fn play(
             let remote = Remote::accept(name, channel, Some(patience), Setting::default());
             remotes.push(remote.map_err(CoordinatorError::from)?);
         }
-        let mut bench = DisturbanceProducer::new(plan)?;
+        let mut bench = BenchNode::new(plan)?;
         let mut seat = Local::new(BENCH, &mut bench);
         let (emulators, manager) = remotes.split_at_mut(count);
         let drives = emulators.iter_mut();

@@ -8,10 +8,10 @@ use platform::clock::Clock;
 use platform::real_time::RunError;
 
 use crate::after_end;
+use crate::bench_node::BenchNode;
 use crate::blame::end_by_node;
 use crate::bus_connection::{BusConnection, COLLECT_PERIOD, stop_signal};
 use crate::child::NodeProcess;
-use crate::disturbance_node::DisturbanceProducer;
 use crate::error::{START_PATIENCE, WorldError};
 use crate::fmu_plant::more_patience;
 use crate::law_process;
@@ -49,7 +49,7 @@ pub fn play(
     let _entered = runtime.enter();
     let mut processes = start_nodes(plan, folder, connection)?;
     let stalls = StallRecorder::start(plan, &processes)?;
-    let mut bench = DisturbanceProducer::new(plan)?;
+    let mut bench = BenchNode::new(plan)?;
     let mut bus = connection.join(&canopen::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
     let mut stopper = Some(stopper);

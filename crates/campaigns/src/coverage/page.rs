@@ -113,7 +113,7 @@ fn runs_of_sweep(test: &RequirementTest) -> Option<String> {
 fn measured(test: &RequirementTest, row: &str) -> Markup {
     html! {
         (page::name(row))
-        @if let Some((value, limit)) = test.measured.get(row) { ": " (value) " (limit " (limit) ")" }
+        @if let Some((value, limit)) = test.measured.get(row) { ": " (terminal::with_limit(value, limit)) }
     }
 }
 

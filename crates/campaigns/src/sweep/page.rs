@@ -221,15 +221,11 @@ fn worst_case(
     command_of: impl Fn(usize) -> Option<String>,
 ) -> Markup {
     let name = &driven.name;
-    let shown = if value.is_finite() {
-        terminal::value(name, *value)
-    } else {
-        "never".to_owned()
-    };
+    let shown = terminal::reached(name, Some(*value).filter(|value| value.is_finite()));
     html! {
         div {
             "case " (case)
-            @if let Some(limit) = driven.limit { ": " (shown) " (limit " (terminal::limit(name, Some(nearest_end(limit, *value)))) ")" }
+            @if let Some(limit) = driven.limit { ": " (terminal::with_limit(&shown, &terminal::limit(name, Some(nearest_end(limit, *value))))) }
         }
         @if let Some(command) = command_of(*case) { div { code { (command) } } }
     }

@@ -144,10 +144,9 @@ fn missed(row: &SweepRow, limits: &[(String, Limit)]) -> String {
         let Some((_, limit)) = limit else {
             return name.clone();
         };
-        let value = row.metric(name);
-        let value = value.map_or("never".to_owned(), |value| terminal::value(name, value));
+        let value = terminal::reached(name, row.metric(name));
         let limit = terminal::limit(name, Some(*limit));
-        format!("{name} {value} (limit {limit})")
+        format!("{name} {}", terminal::with_limit(&value, &limit))
     });
     Vec::from_iter(words).join(", ")
 }

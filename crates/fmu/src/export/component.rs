@@ -63,10 +63,11 @@ pub(super) unsafe fn on(
 /// # Safety
 /// Null, or `count` values that live through the call.
 unsafe fn slice<'a, T>(values: *const T, count: usize) -> &'a [T] {
-    match values.is_null() {
-        true => &[],
+    if values.is_null() {
+        &[]
+    } else {
         // SAFETY: by the caller.
-        false => unsafe { std::slice::from_raw_parts(values, count) },
+        unsafe { std::slice::from_raw_parts(values, count) }
     }
 }
 

@@ -77,18 +77,19 @@ impl Shared {
             b.end_seconds()
         )]
     }
+}
 
-    /// Returns the number of rows before and after that count as the same time.
-    pub(super) fn reach(&self, time_seconds: f64) -> usize {
-        let rows = libm::floor(time_seconds / self.period_seconds + 1e-6).clamp(0.0, 100_000.0);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "clamped"
-        )]
-        let rows = rows as usize;
-        rows
-    }
+/// Returns the number of rows before and after that count as the same time.
+#[must_use]
+pub fn reach(time_seconds: f64, period_seconds: f64) -> usize {
+    let rows = libm::floor(time_seconds / period_seconds + 1e-6).clamp(0.0, 100_000.0);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped"
+    )]
+    let rows = rows as usize;
+    rows
 }
 
 fn wide(row: usize) -> u64 {

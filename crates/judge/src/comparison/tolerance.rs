@@ -3,12 +3,10 @@
 use std::str::FromStr;
 
 use crate::verdict::Verdict;
+use dbc::names::SET_POINT;
 use plan::ControlLoop;
 use recording::timeline::Timeline;
 use scenario::port::{Measurand, symbol_of};
-
-/// Name under which the set-point is compared, in its loop's unit. It shows whether both runs had the same set-point.
-pub(super) const SET_POINT: &str = "set_point_millimetres";
 
 /// Relative tolerance of a metric, if that is more than the tolerance of its unit.
 const METRIC_SHARE: f64 = 0.05;

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::time::Duration;
 
+use dbc::names::SET_POINT;
 use plan::prefix_of;
 use platform::series::Series;
 use scenario::expect::Emergency;
@@ -248,7 +249,7 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
     for timeline in timelines {
         let prefix = timeline.prefix();
         let set_point = (
-            timeline.measurand.rename("set_point_millimetres"),
+            timeline.measurand.rename(SET_POINT),
             timeline.measurand.unit.symbol(),
             &timeline.set_point_millimetres,
         );

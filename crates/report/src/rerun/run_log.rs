@@ -20,6 +20,7 @@ use super::hysteresis::{self, Hysteresis};
 use super::output::{Output, send_rows, send_scalars, send_static};
 use super::times;
 use crate::terminal;
+use dbc::names::SET_POINT;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
 use plan::{ControlLoop, Plan};
@@ -138,8 +139,8 @@ impl<'o, 'a> Recording<'o, 'a> {
         let trial = self.trial;
         let factors = asked(trial, timeline, 1.0, |command| command.convection_factor);
         let grams = asked(trial, timeline, 0.0, |command| command.added_grams);
-        let [set_point, error_name] = ["set_point_millimetres", "error_millimetres"]
-            .map(|name| timeline.measurand.rename(name));
+        let [set_point, error_name] =
+            [SET_POINT, "error_millimetres"].map(|name| timeline.measurand.rename(name));
         let own = [
             (set_point.as_str(), &*timeline.set_point_millimetres),
             (error_name.as_str(), &*error),

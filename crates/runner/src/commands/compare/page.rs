@@ -3,7 +3,7 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
-use judge::comparison::{Comparison, MetricDifference, SignalDifference};
+use judge::comparison::{Comparison, MetricDifference, SignalDifference, reach};
 use platform::series::Series;
 use recording::timeline::{self, Timeline};
 use report::page;
@@ -316,18 +316,6 @@ fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64
         a.time_seconds.iter().copied().collect(),
         differences.collect(),
     )
-}
-
-/// Returns the number of rows before and after that count as the same time.
-fn reach(seconds: f64, period_seconds: f64) -> usize {
-    let rows = (seconds / period_seconds + 1e-6).floor().clamp(0.0, 1000.0);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "clamped"
-    )]
-    let rows = rows as usize;
-    rows
 }
 
 fn difference_plot(

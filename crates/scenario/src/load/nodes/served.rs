@@ -56,10 +56,11 @@ impl Check<'_> {
         for (name, outputs) in self.outputs() {
             let path = format!("node.{name}.outputs");
             let others = outputs.others().count();
-            let room = match others == outputs.0.len() {
-                true => IO_OUTPUTS_MAX,
+            let room = if others == outputs.0.len() {
+                IO_OUTPUTS_MAX
+            } else {
                 // Fan and load have their places, whether one of them is wired or both.
-                false => IO_OUTPUTS_MAX - 2,
+                IO_OUTPUTS_MAX - 2
             };
             if others > room {
                 let message = format!("`{name}` has {others} outputs besides fan and load");

@@ -6,7 +6,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
-use dbc::names::{ADDED_LOAD, CONVECTION_FACTOR, RPDO1, message as message_name, set_point};
+use dbc::names::{
+    ADDED_LOAD, CONVECTION_FACTOR, RPDO1, SET_POINT, message as message_name, set_point,
+};
 use dbc::{MessageBuilder, SignalHandle, SignalMissing};
 use plan::{ControlLoop, Plan};
 use scenario::disturbance::Disturbance;
@@ -22,7 +24,7 @@ use scenario::reference::Trajectory;
 const FRAMES_AT_ONCE: usize = 64;
 
 /// Node that sends its frames at the scenario's times.
-pub struct DisturbanceProducer {
+pub struct BenchNode {
     clock: ScenarioClock,
     /// Frames to send, each with its scenario time in seconds.
     frames: VecDeque<(f64, CanFrame)>,
@@ -35,7 +37,7 @@ pub struct DisturbanceProducer {
     is_stopped: bool,
 }
 
-impl DisturbanceProducer {
+impl BenchNode {
     /// Makes the bench's node on the bus of these loops, before its first frame. At the first violation of a limit of a real
     /// drive it stops all real drives.
     ///
@@ -137,12 +139,7 @@ impl SetPoints {
 impl SentSetPoint {
     fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = set_point(one.name());
-        let value = one
-            .trial
-            .wiring
-            .feedback
-            .measurand
-            .rename("set_point_millimetres");
+        let value = one.trial.wiring.feedback.measurand.rename(SET_POINT);
         let database = &one.database;
         let frame = database.builder(&message);
         Ok(Self {
@@ -248,7 +245,7 @@ fn disturbances(
     Ok(frames.collect())
 }
 
-impl Node for DisturbanceProducer {
+impl Node for BenchNode {
     /// Leaves out the clock's frames for a node with nothing to send, which need not know the time.
     fn filters(&self) -> Vec<Filter> {
         let mut filters = Vec::new();
@@ -343,7 +340,7 @@ mod tests {
         CanFrame::new(0x180 + node_id, &data)
     }
 
-    fn sent(bench: &mut DisturbanceProducer) -> Vec<CanFrame> {
+    fn sent(bench: &mut BenchNode) -> Vec<CanFrame> {
         std::iter::from_fn(|| bench.next_frame()).collect()
     }
 
@@ -351,7 +348,7 @@ mod tests {
     fn a_violated_limit_stops_all_real_drives_at_once_and_only_once() {
         let mut plan = real(0x10);
         plan.loops.extend(real(0x12).loops);
-        let mut bench = DisturbanceProducer::new(&plan).unwrap();
+        let mut bench = BenchNode::new(&plan).unwrap();
         let stop = [
             CanFrame::new(0x210, &[2, 0, 0, 0]),
             CanFrame::new(0x000, &[2, 0x10]),
