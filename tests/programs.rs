@@ -769,6 +769,31 @@ fn a_killed_canrig_leaves_no_node() {
 }
 
 #[test]
+fn a_node_whose_keeper_is_killed_is_named_with_that_and_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let node = controller_that(folder.path(), STUBBORN);
+    let mut canrig = canrig(&folder.path().join("runs"), "simulate");
+    canrig
+        .arg(&node)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null());
+    let canrig = Started::new(canrig.spawn().unwrap());
+    wait_for("the program", || numbers(folder.path()).len() == 2);
+    let left = numbers(folder.path());
+    let stat = fs::read_to_string(format!("/proc/{}/stat", left[0].as_raw_nonzero())).unwrap();
+    let keeper = stat.rsplit(") ").next().unwrap().split(' ').nth(1).unwrap();
+    let keeper = Process::from_raw(keeper.parse().unwrap()).unwrap();
+    kill_process(keeper, Signal::KILL).unwrap();
+    let ended = canrig.ended();
+    let said = String::from_utf8(ended.stdout).unwrap();
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert!(said.contains("was killed with its keeper"), "{said}");
+    wait_for("the end of the program", || is_gone(left[0]));
+    // Nobody is left who knows of it.
+    kill_process(left[1], Signal::KILL).unwrap();
+}
+
+#[test]
 fn a_grandchild_ends_with_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let does = STUBBORN.replace("play(300)\nwhile True: time.sleep(60)", "play()");

@@ -220,7 +220,12 @@ impl Program {
             }
         }
         let told = String::from_utf8_lossy(&self.told).into_owned();
-        let (how, output) = told.split_once('\n').unwrap_or((&told, ""));
+        let (how, output) = match told.split_once('\n') {
+            Some(told) => told,
+            // The keeper takes its program along.
+            None if told.is_empty() => ("was killed with its keeper", ""),
+            None => (told.as_str(), ""),
+        };
         Some((how.to_owned(), output.trim_end().to_owned()))
     }
 
