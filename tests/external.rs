@@ -284,6 +284,58 @@ fn a_rig_file_gives_the_cycle_and_goes_with_the_recording() {
     });
 }
 
+/// The emulators of two drives on one joint represent real drives, which one law leads.
+#[test]
+fn two_external_drives_of_one_loop_are_led_and_checked_one_after_the_other() {
+    in_real_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let text = |rig: &str, more: &str| {
+            format!(
+                "schema = 1\nrig = \"{rig}\"\nname = \"joint\"\nduration_seconds = 2.0\n{more}\
+                 [controller.pid_pair]\nproportional_amperes_per_degree = 0.04\n\
+                 [[reference.hold]]\nat_seconds = 0.0\nposition_degrees = 5.0\n\
+                 [expect]\ncurrent_amperes_rms = {{ max = 1.0 }}\n"
+            )
+        };
+        let drive = |name: &str, id: u8| {
+            format!(
+                "[node.{name}]\nkind = \"drive\"\nnode_id = {id}\n\
+                 sensor = {{ unit = \"degrees\", min = -60.0, max = 60.0, resolution_bits = 14 }}\n\
+                 limits = {{ current_amperes = 1.0, min = -70.0, max = 70.0, rate_max = 1e4 }}\n\
+                 timeouts = {{ drive_lost_milliseconds = 1000, controller_lost_milliseconds = 1000 }}\n"
+            )
+        };
+        let rig = format!(
+            "schema = 1\nname = \"joint\"\n[bus]\nsync_period_milliseconds = 50.0\n\
+             [node.hand]\nkind = \"controller\"\nnode_id = 1\n{}{}\
+             [loop.angle]\nfeedback = \"flexor.position\"\noutputs = [\"flexor.current\", \"extensor.current\"]\n",
+            drive("flexor", 0x10),
+            drive("extensor", 0x12)
+        );
+        fs::write(folder.path().join("joint.toml"), rig).unwrap();
+        let run = Run::of(&text("joint.toml", ""), folder.path(), &["--no-heating"]);
+        // The emulator does not know the rig.
+        let scenario = folder.path().join("elsewhere.toml");
+        let cycle = "[bus]\nsync_period_milliseconds = 50.0\n";
+        fs::write(&scenario, text("sma_pair", cycle)).unwrap();
+        let (code, text, run) = Run { scenario, ..run }.end_beside("plant-emulator");
+        assert_eq!(code, Some(0), "{text}");
+        for (name, id) in [("flexor", 16), ("extensor", 18)] {
+            let found = format!(
+                " {name}:\n  ✓ other manager none is heard\n  ✓ nodes         found: {name} (node {id})"
+            );
+            assert!(text.contains(&found), "{text}");
+        }
+        let external = serde_json::json!(["flexor", "extensor"]);
+        assert_eq!(verdict(&run)["external"], external);
+        // The law heats both wires, the flexor more.
+        let current = |name: &str| metric(&verdict(&run), name)["value"].as_f64().unwrap();
+        let [flexor, extensor] =
+            ["angle", "extensor"].map(|name| current(&format!("{name}.current_amperes_rms")));
+        assert!(flexor > extensor && extensor > 0.1, "{flexor} {extensor}");
+    });
+}
+
 #[test]
 fn canrig_stops_a_drive_that_a_foreign_controller_leads_beyond_a_limit() {
     in_real_time(|| {

@@ -73,8 +73,9 @@ pub(super) struct Interview {
     patience: Duration,
     phase: Phase,
     /// Nodes to call, the drive first.
-    to_call: VecDeque<(NodeId, &'static str)>,
-    present: Vec<(NodeId, &'static str)>,
+    /// Nodes that have not answered yet, each with its name.
+    to_call: VecDeque<(NodeId, String)>,
+    present: Vec<(NodeId, String)>,
     client: SdoClient,
     answer_time: Duration,
     identity: VecDeque<Question>,
@@ -88,16 +89,15 @@ pub(super) struct Interview {
 }
 
 impl Interview {
-    /// Makes the interview of a drive, with a call to `others`, by a manager with this node-ID.
+    /// Makes the interview of a drive by a manager with this node-ID. It calls all `nodes`, of which the drive is the first.
     pub(super) fn new(
         drive: &LoadedDrive,
         dictionary: ObjectDictionary,
-        others: &[(NodeId, &'static str)],
+        nodes: VecDeque<(NodeId, String)>,
         manager: u8,
     ) -> Self {
         let timeouts = &drive.real.timeouts;
         let used = objects_of(drive);
-        let drive = (drive.layout.node_id(), "drive");
         let answer_time = Duration::from_millis(timeouts.sdo_answer_milliseconds.into());
         let entry = |(index, sub_index): (u16, u8)| {
             let handle = dictionary.find(index, sub_index).ok()?;
@@ -115,11 +115,9 @@ impl Interview {
         Self {
             patience: timeouts.bring_up(),
             phase: Phase::Start,
-            to_call: std::iter::once(drive)
-                .chain(others.iter().copied())
-                .collect(),
+            to_call: nodes,
             present: Vec::new(),
-            client: SdoClient::new(drive.0.get()).with_timeout(answer_time),
+            client: SdoClient::new(drive.layout.node_id().get()).with_timeout(answer_time),
             answer_time,
             identity: identity.collect(),
             objects: objects.collect(),
@@ -170,7 +168,7 @@ impl Interview {
     }
 
     fn nodes(&self) -> Check {
-        let named = |(node, name): &(NodeId, &str)| format!("{name} (node {node})");
+        let named = |(node, name): &(NodeId, String)| format!("{name} (node {node})");
         match self.to_call.front() {
             None => {
                 let present: Vec<String> = self.present.iter().map(named).collect();

@@ -12,6 +12,7 @@ mod phase;
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
+use std::iter;
 use std::path::Path;
 use std::time::Duration;
 
@@ -290,11 +291,12 @@ fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldE
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
     let io = one.nodes.io.iter().filter(|io| one.external.has(io));
-    let io = io.filter_map(|io| Some((NodeId::new(io.id)?, "fan and load module")));
+    let nodes = iter::once(&one.nodes.drive).chain(io);
+    let nodes = nodes.filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
     Ok(Interview::new(
         drive,
         dictionary,
-        &Vec::from_iter(io),
+        nodes.collect(),
         one.nodes.controller.id,
     ))
 }

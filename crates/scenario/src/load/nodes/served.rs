@@ -8,35 +8,10 @@ use crate::wiring::IO_OUTPUTS_MAX;
 
 impl Check<'_> {
     pub(super) fn unserved(&self) -> Vec<Problem> {
-        let mut problems = self.loops_of_several_drives();
-        problems.extend(self.idle_outputs());
+        let mut problems = self.idle_outputs();
         problems.extend(self.outputs_without_room());
         problems.extend(self.idle_plants());
         problems
-    }
-
-    /// Refuses an external drive in a loop of several drives: canrig must emulate all of them, since an external drive has a loop
-    /// of its own.
-    fn loops_of_several_drives(&self) -> Vec<Problem> {
-        let several = self
-            .rig
-            .loops
-            .iter()
-            .filter(|(_, one)| one.drives.len() > 1);
-        let problems = several.flat_map(|(name, one)| {
-            let drives = one.drives.iter().enumerate();
-            let external = drives.filter(|(_, drive)| {
-                let node = self.rig.node.get(*drive);
-                node.is_some_and(|node| !node.is_ours())
-            });
-            external.map(move |(place, drive)| {
-                let path = format!("loop.{name}.outputs.{place}");
-                let message = format!("the external drive `{drive}` is one of several of a loop");
-                self.document
-                    .problem(&path, message, "needs a loop of its own")
-            })
-        });
-        problems.collect()
     }
 
     /// Finds io nodes whose outputs act on nothing.
