@@ -37,6 +37,8 @@ pub(crate) struct WiredLaw {
     terms: Vec<TermObjects>,
     reads: Vec<f64>,
     writes: Vec<f64>,
+    /// Whether the terms of the latest step are not in the dictionary yet.
+    has_new_terms: bool,
 }
 
 impl WiredLaw {
@@ -68,6 +70,7 @@ impl WiredLaw {
             terms: terms.collect::<Result<_, _>>()?,
             reads: vec![0.0; ports.inputs.len()],
             writes: vec![0.0; ports.outputs.len()],
+            has_new_terms: false,
             law,
         })
     }
@@ -85,23 +88,27 @@ impl WiredLaw {
         places
     }
 
-    /// Steps the law on the values of the loops, and stores its terms in the dictionary. Returns false if it does not
-    /// answer in time. Does not allocate.
+    /// Steps the law on the values of the loops. Returns false if it does not answer in time. Does not allocate.
     pub(crate) fn step<'a>(
         &mut self,
         cycle: &Cycle,
         window: &Window,
         seen: impl Fn(usize) -> &'a Seen,
-        dictionary: &mut ObjectDictionary,
     ) -> bool {
         for (value, reading) in self.reads.iter_mut().zip(&self.readings) {
             *value = seen(reading.of_loop)[reading.quantity as usize] * reading.factor;
         }
-        let is_in_time = (self.law).step(cycle, window, &self.reads, &mut self.writes);
-        for terms in &self.terms {
-            terms.store(dictionary, &self.writes);
+        self.has_new_terms = true;
+        (self.law).step(cycle, window, &self.reads, &mut self.writes)
+    }
+
+    /// Stores the terms of the latest step in the dictionary. Does not allocate.
+    pub(crate) fn store_terms(&mut self, dictionary: &mut ObjectDictionary) {
+        if std::mem::take(&mut self.has_new_terms) {
+            for terms in &self.terms {
+                terms.store(dictionary, &self.writes);
+            }
         }
-        is_in_time
     }
 
     pub(crate) fn law(&self) -> &AnyLaw {

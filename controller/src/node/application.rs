@@ -57,6 +57,16 @@ impl Application for Controller {
         }
     }
 
+    fn on_sampling(&mut self, services: &mut Services) {
+        for law in &mut self.laws {
+            law.store_terms(services);
+        }
+    }
+
+    fn on_read(&mut self, services: &mut Services, _: u16, _: u8) {
+        self.on_sampling(services);
+    }
+
     fn on_frame(&mut self, services: &mut Services, frame: &CanFrame) {
         let mut loops = self.loops.iter().enumerate();
         let sample = loops.find_map(|(place, one)| Some((one.drive.layout.decode(frame)?, place)));

@@ -37,6 +37,11 @@ impl LeadingLaw {
         self.law.law()
     }
 
+    /// Stores the terms of the latest step in the dictionary.
+    pub(super) fn store_terms(&mut self, services: &mut Services) {
+        self.law.store_terms(services.dictionary_mut());
+    }
+
     /// Returns whether the last position of the cycle has come and the law has not stepped yet.
     fn is_due(&self, loops: &[ControlLoop]) -> bool {
         let mut waits_for = self.waits_for.iter();
@@ -61,7 +66,7 @@ impl LeadingLaw {
     /// Steps the law on the positions of the cycle that have come; returns false if it does not answer in time.
     fn step(
         &mut self,
-        services: &mut Services,
+        services: &Services,
         loops: &mut [ControlLoop],
         number: u64,
         is_waited_for: bool,
@@ -78,7 +83,7 @@ impl LeadingLaw {
 
     fn step_on_seen(
         &mut self,
-        services: &mut Services,
+        services: &Services,
         loops: &[ControlLoop],
         is_waited_for: bool,
     ) -> bool {
@@ -100,15 +105,14 @@ impl LeadingLaw {
             },
         };
         let seen = |place: usize| &loops[place].seen;
-        self.law
-            .step(&cycle, &window, seen, services.dictionary_mut())
+        self.law.step(&cycle, &window, seen)
     }
 
     /// Ends a cycle before the loops do, and steps through the skipped cycles, so the law's model stays in step with
     /// the plant. A cycle that lacked a position is a step too, but commands nothing.
     pub(super) fn end_cycle(
         &mut self,
-        services: &mut Services,
+        services: &Services,
         loops: &mut [ControlLoop],
         number: u64,
         skipped: u64,

@@ -40,7 +40,7 @@ impl CommunicationLoss {
 ///
 /// All calls come from within the device's `on_frame`, `on_tick` and `on_stop`, with `services.now()` as the time. At a SYNC the
 /// order is: waiting RPDO data become valid ([`Application::on_rpdo`] for each), [`Application::on_sync`] samples and applies,
-/// then the TPDOs of this SYNC are packed.
+/// then the TPDOs of this SYNC are packed, after [`Application::on_sampling`].
 pub trait Application {
     /// The dictionary has its defaults again (power-on, NMT reset); the boot-up message follows, then
     /// [`Application::on_nmt_state`]. `reset` is [`NmtCommand::ResetNode`] also at power-on. A drive that was Operational
@@ -57,6 +57,11 @@ pub trait Application {
     /// A SYNC has arrived, or was produced by this device.
     fn on_sync(&mut self, services: &mut Services, sync: &Sync) {
         let _ = (services, sync);
+    }
+
+    /// TPDOs of this SYNC are about to be packed: the last chance to bring mapped objects up to date.
+    fn on_sampling(&mut self, services: &mut Services) {
+        let _ = services;
     }
 
     /// The data of an RPDO are in the dictionary: on arrival for types 254 and 255, at the SYNC for the others.

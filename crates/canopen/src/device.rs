@@ -248,6 +248,10 @@ impl<A: Application> Device<A> {
             }
         }
         self.application.on_sync(&mut self.services, sync);
+        let mut tpdos = self.services.tpdos.iter();
+        if tpdos.any(|tpdo| tpdo.is_sampled_at(sync)) {
+            self.application.on_sampling(&mut self.services);
+        }
         for place in 0..self.services.tpdos.len() {
             let Services {
                 tpdos, dictionary, ..

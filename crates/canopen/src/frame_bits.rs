@@ -86,11 +86,11 @@ fn crc(bytes: &[u8]) -> u16 {
 
 /// Counts the stuff bits: after five equal bits comes one of the other kind, which counts for the next five.
 fn stuffed_bits(bytes: &[u8]) -> u32 {
-    const TABLE: [[u8; Stuffed::STATES as usize]; 256] = Stuffed::table();
+    const TABLE: [[i8; Stuffed::STATES as usize]; 256] = Stuffed::table();
     let stuffed = bytes.iter().fold(0, |stuffed: u32, byte| {
         let state = stuffed % Stuffed::ONE;
-        let after = TABLE[usize::from(*byte)][state as usize];
-        (stuffed - state).wrapping_add(u32::from(after))
+        let change = TABLE[usize::from(*byte)][state as usize];
+        stuffed.wrapping_add_signed(i32::from(change))
     });
     stuffed / Stuffed::ONE
 }
@@ -126,8 +126,8 @@ impl Stuffed {
         }
     }
 
-    /// Returns the effect of each byte in each state, both fields in one number.
-    const fn table() -> [[u8; Self::STATES as usize]; 256] {
+    /// Returns the change by each byte in each state, both fields in one number.
+    const fn table() -> [[i8; Self::STATES as usize]; 256] {
         let mut table = [[0; Self::STATES as usize]; 256];
         let mut state: u8 = 0;
         while state < Self::STATES_IN_USE {
@@ -142,7 +142,8 @@ impl Stuffed {
                     stuffed.bits += next.bits;
                     stuffed.state = next.state;
                 }
-                table[byte as usize][state as usize] = stuffed.bits * Self::STATES + stuffed.state;
+                let after = (stuffed.bits * Self::STATES + stuffed.state) as i8;
+                table[byte as usize][state as usize] = after - state as i8;
                 byte += 1;
             }
             state += 1;

@@ -330,10 +330,10 @@ impl<'a> Coordinator<'a> {
     ) -> Result<(), CoordinatorError> {
         let (now, start) = (self.now, passed.start);
         let free_at = self.bus.free_at();
-        let sequence = self.sequence();
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
+        let sequence = self.bus.bit_time(SEQUENCE_BITS);
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let number = faults.node_number(index);
             let state = &mut faults.states[index];
@@ -364,11 +364,12 @@ impl<'a> Coordinator<'a> {
     }
 
     /// Returns stations from bus-off whose time has come.
+    #[inline]
     fn recover(&mut self, wire: &mut dyn Wire) -> Result<(), CoordinatorError> {
-        let (now, sequence) = (self.now, self.sequence());
         let Some(faults) = &mut self.faults else {
             return Ok(());
         };
+        let (now, sequence) = (self.now, self.bus.bit_time(SEQUENCE_BITS));
         for (index, slot) in self.slots.iter_mut().enumerate() {
             let recovers_at = faults.states[index].recovers_at(sequence);
             if recovers_at.is_some_and(|time| time <= now) {
@@ -384,17 +385,13 @@ impl<'a> Coordinator<'a> {
         Ok(())
     }
 
-    /// Returns the duration of one sequence of recessive bits, which count towards the end of bus-off.
-    fn sequence(&self) -> Duration {
-        self.bus.bit_time(SEQUENCE_BITS)
-    }
-
     /// Returns the time at which a fault next acts by itself.
+    #[inline]
     fn next_fault(&self) -> Nanos {
         let Some(faults) = &self.faults else {
             return NEVER;
         };
-        let sequence = self.sequence();
+        let sequence = self.bus.bit_time(SEQUENCE_BITS);
         let recoveries = faults
             .states
             .iter()

@@ -39,6 +39,8 @@ enum Heard {
 #[derive(Default)]
 struct Listener {
     heard: Vec<Heard>,
+    /// Number of SYNCs before whose TPDOs it was asked for fresh values, which are this number; `None` if it has none.
+    samplings: Option<i128>,
 }
 
 impl Application for Listener {
@@ -55,6 +57,14 @@ impl Application for Listener {
         self.heard.push(Heard::Sync(sync.counter, target));
         let dictionary = services.dictionary_mut();
         dictionary.set_integer(STATUSWORD, 0, target & 0xFFFF).ok();
+    }
+
+    fn on_sampling(&mut self, services: &mut Services) {
+        if let Some(samplings) = &mut self.samplings {
+            *samplings += 1;
+            let dictionary = services.dictionary_mut();
+            dictionary.set_integer(0x2300, 0, *samplings).ok();
+        }
     }
 
     fn on_rpdo(&mut self, services: &mut Services, number: u16) {

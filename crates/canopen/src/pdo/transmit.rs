@@ -209,11 +209,8 @@ impl Tpdo {
     /// Counts SYNCs, and returns whether this is the period's last. A lost SYNC counts by the counter, so that the phase stays.
     /// The SYNC with the start value is a transmission itself (CiA 301, 7.5.2.37).
     fn count(&mut self, period: u8, sync: &Sync) -> bool {
-        let remaining = match (self.countdown, sync.counter) {
-            (Some(remaining), _) => remaining,
-            (None, Some(counter)) if counter != self.parameters.sync_start => return false,
-            (None, Some(_)) => 0,
-            (None, None) => period,
+        let Some(remaining) = self.remaining(period, sync) else {
+            return false;
         };
         let overshoot = sync.elapsed.saturating_sub(remaining);
         let is_due = remaining <= sync.elapsed;
@@ -225,5 +222,29 @@ impl Tpdo {
             remaining - sync.elapsed
         });
         is_due
+    }
+
+    /// Returns the SYNCs that were left before this one; `None` until the SYNC with the start value.
+    fn remaining(&self, period: u8, sync: &Sync) -> Option<u8> {
+        match (self.countdown, sync.counter) {
+            (Some(remaining), _) => Some(remaining),
+            (None, Some(counter)) if counter != self.parameters.sync_start => None,
+            (None, Some(_)) => Some(0),
+            (None, None) => Some(period),
+        }
+    }
+
+    /// Checks whether its mapped values matter at this SYNC. A change of them is an event for types 0, 254 and 255.
+    pub(crate) fn is_sampled_at(&self, sync: &Sync) -> bool {
+        let is_due = |period| {
+            let remaining = self.remaining(period, sync);
+            remaining.is_some_and(|remaining| remaining <= sync.elapsed)
+        };
+        let is_of_this_sync = match self.parameters.transmission_type {
+            period @ 1..=240 => is_due(period),
+            252 => false,
+            _ => true,
+        };
+        self.is_active() && (is_of_this_sync || self.parameters.allows_remote_frames)
     }
 }

@@ -184,6 +184,24 @@ fn type_10_sends_on_every_10th_sync() {
 }
 
 #[test]
+fn the_application_is_asked_for_fresh_values_only_where_a_tpdo_is_packed() {
+    let mut bench = Bench::operational();
+    bench
+        .write(0x1801, 1, &u32_bytes(0x290 | DISABLED))
+        .unwrap();
+    bench.write(0x1800, 2, &[10]).unwrap();
+    bench.device.application.samplings = Some(0);
+    let mut sent = Vec::new();
+    for counter in 1..=20 {
+        sent.extend(bench.send(0x80, &[counter]));
+        let samplings = bench.device.application.samplings;
+        assert_eq!(samplings, Some((counter / 10).into()));
+    }
+    // The values are of this SYNC.
+    assert_eq!(sent, ["190#000001000000", "190#000002000000"]);
+}
+
+#[test]
 fn type_10_keeps_its_phase_when_syncs_are_lost() {
     let mut bench = Bench::operational();
     bench.write(0x1800, 2, &[10]).unwrap();
