@@ -265,7 +265,7 @@ impl Axis {
             2 => ("pid_pair", draw.maybe("co_contraction_amperes = 0.4\n")),
             _ => ("pid", draw.maybe("set_point_weight = 1\n")),
         };
-        let gains = by.rename_keys(
+        let gains = by.as_in_files(
             "proportional_amperes_per_metre = 2\nintegral_amperes_per_metre_second = 0.5\nderivative_ampere_seconds_per_metre = 0.1\n",
         );
         format!("[controller{below}.{law}]\n{gains}{more}")

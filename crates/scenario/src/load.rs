@@ -159,7 +159,7 @@ pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
 /// Gives the problems of a loop the names that its positions have in the file.
 pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Problem> {
     let problems = problems.into_iter();
-    let problems = problems.map(|problem| problem.renamed(|text| measurand.rename_keys(text)));
+    let problems = problems.map(|problem| problem.renamed(|text| measurand.as_in_files(text)));
     problems.collect()
 }
 

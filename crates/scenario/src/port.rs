@@ -753,9 +753,10 @@ impl Measurand {
         named.replace("{unit}", self.unit.word())
     }
 
-    /// Replaces names as [`Measurand::rename`], in a text that may also contain gains of laws, which are by one of the unit.
+    /// Returns a text with its names as the files of this loop have them: as [`Measurand::rename`], and gains of laws by one of the
+    /// unit.
     #[must_use]
-    pub fn rename_keys(&self, text: &str) -> String {
+    pub fn as_in_files(&self, text: &str) -> String {
         self.rename(&self.by_own_unit(text))
     }
 
@@ -893,7 +894,7 @@ mod tests {
             assert_eq!(Command::Current.corrected(name), None);
         }
         assert_eq!(
-            turned.rename_keys("`derivative_ampere_seconds_per_metre`"),
+            turned.as_in_files("`derivative_ampere_seconds_per_metre`"),
             "`derivative_newton_metre_seconds_per_degree`"
         );
         let torque_by_force = Measurand::position(Unit::Own("newton_metres".to_owned()));
@@ -903,7 +904,7 @@ mod tests {
             "position_millimetres"
         );
         assert_eq!(
-            torque_by_force.rename_keys("proportional_amperes_per_metre"),
+            torque_by_force.as_in_files("proportional_amperes_per_metre"),
             "proportional_newtons_per_newton_metre"
         );
         assert_eq!(
@@ -937,7 +938,7 @@ mod tests {
         let path = degrees.rename("drive_tpdo1.position_millimetres");
         assert_eq!(path, "drive_tpdo1.position_degrees");
         assert_eq!(
-            degrees.rename_keys("`proportional_amperes_per_metre` of position_millimetres"),
+            degrees.as_in_files("`proportional_amperes_per_metre` of position_millimetres"),
             "`proportional_amperes_per_degree` of position_degrees"
         );
         let temperature = Measurand {

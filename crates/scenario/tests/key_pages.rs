@@ -278,7 +278,7 @@ fn range(property: &Value) -> String {
 fn is_of_other_unit(key: &str, properties: &Map<String, Value>) -> bool {
     let units = known_units().map(|unit| Measurand::position(Unit::Own(unit.to_owned())));
     let units = Vec::from_iter(units);
-    let is_key = |own: &String| units.iter().any(|unit| unit.rename_keys(own) == key);
+    let is_key = |own: &String| units.iter().any(|unit| unit.as_in_files(own) == key);
     properties.keys().any(|own| own != key && is_key(own))
 }
 
