@@ -26,5 +26,6 @@ pub mod viewer;
 
 pub use files::{ReportError, write_all};
 pub use run::Run;
+pub use unit::shown_unit;
 #[cfg(feature = "rerun")]
-pub(crate) use unit::{shown_unit, title};
+pub(crate) use unit::title;

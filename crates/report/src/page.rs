@@ -7,7 +7,8 @@ use platform::terminal::printable;
 use sha2::{Digest, Sha256};
 
 use super::terminal;
-use judge::verdict::{Metric, Outcome, Verdict};
+use judge::verdict::{Identity, Metric, Outcome, Verdict};
+use recording::run_folder::file;
 
 /// Script and style of plots.
 const PLOTS_SCRIPT: &str = include_str!("plots.js");
@@ -76,6 +77,42 @@ pub fn clock(verdict: &Verdict) -> &'static str {
         Some(_) => "real time",
         None => "virtual time",
     }
+}
+
+/// Returns a remark as a sentence.
+pub fn sentence(remark: &str) -> String {
+    let mut letters = remark.chars();
+    let first = letters.next().map(char::to_uppercase);
+    let end = if remark.ends_with(['.', '!', '?']) {
+        ""
+    } else {
+        "."
+    };
+    first
+        .into_iter()
+        .flatten()
+        .chain(letters)
+        .collect::<String>()
+        + end
+}
+
+/// Returns the identity of what was played, as part of a list of facts.
+pub fn identity(identity: &Identity) -> Markup {
+    const SHA_256_DIGITS: usize = 64;
+    // The linker's build ID is shorter.
+    let is_hash = identity.program.len() == SHA_256_DIGITS;
+    let kind = if is_hash { "SHA-256" } else { "build ID" };
+    html! {
+        div { dt { "plant" } dd { (identity.plant) } }
+        div { dt { "law" } dd { (identity.law) } }
+        div.hash { dt { "program, " (kind) } dd { code { (identity.program) } } }
+        @for (name, hash) in &identity.files { div.hash { dt { (name) ", SHA-256" } dd { code { (hash) } } } }
+    }
+}
+
+/// Returns the words in place of date and host, which no page of a play in virtual time has: played again, it is the same.
+pub fn undated() -> Markup {
+    html! { p.soft { "When and where it was played is in " a href=(file::PLAYED) { (file::PLAYED) } ": in virtual time every play leaves the same page." } }
 }
 
 /// Returns the class of an outcome in the style sheet.

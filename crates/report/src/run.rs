@@ -18,6 +18,8 @@ pub struct Run<'a> {
     pub verdict: &'a Verdict,
     /// The values of `--set`.
     pub set: &'a [String],
+    /// Date and host of the play; `None` if they are unknown. The page of a run in virtual time does not show them.
+    pub played: Option<&'a str>,
     /// Whether the log and the signals are compressed, and the recording for the viewer is thinned.
     pub is_long: bool,
 }

@@ -203,20 +203,30 @@ pub(crate) fn answer(name: &str, value: f64) -> Option<&'static str> {
 /// Writes a number with four digits; with a power of ten if it would be long otherwise, or have no digits but zeros.
 #[must_use]
 pub fn significant(value: f64) -> String {
-    if value.is_finite() && (value.abs() >= LONG_FROM || (value != 0.0 && value.abs() < 5e-5)) {
-        return with_minus(power_of_ten(value));
+    if value == 0.0 {
+        return "0".to_owned();
     }
     let decimals = match value.abs() {
+        v if (LONG_FROM..f64::INFINITY).contains(&v) || v < 1e-3 => return power_of_ten(value),
         v if v >= 1000.0 => 0,
         v if v >= 100.0 => 1,
         v if v >= 10.0 => 2,
         v if v >= 1.0 => 3,
-        _ => 4,
+        v if v >= 0.1 => 4,
+        v if v >= 0.01 => 5,
+        _ => 6,
     };
-    if value == 0.0 {
-        return "0".to_owned();
-    }
     with_minus(format!("{value:.decimals$}"))
+}
+
+/// Writes a number with at most four digits, for a round number such as a tolerance: `0.25`.
+#[must_use]
+pub fn rounded(value: f64) -> String {
+    let text = significant(value);
+    match text.contains('.') && !text.contains('e') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
 }
 
 /// A number for people, with the sign of a minus, which is wider than a hyphen.
@@ -236,7 +246,7 @@ fn power_of_ten(value: f64) -> String {
     let text = format!("{value:.3e}");
     let (digits, power) = text.split_once('e').unwrap_or((&text, "0"));
     let digits = digits.trim_end_matches('0').trim_end_matches('.');
-    format!("{digits}e{power}")
+    with_minus(format!("{digits}e{power}"))
 }
 
 /// Writes a number as a file has it, with a power of ten if it is long.
@@ -350,13 +360,15 @@ mod tests {
     #[test]
     fn numbers_have_four_digits_however_large_or_small() {
         let shown = [
-            6e10, 1.234_56e7, 123_456.0, 35.041, 0.156, 1.2e-6, -3e12, 0.0,
+            6e10, 1.234_56e7, 123_456.0, 35.041, 0.156, 0.032_146, 1.2e-6, -3e12, 0.0,
         ]
         .map(significant);
         let expected = [
-            "6e10", "1.235e7", "123456", "35.04", "0.1560", "1.2e-6", "−3e12", "0",
+            "6e10", "1.235e7", "123456", "35.04", "0.1560", "0.03215", "1.2e-6", "−3e12", "0",
         ];
         assert_eq!(shown, expected);
+        let tolerances = [5.0, 0.25, 0.132_56, 20.0, 100_000.0, 0.0].map(rounded);
+        assert_eq!(tolerances, ["5", "0.25", "0.1326", "20", "100000", "0"]);
         let below = Some(Limit {
             min: None,
             max: Some(6e10),

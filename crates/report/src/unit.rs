@@ -3,9 +3,12 @@
 use dbc::Signal;
 
 /// Returns a unit of the DBC in the form for readers.
-pub(crate) fn shown_unit(unit: &str) -> &str {
+#[must_use]
+pub fn shown_unit(unit: &str) -> &str {
     match unit {
         "degC" => "°C",
+        "A^2" => "A²",
+        "m/s^2" => "m/s²",
         unit => unit,
     }
 }

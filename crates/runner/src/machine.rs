@@ -1,12 +1,29 @@
-//! Time and memory of work on this machine.
+//! This machine: its name, and time and memory of work on it.
 
-use std::fs;
 use std::time::Duration;
+use std::{env, fs};
 
 use platform::clock::Clock;
 
 /// File in which the kernel reports the resources of the process.
 const STATUS: &str = "/proc/self/status";
+
+/// Variables with the machine's name, as an engine sets them; without one the kernel knows it.
+const NAME_VARIABLES: [&str; 2] = ["CANRIG_NODE", "SLURMD_NODENAME"];
+const KERNEL_NAME: &str = "/proc/sys/kernel/hostname";
+
+/// Returns the name of this machine; `unknown` if nothing tells it.
+#[must_use]
+pub fn name() -> String {
+    let named = NAME_VARIABLES.iter().find_map(|name| env::var(name).ok());
+    let named = named.or_else(|| fs::read_to_string(KERNEL_NAME).ok());
+    let named = named.unwrap_or_default().replace(char::is_control, "");
+    if named.is_empty() {
+        "unknown".to_owned()
+    } else {
+        named
+    }
+}
 
 /// Measures the time since its start.
 pub struct Stopwatch(Clock);

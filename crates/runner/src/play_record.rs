@@ -1,7 +1,7 @@
-//! Time at which a scenario was played, and values of the command line: `played.json` in its folder.
+//! Time and place of a play, and values of the command line: `played.json` in its folder.
 //!
-//! No other file may contain them: the log, the signals and the verdict of two plays are the same to the byte, and the times of
-//! the file system are lost when a file is copied.
+//! Of a play in virtual time no other file may contain them: log, signals, verdict and page of two plays are the same to the byte,
+//! and the times of the file system are lost when a file is copied.
 
 use std::io;
 use std::path::Path;
@@ -12,6 +12,7 @@ use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use scenario::Override;
 use serde::{Deserialize, Serialize};
 
+use crate::machine;
 use crate::recorded::RecordedError;
 
 /// Largest file that is read: a command line is shorter.
@@ -22,6 +23,8 @@ const BYTES_MAX: u64 = 4 << 20;
 pub struct PlayRecord {
     /// Begin of the play; for a sweep that was interrupted or merged, the time of its last continuation.
     pub at: Timestamp,
+    /// Name of the machine; `None` if an older canrig played it.
+    pub host: Option<String>,
     /// Values of `--set`.
     pub set: Vec<String>,
 }
@@ -30,6 +33,8 @@ pub struct PlayRecord {
 #[derive(Deserialize, Serialize)]
 struct Written {
     at: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    host: Option<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     set: Vec<String>,
 }
@@ -41,7 +46,24 @@ impl PlayRecord {
         let since_1970 = Clock::start().wall_epoch();
         Self {
             at: (Timestamp::UNIX_EPOCH.checked_add(since_1970)).unwrap_or_default(),
+            host: Some(machine::name()),
             set: overrides.iter().map(Override::to_string).collect(),
+        }
+    }
+
+    /// Returns the date for people, to the minute.
+    #[must_use]
+    pub fn date(&self) -> String {
+        self.at.strftime("%Y-%m-%d %H:%M UTC").to_string()
+    }
+
+    /// Returns date and host for people.
+    #[must_use]
+    pub fn place(&self) -> String {
+        let date = self.date();
+        match &self.host {
+            Some(host) => format!("{date} on {host}"),
+            None => date,
         }
     }
 
@@ -55,6 +77,7 @@ impl PlayRecord {
     pub fn write(&self, folder: &RunFolder) -> Result<(), WriteError> {
         let written = Written {
             at: self.at.to_string(),
+            host: self.host.clone(),
             set: self.set.clone(),
         };
         let text = serde_json::to_string_pretty(&written).expect("plain data");
@@ -70,10 +93,10 @@ impl PlayRecord {
             |reason: &dyn std::error::Error| io::Error::other(format!("it is damaged: {reason}"));
         let read = || -> io::Result<Self> {
             let text = scenario::read_text(&own_file(folder, file::PLAYED)?, BYTES_MAX)?;
-            let Written { at, set } =
+            let Written { at, host, set } =
                 serde_json::from_str(&text).map_err(|error| damaged(&error))?;
             let at = at.parse().map_err(|error: jiff::Error| damaged(&error))?;
-            Ok(Self { at, set })
+            Ok(Self { at, host, set })
         };
         match read() {
             Ok(record) => Ok(Some(record)),

@@ -92,7 +92,8 @@ pub fn run(
 ) -> Result<Judged, RunError> {
     let identity = identity(plan)?;
     let is_long = place.is_long;
-    let folder = create_folder(place, plan, &identity)?;
+    let record = PlayRecord::now(place.overrides);
+    let folder = create_folder(place, plan, &identity, &record)?;
     write_sheets(&folder, plan)?;
     let progress = ProgressReader::new(plan)?;
     let clock = plan.scenario_clock()?;
@@ -116,13 +117,14 @@ pub fn run(
     if is_long {
         write_signals(&folder, &timelines)?;
     }
-    let set = Vec::from_iter(place.overrides.iter().map(Override::to_string));
+    let played = record.place();
     let run = Run {
         plan,
         frames: &frames,
         timelines: &timelines,
         verdict: &verdict,
-        set: &set,
+        set: &record.set,
+        played: Some(&played),
         is_long,
     };
     report::write_all(&run, &folder)?;
@@ -158,6 +160,7 @@ fn create_folder(
     place: RunPlace<'_>,
     plan: &Plan,
     identity: &Identity,
+    record: &PlayRecord,
 ) -> Result<RunFolder, WriteError> {
     let Shared { run, text, .. } = &plan.shared;
     let folder = RunFolder::create(place.parent, &run.name, run.seed, text)?;
@@ -167,7 +170,7 @@ fn create_folder(
         ..Verdict::incomplete_of(plan, unfinished)
     };
     folder.write(file::VERDICT, verdict.to_json().as_bytes())?;
-    PlayRecord::now(place.overrides).write(&folder)?;
+    record.write(&folder)?;
     write_plan(&folder, plan)?;
     Ok(folder)
 }

@@ -14,10 +14,10 @@ use scenario::expect::Limit;
 const HEADS: [&str; 8] = [
     "metric",
     "runs",
-    "least",
+    "min",
     "median",
-    "95 %",
-    "most",
+    "p95",
+    "max",
     "limit",
     "missed in",
 ];

@@ -1,7 +1,6 @@
 //! The rows of a campaign on the disk: lines of JSON with a checksum first, in files that have one writer each.
 
 use std::collections::BTreeMap;
-use std::env;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
@@ -20,6 +19,7 @@ use judge::verdict::Identity;
 use recording::run_folder::{file, own_file};
 use runner::console::print_error;
 use runner::exit::Exit;
+use runner::machine;
 
 /// Beginning of each line.
 const BEGIN: &str = "{\"checksum\":\"";
@@ -29,9 +29,6 @@ const DIGITS: usize = 16;
 const LINE_BYTES_MAX: u64 = 1 << 20;
 /// Lines and cases that a message names.
 const NAMED_MAX: usize = 10;
-/// Variables with the machine's name, as an engine sets them; without one the kernel knows it.
-const NODE_VARIABLES: [&str; 2] = ["CANRIG_NODE", "SLURMD_NODENAME"];
-const KERNEL_NODE: &str = "/proc/sys/kernel/hostname";
 
 /// Reason for which rows cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -112,7 +109,7 @@ impl Header {
             sweep: cases.id().to_owned(),
             runs: cases.runs(),
             identity: identity.clone(),
-            node: node(),
+            node: machine::name(),
             process: std::process::id(),
         }
     }
@@ -165,18 +162,6 @@ impl Header {
             () => return None,
         };
         Some(format!("rows of {whose}"))
-    }
-}
-
-/// Name of this machine.
-fn node() -> String {
-    let named = NODE_VARIABLES.iter().find_map(|name| env::var(name).ok());
-    let named = named.or_else(|| fs::read_to_string(KERNEL_NODE).ok());
-    let named = named.unwrap_or_default().replace(char::is_control, "");
-    if named.is_empty() {
-        "unknown".to_owned()
-    } else {
-        named
     }
 }
 

@@ -53,7 +53,7 @@ pub(super) fn section(run: &Run<'_>) -> Result<Markup, SignalMissing> {
         h2 #bus { "Bus and timing" }
         p.soft { "Scenario time 0 to " (shared.run.duration_seconds) " s, by the stamps of the recorder." }
         div.wide { table.small {
-            thead { tr { th { "in µs" } th.number { "least" } th.number { "median" } th.number { "99 %" } th.number { "most" } } }
+            thead { tr { th { "in µs" } @for head in ["min", "median", "p99", "max"] { th.number { (head) } } } }
             tbody { @for (name, durations) in &sets { @if let Some(spread) = DurationSpread::new(durations) { tr {
                 td { (name) }
                 @for value in [spread.least, spread.median, spread.percentile_99, spread.most] { td.number { (value) } }
@@ -72,7 +72,7 @@ fn host(timing: &Timing) -> Markup {
     html! {
         h3 { "As the nodes saw it" }
         div.wide { table.small {
-            thead { tr { th { "in µs" } th.number { "median" } th.number { "99 %" } th.number { "99.9 %" } th.number { "most" } } }
+            thead { tr { th { "in µs" } @for head in ["median", "p99", "p99.9", "max"] { th.number { (head) } } } }
             tbody { @for (name, quantiles) in timing.rows() { tr {
                 td { (name) }
                 @for value in [quantiles.median, quantiles.p99, quantiles.p99_9, quantiles.max] { td.number { (format!("{value:.0}")) } }
@@ -93,7 +93,7 @@ mod tests {
             let rest = rest.map(|cell| format!("<{tag} class=\"number\">{cell}</{tag}>"));
             format!("<tr><{tag}>{first}</{tag}>{}</tr>", rest.concat())
         };
-        let header = row("th", "in µs", ["median", "99 %", "99.9 %", "most"]);
+        let header = row("th", "in µs", ["median", "p99", "p99.9", "max"]);
         assert!(page.contains(&header), "{page}");
         let values = row("td", "round trip", ["11", "22", "33", "44"]);
         assert!(page.contains(&values), "{page}");

@@ -59,7 +59,7 @@ fn contents(run: &Run<'_>) -> Markup {
     html! { nav.contents aria-label="Contents" {
         a href="#verdict" { "Verdict" }
         @for (number, one) in run.loops().enumerate() { a href=(format!("#loop-{number}")) { "Loop " (one.own.name()) } }
-        @for (id, name) in [("bus", "Bus and timing"), ("events", "Events"), ("scenario", "Scenario"), ("again", "Again")] {
+        @for (id, name) in [("bus", "Bus and timing"), ("events", "Events"), ("scenario", "Scenario"), ("again", "Again"), ("versions", "Versions")] {
             a href=(format!("#{id}")) { (name) }
         }
     } }
@@ -115,9 +115,10 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
         h1 { (shared.run.name) }
         p { (page::badge(verdict.outcome)) }
         @if let Some(missed) = missed(verdict) { p.fail { (missed) } }
-        @if let Some(remark) = verdict.remark() { p { (remark) } }
-        @if let Some(cause) = cause_besides(verdict) { p { (cause) } }
-        @if let Some(end) = end_besides(verdict) { p { (end) } }
+        @if let Some(reason) = &verdict.reason { p { (page::sentence(reason)) } }
+        @else if verdict.judged_nothing() { p { "Nothing was limited, so nothing was judged." } }
+        @if let Some(cause) = cause_besides(verdict) { p { (page::sentence(cause)) } }
+        @if let Some(end) = end_besides(verdict) { p { (page::sentence(&end)) } }
         @for doubt in doubts(verdict) { p.unsure { (doubt) } }
         @if let Some(free) = without_limit(verdict) { p.soft { (free) } }
         @for remark in remarks { p.unsure { "Of the recording as it is now, " (remark) ". This page shows the other frames." } }
@@ -125,11 +126,10 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
         dl.facts {
             div { dt { "control law" } dd { (laws(run)) } }
             div { dt { "recorded" } dd { (recorded(run)) } }
+            div { dt { "clock" } dd { (page::clock(verdict)) } }
             div { dt { "cycle" } dd { (shared.run.bus.sync_period_milliseconds) " ms" } }
             div { dt { "bus" } dd { (shared.run.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
-            div { dt { "seed" } dd { (verdict.seed) } }
-            div { dt { "canrig" } dd { (verdict.version) } }
             @if !verdict.requirements.is_empty() { div { dt { "requirements" } dd { (verdict.requirements.join(", ")) } } }
             @if !run.set.is_empty() { div.hash { dt { "values of the command line" } dd { @for set in run.set { div { (page::set(set)) } } } } }
             @if !verdict.external.is_empty() { div { dt { "external" } dd { (verdict.external.join(", ")) } } }
@@ -168,7 +168,8 @@ fn recorded(run: &Run<'_>) -> String {
     let ends = run.timelines.iter().map(Timeline::end_seconds);
     let reached = ends.fold(0.0, f64::max);
     let planned = run.plan.shared.run.duration_seconds;
-    format!("{reached:.3} s of {planned} s")
+    let reached = terminal::rounded(reached);
+    format!("{reached} s of {planned} s")
 }
 
 /// Returns the cause, unless the verdict's reason contains it.
@@ -230,16 +231,6 @@ fn end_besides(verdict: &Verdict) -> Option<String> {
     (!reason.contains(why)).then(|| format!("The run ended early: {why}"))
 }
 
-/// Name of the program: the linker's build ID, which is shorter, or the hash of the file.
-fn kind_of_identity(program: &str) -> &'static str {
-    const SHA_256_DIGITS: usize = 64;
-    if program.len() == SHA_256_DIGITS {
-        "SHA-256"
-    } else {
-        "build ID"
-    }
-}
-
 fn events(events: &Events) -> Markup {
     html! {
         h2 #events { "Events" }
@@ -281,24 +272,20 @@ fn again(is_long: bool) -> Markup {
     }
 }
 
-/// Returns the versions, for readers who must reproduce the run. Its date is in `played.json` only, so that two plays leave the
+/// Returns the versions, for readers who must reproduce the run. A run in virtual time has no date, so that two plays leave the
 /// same page.
 fn foot(run: &Run<'_>) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
+    let dated = run.played.filter(|_| verdict.timing.is_some());
     html! {
-        h2 { "Versions" }
+        h2 #versions { "Versions" }
         dl.facts.versions {
             div { dt { "program" } dd { "canrig " (verdict.version) } }
-            div { dt { "clock" } dd { (page::clock(verdict)) } }
+            @if let Some(played) = dated { div { dt { "played" } dd { (played) } } }
             div { dt { "duration" } dd { (shared.run.duration_seconds) " s" } }
             div { dt { "seed" } dd { (verdict.seed) } }
-            @if let Some(identity) = &verdict.identity {
-                div { dt { "plant" } dd { (identity.plant) } }
-                div { dt { "law" } dd { (identity.law) } }
-                div.hash { dt { "program, " (kind_of_identity(&identity.program)) } dd { code { (identity.program) } } }
-                @for (name, hash) in &identity.files { div.hash { dt { (name) ", SHA-256" } dd { code { (hash) } } } }
-            }
+            @if let Some(identity) = &verdict.identity { (page::identity(identity)) }
         }
-        p.soft { "When it was played says " a href=(file::PLAYED) { (file::PLAYED) } "." }
+        @if dated.is_none() { (page::undated()) }
     }
 }

@@ -151,6 +151,7 @@ fn run<'a>(
         timelines,
         verdict,
         set: &[],
+        played: None,
         is_long: false,
     }
 }

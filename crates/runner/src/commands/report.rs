@@ -49,12 +49,14 @@ pub fn report(args: &ReportArgs) -> Exit {
     let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|judged| {
         let recorded = &judged.recorded;
+        let played = judged.record.as_ref().map(PlayRecord::place);
         let run = Run {
             plan: &recorded.plan,
             frames: &recorded.log.frames,
             timelines: &judged.timelines,
             verdict: &judged.verdict,
             set: judged.set(),
+            played: played.as_deref(),
             is_long: recorded.is_long,
         };
         let place = match &args.output {
@@ -105,11 +107,6 @@ impl Judged {
     fn set(&self) -> &[String] {
         self.record.as_ref().map_or(&[], |record| &record.set)
     }
-
-    fn played(&self) -> Option<String> {
-        let record = self.record.as_ref()?;
-        Some(record.at.strftime("%Y-%m-%d %H:%M UTC").to_string())
-    }
 }
 
 fn read(path: &Path) -> Result<Judged, RecordedError> {
@@ -132,7 +129,7 @@ fn together(runs: &[Judged], output: &Path) -> String {
         page: link(output, &judged.recorded.path.join(file::REPORT)),
         timelines: &judged.timelines,
         verdict: &judged.verdict,
-        played: judged.played(),
+        played: judged.record.as_ref().map(PlayRecord::date),
         set: judged.set().to_vec(),
         duration_seconds: judged.recorded.plan.shared.run.duration_seconds,
     });
