@@ -1,5 +1,6 @@
 //! A page that compares several runs.
 
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
 use maud::{Markup, html};
@@ -92,13 +93,13 @@ pub fn to_html(runs: &[ListedRun<'_>]) -> String {
     runs.sort_by_key(|run| urgency(run.verdict.outcome));
     let runs = &runs[..];
     let (limited, others) = columns(runs);
-    let (first, further) = limited.split_at(limited.len().min(FIRST_COLUMNS_MAX));
+    let (first, further) = most_limited(&limited, runs);
     let groups = by_set_point(runs);
     let plots = groups.iter().flat_map(|group| group.chunks(RUNS_IN_A_PLOT));
     let left_out = plots.clone().skip(PLOTS_MAX).map(<[_]>::len).sum::<usize>();
     let body = html! {
         h1 { (title) }
-        (table(runs, first, true))
+        (table(runs, &first, true))
         p.soft { "Below each value stands its limit. ✗ marks a limit that is not met." }
         @for few in further.chunks(COLUMNS_MAX) { (table(runs, few, false)) }
         @if !others.is_empty() { details.of-listed {
@@ -145,6 +146,19 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
     };
     names.sort_by_key(|name| place(name).unwrap_or(usize::MAX));
     names.into_iter().partition(|name| limited.contains(name))
+}
+
+/// Returns the metrics that most runs limit, for the first table, and the others; each in the same order as before.
+fn most_limited<'a>(names: &[&'a str], runs: &[&ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
+    let is_limited = |run: &&&ListedRun<'_>, name: &str| {
+        run.metric(name)
+            .is_some_and(|metric| metric.limit.is_some())
+    };
+    let count = |name: &&str| runs.iter().filter(|run| is_limited(run, name)).count();
+    let mut by_count = names.to_vec();
+    by_count.sort_by_cached_key(|name| Reverse(count(name)));
+    by_count.truncate(FIRST_COLUMNS_MAX);
+    names.iter().partition(|name| by_count.contains(name))
 }
 
 /// Returns a table with one row for each run and one column for each metric. Unless it must have every run, runs without any of

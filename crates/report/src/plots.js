@@ -1,5 +1,5 @@
 "use strict";
-// Filter of listed runs; cross-hair, zoom and legends of the plots. The curves that the page draws are its data: each has 64000 units a side.
+// Filter of listed runs; cross-hair, zoom and legends of plots. The data are the drawn curves: a drawing has 64000 units a side.
 (() => {
   const SIDE = 64000;
   const MINUS = "\u2212";
@@ -11,7 +11,7 @@
   };
   const fixed = (value, decimals) =>
     (value + 0).toFixed(Math.min(Math.max(decimals, 0), 12)).replace("-", MINUS).replace(/^\u2212(0\.?0*)$/, "$1");
-  // As few digits as a value on an axis of this length is known by.
+  // A value in as few digits as distinguish it on an axis of this length.
   const known = (value, length) => {
     const step = length / SIDE;
     const many = clamped(Math.ceil(-Math.log10(step)), 0, 12);
@@ -20,8 +20,9 @@
     return fixed(value, few);
   };
   const clamped = (value, low, high) => Math.min(Math.max(value, low), high);
+  const closest = (values, x) => values.filter(Number.isFinite).sort((a, b) => Math.abs(a - x) - Math.abs(b - x))[0];
 
-  // Samples of a path, in its order. A NaN lies between two that are not joined.
+  // Samples of a path, with NaN between two that are not joined.
   function samples(path) {
     const x = [], y = [];
     let [right, down] = [0, 0];
@@ -72,7 +73,7 @@
     get data() {
       return (this.read ||= samples(this.path));
     }
-    // Place of the first sample beyond x. Gaps are as far right as the sample before them.
+    // Place of the first sample beyond x. A gap has the x of the sample before it.
     after(x) {
       const all = this.data.x;
       let [low, high] = [0, all.length];
@@ -83,7 +84,7 @@
       }
       return low;
     }
-    // What is at x: on a level stretch its value, else the sample that is next, unless x is in a gap.
+    // Point at x: of a level stretch, else the nearest sample, or null in a gap.
     at(x, reach) {
       const data = this.data;
       let after = this.after(x), before = after - 1;
@@ -101,8 +102,7 @@
     }
     nearest(x) {
       const { x: all } = this.data, after = this.after(x);
-      const near = [after - 2, after - 1, after].map((place) => all[place]).filter(Number.isFinite);
-      return near.sort((a, b) => Math.abs(a - x) - Math.abs(b - x))[0];
+      return closest([after - 2, after - 1, after].map((place) => all[place]), x);
     }
     // The next sample in a direction.
     step(x, direction) {
@@ -131,7 +131,7 @@
       const keys = [...figure.querySelectorAll(".legend > span")];
       this.curves = keys.map((key, number) => new Curve(paths[number], key));
       for (const curve of this.curves) {
-        curve.dot = make("i", `dot ${paths[this.curves.indexOf(curve)].classList[0]}`, this.axes);
+        curve.dot = make("i", `dot ${curve.path.classList[0]}`, this.axes);
         curve.button.addEventListener("click", () => this.toggle(curve));
       }
       this.hair = make("div", "hair", this.axes);
@@ -168,7 +168,7 @@
       if (this.view !== this.whole) this.look(this.stretch);
       this.point(null);
     }
-    // Shows a stretch, as far as the plot has it; all of it where it has nothing of that.
+    // Shows the part of a stretch that the plot has, or everything if it has none.
     look(stretch) {
       const from = stretch ? clamped(this.to_unit(stretch[0]), 0, SIDE) : 0;
       const until = stretch ? clamped(this.to_unit(stretch[1]), 0, SIDE) : SIDE;
@@ -216,12 +216,13 @@
       this.grid.setAttribute("d", along.map(([x]) => `M${this.to_unit(x)} ${up}v${height}`).join("")
         + upright.map(([y]) => `M${left} ${down(y)}h${width}`).join(""));
       const put = (name, side, all) => {
-        this.axes.querySelector(name).replaceChildren(...all.map(([place, label]) => {
-          const span = document.createElement("span");
+        const axis = this.axes.querySelector(name);
+        axis.replaceChildren();
+        for (const [place, label] of all) {
+          const span = make("span", "", axis);
           span.style[side] = `${place}%`;
           span.textContent = label;
-          return span;
-        }));
+        }
       };
       put(".x", "left", labels.map(([x, label]) => [((this.to_unit(x) - left) / width) * 100, label]));
       put(".y", "top", upright.map(([y, label]) => [((down(y) - up) / height) * 100, label]));
@@ -233,7 +234,7 @@
       element.style.top = `${clamped(down, 0, 1) * 100}%`;
       element.hidden = right < 0 || right > 1;
     }
-    // The cross-hair at a value of x; none takes it away. Returns what it reads.
+    // Moves the cross-hair to a value of x, or removes it for null. Returns the spoken values.
     point(value, slack = 0) {
       this.figure.classList.toggle("pointed", value !== null);
       const said = [];
@@ -253,7 +254,7 @@
       this.stamp.textContent = this.along(value, slack);
       return `${this.title} at ${this.stamp.textContent}: ${said.join(", ")}`;
     }
-    // A value of x in words, with its unit; it is known to this slack, and to no more than this axis holds.
+    // A value of x with its unit, in the digits that axis and slack resolve.
     along(value, slack = 0) {
       const unit = (this.x_label.match(/\(([^)]*)\)$/) || ["", ""])[1];
       return `${known(value, Math.max(this.right - this.left, slack * SIDE))} ${unit}`.trim();
@@ -261,16 +262,14 @@
     reading(y) {
       return this.is_log ? fixed(this.height(y), 0) : known(this.height(y), this.top - this.bottom);
     }
-    // The sample of any curve that is next to x.
+    // The sample of any curve that is nearest to x.
     snapped(x) {
-      const near = this.shown.map((curve) => curve.nearest(x)).filter(Number.isFinite);
-      return near.sort((a, b) => Math.abs(a - x) - Math.abs(b - x))[0];
+      return closest(this.shown.map((curve) => curve.nearest(x)), x);
     }
     step(x, direction) {
-      const next = this.shown.map((curve) => curve.step(x, direction)).filter(Number.isFinite);
-      return next.length ? (direction < 0 ? Math.max(...next) : Math.min(...next)) : undefined;
+      return closest(this.shown.map((curve) => curve.step(x, direction)), x);
     }
-    // In a plane: the sample that is next to a place of the drawing.
+    // Points at the sample of a plane that is nearest to a place of the drawing.
     point_plane(right, down) {
       let best = null;
       const box = this.svg.getBoundingClientRect();
@@ -292,7 +291,7 @@
       curve.value.textContent = this.reading(y);
       this.walked = { curve, x, y };
       const [, note] = this.notes.find(([at]) => at[0] === x && at[1] === y) || [];
-      // Words stay until another point has some, so that they can be copied.
+      // A note stays until another one replaces it, so that it can be copied.
       if (note) for (const [, other] of this.notes) other.hidden = other !== note;
       return `${note ? note.textContent + ". " : ""}`
         + `${this.title}: ${curve.label} ${curve.value.textContent} ${this.unit} at ${this.stamp.textContent}`;
@@ -308,7 +307,7 @@
     }
   }
 
-  // A filter over the rows of tables that list runs, by their text and outcome.
+  // Filter of the tables that list runs, by name and outcome.
   const rows = [...document.querySelectorAll(".listed tbody tr")];
   if (rows.length > 1) {
     const form = document.createElement("form");
@@ -328,7 +327,7 @@
       return box;
     });
     const count = make("output", "soft", form);
-    const words = rows.map((row) => row.textContent.toLowerCase());
+    const words = rows.map((row) => [...row.querySelectorAll(".name, .words")].map((cell) => cell.textContent).join(" ").toLowerCase());
     const apply = () => {
       const wanted = text.value.toLowerCase().split(/\s+/);
       const chosen = outcomes.filter((box) => box.checked).map((box) => box.value);
@@ -379,40 +378,38 @@
 
   for (const plot of plots) {
     const axes = plot.axes;
-    // A place in the drawing's units.
+    // Place of an event in the drawing's units.
     const unit = (event) => {
       const box = plot.svg.getBoundingClientRect(), [left, up, width, height] = plot.view;
-      return [left + (clamped((event.clientX - box.left) / box.width, 0, 1)) * width,
-        up + ((event.clientY - box.top) / box.height) * height];
+      return [left + clamped((event.clientX - box.left) / box.width, 0, 1) * width, up + ((event.clientY - box.top) / box.height) * height];
     };
     let start = null;
+    // Marks the stretch from the start to an event, in the drawing's units. Returns it if it is wide enough to be meant.
     const select = (event) => {
-      const box = plot.svg.getBoundingClientRect();
-      const ends = [start, event.clientX].map((x) => clamped((x - box.left) / box.width, 0, 1)).sort((a, b) => a - b);
-      plot.selection.style.left = `${ends[0] * 100}%`;
-      plot.selection.style.width = `${(ends[1] - ends[0]) * 100}%`;
-      return (ends[1] - ends[0]) * box.width;
+      const [left, , width] = plot.view, ends = [start, unit(event)[0]].sort((a, b) => a - b);
+      plot.selection.style.left = `${((ends[0] - left) / width) * 100}%`;
+      plot.selection.style.width = `${((ends[1] - ends[0]) / width) * 100}%`;
+      return (ends[1] - ends[0]) * plot.svg.clientWidth > 4 * width && ends;
     };
     axes.addEventListener("pointerdown", (event) => {
       if (event.button || plot.is_plane || event.pointerType === "touch") return;
-      start = event.clientX;
+      [start] = unit(event);
       select(event);
       axes.setPointerCapture(event.pointerId);
     });
     axes.addEventListener("pointermove", (event) => {
       const [right, down] = unit(event);
       if (plot.is_plane) return void plot.point_plane(right, down);
-      if (start !== null) plot.figure.classList.toggle("selecting", select(event) > 4);
+      if (start !== null) plot.figure.classList.toggle("selecting", Boolean(select(event)));
       const x = plot.snapped(right);
       if (x !== undefined) point(plot, plot.to_value(x));
     });
     axes.addEventListener("pointerup", (event) => {
       if (start === null) return;
-      const is_wide = select(event) > 4;
-      const ends = [start, event.clientX].map((x) => plot.to_value(unit({ clientX: x, clientY: 0 })[0])).sort((a, b) => a - b);
+      const ends = select(event);
       start = null;
       plot.figure.classList.remove("selecting");
-      if (is_wide) zoom(plot, ends);
+      if (ends) zoom(plot, ends.map((x) => plot.to_value(x)));
     });
     axes.addEventListener("pointercancel", () => { start = null; plot.figure.classList.remove("selecting"); });
     axes.addEventListener("pointerleave", () => point(plot, null));

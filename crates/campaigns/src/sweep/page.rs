@@ -6,6 +6,7 @@ use maud::{Markup, html};
 use super::drivers::{Driven, nearest_end};
 use super::row::Ended;
 use super::summary::{Failing, MetricSpread, Summary};
+use judge::verdict::Identity;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 use report::{page, terminal};
 use scenario::expect::Limit;
@@ -57,29 +58,22 @@ pub(crate) fn to_text(summary: &Summary) -> String {
     }
 }
 
-/// Returns the page. `place_of` gives the place of a case's scenario, `command_of` the command that plays a case; `None` if no
-/// command plays it alone.
+/// Returns the page of a campaign of this kind. `place_of` gives the place of a case's scenario, `command_of` the command that
+/// plays a case; `None` if no command plays it alone.
 #[must_use]
 pub(crate) fn to_html(
     summary: &Summary,
+    (kind, identity): (&str, &Identity),
     place_of: impl Fn(&Failing) -> String,
     command_of: impl Fn(usize) -> Option<String>,
 ) -> String {
     let worst = summary.worst();
     let body = html! {
         h1 { (summary.name) }
-        p { span.outcome.(class(worst)) { (worst.word()) } " " (counts(summary)) }
-        dl.facts {
-            div { dt { "runs" } dd { (summary.runs) } }
-            @if summary.runs != summary.runs_of_whole { div { dt { "of the sweep's" } dd { (summary.runs_of_whole) } } }
-            @for (ended, count) in &summary.ended { div { dt { (words(*ended)) } dd { (count) } } }
-            div { dt { "canrig" } dd { (env!("CARGO_PKG_VERSION")) } }
-        }
+        p { span.outcome.(class(worst)) { (words(worst)) } " " (page::sentence(&format!("{kind} of {}", counts(summary)))) }
+        @if summary.runs != summary.runs_of_whole { p { "This is a part of " (summary.runs_of_whole) " runs." } }
         h2 { "Parameters" }
-        div.wide { table.stacked {
-            thead { tr { th { "key" } th { "values" } } }
-            tbody { @for (key, way) in &summary.keys { tr { td.name { (broken(key)) } td data-name="values" { (way) } } } }
-        } }
+        (parameters(&summary.keys))
         @if !summary.spreads.is_empty() {
             h2 { "Results" }
             (metrics(&summary.spreads))
@@ -91,8 +85,26 @@ pub(crate) fn to_html(
             h2 { "Cases that do not pass" }
             (failing(summary, place_of, command_of))
         }
+        h2 { "Versions" }
+        dl.facts.versions {
+            div { dt { "program" } dd { "canrig " (env!("CARGO_PKG_VERSION")) } }
+            (page::identity(identity))
+        }
+        (page::undated())
     };
     page::page(&summary.name, &body)
+}
+
+fn parameters(keys: &[(String, String)]) -> Markup {
+    html! { @match keys {
+        [(first, way), others @ .., (last, _)] if others.iter().all(|(_, other)| other == way) => p {
+            "Each is " (way) ": " (broken(first)) @for (key, _) in others { ", " (broken(key)) } ", " (broken(last)) "."
+        },
+        _ => div.wide { table.stacked {
+            thead { tr { th { "key" } th { "values" } } }
+            tbody { @for (key, way) in keys { tr { td.name { (broken(key)) } td data-name="values" { (way) } } } }
+        } },
+    } }
 }
 
 fn metrics(spreads: &[MetricSpread]) -> Markup {
@@ -140,12 +152,10 @@ fn drawn(spread: &MetricSpread) -> Markup {
         ..Plot::over_time(name.as_str(), "% of the runs")
     };
     plot.draw("runs up to a value", Colour::Measured, Shape::Line, x, y);
-    let ends = |limit: Limit| [limit.min, limit.max].into_iter().flatten();
-    let limits = spread.limit.into_iter().flat_map(ends);
-    let limits = limits.filter(|limit| range.0 < *limit && *limit < range.1);
+    let limits = ends(spread).filter(|limit| range.0 < *limit && *limit < range.1);
     let limits = Vec::from_iter(limits.map(|limit| [limit; 2]));
     for limit in &limits {
-        let label = format!("limit {}", terminal::value(name, limit[0]));
+        let label = format!("limit {}", terminal::as_written(limit[0]));
         plot.draw(label, Colour::Wanted, Shape::Dashed, limit, &[0.0, 100.0]);
     }
     let outside = outside(spread, range);
@@ -175,6 +185,12 @@ fn drawn(spread: &MetricSpread) -> Markup {
         y: (f64::NEG_INFINITY, f64::INFINITY),
     }));
     plot.render()
+}
+
+/// Returns the ends of a metric's limit.
+fn ends(spread: &MetricSpread) -> impl Iterator<Item = f64> {
+    let ends = |limit: Limit| [limit.min, limit.max].into_iter().flatten();
+    spread.limit.into_iter().flat_map(ends)
 }
 
 fn has_runs_outside(spread: &MetricSpread) -> bool {
@@ -222,13 +238,15 @@ fn worst_case(
 ) -> Markup {
     let name = &driven.name;
     let shown = terminal::reached(name, Some(*value).filter(|value| value.is_finite()));
-    html! {
-        div {
-            "case " (case)
-            @if let Some(limit) = driven.limit { ": " (terminal::with_limit(&shown, &terminal::limit(name, Some(nearest_end(limit, *value))))) }
-        }
-        @if let Some(command) = command_of(*case) { div { code { (command) } } }
-    }
+    let limit = driven.limit.map(|limit| {
+        let end = terminal::limit(name, Some(nearest_end(limit, *value)));
+        format!(": {}", terminal::with_limit(&shown, &end))
+    });
+    let words = format!("case {case}{}", limit.unwrap_or_default());
+    html! { @match command_of(*case) {
+        Some(command) => details { summary { (words) } code { (command) } },
+        None => div { (words) },
+    } }
 }
 
 /// Label of the second colour: the end of the limit that all of these runs are next to, or that it is either.
@@ -305,12 +323,7 @@ fn shown_range(spread: &MetricSpread) -> (f64, f64) {
     };
     // A limit far from all runs would press them together.
     let near = 2.0 * (until - from);
-    for end in spread
-        .limit
-        .iter()
-        .flat_map(|limit| [limit.min, limit.max])
-        .flatten()
-    {
+    for end in ends(spread) {
         if end > from - near && end < until + near {
             (from, until) = (from.min(end), until.max(end));
         }

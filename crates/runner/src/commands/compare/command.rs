@@ -4,15 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::page::{self, Compared};
+use super::page::{self, Compared, ComparedRun, LETTERS};
 use crate::console::{WorkBar, print, print_error};
 use crate::exit::Exit;
-use crate::output::write;
+use crate::output::{link, write};
+use crate::play_record::PlayRecord;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::comparison::{
     Comparison, GivenTolerance, SIGNAL_WAYS, Scale, SignalDifference, Tolerances, UnknownName,
     compare_runs,
 };
+use recording::run_folder::file;
 use scenario::metrics::is_of_traffic;
 use worlds::catalogue::catalogue;
 
@@ -146,21 +148,23 @@ fn compared<'a>(
     if !args.timing && a_verdict.timing.is_some() != b_verdict.timing.is_some() {
         leave_timing_out(&mut comparison);
     }
-    for recorded in [&a, &b] {
-        let path = recorded.path.display();
-        let remarks = recorded
-            .log
-            .unread
-            .remarks()
-            .into_iter()
-            .map(|remark| format!("{path}: {remark}"));
+    for (letter, recorded) in LETTERS.iter().zip([&a, &b]) {
+        let remarks = recorded.log.unread.remarks().into_iter();
+        let remarks = remarks.map(|remark| format!("of {letter}, {remark}"));
         comparison.remarks.extend(remarks);
     }
     let page = args.output.as_deref().map(|place| {
+        let run = |recorded: &Recorded, verdict| ComparedRun {
+            path: recorded.path.display().to_string(),
+            page: link(place, &recorded.path.join(file::REPORT)),
+            rig: recorded.plan.shared.rig.name.clone(),
+            played: PlayRecord::read(&recorded.path).ok().flatten(),
+            verdict,
+        };
         let compared = Compared {
             comparison: &comparison,
-            names: [&a, &b].map(|recorded| recorded.path.display().to_string()),
-            runs: [&a_timelines, &b_timelines],
+            runs: [run(&a, &a_verdict), run(&b, &b_verdict)],
+            timelines: [&a_timelines, &b_timelines],
             time_tolerance_seconds: tolerances.time_seconds,
         };
         (place, page::to_html(&compared))

@@ -3,12 +3,14 @@
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
+use crate::play_record::PlayRecord;
 use judge::comparison::{Comparison, MetricDifference, SignalDifference, reach};
+use judge::verdict::Verdict;
 use platform::series::Series;
 use recording::timeline::{self, Timeline};
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
-use report::terminal;
+use report::{shown_unit, terminal};
 
 /// Largest number of signals on the terminal; the page shows all.
 const ROWS_MAX: usize = 8;
@@ -39,7 +41,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
             Cell::new(&signal.name),
             number(optional(signal.rms)),
             number(optional(signal.largest)),
-            number(optional(signal.tolerance)),
+            number(tolerance(signal.tolerance)),
             number(from(signal)),
             number(lag(signal)),
             result(Standing::of_signal(signal)),
@@ -51,7 +53,7 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
             Cell::new(&metric.name),
             number(value(metric, metric.a)),
             number(value(metric, metric.b)),
-            number(terminal::significant(metric.tolerance)),
+            number(terminal::rounded(metric.tolerance)),
             result(Standing::of_metric(metric)),
         ]);
     }
@@ -112,6 +114,10 @@ fn diverging_metrics(comparison: &Comparison) -> String {
 
 fn optional(value: Option<f64>) -> String {
     value.map_or("–".to_owned(), terminal::significant)
+}
+
+fn tolerance(value: Option<f64>) -> String {
+    value.map_or("–".to_owned(), terminal::rounded)
 }
 
 /// Returns the value of a metric in one of the runs: a number, or yes or no.
@@ -202,14 +208,27 @@ fn result(standing: Standing) -> Cell {
     }
 }
 
+/// Names of the runs.
+pub(super) const LETTERS: [&str; 2] = ["A", "B"];
+
 /// Comparison of two runs, with its parameters.
 pub(super) struct Compared<'a> {
     pub(super) comparison: &'a Comparison,
-    /// Paths of A and B.
-    pub(super) names: [String; 2],
-    pub(super) runs: [&'a [Timeline]; 2],
+    pub(super) runs: [ComparedRun<'a>; 2],
+    pub(super) timelines: [&'a [Timeline]; 2],
     /// Time by which a value of B may come earlier or later.
     pub(super) time_tolerance_seconds: f64,
+}
+
+/// One of the runs, as its head on the page names it.
+pub(super) struct ComparedRun<'a> {
+    pub(super) path: String,
+    /// Link to the run's own page.
+    pub(super) page: Option<String>,
+    /// Name of the rig.
+    pub(super) rig: String,
+    pub(super) played: Option<PlayRecord>,
+    pub(super) verdict: &'a Verdict,
 }
 
 /// Returns the comparison as a page.
@@ -221,10 +240,10 @@ pub(super) fn to_html(compared: &Compared<'_>) -> String {
         h1 { "Two runs compared" }
         p { span.outcome.(class) { @if comparison.agrees { "agree" } @else { "diverge" } } }
         p { (summary(comparison)) "." }
-        @for remark in &comparison.remarks { p { (remark) } }
-        dl.facts.versions { @for (letter, name) in ["A", "B"].iter().zip(&compared.names) { div.hash { dt { (letter) } dd { (name) } } } }
+        @for remark in &comparison.remarks { p { (page::sentence(remark)) } }
+        (heads(&compared.runs))
         p.soft {
-            "What counts: a signal beyond its tolerance, if no value of A within " (milliseconds(compared.time_tolerance_seconds))
+            "What counts: a signal beyond its tolerance, if no value of A within " (terminal::rounded(1e3 * compared.time_tolerance_seconds))
             " ms before or after is near enough, and a metric beyond its own. What has no tolerance, as currents, velocities and the terms of a \
              law, is shown and does not count. What only one run has a value of counts as a difference if it is a metric, and not if it is a \
              signal. Plots of a difference show 0 where a value of A in that time is near enough."
@@ -240,15 +259,31 @@ pub(super) fn to_html(compared: &Compared<'_>) -> String {
     page::page("Two runs compared", &body)
 }
 
-fn milliseconds(seconds: f64) -> String {
-    terminal::significant(1e3 * seconds)
+fn heads(runs: &[ComparedRun<'_>; 2]) -> Markup {
+    let row = |name: &str, value: fn(&ComparedRun<'_>) -> Markup| {
+        html! { tr {
+            td.name { (name) }
+            @for (letter, run) in LETTERS.iter().zip(runs) { td.broken data-name=(letter) { div { (value(run)) } } }
+        } }
+    };
+    html! { div.wide { table.stacked {
+        thead { tr { th { "run" } @for letter in LETTERS { th { (letter) } } } }
+        tbody {
+            (row("folder", |run| html! { @match &run.page { Some(page) => a href=(page) { (run.path) }, None => (run.path) } }))
+            (row("scenario", |run| html! { (run.verdict.scenario) @for set in run.played.iter().flat_map(|play| &play.set) { div.soft { (page::set(set)) } } }))
+            (row("rig", |run| html! { (run.rig) }))
+            (row("seed", |run| html! { (run.verdict.seed) }))
+            (row("result", |run| html! { span.(page::class(run.verdict.outcome)) { (page::word(run.verdict.outcome)) } }))
+            (row("played", |run| html! { (run.played.as_ref().map(PlayRecord::place).unwrap_or_default()) div.soft { "in " (page::clock(run.verdict)) ", canrig " (run.verdict.version) } }))
+        }
+    } } }
 }
 
 /// Plots positions and currents first, then the signals that diverge most, and other judged signals that differ. Each signal is
 /// next to its difference.
 fn plots(compared: &Compared<'_>) -> Vec<Markup> {
     let comparison = compared.comparison;
-    let names = compared.runs[0].iter().flat_map(|timeline| {
+    let names = compared.timelines[0].iter().flat_map(|timeline| {
         let own = ["position_millimetres", "current_amperes"];
         own.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.rename(name)))
     });
@@ -269,7 +304,7 @@ fn plots(compared: &Compared<'_>) -> Vec<Markup> {
         let marked = Vec::from_iter(marked);
         let drawn =
             difference.map(|(rows, values)| difference_plot(signal, &rows, &values, &marked));
-        [Some(both(signal, compared.runs, &marked)), drawn]
+        [Some(both(signal, compared.timelines, &marked)), drawn]
     });
     plots.flatten().collect()
 }
@@ -293,8 +328,8 @@ fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2], marked: &[Patch]) -
 /// Returns the distances of B from the values of A a little before and after, at the cycles of A: with their signs, and 0 if B is
 /// among these values.
 fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64>, Series<f64>) {
-    let [a_values, b_values] = compared.runs.map(|run| values(run, signal));
-    let [a, b] = compared.runs.map(|run| &run[0]);
+    let [a_values, b_values] = compared.timelines.map(|run| values(run, signal));
+    let [a, b] = compared.timelines.map(|run| &run[0]);
     let mut others = b.cycle.iter().zip(b_values).peekable();
     let mut at = |cycle: &u64| {
         while others.next_if(|(other, _)| *other < cycle).is_some() {}
@@ -360,7 +395,7 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
             td.name { (page::name(&metric.name)) }
             td.number data-name="A" { (value(metric, metric.a)) }
             td.number data-name="B" { (value(metric, metric.b)) }
-            td.number data-name="tolerance" { (terminal::significant(metric.tolerance)) }
+            td.number data-name="tolerance" { (terminal::rounded(metric.tolerance)) }
             td data-name="result" { (word(Standing::of_metric(metric))) }
         } } }
     } } }
@@ -368,24 +403,32 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
 
 fn signals(signals: &[SignalDifference]) -> Markup {
     let time = |time: Option<f64>| time.map_or(String::new(), |time| format!("{time:.3}"));
-    html! { div.wide { table.stacked {
+    let is_same = |signal: &&SignalDifference| signal.largest == Some(0.0);
+    let (same, different): (Vec<_>, Vec<_>) = signals.iter().partition(is_same);
+    html! {
+        @if !different.is_empty() { div.wide { table.stacked {
         thead { tr {
             th { "signal" } th { "unit" } th.number { "rms" } th.number { "differs by at most" } th.number { "at (s)" } th.number { "tolerance" }
             th.number { "diverges from (s)" } th.number { "in % of the cycles" } th.number { "B later by" } th { "result" }
         } }
-        tbody { @for signal in signals { tr {
+        tbody { @for signal in different { tr {
             td.name { (page::name(&signal.name)) }
-            td.none[signal.unit.is_empty()] data-name="unit" { (signal.unit) }
+            td.none[signal.unit.is_empty()] data-name="unit" { (shown_unit(&signal.unit)) }
             td.number data-name="rms" { (optional(signal.rms)) }
             td.number data-name="differs by at most" { (optional(signal.largest)) }
             td.number.none[signal.largest_at_seconds.is_none()] data-name="at (s)" { (time(signal.largest_at_seconds)) }
-            td.number data-name="tolerance" { (optional(signal.tolerance)) }
+            td.number data-name="tolerance" { (tolerance(signal.tolerance)) }
             td.number.none[signal.agrees()] data-name="diverges from (s)" { (time(signal.diverges_at_seconds)) }
             td.number data-name="in % of the cycles" { (terminal::significant(signal.beyond_percent)) }
             td.number.nowrap.none[lag(signal).is_empty()] data-name="B later by" { (lag(signal)) }
             td data-name="result" { (word(Standing::of_signal(signal))) }
         } } }
-    } } }
+        } } }
+        @if !same.is_empty() { details {
+            summary { "Signals without a difference: " (same.len()) }
+            p { @for (number, signal) in same.iter().enumerate() { @if number > 0 { ", " } (page::name(&signal.name)) } }
+        } }
+    }
 }
 
 fn word(standing: Standing) -> Markup {
