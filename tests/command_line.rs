@@ -22,6 +22,30 @@ fn a_broken_scenario_is_underlined_and_ends_in_3() {
     assert!(stderr.contains("broken.toml:"), "no place: {stderr}");
 }
 
+/// `script` of util-linux runs a command on a terminal.
+#[test]
+fn a_terminal_gets_colours_and_never_their_escapes_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = short_scenario(folder.path(), 1.0);
+    let on_terminal = |arguments: &str| {
+        let command = format!("{} {arguments}", env!("CARGO_BIN_EXE_canrig"));
+        let mut script = Command::new("script");
+        script.args(["-qec", &command, "/dev/null"]);
+        script.env_remove("NO_COLOR").env("TERM", "xterm-256color");
+        output(script.current_dir(folder.path())).1
+    };
+    let limit = "expect.position_millimetres_max.max=";
+    let shown = [
+        format!("simulate {} --set {limit}1", path.display()),
+        format!("check {} --set duration_second=1", path.display()),
+    ];
+    for arguments in shown {
+        let text = on_terminal(&arguments);
+        assert!(text.contains("\u{1b}["), "{text}");
+        assert!(!text.contains("\\u001b"), "{text}");
+    }
+}
+
 #[test]
 fn the_current_of_a_recording_plays_again_to_the_same_motion() {
     let folder = tempfile::tempdir().unwrap();

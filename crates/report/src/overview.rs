@@ -285,7 +285,7 @@ fn heading(groups: &[Vec<Course<'_>>]) -> String {
     }
 }
 
-/// The numbers of the runs that a plot shows, for the filter.
+/// Returns the numbers of the runs that a plot shows, for the filter.
 fn numbers(courses: &[Course<'_>]) -> String {
     let numbers = courses.iter().map(|course| course.number.to_string());
     Vec::from_iter(numbers).join(" ")

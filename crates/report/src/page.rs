@@ -55,10 +55,15 @@ pub fn name(name: &str) -> Markup {
     html! { @for part in name.split_inclusive('_') { (part) @if part.ends_with('_') { wbr; } } }
 }
 
-/// A value of the command line, whose key may be broken after each point and underscore.
+/// Returns a key, which may be broken after each point and underscore.
+pub fn key(key: &str) -> Markup {
+    html! { @for part in key.split_inclusive('.') { (name(part)) wbr; } }
+}
+
+/// Returns a value of the command line.
 pub fn set(set: &str) -> Markup {
-    let (key, value) = set.split_once('=').unwrap_or((set, ""));
-    html! { "--set " @for part in key.split_inclusive('.') { (name(part)) wbr; } "=" (value) }
+    let (name, value) = set.split_once('=').unwrap_or((set, ""));
+    html! { "--set " (key(name)) "=" (value) }
 }
 
 /// Returns the outcome as a badge.
@@ -66,7 +71,7 @@ pub fn badge(outcome: Outcome) -> Markup {
     html! { span.outcome.(class(outcome)) { (word(outcome)) } }
 }
 
-/// The outcome on a page, where colour marks the one that a terminal writes large.
+/// Returns the word for an outcome, without the capitals of a terminal.
 pub fn word(outcome: Outcome) -> String {
     outcome.word().to_lowercase()
 }

@@ -170,7 +170,7 @@ pub fn measured(metric: &Metric) -> String {
     }
 }
 
-/// A metric that missed its limit, with both: `overshoot_percent 2.500 (limit ≤ 2.4)`.
+/// Returns a metric with its value and the limit that it missed: `overshoot_percent 2.500 (limit ≤ 2.4)`.
 pub(crate) fn missed(metric: &Metric) -> String {
     let limit = limit(&metric.name, metric.limit);
     format!("{} {}", metric.name, with_limit(&measured(metric), &limit))
@@ -229,7 +229,7 @@ pub fn rounded(value: f64) -> String {
     }
 }
 
-/// A number for people, with the sign of a minus, which is wider than a hyphen.
+/// Returns a number with a minus sign, which is wider than a hyphen.
 #[must_use]
 pub fn with_minus(number: String) -> String {
     match number.strip_prefix('-') {
@@ -241,12 +241,12 @@ pub fn with_minus(number: String) -> String {
 /// Least number that is shown with a power of ten.
 const LONG_FROM: f64 = 1e7;
 
-/// Writes a number as `6e10` or `1.235e-6`.
+/// Writes a number as `6e10` or `1.235e−6`.
 fn power_of_ten(value: f64) -> String {
     let text = format!("{value:.3e}");
     let (digits, power) = text.split_once('e').unwrap_or((&text, "0"));
     let digits = digits.trim_end_matches('0').trim_end_matches('.');
-    with_minus(format!("{digits}e{power}"))
+    with_minus(format!("{digits}e{}", with_minus(power.to_owned())))
 }
 
 /// Writes a number as a file has it, with a power of ten if it is long.
@@ -364,7 +364,7 @@ mod tests {
         ]
         .map(significant);
         let expected = [
-            "6e10", "1.235e7", "123456", "35.04", "0.1560", "0.03215", "1.2e-6", "−3e12", "0",
+            "6e10", "1.235e7", "123456", "35.04", "0.1560", "0.03215", "1.2e−6", "−3e12", "0",
         ];
         assert_eq!(shown, expected);
         let tolerances = [5.0, 0.25, 0.132_56, 20.0, 100_000.0, 0.0].map(rounded);

@@ -11,7 +11,6 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use miette::Diagnostic;
 use platform::terminal::printable;
 
 use crate::exit::Exit;
@@ -41,7 +40,35 @@ fn keep_error(written: io::Result<()>) {
 
 /// Prints a line on standard output.
 pub fn print(text: &str) {
-    keep_error(writeln!(io::stdout(), "{}", printable(text)));
+    let mut stdout = io::stdout();
+    let is_plain = !stdout.is_terminal();
+    let shown = if is_plain {
+        printable(text)
+    } else {
+        coloured(text)
+    };
+    keep_error(writeln!(stdout, "{shown}"));
+}
+
+/// Sequences by which tables colour words. They hide and move nothing, wherever they come from.
+const COLOURS: [&str; 6] = [
+    "\u{1b}[38;5;9m",
+    "\u{1b}[38;5;10m",
+    "\u{1b}[38;5;11m",
+    "\u{1b}[39m",
+    "\u{1b}[1m",
+    "\u{1b}[0m",
+];
+
+/// Returns a text for a terminal: with the colours of its tables, unless anything else in it steers the terminal.
+fn coloured(text: &str) -> Cow<'_, str> {
+    let plain = COLOURS
+        .iter()
+        .fold(text.to_owned(), |plain, colour| plain.replace(colour, ""));
+    match printable(&plain) {
+        Cow::Borrowed(_) => Cow::Borrowed(text),
+        Cow::Owned(shown) => Cow::Owned(shown),
+    }
 }
 
 /// Prints bytes on standard output: unchanged, except for a terminal.
@@ -120,11 +147,12 @@ pub fn usage_error(message: &str) -> Exit {
 }
 
 /// Prints an error with the underlined place in the file.
-pub fn print_diagnostic(error: impl Diagnostic + Send + Sync + 'static) {
-    match printable(&without_colours(&error)) {
+pub fn print_diagnostic(error: impl Into<miette::Report>) {
+    let error = error.into();
+    match printable(&without_colours(error.as_ref())) {
         // The remaining escapes are the bench's own: colours.
         Cow::Borrowed(_) => {
-            let _ = writeln!(io::stderr(), "{:?}", miette::Report::new(error));
+            let _ = writeln!(io::stderr(), "{error:?}");
         }
         shown => print_error(&shown),
     }
@@ -497,6 +525,14 @@ mod tests {
         let mut endless = PrintableLines::new(io::sink());
         io::copy(&mut io::repeat(b'x').take(10 << 20), &mut endless).unwrap();
         assert!(endless.begun.capacity() < 4 * BUFFER_BYTES);
+    }
+
+    #[test]
+    fn a_table_has_its_colours_unless_a_name_in_it_steers_the_terminal() {
+        let table = "\u{1b}[38;5;9m\u{1b}[1m FAIL \u{1b}[0m│ \u{1b}[38;5;10m pass \u{1b}[39m";
+        assert_eq!(coloured(table), table);
+        let hostile = format!("\u{1b}[2J {table}");
+        assert_eq!(coloured(&hostile), "\\u001b[2J  FAIL │  pass ");
     }
 
     #[test]

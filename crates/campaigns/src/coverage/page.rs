@@ -100,7 +100,7 @@ fn tested_by(test: &RequirementTest) -> String {
     }
 }
 
-/// Which runs of a sweep count; `None` for a single run.
+/// Returns the words for the runs of a sweep that count; `None` for a single run.
 fn runs_of_sweep(test: &RequirementTest) -> Option<String> {
     Some(match (test.sweep_runs?, test.case) {
         (runs, Some(case)) => format!("the worst of {runs} runs: case {case}"),
@@ -109,7 +109,7 @@ fn runs_of_sweep(test: &RequirementTest) -> Option<String> {
     })
 }
 
-/// A row with what was measured and its limit.
+/// Returns a row with its value and its limit.
 fn measured(test: &RequirementTest, row: &str) -> Markup {
     html! {
         (page::name(row))

@@ -2,7 +2,7 @@
 
 use plan::Plan;
 use recording::capture::Watch;
-use report::terminal::significant;
+use report::terminal::rounded;
 use scenario::expect::Limit;
 
 use super::row::SweepRow;
@@ -62,7 +62,7 @@ pub trait Cases: Sync {
     /// Keys and values of a case, as a text with four digits each, for a page.
     fn short_words(&self, number: usize) -> String {
         let values = self.keys().into_iter().zip(self.values(number));
-        let values = values.map(|(key, value)| format!("{key} = {}", significant(value)));
+        let values = values.map(|(key, value)| format!("{key} = {}", rounded(value)));
         values.collect::<Vec<_>>().join(", ")
     }
 }

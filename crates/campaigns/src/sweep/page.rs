@@ -23,13 +23,13 @@ const HEADS: [&str; 8] = [
     "missed in",
 ];
 
-/// The head of the cases that are next to a limit or beyond it.
+/// Head of the column with the worst cases.
 const WORST: &str = "next to a limit or beyond";
 
-/// Worst cases that are named for each metric.
+/// Number of worst cases that are named for each metric.
 const WORST_NAMED: usize = 3;
 
-/// Outliers stretch the range of 98 % of the values at least by this factor.
+/// Least ratio of the whole range to that of 98 % of the values from which values beyond count as outliers.
 const OUTLIERS_FROM: f64 = 4.0;
 
 /// Returns the metrics with their limits, then the number of cases for each way to end.
@@ -98,11 +98,11 @@ pub(crate) fn to_html(
 fn parameters(keys: &[(String, String)]) -> Markup {
     html! { @match keys {
         [(first, way), others @ .., (last, _)] if others.iter().all(|(_, other)| other == way) => p {
-            "Each is " (way) ": " (broken(first)) @for (key, _) in others { ", " (broken(key)) } ", " (broken(last)) "."
+            "Each is " (way) ": " (page::key(first)) @for (key, _) in others { ", " (page::key(key)) } ", " (page::key(last)) "."
         },
         _ => div.wide { table.stacked {
             thead { tr { th { "key" } th { "values" } } }
-            tbody { @for (key, way) in keys { tr { td.name { (broken(key)) } td data-name="values" { (way) } } } }
+            tbody { @for (key, way) in keys { tr { td.name { (page::key(key)) } td data-name="values" { (way) } } } }
         } },
     } }
 }
@@ -215,7 +215,7 @@ fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Ma
             thead { tr { th { "metric" } th { "follows most" } th.number { "runs looked at" } th { (WORST) } } }
             tbody { @for one in driven { tr {
                 td.name { (page::name(&one.name)) }
-                td data-name="follows most" { div { @for (key, correlation) in &one.keys { div { (format!("{correlation:+.2} ").replace('-', "\u{2212}")) (broken(key)) } } } }
+                td data-name="follows most" { div { @for (key, correlation) in &one.keys { div { (format!("{correlation:+.2} ").replace('-', "\u{2212}")) (page::key(key)) } } } }
                 td.number data-name="runs looked at" { (one.of) }
                 td.broken.words data-name=(WORST) { div { @for worst in one.worst.iter().take(WORST_NAMED) { (worst_case(one, worst, &command_of)) } } }
             } } }
@@ -230,7 +230,7 @@ fn driven(driven: &[Driven], command_of: impl Fn(usize) -> Option<String>) -> Ma
     }
 }
 
-/// One of the worst cases, with its value, the limit that it is next to, and what plays it.
+/// Returns one of the worst cases with its value, its limit, and the command that plays it.
 fn worst_case(
     driven: &Driven,
     (case, _, value): &(usize, f64, f64),
@@ -249,7 +249,7 @@ fn worst_case(
     } }
 }
 
-/// Label of the second colour: the end of the limit that all of these runs are next to, or that it is either.
+/// Returns the label of the second colour, with the end of the limit if it is the same for all of these runs.
 fn worst_label(driven: &Driven) -> String {
     let Some(limit) = driven.limit else {
         return "it was broken".to_owned();
@@ -354,11 +354,6 @@ fn failing(
             } } }
         } }
     }
-}
-
-/// Writes a key, which may be broken behind each point and underscore.
-fn broken(key: &str) -> Markup {
-    html! { @for part in key.split_inclusive('.') { (page::name(part)) wbr; } }
 }
 
 /// Returns the number of cases for each way to end, in one line.

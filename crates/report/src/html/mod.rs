@@ -201,7 +201,7 @@ fn doubts(verdict: &Verdict) -> Vec<String> {
     not_judged.chain(distrust).chain(frames).collect()
 }
 
-/// The limits that were not met, with the values; nothing where all were, or where nothing is decided.
+/// Returns the missed limits with their values; `None` unless the run failed by them.
 fn missed(verdict: &Verdict) -> Option<String> {
     let metrics = verdict.metrics.iter();
     let missed = metrics.filter(|metric| metric.passed == Some(false));

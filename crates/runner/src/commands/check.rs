@@ -6,7 +6,7 @@ use clap::Args;
 use comfy_table::CellAlignment;
 use scenario::rig::nodes::Rig;
 
-use crate::console::{print, print_error, usage_error};
+use crate::console::{print, print_diagnostic, usage_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::scenarios::{read, rig_text, scenario_files};
@@ -43,7 +43,7 @@ pub fn check(args: &CheckArgs) -> Exit {
                 bus.iter().for_each(|bus| print(&arithmetic(bus)));
             }
             Err(error) => {
-                print_error(&format!("{error:?}"));
+                print_diagnostic(error);
                 worst = worst.max(Exit::CannotStart);
             }
         }

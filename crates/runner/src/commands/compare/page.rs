@@ -145,13 +145,13 @@ fn number(text: String) -> Cell {
     Cell::new(text).set_alignment(CellAlignment::Right)
 }
 
-/// How a signal or a metric of the two runs compares.
+/// Result of the comparison of a signal or a metric.
 #[derive(Clone, Copy)]
 enum Standing {
     Same,
     Diverges,
     DoesNotCount,
-    /// Never do both runs have a value.
+    /// No cycle in which both runs have a value.
     NoValues,
     /// One run alone has a value.
     OnlyIn(&'static str),
@@ -187,7 +187,7 @@ impl Standing {
         }
     }
 
-    /// The class in the style sheet.
+    /// Returns the class in the style sheet.
     fn class(self) -> &'static str {
         match self {
             Self::Same => "pass",
