@@ -203,6 +203,29 @@ fn a_failed_run_names_what_it_missed_and_what_was_set() {
     assert!(unbroken(&all).contains(&format!("--set {set}")));
 }
 
+/// In virtual time every play leaves the same page, so its date is in `played.json` alone.
+#[test]
+fn the_page_of_a_run_in_real_time_has_its_date_and_its_machine() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = short_scenario(folder.path(), 1.0);
+    for (command, is_dated) in [("run", true), ("simulate", false)] {
+        let runs = folder.path().join(command);
+        output(canrig(&runs, command).arg(&path));
+        let run = only_run(&runs);
+        let played = fs::read_to_string(run.join("played.json")).unwrap();
+        let played: serde_json::Value = serde_json::from_str(&played).unwrap();
+        let [at, host] = ["at", "host"].map(|key| played[key].as_str().unwrap());
+        let (day, minute) = (&at[..10], &at[11..16]);
+        let page = fs::read_to_string(run.join("report.html")).unwrap();
+        let words = format!("<dt>played</dt><dd>{day} {minute} UTC on {host}</dd>");
+        assert_eq!(page.contains(&words), is_dated, "{command}: {words}");
+        assert_eq!(page.contains("<dt>played</dt>"), is_dated, "{command}");
+        assert_eq!(tool(&["report"], &[&run]).0, Some(0));
+        let again = fs::read_to_string(run.join("report.html")).unwrap();
+        assert!(again == page, "{command}");
+    }
+}
+
 #[test]
 fn a_signal_without_values_is_not_the_same_and_a_metric_of_one_run_is_only_there() {
     let folder = tempfile::tempdir().unwrap();
@@ -222,6 +245,14 @@ fn a_signal_without_values_is_not_the_same_and_a_metric_of_one_run_is_only_there
         rest.split_once("</tr>").unwrap().0
     };
     assert!(row("convection_factor").contains(">no values<"));
+    // Both runs are headed by links to their pages, rig and seed.
+    for run in [&step, &fan] {
+        let own = run.strip_prefix(folder.path()).unwrap().join("report.html");
+        let link = format!("href=\"{}\">{}</a>", own.display(), run.display());
+        assert!(row("folder").contains(&link), "{}", row("folder"));
+    }
+    assert_eq!(row("rig").matches("SMA wire actuator").count(), 2);
+    assert_eq!(row("seed").matches("<div>0</div>").count(), 2);
     assert!(row("settling_time_seconds").contains(">only in A<"));
     assert!(row("recovery_time_seconds").contains(">only in B<"));
 }

@@ -206,7 +206,7 @@ pub fn significant(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
-    let decimals = match value.abs() {
+    let decimals: usize = match value.abs() {
         v if (LONG_FROM..f64::INFINITY).contains(&v) || v < 1e-3 => return power_of_ten(value),
         v if v >= 1000.0 => 0,
         v if v >= 100.0 => 1,
@@ -216,7 +216,11 @@ pub fn significant(value: f64) -> String {
         v if v >= 0.01 => 5,
         _ => 6,
     };
-    with_minus(format!("{value:.decimals$}"))
+    let mut text = format!("{value:.decimals$}");
+    // A small number need not end in zeros.
+    let shortest = text.len() - decimals.saturating_sub(4);
+    text.truncate(text.trim_end_matches('0').len().max(shortest));
+    with_minus(text)
 }
 
 /// Writes a number with at most four digits, for a round number such as a tolerance: `0.25`.
@@ -360,11 +364,12 @@ mod tests {
     #[test]
     fn numbers_have_four_digits_however_large_or_small() {
         let shown = [
-            6e10, 1.234_56e7, 123_456.0, 35.041, 0.156, 0.032_146, 1.2e-6, -3e12, 0.0,
+            6e10, 1.234_56e7, 123_456.0, 35.041, 0.156, 0.032_146, 0.003, 1.2e-6, -3e12, 0.0,
         ]
         .map(significant);
         let expected = [
-            "6e10", "1.235e7", "123456", "35.04", "0.1560", "0.03215", "1.2e−6", "−3e12", "0",
+            "6e10", "1.235e7", "123456", "35.04", "0.1560", "0.03215", "0.0030", "1.2e−6", "−3e12",
+            "0",
         ];
         assert_eq!(shown, expected);
         let tolerances = [5.0, 0.25, 0.132_56, 20.0, 100_000.0, 0.0].map(rounded);
