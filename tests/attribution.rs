@@ -1,5 +1,5 @@
 //! Tests of the attribution: recordings of misbehaving controllers, drives and masters, and of host stalls, are judged
-//! again. `tests/system` makes them; the expected attributions are in `tests/data/attribution/cases.txt`.
+//! again. `tests/misbehaving` makes them; the expected attributions are in `tests/data/attribution/cases.txt`.
 
 use std::collections::BTreeSet;
 use std::fs;

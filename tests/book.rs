@@ -23,8 +23,9 @@ const PAGES: [&str; 4] = [
     "CHANGELOG.md",
 ];
 /// Prefixes of paths in a page.
-const FOLDERS: [&str; 12] = [
+const FOLDERS: [&str; 14] = [
     ".ci/",
+    ".github/",
     "benches/",
     "canrig/",
     "controller/",
@@ -36,6 +37,7 @@ const FOLDERS: [&str; 12] = [
     "python/",
     "scenarios/",
     "tests/",
+    "xtask/",
 ];
 /// Placeholders in paths and commands.
 const PLACEHOLDERS: [&str; 6] = ["…", "*", "<", "NAME", "{", "[RUN"];

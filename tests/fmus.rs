@@ -1,5 +1,5 @@
 //! `canrig fmu`, with its output and its errors, and FMUs as plants behind drives. `fmu_workers.rs` tests their
-//! processes. `tests/fmu/run` shows that FMUs of other tools play, in comparison with FMPy.
+//! processes. `tests/system/test_fmus.py` shows that FMUs of other tools play, in comparison with FMPy.
 
 use std::fs;
 use std::path::{Path, PathBuf};

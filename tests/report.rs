@@ -1,4 +1,4 @@
-//! The pages of a run, and those made from run folders. `tests/browser` tests them in a browser.
+//! The pages of a run, and those made from run folders. `tests/system/test_pages.py` tests them in a browser.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! The paper's experiments, with reduced counts. `tests/browser` tests the page in a browser.
+//! The paper's experiments, with reduced counts. `tests/system/test_pages.py` tests the page in a browser.
 
 use std::fs;
 

@@ -17,7 +17,7 @@ use gungraun::prelude::*;
 const SWEEP: &str = "../scenarios/sweeps/plants.toml";
 /// Cases with a plant that the controller does not know, without and with noise at the sensor.
 const CASES: [usize; 2] = [1, 201];
-/// Number of cycles of these cases, repeated in the benchmark's name for `benches/run`.
+/// Number of cycles of these cases, repeated in the benchmark's name for `benches/count_instructions`.
 const CYCLES: u64 = 24_000;
 /// Limit for one case, which resolves its scenario and the rig that it names: 22 486 were counted when the limit was set, 200
 /// more than before nodes were asked by the bus seat. A sweep that resolves its rig once is to bring this below 21 670.

@@ -16,7 +16,7 @@ use canrig_benches::limit;
 use gungraun::prelude::*;
 
 /// Number of cycles, large enough to make the bring-up of eight drives negligible; the benchmarks' names repeat it for
-/// `benches/run`.
+/// `benches/count_instructions`.
 const CYCLES: u64 = 4000;
 /// Limits for one, two, four and eight drives, three per cent more than were counted: 19 805, 37 540, 74 288 and 153 735. Each of
 /// several drives may take 110 % of a single one.

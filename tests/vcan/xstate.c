@@ -1,4 +1,4 @@
-/* Lets Debian's user-mode Linux run on processors with AMX: tests/vcan/run preloads it there.
+/* Lets Debian's user-mode Linux run on processors with AMX: tests/vcan/with_can preloads it there.
  *
  * That kernel keeps the registers of its processes in as many bytes as AVX-512 needs. The kernel below it takes registers
  * only as a whole, so what lies behind is filled up with zeros: registers that nobody uses. */
