@@ -23,9 +23,8 @@ const PAGES: [&str; 4] = [
     "CHANGELOG.md",
 ];
 /// Prefixes of paths in a page.
-const FOLDERS: [&str; 14] = [
+const FOLDERS: [&str; 13] = [
     ".ci/",
-    ".github/",
     "benches/",
     "canrig/",
     "controller/",

@@ -120,9 +120,20 @@ fn wrong_usage_ends_in_2() {
         let (code, ..) = output(canrig(folder.path(), "run").args(arguments));
         assert_eq!(code, Some(2));
     }
-    let (code, _, stderr) = output(canrig(folder.path(), "run").arg(folder.path()));
-    assert_eq!(code, Some(2));
-    assert!(stderr.contains("holds no scenario"), "{stderr}");
+}
+
+#[test]
+fn a_folder_without_scenarios_ends_in_3() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in ["run", "simulate", "check"] {
+        let (code, _, stderr) = output(
+            Command::new(env!("CARGO_BIN_EXE_canrig"))
+                .arg(command)
+                .arg(folder.path()),
+        );
+        assert_eq!(code, Some(3), "{command}: {stderr}");
+        assert!(stderr.contains("holds no scenario"), "{stderr}");
+    }
 }
 
 #[test]

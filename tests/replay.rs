@@ -217,7 +217,7 @@ fn a_recording_of_several_loops_is_held_against_the_limits_of_each() {
     let (code, stdout, stderr) = held(&scenario("step.toml"));
     assert_eq!(code, Some(3), "{stdout}");
     assert!(
-        stderr.contains("step.toml has other loops than the recording"),
+        stderr.contains("step.toml` has other loops than the recording"),
         "{stderr}"
     );
 }
@@ -463,8 +463,18 @@ fn completions_and_manual_know_every_command() {
             "{shell}"
         );
     }
-    assert_eq!(tool(&["man", text(folder.path())]).0, Some(0));
-    for page in ["canrig.1", "canrig-compare.1", "canrig-run.1"] {
+    let to = ["--to", text(folder.path())];
+    assert_eq!(tool(&[&["man"], &to[..]].concat()).0, Some(0));
+    assert_eq!(
+        tool(&[&["completions", "fish"], &to[..]].concat()).0,
+        Some(0)
+    );
+    for page in [
+        "canrig.1",
+        "canrig-compare.1",
+        "canrig-run.1",
+        "canrig.fish",
+    ] {
         assert!(folder.path().join(page).exists(), "{page} is missing");
     }
 }

@@ -289,7 +289,7 @@ fn what_is_no_run_folder_is_refused() {
     for (path, reason) in [
         (
             folder.path(),
-            "is no run folder: there is no scenario.toml in it",
+            "is not a run folder (no scenario.toml in it)",
         ),
         (&missing, "cannot be read: No such file or directory"),
     ] {
@@ -317,7 +317,7 @@ fn the_folder_of_a_sweep_is_no_run_and_beside_runs_it_is_left_out() {
     let sweep = sweep.unwrap();
     let page = fs::read(sweep.join("report.html")).unwrap();
     let reason = format!(
-        "{} is the folder of a sweep or of torture, not of a run",
+        "`{}` is the folder of a sweep or of torture, not of a run",
         sweep.display()
     );
     for command in ["report", "replay", "export --format=csv"] {

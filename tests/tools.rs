@@ -470,7 +470,7 @@ fn what_the_user_got_wrong_is_reported() {
         (
             &["monitor", "--dbc", "nowhere.dbc"],
             2,
-            "nowhere.dbc cannot be read",
+            "nowhere.dbc` cannot be read",
         ),
         (&["nodes", "--bus", "a/b"], 2, "is no bus"),
         (&["nodes"], 4, "no embedded bus of yours is running"),

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::FromArgMatches;
 use controller::catalogue::{InvalidOwnLaw, LawRow, register_laws};
 use controller::law::Law;
 use plant_emulator::catalogue::{InvalidOwnPlant, PlantRow, register_plants};
@@ -12,7 +12,7 @@ use plant_emulator::plant::Plant;
 use platform::terminal::printable;
 use recording::frames::LogChanged;
 
-use crate::cli::{self, Cli};
+use crate::cli::{self, Cli, command_line};
 use crate::fmu::export::{self, OwnModel};
 use runner::console;
 use runner::exit::Exit;
@@ -110,13 +110,17 @@ fn from_command_line() -> Exit {
             "{word:?} has a line end in it: write it in one line, or rename the file"
         ));
     }
-    match Cli::try_parse() {
+    let parsed = |words: Vec<OsString>| {
+        let matches = command_line().try_get_matches_from(words)?;
+        Cli::from_arg_matches(&matches)
+    };
+    match parsed(std::env::args_os().collect()) {
         Ok(cli) => execute(cli),
         Err(error) => {
             // The texts for --help and --version come as errors too.
             // The parser repeats words of the command line, with its own colours among them.
-            let printable = |word: OsString| printable(&word.to_string_lossy()).into_owned();
-            match Cli::try_parse_from(std::env::args_os().map(printable)) {
+            let printable = |word: OsString| printable(&word.to_string_lossy()).into_owned().into();
+            match parsed(std::env::args_os().map(printable).collect()) {
                 Err(shown) => console::print_parsed(&shown),
                 Ok(_) => console::print_error(&error.render().to_string()),
             }

@@ -38,47 +38,34 @@ use runner::exit::Exit;
 use worlds::fmu_worker;
 use worlds::law_worker;
 
-const EXAMPLES: &str = "\
-Examples:
-  canrig run scenarios/step.toml             two processes on a bus, judged
-  canrig run scenarios/ --clock lockstep     every scenario, in virtual time
-  canrig run step.toml --bus vcan0           over the kernel's SocketCAN
-  canrig run step.toml --bus can0 --external drive
-                                             with a real drive
-  canrig run step.toml --rig desk.toml --bus can0 --dry-run
-                                             only the checks before current flows
-  canrig run scenarios/step.toml --viewer    and watch it while it runs
-  canrig simulate scenarios/step.toml        in one process, at once
-  canrig simulate step --set reference.step[0].position_millimetres=20
-                                             one that ships, with another value
-  canrig simulate step -- ./controller       your own controller in place of the law
-  canrig examples --to scenarios             all that ship, as files
-  canrig identify RUN                        the wire's parameters from a recording
-  canrig reproduce                           the paper's experiments, on one page
-  canrig torture scenarios/torture.toml      which mixes of faults break an invariant?
-  canrig sweep scenarios/sweeps/plants.toml  one run for each combination of values
-  canrig submit big.toml --engine slurm --parts 100
-                                             and on the machines of a cluster
-  canrig check scenarios/                    are the files valid?
-  canrig signals my.toml                     which signals can [expect] name?
-  canrig report runs/* --output all.html     several runs on one page
-  canrig replay RUN                          judge a recording again
-  canrig replay RUN --viewer --speed 0.1     and watch it in slow motion
-  canrig compare RUN OTHER_RUN               where do two runs diverge?
-  canrig coverage runs/* --requirements requirements.csv
-                                             which requirement is tested, and met?
-  canrig export RUN -f blf -o run.blf        the frames as Vector's binary log
-  canrig new plant hot_plate                 a plant of your own, in a crate of its own
-  canrig new law fuzzy                       a control law of your own
-  canrig new controller lift --language c    a controller of your own, in C or Python
-  canrig fmu motor.fmu                       a plant from a modelling tool: its ports
-  canrig fmu --export dc_motor -o motor.fmu  one of ours, for another tool
-  canrig doctor                              what does this machine lack?
-  canrig nodes --bus vcan0                   who is on the bus?
-  canrig sdo read drive 6064:00              one object of a node in a run
-  canrig sdo write 16 1017:00 50 --bus can0  and change one
-  canrig monitor --only drive --changes      live traffic, decoded
+/// Visible commands by group, in the order of the help.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("Play", &["run", "simulate", "check", "examples", "doctor"]),
+    (
+        "Look",
+        &[
+            "report", "replay", "compare", "coverage", "export", "signals",
+        ],
+    ),
+    ("Bus tools", &["nodes", "sdo", "monitor"]),
+    (
+        "Campaigns",
+        &[
+            "sweep",
+            "merge",
+            "submit",
+            "torture",
+            "identify",
+            "reproduce",
+        ],
+    ),
+    (
+        "Make",
+        &["new", "eds", "fmu", "schema", "completions", "man"],
+    ),
+];
 
+const EXITS: &str = "\
 Exit codes:
   0 pass · 1 a limit was not met, a node under test failed, or runs diverge
   2 the command line is wrong
@@ -116,7 +103,7 @@ Exit codes, of the worst run:
 
 /// Tests a controller against a plant over a CAN bus: simulated, in real time, and with real hardware.
 #[derive(Debug, Parser)]
-#[command(version, after_help = EXAMPLES, max_term_width = 100)]
+#[command(version, after_help = EXITS, max_term_width = 100)]
 pub(crate) struct Cli {
     /// Subcommand to execute.
     #[command(subcommand)]
@@ -130,7 +117,7 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// Play scenarios in one process, in virtual time, and judge them
     Simulate(SimulateArgs),
-    /// Write the pages of run folders again, and a page that compares several runs
+    /// Write the pages of run folders again, and an overview of several runs
     Report(ReportArgs),
     /// Judge a recording again, from its frames (bus.log)
     Replay(ReplayArgs),
@@ -143,32 +130,32 @@ pub(crate) enum Command {
     Export(ExportArgs),
     /// Identify the parameters of the shape-memory-alloy wire from recordings
     Identify(IdentifyArgs),
-    /// Play every experiment of the paper on the shape-memory-alloy wire, and write one page with its figures and numbers
+    /// Play every experiment of the paper on the shape-memory-alloy wire
     Reproduce(ReproduceArgs),
-    /// Play random combinations of faults in virtual time, and reduce each one that breaks an invariant to a minimal scenario
+    /// Play random combinations of faults, and reduce each that breaks an invariant
     Torture(TortureArgs),
-    /// Play a scenario with each combination of values in its [sweep] table, on all cores; an interrupted sweep is continued
+    /// Play a scenario with each combination of values in its [sweep] table
     #[command(after_help = SWEEP_EXITS)]
     Sweep(SweepArgs),
-    /// Merge the parts of a sweep, or of torture, that were played with `--shard`
+    /// Merge the parts of a sweep or of torture that were played with `--shard`
     #[command(after_help = MERGE_EXITS)]
     Merge(MergeArgs),
-    /// Give the parts of a sweep, or of torture, to an engine that runs them on many machines; wait, and merge them
+    /// Give the parts of a sweep or of torture to an engine, wait, and merge them
     #[command(after_help = SUBMIT_EXITS)]
     Submit(SubmitArgs),
     /// Check scenario and rig files without playing them
     Check(CheckArgs),
-    /// List the scenarios and rig files that ship with canrig, print one, or copy them to a folder
+    /// List, print or copy the scenarios and rig files that ship with canrig
     Examples(ExamplesArgs),
-    /// List the signals of the bus, of a scenario or of a run: name, unit, sender, message, range
+    /// List the signals of the bus, of a scenario or of a run
     Signals(SignalsArgs),
-    /// Write a crate for a plant or a control law of your own, with a program that knows it
+    /// Write a plant, a control law, a rig or a controller of your own
     New(NewArgs),
-    /// Check whether this machine has what a test bench needs, and print the commands that install what is missing
+    /// Check whether this machine has what a test bench needs
     Doctor(DoctorArgs),
     /// Print the JSON Schema of scenario or rig files, for editors
     Schema(SchemaArgs),
-    /// List the nodes on a bus: number, NMT state, device type, identity, and which EDS describes them
+    /// List the nodes on a bus, with state, device type, identity and EDS
     Nodes(NodesArgs),
     /// Read or write an object of a node; a running controller is not disturbed
     Sdo(SdoArgs),
@@ -176,7 +163,7 @@ pub(crate) enum Command {
     Monitor(MonitorArgs),
     /// Write the EDS of each node of a rig, for other programs
     Eds(EdsArgs),
-    /// List what an FMU (FMI 2.0, 3.0) says of itself, print its table for a rig file, or write a plant as an FMU
+    /// List the contents of an FMU, print its table for a rig, or export a plant as an FMU
     Fmu(FmuArgs),
     /// Print the completions of canrig's commands and options for a shell
     Completions(CompletionsArgs),
@@ -218,6 +205,25 @@ pub(crate) enum Command {
         /// File descriptor of the channel to the bench
         channel: i32,
     },
+}
+
+/// Returns the command line, whose help lists the commands by group.
+pub(crate) fn command_line() -> clap::Command {
+    let command_line = Cli::command();
+    let mut list = String::new();
+    for (group, names) in GROUPS {
+        list += &format!("\n{group}:\n");
+        for name in names {
+            let command = command_line.find_subcommand(name);
+            let about = command.and_then(clap::Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            list += &format!("  {name:<12}{about}\n");
+        }
+    }
+    command_line.help_template(format!(
+        "{{about}}\n\n{{usage-heading}} {{usage}}\n{list}\n\
+         `canrig COMMAND --help` has the options of a command.{{after-help}}"
+    ))
 }
 
 /// Executes the subcommand.
@@ -266,12 +272,57 @@ pub(crate) fn execute(cli: Cli) -> Exit {
                 Exit::Pass
             })
         }
-        Command::Completions(args) => completions(&args, &mut Cli::command()),
-        Command::Man(args) => man(&args, Cli::command()),
+        Command::Completions(args) => completions(&args, &mut command_line()),
+        Command::Man(args) => man(&args, command_line()),
         Command::Node(args) => host(&args),
         Command::PrivateBus { channel } => {
             let served = process::inherited_channel(channel).and_then(private_bus::serve);
             served.map_or(Exit::BenchFailed, |()| Exit::Pass)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_help_lists_each_visible_command_in_one_group_and_one_line() {
+        let command_line = command_line();
+        let visible = command_line
+            .get_subcommands()
+            .filter(|one| !one.is_hide_set());
+        let mut visible: Vec<&str> = visible.map(clap::Command::get_name).collect();
+        let mut grouped = GROUPS.map(|(_, names)| names).concat();
+        visible.sort_unstable();
+        grouped.sort_unstable();
+        assert_eq!(visible, grouped);
+        let help = command_line.clone().render_help().to_string();
+        assert!(
+            help.lines().all(|line| line.chars().count() <= 100),
+            "{help}"
+        );
+    }
+
+    #[test]
+    fn an_option_has_two_lines_of_help_at_most() {
+        fn long(command: &clap::Command, place: &str, found: &mut Vec<String>) {
+            for argument in command.get_arguments() {
+                let help = argument
+                    .get_help()
+                    .map(ToString::to_string)
+                    .unwrap_or_default();
+                // Two lines of 100 columns, without the column of the options.
+                if help.chars().count() > 140 {
+                    found.push(format!("{place} {}: {help}", argument.get_id()));
+                }
+            }
+            for below in command.get_subcommands().filter(|one| !one.is_hide_set()) {
+                long(below, &format!("{place} {}", below.get_name()), found);
+            }
+        }
+        let mut found = Vec::new();
+        long(&command_line(), "canrig", &mut found);
+        assert_eq!(found, Vec::<String>::new());
     }
 }

@@ -17,19 +17,34 @@ pub(crate) struct CompletionsArgs {
     /// The shell
     #[arg(value_enum)]
     pub shell: Shell,
+    /// Write the file that the shell looks for into this folder, instead of printing it
+    #[arg(long, value_name = "FOLDER")]
+    pub to: Option<PathBuf>,
 }
 
 /// Arguments of `man`.
 #[derive(Args, Debug)]
 pub(crate) struct ManArgs {
     /// Folder in which the pages are written, such as ~/.local/share/man/man1
-    #[arg(value_name = "FOLDER")]
-    pub folder: PathBuf,
+    #[arg(long, value_name = "FOLDER")]
+    pub to: PathBuf,
 }
 
-/// Prints the completions for a shell.
+/// Prints the completions for a shell, or writes them into a folder.
 #[must_use]
 pub(crate) fn completions(args: &CompletionsArgs, command_line: &mut Command) -> Exit {
+    if let Some(folder) = &args.to {
+        let made = std::fs::create_dir_all(folder);
+        let written = made
+            .and_then(|()| clap_complete::generate_to(args.shell, command_line, "canrig", folder));
+        return match written {
+            Ok(path) => {
+                print(&path.display().to_string());
+                Exit::Pass
+            }
+            Err(error) => cannot_be_written(folder, &error),
+        };
+    }
     let mut text = Vec::new();
     clap_complete::generate(args.shell, command_line, "canrig", &mut text);
     print_bytes(&text);
@@ -53,7 +68,7 @@ fn write_pages(command: Command, folder: &Path) -> io::Result<()> {
 /// Writes `canrig.1` and a page for each command into a folder, which is made if it is missing.
 #[must_use]
 pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
-    let folder = &args.folder;
+    let folder = &args.to;
     let mut command_line = command_line.disable_help_subcommand(true);
     command_line.build();
     let made = std::fs::create_dir_all(folder);
@@ -65,12 +80,14 @@ pub(crate) fn man(args: &ManArgs, command_line: Command) -> Exit {
             ));
             Exit::Pass
         }
-        Err(error) => {
-            print_error(&format!(
-                "canrig: {} cannot be written: {error}",
-                folder.display()
-            ));
-            Exit::BenchFailed
-        }
+        Err(error) => cannot_be_written(folder, &error),
     }
+}
+
+fn cannot_be_written(folder: &Path, error: &io::Error) -> Exit {
+    print_error(&format!(
+        "canrig: `{}` cannot be written: {error}",
+        folder.display()
+    ));
+    Exit::BenchFailed
 }

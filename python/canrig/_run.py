@@ -172,7 +172,7 @@ class Run:
             #: What the run came to.
             self.verdict = Verdict._of(path.read_bytes())
         except FileNotFoundError:
-            raise CannotStart(f"{self.folder} is no run folder: there is no verdict.json in it") from None
+            raise CannotStart(f"{self.folder} is not a run folder (no verdict.json in it)") from None
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise CannotStart(f"{path} cannot be read: {error!r}") from error
 

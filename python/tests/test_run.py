@@ -60,9 +60,9 @@ def test_a_folder_is_a_run_too_and_is_judged_again(hold, strict, output):
     assert again.verdict == run.verdict
     assert canrig.replay(again) == run.verdict
     assert canrig.replay(run.folder, scenario=strict).outcome == "fail"
-    with pytest.raises(canrig.CannotStart, match="no run folder"):
+    with pytest.raises(canrig.CannotStart, match="not a run folder"):
         canrig.Run(output)
-    with pytest.raises(canrig.CannotStart, match="no run folder"):
+    with pytest.raises(canrig.CannotStart, match="not a run folder"):
         canrig.replay(output)
 
 

@@ -61,8 +61,8 @@ impl fmt::Display for ToolBus {
 /// The bus that a tool joins.
 #[derive(Args, Debug)]
 pub(crate) struct ToolBusArgs {
-    /// The bus: `embedded` (that of your only running `canrig run`, the default), `embedded:/path` or `private:number` (a
-    /// run prints its own), or a CAN interface such as `vcan0`
+    /// The bus: `embedded` (that of your only run), `embedded:/path` or `private:number` as a run prints it, or an
+    /// interface
     #[arg(long, value_name = "BUS")]
     pub bus: Option<ToolBus>,
 }
@@ -117,7 +117,7 @@ pub(crate) enum ToolError {
     #[error("{0}")]
     Usage(String),
     /// A file cannot be read.
-    #[error("{} cannot be read: {source}", path.display())]
+    #[error("`{}` cannot be read: {source}", path.display())]
     File {
         /// Path of the file.
         path: PathBuf,
@@ -128,7 +128,7 @@ pub(crate) enum ToolError {
     #[error(transparent)]
     DataSheet(#[from] DataSheetError),
     /// A DBC is wrong.
-    #[error("{}: {error}", path.display())]
+    #[error("`{}`: {error}", path.display())]
     Dbc {
         /// Path of the file.
         path: PathBuf,

@@ -313,9 +313,8 @@ pub(crate) enum SdoAction {
     Write {
         #[command(flatten)]
         object: ObjectArgs,
-        /// The value, in the object's type: a number (decimal; hexadecimal with 0x, binary with 0b), text, or for
-        /// strings of bytes pairs of hexadecimal digits. Of a node without EDS: 0x with two digits for each byte
-        /// (0x0032 for 16 bits), or the bytes as they are sent ("32 00")
+        /// The value: a number (decimal, 0x, 0b), text, or pairs of hexadecimal digits; without an EDS 0x and all
+        /// digits (0x0032)
         #[arg(allow_hyphen_values = true)]
         value: String,
         /// Write the controlword (0x6040) or a PDO table (0x1400 to 0x1BFF) although a controller is running

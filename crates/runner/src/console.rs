@@ -146,6 +146,12 @@ pub fn usage_error(message: &str) -> Exit {
     Exit::Usage
 }
 
+/// Prints why nothing can begin; returns the exit code of that.
+pub(crate) fn start_error(message: &str) -> Exit {
+    print_error(&format!("canrig: {message}"));
+    Exit::CannotStart
+}
+
 /// Prints an error with the underlined place in the file.
 pub fn print_diagnostic(error: impl Into<miette::Report>) {
     let error = error.into();

@@ -8,7 +8,7 @@ use clap::Args;
 use scenario::Override;
 use scenario::rig::shipped;
 
-use crate::console::usage_error;
+use crate::console::start_error;
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
@@ -72,9 +72,8 @@ pub struct ValueArgs {
 /// Nodes that canrig does not play itself.
 #[derive(Args, Clone, Debug)]
 pub struct GuestArgs {
-    /// Nodes of the rig that canrig does not start: in real time it expects them on the bus, such as a real drive, in virtual time each
-    /// at an address that it prints, for 15 s; several with commas. A fan needs
-    /// its drive too, since a real fan cannot cool an emulated wire. A limit on a value that no node then sends is not judged; a run that fails no other limit ends with exit code 5
+    /// Nodes of the rig that canrig does not start but expects on the bus for 15 s, such as a real drive; several with
+    /// commas
     #[arg(long, value_name = "NODE", value_delimiter = ',')]
     pub external: Vec<String>,
     /// Seconds that the answer of a program may take in virtual time; `none` for a debugger
@@ -210,7 +209,7 @@ pub(crate) trait Testbed {
 pub(crate) fn play_all(args: &PlayArgs, testbed: &dyn Testbed, listener: &dyn Listener) -> Exit {
     let paths = match scenario_files(&args.scenarios, is_scenario) {
         Ok(paths) => paths,
-        Err(error) => return usage_error(&error),
+        Err(error) => return start_error(&error),
     };
     let (mut viewers, refused) = args.viewer.open();
     report_all(listener, refused);
@@ -252,7 +251,7 @@ pub(crate) fn prepared(
 ) -> Result<Plan, Exit> {
     let plan = load(path, values)?;
     testbed.prepare(plan).map_err(|reason| {
-        listener.on_event(&RunEvent::Failed(format!("{}: {reason}", path.display())));
+        listener.on_event(&RunEvent::Failed(format!("`{}`: {reason}", path.display())));
         Exit::CannotStart
     })
 }
@@ -369,7 +368,7 @@ fn play_one(
             (judged.exit, Some(judged))
         }
         Err(error) => {
-            listener.on_event(&RunEvent::Failed(format!("{}: {error}", path.display())));
+            listener.on_event(&RunEvent::Failed(format!("`{}`: {error}", path.display())));
             (Exit::BenchFailed, None)
         }
     }

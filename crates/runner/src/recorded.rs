@@ -42,25 +42,25 @@ pub enum RecordedError {
         source: io::Error,
     },
     /// The folder is not that of a run.
-    #[error("{} is no run folder: there is no {} in it", path.display(), file::SCENARIO)]
+    #[error("`{}` is not a run folder (no {} in it)", path.display(), file::SCENARIO)]
     NoRun {
         /// Path of the folder.
         path: PathBuf,
     },
     /// The folder is that of many runs.
-    #[error("{} is the folder of a sweep or of torture, not of a run", path.display())]
+    #[error("`{}` is the folder of a sweep or of torture, not of a run", path.display())]
     ManyRuns {
         /// Path of the folder.
         path: PathBuf,
     },
     /// The log has no scenario.
-    #[error("{}: a log does not name the scenario that was played; name it with --scenario FILE", path.display())]
+    #[error("`{}`: a log does not name the scenario that was played; name it with --scenario FILE", path.display())]
     NoScenario {
         /// Path of the log.
         path: PathBuf,
     },
     /// The recording has no frame.
-    #[error("{} holds no frame{}", path.display(), broken.as_ref().map(|broken| format!(" ({broken})")).unwrap_or_default())]
+    #[error("`{}` holds no frame{}", path.display(), broken.as_ref().map(|broken| format!(" ({broken})")).unwrap_or_default())]
     Empty {
         /// Path of the log.
         path: PathBuf,
@@ -68,7 +68,7 @@ pub enum RecordedError {
         broken: Option<String>,
     },
     /// The verdict of the run is damaged.
-    #[error("{} is damaged: {reason}. Without this file, the frames are judged as those of a run that broke off: move it away for that", path.display())]
+    #[error("`{}` is damaged: {reason}. Without this file, the frames are judged as those of a run that broke off: move it away for that", path.display())]
     Damaged {
         /// Path of the file.
         path: PathBuf,
@@ -82,7 +82,7 @@ pub enum RecordedError {
     #[error(transparent)]
     Frames(#[from] FramesError),
     /// The limits are those of other loops.
-    #[error("{} has other loops than the recording, so its limits cannot be applied", path.display())]
+    #[error("`{}` has other loops than the recording, so its limits cannot be applied", path.display())]
     OtherLoops {
         /// The scenario with the limits.
         path: PathBuf,
@@ -359,7 +359,7 @@ pub fn refuse(error: RecordedError) -> Exit {
     Exit::CannotStart
 }
 
-/// Refuses a path that is no run folder.
+/// Refuses a path that is not a run folder.
 ///
 /// # Errors
 /// The folder has many runs or none, or cannot be read.

@@ -47,7 +47,7 @@ pub enum NoScenario {
         path: PathBuf,
     },
     /// A file of the program on the command line does not exist any more.
-    #[error("{}: the program cannot be found: {source}", path.display())]
+    #[error("`{}`: the program cannot be found: {source}", path.display())]
     Program {
         /// Path of the scenario.
         path: PathBuf,
@@ -55,7 +55,7 @@ pub enum NoScenario {
         source: io::Error,
     },
     /// A value of the command line has no place in the scenario.
-    #[error("{}: {why}", path.display())]
+    #[error("`{}`: {why}", path.display())]
     Override {
         /// Path of the scenario.
         path: PathBuf,

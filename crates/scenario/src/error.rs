@@ -7,7 +7,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use miette::{
-    Diagnostic, GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceSpan,
+    Diagnostic, GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode,
+    SourceSpan,
 };
 use thiserror::Error;
 
@@ -17,14 +18,13 @@ const PROBLEMS_SHOWN_MAX: usize = 50;
 /// Longest line of a text that is shown. In a longer line no reader finds the place, and the renderer cannot underline that far.
 const LINE_BYTES_SHOWN_MAX: usize = 1000;
 
-/// All problems of one scenario or rig file.
-#[derive(Debug, Diagnostic)]
+/// All problems of one scenario or rig file. A single problem has the heading of the whole.
+#[derive(Debug)]
 pub struct ScenarioError {
     /// Kind of the file: "scenario".
     kind: &'static str,
     file_name: String,
     problems_total: usize,
-    #[related]
     problems: Vec<Problem>,
 }
 
@@ -72,30 +72,62 @@ impl ScenarioError {
     pub fn problems(&self) -> &[Problem] {
         &self.problems
     }
+
+    /// Returns the problem if there is only one.
+    fn single(&self) -> Option<&Problem> {
+        self.problems.first().filter(|_| self.problems_total == 1)
+    }
 }
 
 impl fmt::Display for ScenarioError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (kind, file_name) = (self.kind, &self.file_name);
-        if self.problems.iter().all(|problem| problem.offset.is_none()) {
-            return write!(formatter, "the {kind} `{file_name}` cannot be read");
+        if let Some(problem) = self.single() {
+            let is_named_below = problem.underlined.is_some() && problem.file_name() == file_name;
+            return match problem.offset {
+                None => write!(
+                    formatter,
+                    "the {kind} `{file_name}` cannot be read: {problem}"
+                ),
+                Some(_) if is_named_below => write!(formatter, "{problem}"),
+                Some(_) => write!(formatter, "`{file_name}`: {problem}"),
+            };
         }
-        match self.problems_total {
-            1 => write!(formatter, "{file_name} is not a valid {kind}"),
-            total if total > self.problems.len() => write!(
-                formatter,
-                "{file_name} is not a valid {kind}: {total} problems, the first {} of them",
-                self.problems.len()
-            ),
-            total => write!(
-                formatter,
-                "{file_name} is not a valid {kind}: {total} problems"
-            ),
+        let (total, shown) = (self.problems_total, self.problems.len());
+        write!(
+            formatter,
+            "`{file_name}` is not a valid {kind}: {total} problems"
+        )?;
+        if total > shown {
+            write!(formatter, ", the first {shown} of them")?;
         }
+        Ok(())
     }
 }
 
 impl std::error::Error for ScenarioError {}
+
+impl Diagnostic for ScenarioError {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.single()?.help()
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.single()?.source_code()
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        self.single()?.labels()
+    }
+
+    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
+        let problems = self
+            .problems
+            .iter()
+            .map(|problem| problem as &dyn Diagnostic);
+        self.single().is_none().then(|| Box::new(problems) as _)
+    }
+}
 
 /// Renders an error without colours, with the places that it underlines. An escape sequence in it can only come from a file.
 ///

@@ -62,9 +62,6 @@ fn a_misspelt_key_is_one_problem_with_the_right_name() {
     check(
         &with(CLOSED).replace("position_mil", "postion_mil"),
         "
-  × broken.toml is not a valid scenario
-
-Error:
   × unknown key `postion_millimetres` in [[reference.hold]]
    ╭─[broken.toml:8:1]
  7 │ at_seconds = 0.0
@@ -83,7 +80,7 @@ fn several_problems_are_reported_together_in_the_order_of_the_file() {
     check(
         &format!("{text}[expect]\novershoot_percent = {{ min = 2, max = 1 }}\n"),
         "
-  × broken.toml is not a valid scenario: 4 problems
+  × `broken.toml` is not a valid scenario: 4 problems
 
 Error:
   × `duration_seconds` = 0 is out of range
@@ -132,9 +129,6 @@ fn a_syntax_error_underlines_where_the_reading_stopped() {
     check(
         &with("[controller.pid\n"),
         "
-  × broken.toml is not a valid scenario
-
-Error:
   × TOML syntax error
    ╭─[broken.toml:5:15]
  4 │ duration_seconds = 12.0
@@ -151,9 +145,6 @@ fn an_array_of_tables_written_as_a_table_says_how_to_write_it() {
     check(
         &with(CLOSED).replace("[[reference.hold]]", "[reference.hold]"),
         "
-  × broken.toml is not a valid scenario
-
-Error:
   × `reference.hold` must be an array of tables
    ╭─[broken.toml:6:1]
  5 │ [controller.pid]
@@ -174,10 +165,7 @@ fn the_problem_of_a_table_points_into_the_table() {
     let table = "time_seconds,position_millimetres\n0.0,10.0\n0.5, high\n";
     let error = Trial::parse(&text, "broken.toml", |_| Ok(table.to_owned())).unwrap_err();
     let expected = "
-  × broken.toml is not a valid scenario
-
-Error:
-  × the table has no number in column position_millimetres, line 3
+  × `broken.toml`: the table has no number in column position_millimetres, line 3
    ╭─[wave.csv:3:6]
  2 │ 0.0,10.0
  3 │ 0.5, high
@@ -772,7 +760,9 @@ fn files_and_tables_are_read_within_bounds() {
     assert!(Trial::load(&folder).is_err());
     let error = Trial::load(&folder.join("missing.toml")).unwrap_err();
     assert!(
-        error.to_string().ends_with("missing.toml` cannot be read"),
+        error
+            .to_string()
+            .ends_with("missing.toml` cannot be read: there is no such file"),
         "{error}"
     );
     assert_eq!(error.problems()[0].to_string(), "there is no such file");
@@ -841,7 +831,7 @@ fn more_problems_than_fit_are_counted() {
     assert_eq!(error.problems().len(), 50);
     assert_eq!(
         error.to_string(),
-        "x.toml is not a valid scenario: 300 problems, the first 50 of them"
+        "`x.toml` is not a valid scenario: 300 problems, the first 50 of them"
     );
     let text = with(CLOSED) + &"[[reference.step]]\n".repeat(10_001);
     let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();

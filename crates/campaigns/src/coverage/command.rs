@@ -30,7 +30,7 @@ enum CoverageError {
 /// Arguments of `coverage`.
 #[derive(Args, Debug)]
 pub struct CoverageArgs {
-    /// Folders of runs and sweeps, or folders with such in them; of several plays of one scenario the latest counts, and of a sweep its worst run
+    /// Folders of runs and sweeps, or folders of these; of several plays of a scenario the latest counts
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// A CSV file of all requirements, with a column `id` and, if you like, `text`: those that no run tests are shown too

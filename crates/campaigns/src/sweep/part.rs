@@ -63,8 +63,8 @@ impl PartError {
 /// Part of a campaign that a command plays.
 #[derive(Args, Clone, Debug)]
 pub struct PartArgs {
-    /// Play one part, such as 2/4, the second of four; `auto` asks the engine that runs the command: Slurm, HyperQueue or
-    /// Kubernetes. `canrig merge` merges the parts
+    /// Play one part, such as 2/4, the second of four, or `auto`, that of the task of an engine; `canrig merge` merges
+    /// them
     #[arg(long, value_name = "PART", default_value = "1/1")]
     shard: Wanted,
     /// With `--shard auto`: so many parts there are. The engine's tasks are then numbered from 1, those of Kubernetes from 0

@@ -6,7 +6,7 @@ use clap::Args;
 use comfy_table::CellAlignment;
 use scenario::rig::nodes::Rig;
 
-use crate::console::{print, print_diagnostic, usage_error};
+use crate::console::{print, print_diagnostic, start_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::scenarios::{read, rig_text, scenario_files};
@@ -30,7 +30,7 @@ pub struct CheckArgs {
 pub fn check(args: &CheckArgs) -> Exit {
     let paths = match scenario_files(&args.scenarios, |_| true) {
         Ok(paths) => paths,
-        Err(error) => return usage_error(&error),
+        Err(error) => return start_error(&error),
     };
     let mut worst = Exit::Pass;
     for path in paths {

@@ -9,7 +9,7 @@ use platform::scheduling;
 use scenario::fault::{Faults, Group};
 use scenario::node::Part;
 
-use crate::console::{print_error, usage_error};
+use crate::console::{print_error, start_error, usage_error};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::observer::observed;
@@ -198,7 +198,7 @@ impl<'a> RunTestbed<'a> {
     fn dry_run(&self, args: &RunArgs) -> Exit {
         let paths = match scenario_files(&args.play.scenarios, is_scenario) {
             Ok(paths) => paths,
-            Err(error) => return usage_error(&error),
+            Err(error) => return start_error(&error),
         };
         let Some(path) = paths.first() else {
             return usage_error("no scenario is named");

@@ -22,8 +22,7 @@ const LABELS_SHOWN_MAX: usize = 4;
 /// Arguments of `signals`.
 #[derive(Args, Debug)]
 pub struct SignalsArgs {
-    /// A run folder (the signals in its frames.dbc) or a scenario (those of its plant and control law); without it the
-    /// signals of canrig's built-in drive and controller
+    /// A run folder or a scenario; without it the signals of the controller and drive that ship
     #[arg(value_name = "RUN|SCENARIO")]
     pub source: Option<PathBuf>,
     /// List only signals with this text in their name, unit, sender, message or loop; of several each must be there

@@ -28,17 +28,14 @@ pub struct CompareArgs {
     pub a: PathBuf,
     /// The run that is compared with A
     pub b: PathBuf,
-    /// How far a signal, a metric, or all signals of a unit may differ: `position_millimetres=0.5`, `degrees=2`, `A=0.1`;
-    /// with `inf` it is not judged. Without this option: for what is in the loop's unit a 240th of its sensor's range,
-    /// which is 0.25 mm of 60 mm; 1 degC, 0.02 for fractions and states; currents, velocities and the terms of the control
-    /// law are shown but not judged, since they oscillate
+    /// How far a signal, a metric or all signals of a unit may differ: `position_millimetres=0.5`, `degrees=2`; `inf`
+    /// for not judged
     #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
     pub tolerance: Vec<GivenTolerance>,
     /// How much earlier or later a value of B may come
     #[arg(long, value_name = "MILLISECONDS", default_value_t = 5.0, value_parser = milliseconds)]
     pub time_tolerance: f64,
-    /// Compare the timing too where one run was played in real time and the other in virtual time: without it their behaviour
-    /// alone is compared
+    /// Compare the timing too where one run was played in real time and the other in virtual time
     #[arg(long)]
     pub timing: bool,
     /// Write a page with plots of what differs
