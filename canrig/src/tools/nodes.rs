@@ -434,7 +434,7 @@ impl Node for RollCall {
 pub(crate) struct NodesArgs {
     #[command(flatten)]
     pub bus: ToolBusArgs,
-    /// Further EDS files by which nodes are recognised, besides those that ship
+    /// Further EDS files by which nodes are recognised, in addition to those that ship
     #[arg(long, value_name = "FILE")]
     pub eds: Vec<PathBuf>,
     #[command(flatten)]

@@ -23,7 +23,7 @@ pub struct Beside {
 }
 
 impl Beside {
-    /// Returns the files beside a scenario.
+    /// Returns the files in the folder of a scenario.
     #[must_use]
     pub fn new(scenario: &Path) -> Self {
         Self {
@@ -32,7 +32,7 @@ impl Beside {
         }
     }
 
-    /// Replaces the rig file. Its name, and the names of the files beside it, begin with [`shipped::FOLDER`].
+    /// Replaces the rig file. Its name, and the names of the files in its folder, begin with [`shipped::FOLDER`].
     #[must_use]
     pub fn with_rig(self, rig: &Path) -> Self {
         let rig = Some(rig.to_owned());
@@ -96,7 +96,7 @@ impl Beside {
         (placed.collect(), folder.to_owned())
     }
 
-    /// Returns the files beside another scenario in the same folder.
+    /// Returns the files of another scenario in the same folder.
     #[must_use]
     pub fn of_case(&self) -> Self {
         let scenario = self.scenario.with_file_name("case");

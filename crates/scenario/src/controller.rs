@@ -85,7 +85,7 @@ impl Controller {
         program.or(library).or(fmu)
     }
 
-    /// Turns the file of a library or an FMU, which lies beside the scenario, into a path.
+    /// Turns the file of a library or an FMU, which is in the folder of the scenario, into a path.
     pub(crate) fn place_files(&mut self, scenario: &Path) {
         let library = self.library.iter_mut().map(|law| &mut law.file);
         let fmu = self.fmu.iter_mut().map(|law| &mut law.file);
@@ -95,7 +95,7 @@ impl Controller {
         }
     }
 
-    /// Multiplies parameters of the law by factors; each stands with its path, such as `pid.proportional_amperes_per_metre`.
+    /// Multiplies parameters of the law by factors; each has its path, such as `pid.proportional_amperes_per_metre`.
     pub(crate) fn scale(&mut self, factors: &[(String, f64)]) {
         if factors.is_empty() {
             return;

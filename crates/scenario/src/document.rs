@@ -30,7 +30,7 @@ impl<'text> Document<'text> {
         }
     }
 
-    /// Returns the problems of the parser. A table that stands twice is one problem, not one for each of its keys.
+    /// Returns the problems of the parser. A table that is given twice is one problem, not one for each of its keys.
     fn syntax_problems(&self, text: &str, errors: &[toml::de::Error]) -> Vec<Problem> {
         // An error at the end is shown at the last character: behind it there is nothing to underline.
         let last = text

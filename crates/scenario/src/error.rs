@@ -232,7 +232,7 @@ impl Source {
         }
     }
 
-    /// Makes a problem at a place of this text: `message` describes it, and `label` stands at the place.
+    /// Makes a problem at a place of this text: `message` describes it, and `label` is printed at the place.
     pub(crate) fn problem(
         &self,
         span: Range<usize>,

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 
 use crate::file::{open_file, read_text};
 
-/// End of the name of a file with a hash; the rest is the name of the hashed file, beside it.
+/// End of the name of a file with a hash; the rest is the name of the hashed file, in the same folder.
 pub const HASH_SUFFIX: &str = ".sha256";
 /// Largest length of a file with a hash.
 const TEXT_BYTES_MAX: u64 = 4096;

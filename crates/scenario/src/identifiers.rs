@@ -1,4 +1,4 @@
-//! Identifiers of frames besides those that CiA 301 gives each node (its predefined connection set, 7.3.5).
+//! Identifiers of frames other than those that CiA 301 gives each node (its predefined connection set, 7.3.5).
 
 use std::collections::BTreeSet;
 
@@ -31,7 +31,7 @@ const OF_ALL: [u16; 2] = [0x080, 0x100];
 /// Upper end of the identifiers for frames without a fixed place: the search goes downwards from here.
 const BELOW: u16 = 0x6E0;
 
-/// Identifiers of a drive, and of the terms of its loop's law, besides those that CiA 301 gives each node.
+/// Identifiers of a drive, and of the terms of its loop's law, other than those that CiA 301 gives each node.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct Identifiers {
     /// Request and answer of the second SDO channel of an emulated drive (0x1201).

@@ -75,7 +75,7 @@ impl Objection {
 pub struct Texts {
     /// Text of the scenario's file.
     pub scenario: String,
-    /// Tables beside it, and the rig file that it names, by the names that the scenario uses.
+    /// Tables in its folder, and the rig file that it names, by the names that the scenario uses.
     pub tables: BTreeMap<String, String>,
 }
 

@@ -1,4 +1,4 @@
-//! Plants and control laws from outside: their tables stand beside the shipped ones, each under its own name.
+//! Plants and control laws from outside: their tables have names of their own among the shipped ones.
 //!
 //! They are registered once, before anything is read; from then on schema and loader know them as they know the shipped ones.
 

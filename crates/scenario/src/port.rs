@@ -425,7 +425,7 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
     }
 }
 
-/// Keys besides those of metrics that have the unit of a position.
+/// Keys other than those of metrics that have the unit of a position.
 const KEYS_OF_POSITIONS: [&str; 8] = [
     "recovery_band_millimetres",
     "position_millimetres",

@@ -65,7 +65,7 @@ pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Pro
     })
 }
 
-/// Reads the course of a signal, one column of a table beside its `time_seconds`, as [`parse`]; rows without a value are left
+/// Reads the course of a signal, one column of a table next to its `time_seconds`, as [`parse`]; rows without a value are left
 /// out.
 pub(crate) fn parse_course(name: &str, text: &str, column: &str) -> Result<Rows, Problem> {
     parse_column(name, text, column, None)

@@ -13,7 +13,7 @@ use crate::port::{
     symbol_of, unit_in,
 };
 
-/// Largest number of outputs that a drive can publish: TPDO2 holds them beside the true position, and TPDO3.
+/// Largest number of outputs that a drive can publish: TPDO2, with the true position, and TPDO3 hold them.
 pub const RECORDED_MAX: usize = 6;
 /// Largest number of outputs of an io node, which its RPDO1 holds.
 pub const IO_OUTPUTS_MAX: usize = 4;
@@ -122,7 +122,7 @@ pub struct Wiring {
     pub leads: usize,
     /// Law that leads the drive, if it is that of another drive.
     pub led_by: Option<LedBy>,
-    /// Identifiers of its frames besides those that CiA 301 gives it.
+    /// Identifiers of its frames other than those that CiA 301 gives it.
     pub identifiers: Identifiers,
     /// Name of its loop; empty without a rig file.
     pub of_loop: String,
@@ -339,7 +339,7 @@ impl IoWiring {
     }
 }
 
-/// Output of an io node besides fan and load: 16 bits that drive an input of a plant.
+/// Output of an io node other than fan and load: 16 bits that drive an input of a plant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IoOutput {
     /// Name, which ends in its unit; the unit of the port if it names none.

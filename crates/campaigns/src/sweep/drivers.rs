@@ -12,7 +12,7 @@ use super::row::SweepRow;
 
 /// Approximate number of runs in the sample.
 const SAMPLE: usize = 20_000;
-/// The worst runs of each metric that are drawn, but at most one run in so many.
+/// Number of worst runs of each metric that are drawn, and divisor of the number of all runs that bounds it.
 const WORST: usize = 25;
 const WORST_ONE_IN: usize = 4;
 /// Number of points of the sample that are drawn.

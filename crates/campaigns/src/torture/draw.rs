@@ -204,7 +204,7 @@ fn push(faults: &mut Table, kind: &Kind, fault: Table) {
     }
 }
 
-/// Draws the keys of a kind besides those of its time.
+/// Draws the keys of a kind other than those of its time.
 fn parameters(stream: &mut Stream, nodes: &Nodes, kind: &Kind) -> Table {
     let mut table = Table::new();
     if kind.time == Time::Boot && kind.is_of_a_drive() {

@@ -1,4 +1,4 @@
-//! Checks of requirements: each name can be printed, stands once, and belongs to a limit that is given.
+//! Checks of requirements: each name can be printed, is given once, and belongs to a limit that is given.
 
 use std::collections::BTreeSet;
 

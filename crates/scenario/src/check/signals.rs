@@ -1,4 +1,4 @@
-//! Checks of signals and sequences: each can be judged, lies within the run, and stands once.
+//! Checks of signals and sequences: each can be judged, lies within the run, and is given once.
 
 use std::collections::BTreeSet;
 
@@ -72,7 +72,7 @@ fn window_problem(
     Some(document.problem(&format!("{path}.{key}"), message, label))
 }
 
-/// Checks that there is a demand, that its limits can be met, and that no row of the verdict stands twice.
+/// Checks that there is a demand, that its limits can be met, and that no row of the verdict appears twice.
 fn demands(
     document: &Document<'_>,
     path: &str,

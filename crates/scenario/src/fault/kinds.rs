@@ -12,7 +12,7 @@ pub struct Kind {
     pub time: Time,
     /// Cyclic frames that it can keep from the bus or delay.
     pub touch: Touch,
-    /// Keys besides those of its time.
+    /// Keys other than those of its time.
     pub keys: &'static [Key],
     /// Description in the schema and in the book.
     pub text: &'static str,

@@ -28,7 +28,7 @@ impl<'text> Selector<'_, 'text> {
         let expect = self.root().get(EXPECT)?;
         let whole = match self.table(expect) {
             Some(whole) if self.is_by_loop(EXPECT) => whole,
-            // Expectations of the only loop do not hold for a drive that its law leads besides.
+            // Expectations of the only loop do not hold for a further drive that its law leads.
             _ if self.is_led(name) => return None,
             _ => {
                 let mut kept = expect.clone();

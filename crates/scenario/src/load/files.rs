@@ -11,7 +11,7 @@ use crate::nearest::meant_or_known;
 use crate::rig::shipped;
 use crate::table::{ReadTable, is_inside_folder};
 
-/// Name of a scenario's file in a run folder, beside the files that it names.
+/// Name of a scenario's file in a run folder, which also has the files that it names.
 const SCENARIO_FILE: &str = "scenario.toml";
 
 /// A scenario and the rig that it names.
@@ -58,7 +58,7 @@ impl<'text> Files<'text> {
     }
 }
 
-/// Returns the rig that a scenario names: a shipped one, or a file beside the scenario.
+/// Returns the rig that a scenario names: a shipped one, or a file in the folder of the scenario.
 fn rig_text(
     scenario: &Document<'_>,
     beside: &Beside,
@@ -138,7 +138,7 @@ fn rig_text(
     })
 }
 
-/// Checks whether a file beside another one is the same file.
+/// Checks whether a file in the folder of another one is the same file.
 fn is_same_file(beside: &str, path: &Path) -> bool {
     let components = Path::new(beside).components();
     let names = components.filter(|component| *component != Component::CurDir);

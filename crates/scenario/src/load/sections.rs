@@ -174,7 +174,7 @@ impl<'text> Selector<'_, 'text> {
         })
     }
 
-    /// Refuses a law of all loops beside another law, or as the law of one of several loops.
+    /// Refuses a law of all loops together with another law, or as the law of one of several loops.
     fn law_of_all(&self, name: &str) -> Option<Problem> {
         let with_ports = |key: &str| {
             let laws = self.scenario.keys(&format!("{CONTROLLER}.{key}"));

@@ -863,7 +863,7 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     }
 }
 
-/// A wire beside the motors of the two axes.
+/// A wire in addition to the motors of the two axes.
 const MIXED: &str = "[plant.wire.sma]\n[node.w]\nkind = \"drive\"\nnode_id = 0x14\n\
     amplifier = { port = \"wire.current_amperes\", rated = 1.0, min = 0.0, max = 1.0 }\nsensor.port = \"wire.position_metres\"\n\
     [loop.w]\nfeedback = \"w.position\"\noutputs = [\"w.current\"]\n";

@@ -38,7 +38,7 @@ pub struct Fmu {
 }
 
 impl Fmu {
-    /// Replaces its file, which lies beside the rig file, by a path.
+    /// Replaces its file, which is in the folder of the rig file, by a path.
     pub(crate) fn beside(self, rig: &Path) -> Self {
         let file = rig.with_file_name(&self.file);
         Self {

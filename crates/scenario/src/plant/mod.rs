@@ -64,7 +64,7 @@ pub struct PlantModel {
 }
 
 impl PlantModel {
-    /// Replaces its files, which lie beside the rig file, by paths.
+    /// Replaces its files, which are in the folder of the rig file, by paths.
     pub(crate) fn beside(&self, rig: &Path) -> Self {
         let mut model = self.clone();
         model.fmu = model.fmu.map(|fmu| fmu.beside(rig));

@@ -61,8 +61,8 @@ impl Rig {
         plant_of_port(amplifier.port.as_deref()?)
     }
 
-    /// Returns the plant that a drive moves, with its files beside the rig file; the actuator of the paper if the drive moves
-    /// none.
+    /// Returns the plant that a drive moves, with its files in the folder of the rig file; the actuator of the paper if the
+    /// drive moves none.
     pub(crate) fn model_of(&self, drive: &str, rig: &Path) -> PlantModel {
         let plant = self.plant_of(drive).and_then(|name| self.plant.get(name));
         plant.map_or_else(PlantModel::default, |plant| plant.beside(rig))
@@ -370,7 +370,7 @@ impl Rig {
         })
     }
 
-    /// Makes a rig of one real drive alone, with external io nodes beside it.
+    /// Makes a rig of one real drive and external io nodes.
     #[must_use]
     pub fn of_one_drive<'a>(
         &self,
@@ -835,7 +835,7 @@ impl Outputs {
         self.0.get(name).map(String::as_str)
     }
 
-    /// Returns the outputs besides fan and load.
+    /// Returns the outputs other than fan and load.
     pub(crate) fn others(&self) -> impl Iterator<Item = (&String, &String)> {
         let outputs = self.0.iter();
         outputs.filter(|(name, _)| ![FAN_OUTPUT, LOAD_OUTPUT].contains(&name.as_str()))
@@ -875,7 +875,7 @@ pub struct RigLoop {
     /// recorded and judged under its own name.
     #[serde(skip)]
     pub led_by: Option<String>,
-    /// Identifiers of its frames besides those that CiA 301 gives its nodes, put in by the loader.
+    /// Identifiers of its frames other than those that CiA 301 gives its nodes, put in by the loader.
     #[serde(skip)]
     pub identifiers: Identifiers,
 }

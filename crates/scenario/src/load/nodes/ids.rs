@@ -6,7 +6,7 @@ use super::Check;
 use crate::error::Problem;
 
 impl Check<'_> {
-    /// Checks that each node-ID stands once.
+    /// Checks that each node-ID is given once.
     pub(super) fn node_ids(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         let mut taken: BTreeMap<u8, &str> = BTreeMap::new();

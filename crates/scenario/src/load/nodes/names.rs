@@ -16,7 +16,7 @@ const NOT_A_NODE: [&str; 2] = ["bench", "bus"];
 /// Names that no plant can have: the process of its emulator has a log of that name, beside those of the controller and the
 /// recording.
 const NOT_A_PLANT: [&str; 3] = ["bench", "bus", "controller"];
-/// Tables of a scenario that have the tables of loops beside other keys.
+/// Tables of a scenario that have the tables of loops among other keys.
 const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];
 
 impl Check<'_> {

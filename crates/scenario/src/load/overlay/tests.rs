@@ -340,7 +340,7 @@ fn all_that_is_wrong_is_said_at_once() {
     );
 }
 
-/// A problem of the rig file is shown there, whatever values the scenario has besides.
+/// A problem of the rig file is shown there, whatever other values the scenario has.
 #[test]
 fn a_mistake_in_the_rig_file_is_shown_in_the_rig_file() {
     for (right, wrong, said, line) in [
