@@ -144,7 +144,7 @@ def test_recordings(bench, run):
     replay("a log of random bytes", INVALID, "more than 1000 lines are no frames", log, os.urandom(1_000_000))
     replay("a log whose time runs backwards", FAILED, "incomplete", log, b"\n".join(reversed(kept[log].splitlines())))
     replay("a verdict of 100 MB", INVALID, "longer than", verdict, b"[" * LONG)
-    replay("half a verdict", INVALID, "verdict.json is damaged", verdict, kept[verdict][:300])
+    replay("half a verdict", INVALID, "verdict.json` is damaged", verdict, kept[verdict][:300])
     replay("a verdict without end", INVALID, "it is a link that leads out of its folder", verdict, pathlib.Path("/dev/zero"))
     replay("its scenario without end", INVALID, "it is a link that leads out of its folder", toml, pathlib.Path("/dev/zero"))
     replay("frames without end", INVALID, "it is a link that leads out of its folder", dbc, pathlib.Path("/dev/zero"))
