@@ -367,8 +367,14 @@ fn flags(true_models: u64, damped_models: u64) {
 fn warm_step(folder: &Path, truth: &Sma, model: Option<&str>) -> (f64, f64) {
     let text = fs::read_to_string(scenario("step.toml")).unwrap();
     let text = text_of(&text, truth);
-    let file =
-        model.map(|file| format!("[controller.sliding_mode]\nnominal_model_file = \"{file}\"\n"));
+    let calibrated = |file| {
+        // The head of the file has the table of the law.
+        let text = fs::read_to_string(folder.join(file)).unwrap();
+        let head = text.lines().map_while(|line| line.strip_prefix('#'));
+        let table = head.skip_while(|line| !line.trim().starts_with('['));
+        table.fold(String::new(), |table, line| table + line.trim() + "\n")
+    };
+    let file = model.map(calibrated);
     let law = "[controller.sliding_mode]\n";
     assert!(text.contains(law));
     let path = folder.join("step.toml");
@@ -418,9 +424,22 @@ fn the_controller_takes_the_model_that_identification_found() {
     let (calibrated_seconds, calibrated_percent) = warm_step(folder.path(), &truth, Some(model));
     assert!(seconds > 0.208 && percent > 0.7, "{seconds} s, {percent} %");
     assert!(
-        calibrated_seconds < 0.203 && calibrated_percent < 0.6,
+        calibrated_seconds < 0.196 && calibrated_percent < 1.2,
         "{calibrated_seconds} s, {calibrated_percent} %"
     );
+}
+
+/// Without a gradient a round goes nowhere; the search keeps what it had.
+#[test]
+fn a_round_that_goes_nowhere_keeps_what_was_found() {
+    let recording = Recording::of(&step_text(0.7, 4.0));
+    let measurements = [recording.measurement()];
+    let fit = fit(&measurements, "C,As,Af");
+    let start = fit.values_of(&Start::Section3.plant().unwrap());
+    assert!(!start::lifts(&fit, &start));
+    let kept = optimiser::sequential_quadratic_programming(&fit, &start, &|_, _| {}).unwrap();
+    assert_eq!(kept.values, start);
+    assert!(!kept.has_converged);
 }
 
 /// With Sec. 3 values a ramp to 0.8 A never lifts the load (PAPER I1).

@@ -39,6 +39,16 @@ mod name {
     pub(super) const NUMBERS: &str = "identification.json";
 }
 
+/// Head of the model's file: the law with this model.
+const CALIBRATED_LAW: &str = "\
+# The sliding-mode law with this model, in a scenario beside this file. It knows its plant, so it may be launched with more jerk:
+#
+# [controller.sliding_mode]
+# nominal_model_file = \"nominal_model.toml\"
+# reference_launch_jerk_metres_per_second_cubed = 500.0
+
+";
+
 /// Reason why there is no result, with the exit code.
 struct IdentifyFailure {
     message: String,
@@ -295,7 +305,7 @@ fn write(
     )?;
     folder.write(name::REPORT, b"incomplete: the identification has not ended; if no process works on it any more, it broke off\n")?;
     folder.write(name::PLANT, plant.to_file_text(PLANT)?.as_bytes())?;
-    let model = nominal_model(&plant).to_file_text()?;
+    let model = CALIBRATED_LAW.to_owned() + &nominal_model(&plant).to_file_text()?;
     folder.write(name::NOMINAL_MODEL, model.as_bytes())?;
     let scenario = text_on_shipped_rig(&first.text, &first.own, &plant)?;
     folder.write(file::SCENARIO, scenario.as_bytes())?;
@@ -317,7 +327,10 @@ fn numbers<'a>(fit: &Fit<'_>, found: &'a Solution) -> IdentificationNumbers<'a> 
         parameters: fit.symbols(),
         start: &found.start,
         values: found.statistics.values(),
-        second_optimiser: found.check.as_ref().map(|check| check.values.as_slice()),
+        second_optimiser: found
+            .check
+            .as_ref()
+            .map(|check| check.optimum.values.as_slice()),
         iterations: found.descent.optimum.iterations,
         is_confirmed: found.is_confirmed(fit),
         explains: found.statistics.explains(),

@@ -47,8 +47,8 @@ pub type OnIteration<'a> = &'a dyn Fn(u64, f64);
 
 /// Runs sequential quadratic programming (Kraft's SLSQP) with bounds and order, in rounds. Each round has its own
 /// coordinates, in which the Gauss-Newton approximation of the Hessian is the identity, because BFGS alone is slow in
-/// the long valleys of this problem. Bounds and order are linear in any coordinates. It returns `None` if the model has
-/// no derivative.
+/// the long valleys of this problem. Bounds and order are linear in any coordinates. A round without a result ends the
+/// search where it is. It returns `None` for an invalid start.
 #[must_use]
 pub fn sequential_quadratic_programming(
     fit: &Fit<'_>,
@@ -62,7 +62,9 @@ pub fn sequential_quadratic_programming(
         has_converged: false,
     };
     for _ in 0..ROUNDS_MAX {
-        let round = round(fit, &best, progress)?;
+        let Some(round) = round(fit, &best, progress) else {
+            break;
+        };
         let gain = best.mean_square - round.mean_square;
         let iterations = best.iterations + round.iterations;
         let has_converged = gain <= PROGRESS_MIN * best.mean_square;

@@ -3,7 +3,7 @@
 use comfy_table::{Table, presets};
 
 use super::fit::Fit;
-use super::search::{Detour, Solution};
+use super::search::{Checker, Detour, Solution};
 use super::statistics::{Estimate, REPLICAS};
 
 /// Largest standard error of a temperature that counts as determined.
@@ -16,6 +16,8 @@ const CORRELATION_NAMED: f64 = 0.95;
 const DEPENDENCE_NAMED: f64 = 1.5;
 /// Parameters to add if the model does not explain the data.
 const MECHANICAL: [&str; 2] = ["c", "EA"];
+/// Parameters of which one at least must be given: the scale of the heat balance.
+const SCALES: [&str; 2] = ["R", "cp"];
 /// Names of the combinations that are reported, from the worst determined on.
 const COMBINATIONS: [&str; 2] = ["worst", "second worst"];
 /// Relative change of the largest component for which a combination is reported.
@@ -99,7 +101,10 @@ fn result_table(fit: &Fit<'_>, found: &Solution) -> Table {
     ]);
     for (place, parameter) in fit.parameters.iter().enumerate() {
         let estimate = &found.statistics.estimates[place];
-        let check = found.check.as_ref().map(|check| check.values[place]);
+        let check = found
+            .check
+            .as_ref()
+            .map(|check| check.optimum.values[place]);
         table.add_row([
             format!("{} ({})", parameter.symbol, parameter.key()),
             parameter.unit.to_owned(),
@@ -149,24 +154,27 @@ fn search(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
             "WARNING: sequential quadratic programming did not converge in {iterations} iterations."
         )
     });
-    let origin = if found.is_check_from_scan {
-        "a scanned point"
-    } else {
-        "the same start"
-    };
-    lines.push(match found.disagreement() {
-        _ if found.is_continued => format!(
-            "WARNING: trust-region reflective least squares from {origin} came lower; sequential quadratic programming went on \
-             from there. So the residual has a long flat valley, and the optimum has no independent confirmation."
-        ),
-        Some(distance) if found.is_confirmed(fit) => format!(
-            "Cross-check: trust-region reflective least squares from {origin} ends at the same point (largest distance {} \
-             standard errors).",
+    if found.is_continued {
+        lines.push(
+            "Trust-region reflective least squares came lower, and sequential quadratic programming went on from there: the \
+             residual has a long flat valley."
+                .to_owned(),
+        );
+    }
+    let other = found.check.as_ref().map(|check| match check.checker {
+        Checker::SameStart => "trust-region reflective least squares from the same start",
+        Checker::Scan => "trust-region reflective least squares from a scanned point",
+        Checker::BeforeContinuation => {
+            "sequential quadratic programming from the start, which had ended before by itself,"
+        }
+    });
+    lines.push(match other.zip(found.disagreement()) {
+        Some((other, distance)) if found.is_confirmed(fit) => format!(
+            "Cross-check: {other} ends at the same point (largest distance {} standard errors).",
             significant(distance, 2)
         ),
-        Some(distance) => format!(
-            "WARNING: trust-region reflective least squares from {origin} ends {} standard errors away; the optimum is not \
-             confirmed.",
+        Some((other, distance)) => format!(
+            "WARNING: {other} ends {} standard errors away; the optimum is not confirmed.",
             significant(distance, 2)
         ),
         None => "WARNING: the second optimiser failed; the optimum is not confirmed.".to_owned(),
@@ -338,6 +346,9 @@ fn errors(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
          the sensor; they hold where the model explains the data."
             .to_owned(),
     ];
+    if let Some(given) = given_scale(fit) {
+        lines.push(given);
+    }
     let ratios = found
         .statistics
         .estimates
@@ -351,6 +362,23 @@ fn errors(fit: &Fit<'_>, found: &Solution) -> Vec<String> {
     }
     lines.extend(shift_warning(fit, found));
     lines
+}
+
+/// Returns the reminder that one scale of the heat balance is given, unless it is sought. Eq. (1) divided by `m cp` has
+/// `R`, `C` and `h` over `m cp` only.
+fn given_scale(fit: &Fit<'_>) -> Option<String> {
+    let symbols = fit.symbols();
+    let given: Vec<&str> = SCALES
+        .into_iter()
+        .filter(|symbol| !symbols.contains(symbol))
+        .collect();
+    (!given.is_empty()).then(|| {
+        format!(
+            "The standard errors hold for the given {}: no recording of positions shows the scale of the heat. Twice the c_p, R, C \
+             and h give the same motion.",
+            given.join(" and ")
+        )
+    })
 }
 
 /// Returns whether quantisation shifts an estimate beyond the usual standard error, by a relevant amount.

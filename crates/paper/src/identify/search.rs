@@ -26,9 +26,14 @@ pub enum SearchError {
         "no plant within the bounds lifts the load under the recorded current, though it was lifted; are the known parameters right?"
     )]
     NeverLifts,
-    /// The model has no derivative.
-    #[error("the simulated position does not depend on the parameters ({0}) in these recordings")]
-    NoDerivative(String),
+    /// Parameters without any effect.
+    #[error("the simulated position does not depend on {0} in these recordings")]
+    NoEffect(String),
+    /// The optimum has no derivatives.
+    #[error(
+        "the search ended at values beside which the plant cannot be simulated ({0}); begin elsewhere with `--start`"
+    )]
+    NoDerivatives(String),
 }
 
 /// Reason why the search began at other values than the start values, or at both.
@@ -49,6 +54,26 @@ pub struct Descent {
     pub optimum: Optimum,
 }
 
+/// Searches that may find the optimum without the one that is rated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Checker {
+    /// Trust-region reflective least squares from the same start.
+    SameStart,
+    /// The same from a scanned point.
+    Scan,
+    /// Sequential quadratic programming from the start, before it continued from a lower point.
+    BeforeContinuation,
+}
+
+/// Result of a search that found the optimum by itself.
+#[derive(Clone, Debug)]
+pub struct Check {
+    /// The search.
+    pub checker: Checker,
+    /// Its result.
+    pub optimum: Optimum,
+}
+
 /// Result of a search.
 #[derive(Clone, Debug)]
 pub struct Solution {
@@ -56,11 +81,9 @@ pub struct Solution {
     pub start: Vec<f64>,
     /// Result of sequential quadratic programming.
     pub descent: Descent,
-    /// Result of the second optimiser.
-    pub check: Option<Optimum>,
-    /// Whether the second optimiser failed from the first one's origin and began at a scanned point.
-    pub is_check_from_scan: bool,
-    /// Whether the second optimiser came lower, and the first one continued from there.
+    /// Optimum that another search found without this one.
+    pub check: Option<Check>,
+    /// Whether another search came lower, and sequential quadratic programming continued from there.
     pub is_continued: bool,
     /// Quality of the optimum.
     pub statistics: FitStatistics,
@@ -71,32 +94,38 @@ impl Solution {
     #[must_use]
     pub fn disagreement(&self) -> Option<f64> {
         let check = self.check.as_ref()?;
-        let pairs = check.values.iter().zip(&self.statistics.estimates);
-        let distances = pairs.map(|(value, estimate)| {
-            (value - estimate.least_squares).abs() / estimate.standard_error
-        });
-        Some(distances.fold(0.0, f64::max))
+        Some(distance(&self.statistics, &check.optimum.values))
     }
 
-    /// Returns whether two optimisers found the same values independently and the first has converged.
+    /// Returns whether two searches found the same values, each by itself.
     #[must_use]
     pub fn is_confirmed(&self, fit: &Fit<'_>) -> bool {
-        let Some(check) = &self.check else {
-            return false;
-        };
-        let parameters = fit.parameters.iter().zip(&self.statistics.estimates);
-        let is_near = parameters
-            .zip(&check.values)
-            .all(|((parameter, estimate), value)| {
-                let tolerance = (AGREEMENT_STANDARD_ERRORS * estimate.standard_error)
-                    .max(AGREEMENT_RANGES * parameter.range());
-                (value - estimate.least_squares).abs() <= tolerance
-            });
-        self.descent.optimum.has_converged && is_near && !self.is_continued
+        let check = self.check.as_ref();
+        check.is_some_and(|check| agrees(fit, &self.statistics, &check.optimum.values))
     }
 }
 
-/// Searches from the start values, checks the optimum with a second optimiser, and rates it.
+/// Returns the largest distance of values from the optimum in standard errors.
+fn distance(statistics: &FitStatistics, values: &[f64]) -> f64 {
+    let pairs = values.iter().zip(&statistics.estimates);
+    let distances = pairs
+        .map(|(value, estimate)| (value - estimate.least_squares).abs() / estimate.standard_error);
+    distances.fold(0.0, f64::max)
+}
+
+/// Returns whether values are the optimum, within a small part of its standard errors.
+fn agrees(fit: &Fit<'_>, statistics: &FitStatistics, values: &[f64]) -> bool {
+    let parameters = fit.parameters.iter().zip(&statistics.estimates);
+    parameters
+        .zip(values)
+        .all(|((parameter, estimate), value)| {
+            let tolerance = (AGREEMENT_STANDARD_ERRORS * estimate.standard_error)
+                .max(AGREEMENT_RANGES * parameter.range());
+            (value - estimate.least_squares).abs() <= tolerance
+        })
+}
+
+/// Searches from the start values, checks the optimum with a second optimiser, from two starts if need be, and rates it.
 ///
 /// # Errors
 /// The start is not admissible, or no plant within the bounds can explain any motion.
@@ -107,41 +136,65 @@ pub fn search(
 ) -> Result<Solution, SearchError> {
     let mut descent = descend(fit, start, progress)?;
     let origin = descent.detour.as_ref().map_or(start, |(_, origin)| origin);
+    let mut checks = Vec::from_iter(second_opinion(fit, origin, Checker::SameStart));
     let lowest = descent.optimum.mean_square;
-    let mut check = second_opinion(fit, origin);
-    let is_check_from_scan = check
-        .as_ref()
-        .is_none_or(|check| check.mean_square > LOST * lowest);
-    if is_check_from_scan {
-        check = start::scan(fit).and_then(|origin| second_opinion(fit, &origin));
-    }
-    #[expect(
-        clippy::cast_precision_loss,
-        reason = "sample counts stay far below 2^52"
-    )]
-    let worth = lowest * (1.0 - LOWER_SAMPLES / fit.sample_count().max(1) as f64);
-    let lower = check.as_ref().filter(|check| check.mean_square < worth);
-    let is_continued = lower.is_some();
-    if let Some(lower) = lower
-        && let Some(continued) =
-            optimiser::sequential_quadratic_programming(fit, &lower.values, progress)
+    if checks
+        .iter()
+        .all(|check| check.optimum.mean_square > LOST * lowest)
     {
-        let iterations = descent.optimum.iterations + continued.iterations;
-        descent.optimum = Optimum {
-            iterations,
-            ..continued
-        };
+        checks = Vec::from_iter(opinion_from_scan(fit));
     }
-    let statistics =
-        FitStatistics::new(fit, &descent.optimum.values).ok_or_else(|| no_derivative(fit))?;
+    let lower = checks.pop_if(|check| is_lower(fit, &check.optimum, &descent.optimum));
+    let is_continued = lower.is_some();
+    if let Some(lower) = lower {
+        let before = continue_from(fit, &mut descent, &lower.optimum, progress);
+        // The search that it continued from cannot confirm the end.
+        checks.push(Check {
+            checker: Checker::BeforeContinuation,
+            optimum: before,
+        });
+    }
+    let optimum = &descent.optimum;
+    let statistics = FitStatistics::new(fit, &optimum.values)
+        .ok_or_else(|| without_statistics(fit, &optimum.values))?;
+    let is_confirmed = |check: &Check| agrees(fit, &statistics, &check.optimum.values);
+    if statistics.explains() && !checks.iter().any(is_confirmed) {
+        checks.extend(opinion_from_scan(fit));
+    }
+    let distance = |check: &Check| distance(&statistics, &check.optimum.values);
+    let check = checks
+        .into_iter()
+        .min_by(|left, right| distance(left).total_cmp(&distance(right)));
     Ok(Solution {
         is_continued,
         start: start.to_vec(),
         descent,
         check,
-        is_check_from_scan,
         statistics,
     })
+}
+
+/// Returns whether an optimum lies lower than another one by more than a part of one sample.
+fn is_lower(fit: &Fit<'_>, optimum: &Optimum, than: &Optimum) -> bool {
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "sample counts stay far below 2^52"
+    )]
+    let worth = LOWER_SAMPLES / fit.sample_count().max(1) as f64;
+    optimum.mean_square < than.mean_square * (1.0 - worth)
+}
+
+/// Continues sequential quadratic programming from a lower point, and returns the optimum before.
+fn continue_from(
+    fit: &Fit<'_>,
+    descent: &mut Descent,
+    lower: &Optimum,
+    progress: OnIteration<'_>,
+) -> Optimum {
+    let continued = optimiser::sequential_quadratic_programming(fit, &lower.values, progress);
+    let mut continued = continued.unwrap_or_else(|| lower.clone());
+    continued.iterations += descent.optimum.iterations;
+    std::mem::replace(&mut descent.optimum, continued)
 }
 
 /// Runs sequential quadratic programming from the start values. If the load never lifts with them, or the fit stays
@@ -159,12 +212,13 @@ pub fn descend(
         let origin = start::scan(fit)
             .filter(|origin| start::lifts(fit, origin))
             .ok_or(SearchError::NeverLifts)?;
-        let optimum = descend_from(fit, &origin, progress).ok_or_else(|| no_derivative(fit))?;
+        let optimum = descend_from(fit, &origin, progress).ok_or(SearchError::NeverLifts)?;
         let detour = Some((Detour::NeverLifts, origin));
         return Ok(Descent { detour, optimum });
     }
-    let optimum = descend_from(fit, start, progress).ok_or_else(|| no_derivative(fit))?;
-    if is_poor(fit, &optimum)
+    let optimum = descend_from(fit, start, progress)
+        .ok_or_else(|| SearchError::Start("the plant cannot be simulated with them".to_owned()))?;
+    if (is_poor(fit, &optimum) || !optimum.has_converged)
         && let Some((origin, optimum)) = second_attempt(fit, &optimum, progress)
     {
         let detour = Some((Detour::PoorFit, origin));
@@ -176,9 +230,17 @@ pub fn descend(
     })
 }
 
-fn no_derivative(fit: &Fit<'_>) -> SearchError {
+/// Returns the reason why an optimum has no statistics.
+fn without_statistics(fit: &Fit<'_>, values: &[f64]) -> SearchError {
     let symbols = fit.symbols();
-    SearchError::NoDerivative(symbols.join(", "))
+    let Some(columns) = fit.jacobian(values) else {
+        return SearchError::NoDerivatives(symbols.join(", "));
+    };
+    let without: Vec<_> = (symbols.into_iter().zip(&columns))
+        .filter(|(_, column)| column.iter().all(|part| *part == 0.0))
+        .map(|(symbol, _)| symbol)
+        .collect();
+    SearchError::NoEffect(without.join(", "))
 }
 
 fn is_poor(fit: &Fit<'_>, optimum: &Optimum) -> bool {
@@ -213,12 +275,18 @@ fn descend_from(fit: &Fit<'_>, origin: &[f64], progress: OnIteration<'_>) -> Opt
 }
 
 /// Runs the second optimiser, with coarse steps first as well.
-fn second_opinion(fit: &Fit<'_>, origin: &[f64]) -> Option<Optimum> {
+fn second_opinion(fit: &Fit<'_>, origin: &[f64], checker: Checker) -> Option<Check> {
     let near = optimiser::trust_region_reflective(&fit.coarse(), origin)?;
-    if fit.is_coarse() {
-        return Some(near);
-    }
-    optimiser::trust_region_reflective(fit, &near.values)
+    let optimum = if fit.is_coarse() {
+        near
+    } else {
+        optimiser::trust_region_reflective(fit, &near.values)?
+    };
+    Some(Check { checker, optimum })
+}
+
+fn opinion_from_scan(fit: &Fit<'_>) -> Option<Check> {
+    second_opinion(fit, &start::scan(fit)?, Checker::Scan)
 }
 
 fn check_start(fit: &Fit<'_>, start: &[f64]) -> Result<(), SearchError> {
