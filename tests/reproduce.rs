@@ -40,7 +40,7 @@ const EXPERIMENTS: [(&str, usize, usize, usize); 21] = [
     ("fan", 7, 11, 2),
     ("load", 4, 9, 2),
     ("ripple", 16, 16, 0),
-    ("robustness", 30, 12, 6),
+    ("robustness", 48, 16, 6),
     ("other_truth", 4, 10, 2),
     ("cycle_time", 8, 0, 0),
     ("resolution", 8, 0, 0),

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use scenario::controller::Controller;
 use scenario::plant::PlantModel;
 use scenario::{Beside, Trial};
 
@@ -48,10 +49,19 @@ bases!(
 /// Returns the cases of `scenarios/sweeps/plants.toml`: the step on plants that the controller does not know.
 pub(super) fn plants() -> SweepCases {
     let text = include_str!("../../../../scenarios/sweeps/plants.toml");
-    let beside = Beside::new(Path::new("plants.toml"));
+    SweepCases::new(&sweep("plants.toml", text)).expect("a test plays every plant")
+}
+
+/// Returns the PID of `scenarios/sweeps/pid.toml`, which is tuned over plants.
+pub(super) fn pid_over_plants() -> Controller {
+    let text = include_str!("../../../../scenarios/sweeps/pid.toml");
+    only(&sweep("pid.toml", text)).controller.clone()
+}
+
+fn sweep(name: &str, text: &str) -> Plan {
+    let beside = Beside::new(Path::new(name));
     let plan = Plan::parse_beside(&beside, text.to_owned(), catalogue());
-    let plan = plan.expect("a test plays every plant");
-    SweepCases::new(&plan).expect("a test plays every plant")
+    plan.expect("a test plays every plant")
 }
 
 /// Returns the only loop of a case.

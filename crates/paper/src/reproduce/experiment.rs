@@ -50,11 +50,18 @@ pub struct PlannedRun {
     pub keep: Keep,
 }
 
+/// Length of each of the last two spans of a run whose swings are compared.
+pub(super) const SWING_SECONDS: f64 = 5.0;
+/// Length of the parts whose means swing: a loop with a noisy sensor need not hunt.
+const MEAN_SECONDS: f64 = 0.01;
+
 /// Data to keep of a run besides its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Keep {
     /// No further data.
     Verdict,
+    /// How far the position swings at the end.
+    Swings,
     /// The signals in a span of time.
     Signals(Window),
     /// The signals of the whole run, and its positions for identification.
@@ -71,6 +78,8 @@ pub struct Kept {
     pub verdict: Verdict,
     /// The signals that were kept.
     pub signals: Signals,
+    /// Distance between the highest and the lowest short mean of the position in the last two spans of [`SWING_SECONDS`].
+    pub swings_millimetres: Option<[f64; 2]>,
     /// Positions for identification, or the reason why they are not usable.
     pub measurement: Option<Result<IdentificationData, String>>,
 }
@@ -255,7 +264,7 @@ impl PlannedRun {
     #[must_use]
     pub fn keep(&self, played: &campaign::CampaignRun<'_>) -> Kept {
         let window = match self.keep {
-            Keep::Verdict => None,
+            Keep::Verdict | Keep::Swings => None,
             Keep::Signals(window) => Some(window),
             Keep::IdentificationData => Some(span(0.0, self.scenario.run.duration_seconds)),
         };
@@ -274,6 +283,9 @@ impl PlannedRun {
                 .map_or_else(Signals::default, |(window, timeline)| {
                     Signals::new(timeline, window)
                 }),
+            swings_millimetres: (played.only_timeline())
+                .filter(|_| self.keep == Keep::Swings)
+                .map(|timeline| swings_millimetres(&timeline.time_seconds, timeline.position())),
             measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }
     }
@@ -300,6 +312,34 @@ impl Signals {
             martensite_fraction: column("martensite_fraction"),
         }
     }
+}
+
+/// Returns the swings of the span before the last one, and of the last one.
+fn swings_millimetres(times: &[f64], positions: &[f64]) -> [f64; 2] {
+    let end = times.last().copied().unwrap_or_default();
+    [2.0, 1.0].map(|spans| {
+        let from = end - spans * SWING_SECONDS;
+        let first = times.partition_point(|time| *time <= from);
+        let last = times.partition_point(|time| *time <= from + SWING_SECONDS);
+        let seen = (first..last).filter_map(|place| {
+            let position = positions.get(place)?;
+            position.is_finite().then_some((times[place], *position))
+        });
+        let seen: Vec<(f64, f64)> = seen.collect();
+        let part = |(time, _): &(f64, f64)| libm::floor((time - from) / MEAN_SECONDS);
+        let parts = seen.chunk_by(|left, right| part(left) == part(right));
+        let means = parts.map(|part| mean(part.iter().map(|(_, position)| *position)));
+        let (lowest, highest) = means
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), mean| {
+                (low.min(mean), high.max(mean))
+            });
+        highest - lowest
+    })
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    sum / count
 }
 
 impl Kept {
@@ -443,6 +483,25 @@ pub fn span(from_seconds: f64, until_seconds: f64) -> Window {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn swings_are_those_of_short_means_in_the_last_two_spans() {
+        let times: Vec<f64> = (0..12_000_i32)
+            .map(|cycle| f64::from(cycle) * 1e-3)
+            .collect();
+        let position = |time: &f64| match time {
+            0.0..2.0 => 50.0,
+            2.0..3.0 => 20.4,
+            8.0..9.0 => 20.3,
+            // One position is no swing.
+            10.0..10.001 => 21.0,
+            _ => 20.0,
+        };
+        let positions: Vec<f64> = times.iter().map(position).collect();
+        let [before, last] = swings_millimetres(&times, &positions);
+        assert!((before - 0.4).abs() < 1e-9, "{before}");
+        assert!((last - 0.3).abs() < 1e-9, "{last}");
+    }
 
     #[test]
     fn a_model_equals_its_plant_in_every_number() {

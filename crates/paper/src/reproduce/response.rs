@@ -54,7 +54,8 @@ fn step() -> Experiment {
         id: "step",
         title: "Fig. 11: step of 25 mm from a warm hold",
         text: "10 mm are held for 10 s, then 35 mm are wanted. Settled means within ± 5 % of the step's height for good. The paper does not \
-               say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s. How fast the paper's own law is hangs on a \
+               say where its step starts; from cold no current up to 1 A lifts the load within 0.23 s. The best that a search over currents with full \
+               knowledge of the plant found is 0.158 s. How fast the paper's own law is hangs on a \
                filter that the paper does not give (below: the paper's law over its unknown).",
         runs: PlannedRun::with_twin(&bases::step(), Keep::Signals(span(9.9, 11.5))),
         evaluate: |runs| {
@@ -181,7 +182,7 @@ fn bandwidth(effort: Effort) -> Experiment {
         text: "A warm run of ten periods for each frequency, the last three count. Gain and phase compare the fundamental of the measured \
                position with that of the raw set-point, by least squares. The bandwidth is the last frequency before the gain \
                first falls below 0.708. Near its end the load cannot fall fast enough and hangs above the set-point, so the mean offset counts \
-               too. The paper gives its cut-off frequencies without the amplitude.",
+               too; with the mean kept, a search with full knowledge of the plant reaches 3.7 Hz. The paper gives its cut-off frequencies without the amplitude.",
         runs: ComparedLaw::ALL
             .into_iter()
             .flat_map(of_law)
