@@ -1,6 +1,5 @@
 //! Tables as Apache Parquet, for data frames (pandas, Polars, DuckDB).
 
-use std::borrow::Cow;
 use std::io::Write;
 use std::sync::Arc;
 
@@ -10,19 +9,19 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-use recording::timeline::{self, Timeline, blocks};
+use recording::timeline::{self, Series, Timeline};
 use recording::work::Way;
 
 pub use parquet::errors::ParquetError;
 
 /// Cells of a column.
-pub enum Cells<'a> {
+pub enum Cells {
     /// Whole numbers, none of them absent.
-    Count(Vec<i64>),
+    Count(Series<u64>),
     /// Whole numbers; `None` becomes null.
     Whole(Vec<Option<i64>>),
     /// Numbers; NaN becomes null.
-    Number(Cow<'a, [f64]>),
+    Number(Series<f64>),
     /// Texts; `None` becomes null.
     Text(Vec<Option<String>>),
 }
@@ -62,29 +61,23 @@ impl<W: Write + Send> ParquetTable<W> {
     }
 
     /// Appends rows, given by their columns in the table's order; each column is requested after the one before is written.
-    pub fn write<'a>(
-        &mut self,
-        columns: impl IntoIterator<Item = Cells<'a>>,
-    ) -> Result<(), ParquetError> {
+    pub fn write(&mut self, columns: impl IntoIterator<Item = Cells>) -> Result<(), ParquetError> {
         let mut rows = self.0.next_row_group()?;
         for cells in columns {
             match cells {
                 Cells::Count(cells) => {
-                    write_column::<Int64Type, W, _>(&mut rows, &cells, |cell| Some(*cell))?
+                    let whole = |cell| Some(i64::try_from(cell).unwrap_or(i64::MAX));
+                    write_column::<Int64Type, W>(&mut rows, cells.iter().map(whole))?
                 }
-                Cells::Whole(cells) => {
-                    write_column::<Int64Type, W, _>(&mut rows, &cells, |cell| *cell)?
-                }
+                Cells::Whole(cells) => write_column::<Int64Type, W>(&mut rows, cells.into_iter())?,
                 Cells::Number(cells) => {
-                    write_column::<DoubleType, W, _>(&mut rows, &cells, |value| {
-                        (!value.is_nan()).then_some(*value)
-                    })?
+                    let number = |value: f64| (!value.is_nan()).then_some(value);
+                    write_column::<DoubleType, W>(&mut rows, cells.iter().map(number))?
                 }
                 Cells::Text(cells) => {
-                    write_column::<ByteArrayType, W, _>(&mut rows, &cells, |text| {
-                        text.as_ref()
-                            .map(|text| ByteArray::from(text.as_bytes().to_vec()))
-                    })?
+                    let bytes = |text: String| ByteArray::from(text.into_bytes());
+                    let texts = cells.into_iter().map(|text| text.map(bytes));
+                    write_column::<ByteArrayType, W>(&mut rows, texts)?
                 }
             }
         }
@@ -100,6 +93,8 @@ impl<W: Write + Send> ParquetTable<W> {
 /// Rows of a run between two places at which a reader can begin. The writer holds the metadata of each group to the end of the
 /// file, so ten hours have few groups.
 const GROUP_ROWS: usize = 1 << 20;
+/// Number of cells that are given to the library at once.
+const BATCH_ROWS: usize = 1 << 13;
 
 /// Writes the signals: one row a cycle, the columns of `signals.csv`.
 ///
@@ -113,11 +108,11 @@ pub fn write_signals(
         return Ok(());
     };
     let signals = timeline::signals(timelines);
-    let time = ("time_seconds", &*timeline.time_seconds);
+    let time = ("time_seconds", &timeline.time_seconds);
     let signals = signals
         .iter()
-        .map(|signal| (signal.name.as_str(), &**signal.values));
-    let numbers: Vec<(&str, &[f64])> = [time].into_iter().chain(signals).collect();
+        .map(|signal| (signal.name.as_str(), signal.values));
+    let numbers: Vec<(&str, &Series<f64>)> = [time].into_iter().chain(signals).collect();
     let names = numbers.iter().map(|(name, _)| (*name, ColumnKind::Number));
     let names: Vec<(&str, ColumnKind)> = [("cycle", ColumnKind::Count)]
         .into_iter()
@@ -129,11 +124,9 @@ pub fn write_signals(
     for begin in (0..rows.max(1)).step_by(GROUP_ROWS) {
         let group = begin..rows.min(begin + GROUP_ROWS);
         way.go(group.len());
-        let cycles = timeline.cycle.range(group.clone());
-        let cycles = cycles.map(|cycle| i64::try_from(*cycle).unwrap_or(i64::MAX));
-        let cycles = Cells::Count(cycles.collect());
+        let cycles = Cells::Count(timeline.cycle.part(group.clone()));
         let numbers = numbers.iter();
-        let numbers = numbers.map(|(_, values)| Cells::Number(values[group.clone()].into()));
+        let numbers = numbers.map(|(_, values)| Cells::Number(values.part(group.clone())));
         table.write([cycles].into_iter().chain(numbers))?;
     }
     table.finish().map(drop)
@@ -162,20 +155,19 @@ fn schema(name: &str, columns: &[(&str, ColumnKind)]) -> Result<TypePtr, Parquet
 }
 
 /// Writes a column. A present value has the level 1, a missing one 0; a column without missing values has no levels.
-fn write_column<T: DataType, W: Write + Send, C>(
+fn write_column<T: DataType, W: Write + Send>(
     rows: &mut SerializedRowGroupWriter<'_, W>,
-    cells: &[C],
-    value: impl Fn(&C) -> Option<T::T>,
+    mut cells: impl ExactSizeIterator<Item = Option<T::T>>,
 ) -> Result<(), ParquetError> {
     let Some(mut column) = rows.next_column()? else {
         return Ok(());
     };
     let mut levels = Vec::new();
     let mut there = Vec::new();
-    for piece in blocks(cells) {
+    while cells.len() > 0 {
         levels.clear();
         there.clear();
-        for cell in piece.iter().map(&value) {
+        for cell in cells.by_ref().take(BATCH_ROWS) {
             levels.push(i16::from(cell.is_some()));
             there.extend(cell);
         }

@@ -143,7 +143,7 @@ fn signal(
     let later = if is_published { CONTROLLER_CYCLES } else { 0 };
     let reach = reach(tolerances.time_seconds, shared.period_seconds) + later;
     let (one, other) = (outside(&a, &b, reach), outside(&b, &a, reach));
-    let differences = one.iter().zip(&other).map(|(one, other)| one.max(*other));
+    let differences = one.iter().zip(&other).map(|(one, other)| one.max(other));
     let deviation = SignalDeviation::of(&a, &b, shared.period_seconds);
     let mut difference = SignalDifference {
         name: format!("{prefix}{name}"),
@@ -156,10 +156,7 @@ fn signal(
         diverges_at_seconds: None,
         beyond_percent: 0.0,
     };
-    difference.judge(
-        differences.zip(shared.time_seconds.iter().copied()),
-        tolerance,
-    );
+    difference.judge(differences.zip(&shared.time_seconds), tolerance);
     difference
 }
 

@@ -1,5 +1,7 @@
 //! The distance of several loops together from the path of their set-points.
 
+use std::ops::Range;
+
 use recording::timeline::Timeline;
 use scenario::contour::Contour;
 use scenario::events::Window;
@@ -9,6 +11,8 @@ use crate::metric::Metric;
 
 /// Time before and after a sample within which the nearest point of the path is searched for.
 const SEARCH_SECONDS: f64 = 0.5;
+/// Number of samples for which the path is read at once.
+const PIECE_ROWS: usize = 1 << 13;
 
 /// Returns the rows of the contours whose first axis is this loop, with which they are judged: longest distance from the path,
 /// and RMS of the distance.
@@ -116,30 +120,48 @@ pub fn contour_errors<'a>(
     let window = window(contour, end_seconds);
     let window = window.from_seconds..window.until_seconds;
     let rows = axes.iter().map(|axis| axis.time_seconds.len()).min();
-    let rows = 0..rows.unwrap_or(0);
-    let first = axes.first().into_iter();
-    let set_points = axes.iter().map(|axis| &*axis.set_point_millimetres);
-    let path = Path {
-        axes: set_points.collect(),
-        times: (axes.first()).map_or(&[][..], |axis| &axis.time_seconds[rows.clone()]),
-    };
-    let times = first.flat_map(move |axis| axis.time_seconds.range(rows.clone()));
-    let mut point = Vec::new();
-    times.enumerate().filter_map(move |(row, time)| {
-        point.clear();
-        point.extend(axes.iter().map(|axis| axis.position()[row]));
-        let is_seen = window.contains(time) && point.iter().all(|value| !value.is_nan());
-        is_seen.then(|| (*time, path.distance(&point, *time)))
+    let rows = rows.unwrap_or(0);
+    let pieces = (0..rows).step_by(PIECE_ROWS);
+    let pieces = pieces.map(move |begin| begin..rows.min(begin + PIECE_ROWS));
+    pieces.flat_map(move |piece| {
+        let path = Path::about(axes, piece.clone(), rows);
+        let times = axes[0].time_seconds.range(piece.clone());
+        let positions = axes.iter().map(|axis| axis.position().range(piece.clone()));
+        let (mut positions, mut point) = (Vec::from_iter(positions), Vec::new());
+        let window = window.clone();
+        times.filter_map(move |time| {
+            point.clear();
+            point.extend(positions.iter_mut().filter_map(Iterator::next));
+            let is_seen = window.contains(&time) && point.iter().all(|value| !value.is_nan());
+            is_seen.then(|| (time, path.distance(&point, time)))
+        })
     })
 }
 
-struct Path<'a> {
+/// Stretch of a path.
+struct Path {
     /// Set-points of each axis.
-    axes: Vec<&'a [f64]>,
-    times: &'a [f64],
+    axes: Vec<Vec<f64>>,
+    times: Vec<f64>,
 }
 
-impl Path<'_> {
+impl Path {
+    /// Returns the path about some of the first `end` rows.
+    fn about(axes: &[&Timeline], rows: Range<usize>, end: usize) -> Self {
+        let times = axes[0].time_seconds.part(0..end);
+        let at = |row: usize| times.get(row).unwrap_or_default();
+        let (from, until) = (at(rows.start), at(rows.end - 1));
+        let begin = times.partition_point(|time| time < from - SEARCH_SECONDS);
+        let end = times.partition_point(|time| time <= until + SEARCH_SECONDS);
+        let set_points = axes
+            .iter()
+            .map(|axis| axis.set_point_millimetres.range(begin..end));
+        Self {
+            axes: set_points.map(Iterator::collect).collect(),
+            times: times.range(begin..end).collect(),
+        }
+    }
+
     /// Returns the distance of a point from the path about a time.
     fn distance(&self, point: &[f64], time: f64) -> f64 {
         let begin = self
@@ -183,8 +205,8 @@ mod tests {
     #[test]
     fn an_axis_that_is_late_on_the_path_makes_no_error() {
         let path = Path {
-            axes: vec![&[30.0, 40.0, 40.0], &[30.0, 30.0, 30.0]],
-            times: &[0.0, 0.1, 0.2],
+            axes: vec![vec![30.0, 40.0, 40.0], vec![30.0; 3]],
+            times: vec![0.0, 0.1, 0.2],
         };
         for (point, wanted) in [
             ([36.0, 30.2], 0.2),
@@ -200,8 +222,8 @@ mod tests {
     #[test]
     fn a_path_that_comes_back_is_no_short_cut() {
         let path = Path {
-            axes: vec![&[0.0, 10.0, 10.0, 0.0], &[0.0, 0.0, 10.0, 0.0]],
-            times: &[0.0, 0.4, 0.8, 1.2],
+            axes: vec![vec![0.0, 10.0, 10.0, 0.0], vec![0.0, 0.0, 10.0, 0.0]],
+            times: vec![0.0, 0.4, 0.8, 1.2],
         };
         // The point is near the last piece, which lies more than half a second ahead.
         let distance = path.distance(&[4.0, 4.0], 0.2);

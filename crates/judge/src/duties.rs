@@ -140,8 +140,7 @@ pub(crate) fn longest_interval_milliseconds(evidence: &Evidence<'_>) -> f64 {
 fn sync_intervals<'a>(evidence: &Evidence<'a>) -> impl Iterator<Item = (f64, f64)> + use<'a> {
     let syncs = &evidence.timeline.syncs_seconds;
     let end = evidence.trial.judged_end_seconds() - TIME_TOLERANCE_SECONDS;
-    let pairs = syncs.iter().copied().zip(syncs.iter().skip(1).copied());
-    pairs.take_while(move |(_, until)| *until < end)
+    syncs.pairs().take_while(move |(_, until)| *until < end)
 }
 
 #[cfg(test)]

@@ -455,12 +455,12 @@ impl<'a> Evidence<'a> {
         let rows = times.zip(set_points).zip(positions);
         rows.filter_map(|((time, set_point), (position, measured))| {
             let sample = CycleSample {
-                time_seconds: *time,
-                set_point_millimetres: *set_point,
-                position_millimetres: *position,
+                time_seconds: time,
+                set_point_millimetres: set_point,
+                position_millimetres: position,
             };
             let is_missing = measured.is_nan() || position.is_nan();
-            (!is_missing && !self.leaves_out(*time, *time)).then_some(sample)
+            (!is_missing && !self.leaves_out(time, time)).then_some(sample)
         })
     }
 
@@ -468,7 +468,7 @@ impl<'a> Evidence<'a> {
     fn rows(&self, window: Window) -> Range<usize> {
         let times = &self.timeline.time_seconds;
         let before =
-            |limit: f64| times.partition_point(|time| *time < limit - TIME_TOLERANCE_SECONDS);
+            |limit: f64| times.partition_point(|time| time < limit - TIME_TOLERANCE_SECONDS);
         let (from, until) = (before(window.from_seconds), before(window.until_seconds));
         from..until.max(from)
     }
@@ -586,12 +586,12 @@ impl<'a> Evidence<'a> {
 }
 
 /// Returns the samples of a window without its end.
-pub(crate) fn samples_in(samples: &[SignalSample], window: Window) -> &[SignalSample] {
+pub(crate) fn samples_in(samples: &Series<SignalSample>, window: Window) -> Series<SignalSample> {
     let before = |limit: f64| {
         samples.partition_point(|sample| sample.time_seconds < limit - TIME_TOLERANCE_SECONDS)
     };
     let (from, until) = (before(window.from_seconds), before(window.until_seconds));
-    &samples[from..until.max(from)]
+    samples.part(from..until.max(from))
 }
 
 /// Returns the first stretch of a window without a sample that is longer than allowed.

@@ -111,7 +111,7 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
 /// Returns the first cycles in a row without a command that are too many, in a window.
 fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window> {
     let period = evidence.timeline.period_seconds;
-    let uncommanded = evidence.timeline.uncommanded.iter().copied();
+    let uncommanded = evidence.timeline.uncommanded.iter();
     let mut begun: Option<(u64, u64)> = None;
     let mut silences = uncommanded.filter_map(|cycle| {
         let (first, _) = begun
@@ -137,9 +137,9 @@ fn currents_in(evidence: &Evidence<'_>, window: Window) -> impl Iterator<Item = 
     let values = column.into_iter().flat_map(|column| &column.values);
     let rows = timeline.time_seconds.iter().zip(values);
     rows.filter(move |(time, current)| {
-        let is_inside = **time >= window.from_seconds - TIME_TOLERANCE_SECONDS
-            && **time < window.until_seconds - TIME_TOLERANCE_SECONDS;
-        is_inside && !current.is_nan() && !evidence.leaves_out(**time, **time)
+        let is_inside = *time >= window.from_seconds - TIME_TOLERANCE_SECONDS
+            && *time < window.until_seconds - TIME_TOLERANCE_SECONDS;
+        is_inside && !current.is_nan() && !evidence.leaves_out(*time, *time)
     })
-    .map(|(_, current)| *current)
+    .map(|(_, current)| current)
 }

@@ -170,8 +170,8 @@ fn current_rms(evidence: &Evidence<'_>) -> MetricValue {
     let end_seconds = whole.until_seconds - TIME_TOLERANCE_SECONDS;
     let rows = || {
         let rows = timeline.time_seconds.iter().zip(timeline.current());
-        let rows = rows.filter(move |(time, current)| **time < end_seconds && !current.is_nan());
-        rows.filter(|(time, _)| !evidence.leaves_out(**time, **time))
+        let rows = rows.filter(move |(time, current)| *time < end_seconds && !current.is_nan());
+        rows.filter(|(time, _)| !evidence.leaves_out(*time, *time))
     };
     if rows().next().is_none() && !evidence.has_all() {
         return Err(Absence::left_out());
@@ -180,7 +180,7 @@ fn current_rms(evidence: &Evidence<'_>) -> MetricValue {
         let reason = "no current in the recording";
         return Err(Absence::unseen(reason, whole));
     }
-    let times = rows().map(|(time, _)| *time);
+    let times = rows().map(|(time, _)| time);
     if let Some(silence) = evidence.first_silence(times, whole, evidence.silence_seconds_max) {
         return Err(Absence::silent(silence));
     }

@@ -52,7 +52,7 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
 
     let drive = node_name(evidence, Part::Drive);
     let watch = watch(evidence.own).as_secs_f64();
-    let last_cycle = timeline.time_seconds.last().copied();
+    let last_cycle = timeline.time_seconds.last();
     let end_seconds = end.at_seconds.or(last_cycle).unwrap_or_default();
     let is_due = |at: f64| at + TIME_TOLERANCE_SECONDS >= end_seconds + watch;
     if is_due(on_at) {
@@ -79,9 +79,8 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
 /// Returns the latest value of the cycles, with its time.
 fn latest(evidence: &Evidence<'_>, values: &Series<f64>) -> Option<(f64, f64)> {
     let times = &evidence.timeline.time_seconds;
-    let mut rows = times.iter().zip(values);
-    let (time, value) = rows.rfind(|(_, value)| !value.is_nan())?;
-    Some((*time, *value))
+    let rows = times.iter().zip(values);
+    rows.filter(|(_, value)| !value.is_nan()).last()
 }
 
 fn later(of_cycles: Option<(f64, f64)>, reported: Option<&(f64, f64)>) -> Option<(f64, f64)> {

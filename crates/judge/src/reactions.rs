@@ -3,7 +3,7 @@
 
 use canopen::cia402::State;
 use dbc::names;
-use recording::timeline::{Column, TIME_TOLERANCE_SECONDS, Timeline};
+use recording::timeline::{Column, Series, TIME_TOLERANCE_SECONDS, Timeline};
 use recording::traces::silence_seconds_max;
 use recording::truth::PlantTruth;
 use scenario::Trial;
@@ -111,7 +111,7 @@ fn temperatures(evidence: &Evidence<'_>) -> impl Iterator<Item = f64> {
     let sampled = columns.flat_map(move |column| {
         let rows = timeline.time_seconds.iter().zip(&column.values);
         rows.filter(move |(time, _)| counts(time))
-            .map(|(_, value)| *value)
+            .map(|(_, value)| value)
     });
     let temperatures = peaks.chain(sampled);
     temperatures.filter(|temperature| !temperature.is_nan())
@@ -162,7 +162,7 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
     };
     let value = |evidence: &Evidence<'_>, _: &(), window: Window| {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
-        let zero = zero_since(&truth[..seen], fault, silence_max).map(|since| since - fault);
+        let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
         zero.ok_or_else(|| match silence_of_truth(evidence) {
             Some(silence) => silence_of(silence),
             None => "current flows on".into(),
@@ -192,18 +192,19 @@ fn first_fault_seconds(trial: &Trial) -> f64 {
 }
 
 /// Returns the start of the first stretch without current after a fault. The current during a silence is unknown.
-fn zero_since(truth: &[PlantTruth], fault_seconds: f64, silence_seconds_max: f64) -> Option<f64> {
+fn zero_since(
+    truth: &Series<PlantTruth>,
+    fault_seconds: f64,
+    silence_seconds_max: f64,
+) -> Option<f64> {
     let mut zero_since = None;
-    for pair in truth.windows(2) {
-        let (from, until) = (
-            pair[0].time_seconds.max(fault_seconds),
-            pair[1].time_seconds,
-        );
+    for (one, next) in truth.pairs() {
+        let (from, until) = (one.time_seconds.max(fault_seconds), next.time_seconds);
         if until <= from {
             continue;
         }
-        if is_heated(&pair[0])
-            || until - pair[0].time_seconds > silence_seconds_max + TIME_TOLERANCE_SECONDS
+        if is_heated(&one)
+            || until - one.time_seconds > silence_seconds_max + TIME_TOLERANCE_SECONDS
         {
             zero_since = None;
             continue;
@@ -306,12 +307,12 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
         .truth
         .iter()
         .filter(|truth| truth.time_seconds <= end);
-    let Some(last) = before_end.clone().next_back() else {
+    let Some(last) = before_end.clone().last() else {
         return false;
     };
     let from = last.time_seconds - END_SECONDS;
     let mut lately = before_end.filter(|truth| truth.time_seconds >= from);
-    !lately.any(is_heated)
+    !lately.any(|truth| is_heated(&truth))
         && !is_enabled_since(timeline, end.min(last.time_seconds) - END_SECONDS)
         && !io_node_drives_current(evidence)
 }
@@ -327,7 +328,7 @@ fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
     currents.any(|signal| {
         let column = evidence.timeline.column(&signal.name);
         let last = column.and_then(|column| column.values.last());
-        last.is_some_and(|value| !value.is_nan() && *value != 0.0)
+        last.is_some_and(|value| !value.is_nan() && value != 0.0)
     })
 }
 
@@ -336,9 +337,11 @@ fn is_enabled_since(timeline: &Timeline, from_seconds: f64) -> bool {
     let Some(column) = timeline.column(names::STATUSWORD) else {
         return false;
     };
-    let mut rows = timeline.time_seconds.iter().zip(&column.values);
-    let last = rows.rfind(|(time, value)| **time >= from_seconds && !value.is_nan());
-    last.is_some_and(|(_, value)| state(*value) == Some(State::OperationEnabled))
+    let times = &timeline.time_seconds;
+    let first = times.partition_point(|time| time < from_seconds);
+    let words = column.values.range(first..times.len());
+    let last = words.filter(|word| !word.is_nan()).last();
+    last.is_some_and(|word| state(word) == Some(State::OperationEnabled))
 }
 
 /// Returns the state of a statusword.

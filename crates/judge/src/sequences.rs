@@ -1,6 +1,8 @@
 //! Checks of the events in `[[expect.sequence]]`: each after the one before, and soon enough.
 
-use recording::timeline::TIME_TOLERANCE_SECONDS;
+use std::iter;
+
+use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::Trial;
 use scenario::events::Window;
@@ -140,12 +142,12 @@ fn reached(
     is_next: impl Fn(f64) -> bool,
 ) -> (Option<f64>, String) {
     let samples = samples_in(&trace.samples, rest);
-    let stays = || stays(samples, trace.silence_seconds_max, event);
+    let stays = || stays(&samples, trace.silence_seconds_max, event);
     let long = event.for_milliseconds.unwrap_or(0.0) / 1e3;
     let is_reached = |stay: &Stay| stay.lasts_seconds >= long && is_next(stay.begins_seconds);
     match stays().find(is_reached) {
         Some(stay) => (Some(stay.begins_seconds), String::new()),
-        None => (None, nearest_words(samples, stays(), event)),
+        None => (None, nearest_words(&samples, stays(), event)),
     }
 }
 
@@ -157,7 +159,7 @@ struct Stay {
 
 /// Returns all stays of a signal within the limits of an event, in order.
 fn stays<'a>(
-    samples: &'a [SignalSample],
+    samples: &'a Series<SignalSample>,
     silence_seconds_max: Option<f64>,
     event: &Expected,
 ) -> impl Iterator<Item = Stay> + use<'a> {
@@ -166,21 +168,25 @@ fn stays<'a>(
     };
     let wanted = event.reaches;
     let admits = move |value| wanted.is_some_and(|wanted| wanted.admits(value));
-    let is_one_stay = move |one: &SignalSample, next: &SignalSample| {
-        admits(one.value) == admits(next.value) && !is_silence(next.time_seconds - one.time_seconds)
-    };
-    let stretches = samples.chunk_by(is_one_stay);
-    stretches
-        .filter(move |stretch| admits(stretch[0].value))
-        .map(|stay| Stay {
-            begins_seconds: stay[0].time_seconds,
-            lasts_seconds: stay[stay.len() - 1].time_seconds - stay[0].time_seconds,
+    let mut samples = samples.iter().peekable();
+    iter::from_fn(move || {
+        let begin = samples.find(|sample| admits(sample.value))?;
+        let mut end = begin;
+        while let Some(next) = samples
+            .next_if(|next| admits(next.value) && !is_silence(next.time_seconds - end.time_seconds))
+        {
+            end = next;
+        }
+        Some(Stay {
+            begins_seconds: begin.time_seconds,
+            lasts_seconds: end.time_seconds - begin.time_seconds,
         })
+    })
 }
 
 /// Describes how near a signal came to its limits, and when; if it was within them, for how long.
 fn nearest_words(
-    samples: &[SignalSample],
+    samples: &Series<SignalSample>,
     stays: impl Iterator<Item = Stay>,
     event: &Expected,
 ) -> String {

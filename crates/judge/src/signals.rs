@@ -1,6 +1,6 @@
 //! Checks of signals in `[[expect.signal]]`. A window without samples never passes.
 
-use recording::timeline::TIME_TOLERANCE_SECONDS;
+use recording::timeline::{Series, TIME_TOLERANCE_SECONDS};
 use recording::traces::{SignalSample, SignalTrace};
 use scenario::Trial;
 use scenario::events::Window;
@@ -77,9 +77,9 @@ fn observe_rest(
             arrival
         };
     }
-    let is_kept = |one: &&SignalSample| !evidence.leaves_out(one.time_seconds, one.time_seconds);
+    let is_kept = |one: &SignalSample| !evidence.leaves_out(one.time_seconds, one.time_seconds);
     let all = samples_in(&trace.samples, window);
-    let samples = Vec::from_iter(all.iter().filter(is_kept).copied());
+    let samples: Series<SignalSample> = all.iter().filter(is_kept).collect();
     if samples.is_empty() && !all.is_empty() {
         return Observation::none(Absence::left_out());
     }
@@ -92,7 +92,7 @@ fn observe_rest(
         path: trace.path.clone(),
         unit: trace.unit.clone(),
         silence_seconds_max: trace.silence_seconds_max.filter(is_silence),
-        samples: samples.iter().copied().collect(),
+        samples: samples.clone(),
     };
     observe(&rest, window, demand, limit)
 }
@@ -103,7 +103,7 @@ fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limi
         return Observation::none(Absence::unseen(absence(trace, window), window));
     }
     if let Demand::Reaches(wanted) = demand {
-        return arrival(samples, window, *wanted);
+        return arrival(&samples, window, *wanted);
     }
     if let Some(sample) = samples.iter().find(|sample| !sample.value.is_finite()) {
         let reason = format!("{} is no number", sample.value);
@@ -119,16 +119,16 @@ fn observe(trace: &SignalTrace, window: Window, demand: &Demand<'_>, limit: Limi
         Demand::RatePerSecond(_) if samples.len() < 2 => {
             Observation::none("a single sample has no rate")
         }
-        Demand::RatePerSecond(_) => worst(rates(samples), limit),
-        Demand::Follows(course) => worst(distances(samples, course), limit),
-        Demand::Stays(_) | Demand::Reaches(_) => worst(samples.iter().copied(), limit),
+        Demand::RatePerSecond(_) => worst(rates(&samples), limit),
+        Demand::Follows(course) => worst(distances(&samples, course), limit),
+        Demand::Stays(_) | Demand::Reaches(_) => worst(samples.iter(), limit),
     }
 }
 
 /// Returns the reason why a window is empty.
 fn absence(trace: &SignalTrace, window: Window) -> String {
-    let is_before = |sample: &&SignalSample| sample.time_seconds < window.from_seconds;
-    let last = trace.samples.iter().rev().find(is_before);
+    let is_before = |sample: &SignalSample| sample.time_seconds < window.from_seconds;
+    let last = trace.samples.iter().filter(is_before).last();
     let next = trace
         .samples
         .iter()
@@ -141,7 +141,7 @@ fn absence(trace: &SignalTrace, window: Window) -> String {
 }
 
 /// Returns the time from the start of the window to the first sample within the limit.
-fn arrival(samples: &[SignalSample], window: Window, wanted: Limit) -> Observation {
+fn arrival(samples: &Series<SignalSample>, window: Window, wanted: Limit) -> Observation {
     if let Some(first) = samples.iter().find(|sample| wanted.admits(sample.value)) {
         let since = first.time_seconds - window.from_seconds;
         return Observation::at(Ok(since), first.time_seconds);
@@ -156,8 +156,8 @@ fn arrival(samples: &[SignalSample], window: Window, wanted: Limit) -> Observati
 }
 
 /// Returns the sample that is nearest to the wanted range; the first of several.
-pub(crate) fn nearest(samples: &[SignalSample], wanted: Limit) -> Option<&SignalSample> {
-    let outside = |sample: &&SignalSample| -margin(sample.value, wanted);
+pub(crate) fn nearest(samples: &Series<SignalSample>, wanted: Limit) -> Option<SignalSample> {
+    let outside = |sample: &SignalSample| -margin(sample.value, wanted);
     let numbers = samples.iter().filter(|sample| !sample.value.is_nan());
     numbers.min_by(|left, right| outside(left).total_cmp(&outside(right)))
 }
@@ -178,18 +178,21 @@ fn worst(values: impl Iterator<Item = SignalSample>, limit: Limit) -> Observatio
 }
 
 /// Returns the change per second up to each sample.
-fn rates(samples: &[SignalSample]) -> impl Iterator<Item = SignalSample> {
-    samples.windows(2).map(|pair| SignalSample {
-        time_seconds: pair[1].time_seconds,
-        value: (pair[1].value - pair[0].value) / (pair[1].time_seconds - pair[0].time_seconds),
+fn rates(samples: &Series<SignalSample>) -> impl Iterator<Item = SignalSample> {
+    samples.pairs().map(|(one, next)| SignalSample {
+        time_seconds: next.time_seconds,
+        value: (next.value - one.value) / (next.time_seconds - one.time_seconds),
     })
 }
 
 /// Returns the distance of each sample from the course.
-fn distances(samples: &[SignalSample], course: &Course) -> impl Iterator<Item = SignalSample> {
+fn distances(
+    samples: &Series<SignalSample>,
+    course: &Course,
+) -> impl Iterator<Item = SignalSample> {
     samples.iter().map(|sample| SignalSample {
         value: (sample.value - course.at(sample.time_seconds)).abs(),
-        ..*sample
+        ..sample
     })
 }
 
@@ -331,7 +334,7 @@ mod tests {
         check_stays(&ramp, window(0.0, 1.5), silent, None);
         let gap = every_millisecond(|time| time);
         let kept = |sample: &SignalSample| !(0.3..0.6).contains(&sample.time_seconds);
-        let gap = trace_of(gap.samples.iter().copied().filter(kept).collect());
+        let gap = trace_of(gap.samples.iter().filter(kept).collect());
         let silent = Err("silent from 0.299 to 0.600 s");
         check_stays(&gap, window(0.0, 1.0), silent, None);
         let nan = every_millisecond(|time| if time > 0.4995 { f64::NAN } else { 0.5 });
@@ -368,10 +371,10 @@ mod tests {
                 })
             };
             let within = window(from, from + length);
-            let inside = |sample: &&SignalSample| {
+            let inside = |sample: &SignalSample| {
                 sample.time_seconds >= from - 1e-9 && sample.time_seconds < from + length - 1e-9
             };
-            let seen: Vec<SignalSample> = trace.samples.iter().filter(inside).copied().collect();
+            let seen: Vec<SignalSample> = trace.samples.iter().filter(inside).collect();
             let observation = observe(&trace, within, &Demand::Stays(wanted), wanted);
             let Ok(value) = observation.value else {
                 prop_assert!(seen.is_empty());

@@ -69,17 +69,17 @@ impl<T> Occurrences<T> {
 
     /// Iterates over the occurrences.
     pub fn iter(&self) -> impl Iterator<Item = Occurrence<'_, T>> + Clone {
-        self.rows.iter().map(|row| self.occurrence(*row))
+        self.rows.iter().map(|row| self.occurrence(row))
     }
 
     #[must_use]
     pub fn first(&self) -> Option<Occurrence<'_, T>> {
-        self.rows.first().map(|row| self.occurrence(*row))
+        self.rows.first().map(|row| self.occurrence(row))
     }
 
     #[must_use]
     pub fn last(&self) -> Option<Occurrence<'_, T>> {
-        self.rows.last().map(|row| self.occurrence(*row))
+        self.rows.last().map(|row| self.occurrence(row))
     }
 
     fn occurrence(&self, row: Row) -> Occurrence<'_, T> {
@@ -94,7 +94,7 @@ impl<T: Clone> Occurrences<T> {
     /// Returns the occurrences at times that `is_wanted` accepts.
     #[must_use]
     pub fn at_times(&self, is_wanted: impl Fn(f64) -> bool) -> Self {
-        let rows = self.rows.iter().copied();
+        let rows = self.rows.iter();
         Self {
             rows: rows.filter(|row| is_wanted(row.time_seconds)).collect(),
             kinds: self.kinds.clone(),
@@ -111,7 +111,7 @@ impl<T: Clone> Occurrences<T> {
         self.kinds.extend(others.kinds);
         let mut later = others.rows.iter().map(|row| Row {
             kind: row.kind + first_kind,
-            ..*row
+            ..row
         });
         let mut next = later.next();
         let mut rows = SeriesWriter::default();
@@ -120,7 +120,7 @@ impl<T: Clone> Occurrences<T> {
                 rows.push(other);
                 next = later.next();
             }
-            rows.push(*row);
+            rows.push(row);
         }
         rows.extend(next.into_iter().chain(later));
         self.rows = rows.finish();
@@ -164,12 +164,13 @@ impl<T: Clone + Ord> Notes<T> {
         let mut rows: Series<Row> = self.rows.take(self.rows.len());
         // Time rarely goes back.
         if !std::mem::replace(&mut self.is_in_order, true) {
-            let rows = rows.to_mut();
-            rows.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
+            let mut sorted = rows.to_vec();
+            sorted.sort_by(|left, right| left.time_seconds.total_cmp(&right.time_seconds));
+            rows = sorted.into();
         }
         let since = rows.iter().map(|row| Row {
             time_seconds: row.time_seconds - zero_seconds,
-            ..*row
+            ..row
         });
         Occurrences {
             rows: since.collect(),

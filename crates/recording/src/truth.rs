@@ -84,9 +84,9 @@ impl TruthReader {
     pub(crate) fn take_all(&mut self, zero: Option<Duration>) -> Series<PlantTruth> {
         let zero_seconds = zero.unwrap_or_default().as_secs_f64();
         let messages = std::mem::take(&mut self.messages).finish();
-        let in_scenario = |message: &PlantTruth| PlantTruth {
+        let in_scenario = |message: PlantTruth| PlantTruth {
             time_seconds: message.time_seconds + (self.offset_seconds - zero_seconds),
-            ..*message
+            ..message
         };
         messages.iter().map(in_scenario).collect()
     }

@@ -28,8 +28,8 @@ pub(crate) fn window(contour: &Contour, axes: &[Axis<'_>]) -> Range<usize> {
     let row_at = |seconds: f64| {
         let times = timelines()
             .next()
-            .map(|timeline| &timeline.time_seconds[..rows]);
-        times.map_or(0, |times| times.partition_point(|time| *time < seconds))
+            .map(|timeline| timeline.time_seconds.part(0..rows));
+        times.map_or(0, |times| times.partition_point(|time| time < seconds))
     };
     let end = contour.until_seconds.map_or(rows, row_at);
     row_at(contour.from_seconds).min(end)..end

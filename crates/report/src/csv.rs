@@ -32,7 +32,7 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
     for cycle in &first.cycle {
         way.go(1);
         for (cell, (values, before)) in cells.iter_mut().zip(&mut columns) {
-            let value = *values.next().expect("a value for each cycle");
+            let value = values.next().expect("a value for each cycle");
             // Most values hold for many rows.
             if before.replace(value.to_bits()) != Some(value.to_bits()) {
                 *cell = Cell(value).to_string();

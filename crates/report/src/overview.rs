@@ -254,16 +254,12 @@ fn by_set_point<'a>(runs: &[&'a ListedRun<'_>]) -> Vec<Vec<Course<'a>>> {
 }
 
 fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
-    let ahead = |timeline: &Timeline| timeline.cycle.last().copied();
+    let ahead = |timeline: &Timeline| timeline.cycle.last();
     // Runs of one scenario may lack different cycles, so a few instants of the shorter one are compared.
     let last = ahead(a).min(ahead(b)).unwrap_or(0);
     let at = |timeline: &Timeline, cycle: u64| {
-        let row = timeline.cycle.partition_point(|number| *number < cycle);
-        timeline
-            .set_point_millimetres
-            .get(row)
-            .copied()
-            .unwrap_or(f64::NAN)
+        let row = timeline.cycle.partition_point(|number| number < cycle);
+        timeline.set_point_millimetres.get(row).unwrap_or(f64::NAN)
     };
     (0..=50).map(|part| last * part / 50).all(|cycle| {
         let (a, b) = (at(a, cycle), at(b, cycle));

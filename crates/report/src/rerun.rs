@@ -157,7 +157,7 @@ fn recording_id(run: &Run<'_>) -> String {
         }
         let times = timeline.events.iter().map(|event| event.time_seconds);
         let values = timeline.position().iter().chain(timeline.current());
-        for value in times.chain(values.copied()) {
+        for value in times.chain(values) {
             hasher.write_u64(value.to_bits());
         }
     }

@@ -9,7 +9,7 @@ use plan::{ControlLoop, Plan, check_rig};
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;
 use recording::sources::Sent;
-use recording::timeline::{Timeline, decode};
+use recording::timeline::{Series, Timeline, decode};
 use worlds::End;
 use worlds::catalogue::catalogue;
 use worlds::lockstep::simulate;
@@ -47,8 +47,8 @@ fn two_axes_with(added: &str) -> Plan {
 /// Returns the currents after a time.
 fn currents_after(timeline: &Timeline, seconds: f64) -> Vec<f64> {
     let samples = timeline.time_seconds.iter().zip(timeline.current());
-    let after = samples.filter(|(time, current)| **time > seconds && !current.is_nan());
-    after.map(|(_, current)| *current).collect()
+    let after = samples.filter(|(time, current)| *time > seconds && !current.is_nan());
+    after.map(|(_, current)| current).collect()
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
         let (frames, _) = capture.finish().unwrap();
         let timelines = decode(&frames, &plan).unwrap();
         for (timeline, name) in timelines.iter().zip(["x", "y"]) {
-            let before = timeline.current()[2500];
+            let before = timeline.current().get(2500).unwrap();
             assert!(
                 before.abs() > 0.01,
                 "{name}: {before} A before the crash of {node}"
@@ -170,7 +170,7 @@ fn each_drive_has_noise_of_its_own() {
     let timelines = decode(&simulated(&plan), &plan).unwrap();
     let hold = |timeline: &Timeline| {
         let samples = timeline.time_seconds.iter().zip(timeline.position());
-        let hold = samples.filter(|(time, _)| (1.0..1.9).contains(*time));
+        let hold = samples.filter(|(time, _)| (1.0..1.9).contains(time));
         Vec::from_iter(hold.map(|(_, position)| position - 30.0))
     };
     let [x, y] = [hold(&timelines[0]), hold(&timelines[1])];
@@ -201,7 +201,7 @@ fn two_axes_draw_a_circle() {
         assert_eq!(found, []);
     }
     let radius_errors = x.position().iter().zip(y.position()).zip(&x.time_seconds);
-    let errors = radius_errors.filter(|(_, time)| (8.0..20.9).contains(*time));
+    let errors = radius_errors.filter(|(_, time)| (8.0..20.9).contains(time));
     let worst = errors.map(|((x, y), _)| ((x - 30.0).hypot(y - 30.0) - 10.0).abs());
     let worst = worst.fold(0.0, f64::max);
     assert!(worst < 0.3, "{worst} mm");
@@ -260,10 +260,9 @@ fn two_drives_turn_one_joint_under_one_law() {
     assert!(angle.column("position_degrees").is_some());
     // 15 degrees to the flexor's side, then 10 to the other.
     let at = |timeline: &Timeline, seconds: f64| {
-        let row = timeline
-            .time_seconds
-            .partition_point(|time| *time < seconds);
-        (timeline.position()[row], timeline.current()[row])
+        let row = timeline.time_seconds.partition_point(|time| time < seconds);
+        let value = |values: &Series<f64>| values.get(row).unwrap();
+        (value(timeline.position()), value(timeline.current()))
     };
     let (there, back) = (at(angle, 4.9), at(angle, 7.9));
     assert!(

@@ -90,13 +90,11 @@ impl Tables<'_> {
     }
 
     /// Returns the columns of some rows.
-    fn group(&self, rows: &[SweepRow]) -> Vec<Cells<'static>> {
+    fn group(&self, rows: &[SweepRow]) -> Vec<Cells> {
         let whole = |number: u64| i64::try_from(number).ok();
         let text =
             |cell: fn(&SweepRow) -> Option<String>| Cells::Text(rows.iter().map(cell).collect());
-        let cases = rows
-            .iter()
-            .map(|row| i64::try_from(row.case).unwrap_or(i64::MAX));
+        let cases = rows.iter().map(|row| row.case as u64);
         let mut columns = vec![
             Cells::Count(cases.collect()),
             text(|row| Some(row.id.clone())),
@@ -244,8 +242,8 @@ mod tests {
         let [Cells::Number(holds), Cells::Number(loads)] = &columns[2..4] else {
             panic!("the third and the fourth column are keys")
         };
-        for (case, cells) in (1..).zip(holds.iter().zip(&**loads)) {
-            assert_eq!([*cells.0, *cells.1], keys(&cases, case), "case {case}");
+        for (case, cells) in (1..).zip(holds.iter().zip(loads)) {
+            assert_eq!([cells.0, cells.1], keys(&cases, case), "case {case}");
         }
     }
 }

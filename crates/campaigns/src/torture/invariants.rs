@@ -101,10 +101,10 @@ fn verdict_reached(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 /// bus from then on.
 fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     let truth = &played.timeline.truth;
-    let gap = truth
-        .windows(2)
-        .find(|pair| pair[1].time_seconds - pair[0].time_seconds > TRUTH_SECONDS_MAX)?;
-    let (from, until) = (gap[0].time_seconds, gap[1].time_seconds);
+    let mut times = truth
+        .pairs()
+        .map(|(one, next)| (one.time_seconds, next.time_seconds));
+    let (from, until) = times.find(|(from, until)| until - from > TRUTH_SECONDS_MAX)?;
     violated(
         "truth",
         format!("the plant is silent from {from:.4} s to {until:.4} s"),
@@ -114,7 +114,7 @@ fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
 /// Checks the temperature of an SMA actuator; the bound of another plant is unknown.
 fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     played.own.trial.plant.actuator()?;
-    let is_hot = |truth: &&PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
+    let is_hot = |truth: &PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
     let hot = played.timeline.truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
     violated(
@@ -128,8 +128,8 @@ fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
 fn no_current_before_the_start(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
     let timeline = played.timeline;
     let is_before =
-        |truth: &&PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
-    let heated = |truth: &&PlantTruth| truth.current_amperes != 0.0;
+        |truth: &PlantTruth| timeline.zero_seconds.is_none() || truth.time_seconds < 0.0;
+    let heated = |truth: &PlantTruth| truth.current_amperes != 0.0;
     let truth = timeline.truth.iter().filter(is_before).find(heated)?;
     let (amperes, time) = (truth.current_amperes, truth.time_seconds);
     violated(
@@ -259,8 +259,12 @@ mod tests {
         change: impl Fn(&mut PlantTruth),
     ) -> impl Fn(&mut Vec<Stamped>, &mut Timeline) {
         move |_, timeline| {
-            let mut truth = timeline.truth.to_mut().iter_mut();
-            change(truth.find(|truth| truth.time_seconds >= seconds).unwrap());
+            let mut truth = timeline.truth.to_vec();
+            let mut later = truth
+                .iter_mut()
+                .filter(|truth| truth.time_seconds >= seconds);
+            change(later.next().unwrap());
+            timeline.truth = truth.into();
         }
     }
 
@@ -300,7 +304,7 @@ mod tests {
         assert!(never_begun.starts_with("start: "), "{never_begun}");
         let silent = found(&|_, timeline| {
             let is_left = |truth: &PlantTruth| !(0.2..0.23).contains(&truth.time_seconds);
-            let left = timeline.truth.iter().copied().filter(is_left);
+            let left = timeline.truth.iter().filter(is_left);
             timeline.truth = left.collect();
         });
         assert!(

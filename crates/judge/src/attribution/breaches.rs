@@ -102,7 +102,7 @@ pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item
         .peekable();
     let missing =
         (0..due).filter_map(
-            move |cycle| match rows.next_if(|(number, _)| **number <= cycle) {
+            move |cycle| match rows.next_if(|(number, _)| *number <= cycle) {
                 None => Some((cycle, Duty::Sync)),
                 Some((_, position)) => position.is_nan().then_some((cycle, Duty::Position)),
             },
@@ -124,7 +124,7 @@ pub(super) fn of_commands(
 /// Returns the cycles with a position.
 pub(super) fn served(timeline: &Timeline) -> impl Iterator<Item = u64> {
     let rows = timeline.cycle.iter().zip(timeline.position());
-    rows.filter_map(|(cycle, position)| (!position.is_nan()).then_some(*cycle))
+    rows.filter_map(|(cycle, position)| (!position.is_nan()).then_some(cycle))
 }
 
 /// Checks whether the coming cycles, which are in order, contain a cycle.

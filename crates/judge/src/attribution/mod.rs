@@ -276,7 +276,7 @@ impl Commands {
                 ..Totals::default()
             };
         }
-        let breaking = self.breaking(evidence.timeline).iter().copied();
+        let breaking = self.breaking(evidence.timeline).iter();
         let mut due = 0;
         let counted = commands_due(evidence).inspect(|_| due += 1);
         let breaches = of_commands(evidence.timeline, breaking, counted);

@@ -23,20 +23,18 @@ pub(super) struct Shared {
 impl Shared {
     pub(super) fn of(a: &Timeline, b: &Timeline) -> Self {
         let mut rows = SeriesWriter::default();
-        let (mut left, mut right) = (0, 0);
-        while let (Some(one), Some(other)) = (a.cycle.get(left), b.cycle.get(right)) {
-            if one == other {
-                rows.push([left, right].map(wide));
+        let mut right = (0..).zip(&b.cycle).peekable();
+        for (left, cycle) in (0..).zip(&a.cycle) {
+            while right.next_if(|(_, other)| *other < cycle).is_some() {}
+            if let Some((right, _)) = right.next_if(|(_, other)| *other == cycle) {
+                rows.push([left, right]);
             }
-            left += usize::from(one <= other);
-            right += usize::from(other <= one);
         }
         // In its last cycle a run has already been stopped.
         rows.pop();
         let rows = rows.finish();
-        let times = rows.iter().map(|[left, _]| a.time_seconds[row(*left)]);
         Self {
-            time_seconds: times.collect(),
+            time_seconds: values_at(&rows, 0, &a.time_seconds),
             rows,
             period_seconds: a.period_seconds,
         }
@@ -44,18 +42,7 @@ impl Shared {
 
     /// Returns the values of both runs in the shared cycles.
     pub(super) fn values(&self, a: &Series<f64>, b: &Series<f64>) -> [Series<f64>; 2] {
-        let of = |values: &Series<f64>, side: usize| {
-            // The rows grow, so one pass over the values suffices.
-            let (mut values, mut next) = (values.iter(), 0);
-            let rows = self.rows.iter().map(|rows| {
-                let wanted = row(rows[side]);
-                let value = values.nth(wanted - next);
-                next = wanted + 1;
-                value.copied().unwrap_or(f64::NAN)
-            });
-            rows.collect()
-        };
-        [of(a, 0), of(b, 1)]
+        [values_at(&self.rows, 0, a), values_at(&self.rows, 1, b)]
     }
 
     pub(super) fn remarks(&self, a: &Timeline, b: &Timeline) -> Vec<String> {
@@ -92,12 +79,11 @@ pub fn reach(time_seconds: f64, period_seconds: f64) -> usize {
     rows
 }
 
-fn wide(row: usize) -> u64 {
-    u64::try_from(row).unwrap_or(u64::MAX)
-}
-
-fn row(wide: u64) -> usize {
-    usize::try_from(wide).unwrap_or(usize::MAX)
+/// Returns the values of a run in the shared rows.
+fn values_at(rows: &Series<[u64; 2]>, side: usize, values: &Series<f64>) -> Series<f64> {
+    let rows = rows.iter().map(|rows| rows[side]);
+    let places = rows.map(|row| usize::try_from(row).unwrap_or(usize::MAX));
+    values.at(places).collect()
 }
 
 /// Deviation of two signals, cycle by cycle, without tolerance of time.
@@ -159,12 +145,12 @@ fn mean_squares(
     let mut sums = vec![(0.0, 0.0); rows_max + 1];
     if stride == 1 && rows_max == 0 {
         let pairs = values.iter().zip(others);
-        pairs.for_each(|(value, other)| add_square(&mut sums[0], *value, *other));
+        pairs.for_each(|(value, other)| add_square(&mut sums[0], value, other));
     } else {
         for (begin, value) in (0..others.len()).zip(values).step_by(stride) {
             let within = others.range(begin..others.len().min(begin + sums.len()));
             let pairs = sums.iter_mut().zip(within);
-            pairs.for_each(|(sum, other)| add_square(sum, *value, *other));
+            pairs.for_each(|(sum, other)| add_square(sum, value, other));
         }
     }
     let means = sums.into_iter();
@@ -190,7 +176,6 @@ pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) 
     let ranges = lows.iter().zip(&highs);
     let distances = values.iter().zip(ranges).map(|(value, (low, high))| {
         // A value is NaN if it or the others are missing, which max would hide.
-        let (low, high) = (*low, *high);
         if value.is_nan() || low.is_nan() {
             f64::NAN
         } else {
@@ -204,7 +189,7 @@ pub(super) fn outside(values: &Series<f64>, others: &Series<f64>, reach: usize) 
 fn running(values: &Series<f64>, reach: usize, beats: impl Fn(f64, f64) -> bool) -> Series<f64> {
     let mut queue = std::collections::VecDeque::new();
     let mut best = SeriesWriter::default();
-    let mut rest = values.iter().copied().enumerate().peekable();
+    let mut rest = values.iter().enumerate().peekable();
     for place in 0..values.len() {
         while let Some((next, value)) =
             rest.next_if(|(next, _)| *next <= place.saturating_add(reach))
@@ -245,7 +230,7 @@ mod tests {
         };
         let most = |reach| {
             let distances = outside(&step(50), &step(53), reach);
-            distances.iter().copied().fold(0.0, f64::max)
+            distances.iter().fold(0.0, f64::max)
         };
         assert_eq!(most(3), 0.0);
         assert_eq!(most(2), 1.0);
@@ -287,6 +272,7 @@ mod tests {
             &series(&[1.0, 5.0, f64::NAN]),
             0,
         );
+        let found = found.to_vec();
         assert_eq!(found[0], 0.0);
         assert!(found[1].is_nan() && found[2].is_nan());
     }
@@ -318,7 +304,7 @@ mod tests {
             for (place, best) in best.iter().enumerate() {
                 let window = &values[place.saturating_sub(reach)..(place + reach + 1).min(values.len())];
                 let expected = window.iter().copied().filter(|value| !value.is_nan()).fold(f64::NAN, f64::max);
-                prop_assert!(*best == expected || (best.is_nan() && expected.is_nan()));
+                prop_assert!(best == expected || (best.is_nan() && expected.is_nan()));
             }
         }
     }

@@ -16,7 +16,7 @@ use plan::{ControlLoop, Plan, Shared};
 use recording::log::{self, Stamped};
 use recording::run_folder::{log_in, own_file};
 use recording::session::{FramesError, ReadError, read_plan};
-use recording::timeline::{self, Timeline};
+use recording::timeline::{self, Series, Timeline};
 use worlds::catalogue::catalogue;
 
 /// Time between the positions that are compared. The wire's time constant is 0.65 s; closer positions would add little.
@@ -296,18 +296,28 @@ impl IdentificationData {
         };
         let disturbances = Disturbances::new(timeline);
         let grid = timeline.cycles_in(GRID_SECONDS);
-        for (row, current_amperes) in flowed(timeline).into_iter().enumerate().skip(1) {
+        let flowed = flowed(timeline);
+        let samples = timeline
+            .time_seconds
+            .iter()
+            .zip(timeline.position())
+            .skip(1);
+        let rows = timeline
+            .cycle
+            .pairs()
+            .zip(flowed.iter().skip(1))
+            .zip(samples);
+        for (row, (((before, cycle), current_amperes), (time, position))) in rows.enumerate() {
             let inputs = Inputs {
                 current_amperes,
-                ..disturbances.at(row - 1)
+                ..disturbances.at(row)
             };
             #[expect(clippy::cast_precision_loss, reason = "a few cycles")]
-            let cycles = (timeline.cycle[row] - timeline.cycle[row - 1]) as f64;
-            let position = timeline.position()[row];
-            let is_sampled = timeline.cycle[row].is_multiple_of(grid) && !position.is_nan();
+            let cycles = (cycle - before) as f64;
+            let is_sampled = cycle.is_multiple_of(grid) && !position.is_nan();
             let sample = is_sampled.then_some(measurement.positions_metres.len());
             if is_sampled {
-                measurement.times_seconds.push(timeline.time_seconds[row]);
+                measurement.times_seconds.push(time);
                 measurement.positions_metres.push(position * 1e-3);
                 measurement.currents_amperes.push(inputs.current_amperes);
             }
@@ -350,7 +360,7 @@ fn shipped() -> Arc<Database> {
 }
 
 /// Returns the current up to each row, in amperes.
-fn flowed(timeline: &Timeline) -> Vec<f64> {
+fn flowed(timeline: &Timeline) -> Series<f64> {
     let reported = timeline.current();
     if reported.iter().all(|value| value.is_nan()) {
         return commanded(timeline);
@@ -364,12 +374,12 @@ fn flowed(timeline: &Timeline) -> Vec<f64> {
         }
         next = *value;
     }
-    flowed
+    flowed.into()
 }
 
 /// Returns the command that acts up to each row, for a drive that does not report its current. A command that is
 /// computed from the sample of a SYNC acts from the next SYNC on.
-fn commanded(timeline: &Timeline) -> Vec<f64> {
+fn commanded(timeline: &Timeline) -> Series<f64> {
     let column = timeline.column(names::TARGET_CURRENT);
     let mut last = 0.0;
     let held = column
@@ -377,7 +387,7 @@ fn commanded(timeline: &Timeline) -> Vec<f64> {
         .flat_map(|column| &column.values)
         .map(|value| {
             if !value.is_nan() {
-                last = *value;
+                last = value;
             }
             last
         });
@@ -419,16 +429,16 @@ fn read(path: &Path) -> Result<Vec<Stamped>, RecordingFault> {
 }
 
 /// Columns of the disturbance node.
-struct Disturbances<'a> {
-    convection_factor: &'a [f64],
-    added_load_grams: &'a [f64],
+struct Disturbances {
+    convection_factor: Series<f64>,
+    added_load_grams: Series<f64>,
 }
 
-impl<'a> Disturbances<'a> {
-    fn new(timeline: &'a Timeline) -> Self {
+impl Disturbances {
+    fn new(timeline: &Timeline) -> Self {
         let column = |name: &str| {
             let column = timeline.column(name);
-            column.map_or(&[][..], |column| &*column.values)
+            column.map_or_else(Series::default, |column| column.values.clone())
         };
         Self {
             convection_factor: column(names::CONVECTION_FACTOR),
@@ -438,11 +448,11 @@ impl<'a> Disturbances<'a> {
 
     /// Returns the inputs from a row on. Until the node is commanded, air is still and the load has no addition.
     fn at(&self, row: usize) -> Inputs {
-        let value = |column: &[f64]| column.get(row).copied().filter(|value| !value.is_nan());
+        let value = |column: &Series<f64>| column.get(row).filter(|value| !value.is_nan());
         let default = Inputs::default();
         Inputs {
-            convection_factor: value(self.convection_factor).unwrap_or(default.convection_factor),
-            added_load_kilograms: value(self.added_load_grams)
+            convection_factor: value(&self.convection_factor).unwrap_or(default.convection_factor),
+            added_load_kilograms: value(&self.added_load_grams)
                 .map_or(default.added_load_kilograms, |grams| grams * 1e-3),
             ..default
         }
@@ -492,27 +502,28 @@ fn check_plausible(timeline: &Timeline, scenario: &Trial) -> Result<(), Recordin
     let quantities = [
         (
             "position",
-            &**timeline.position(),
+            timeline.position().clone(),
             "mm",
             -0.05 * span,
             1.05 * span,
         ),
         (
             "current",
-            &flowed(timeline),
+            flowed(timeline),
             "A",
             -0.05 * current_max,
             1.05 * current_max,
         ),
     ];
     for (quantity, values, unit, lower, upper) in quantities {
-        let outside = |value: &&f64| !value.is_nan() && !(lower..=upper).contains(*value);
-        if let Some((row, value)) = values.iter().enumerate().find(|(_, value)| outside(value)) {
+        let outside = |value: &f64| !value.is_nan() && !(lower..=upper).contains(value);
+        let mut rows = timeline.time_seconds.iter().zip(&values);
+        if let Some((at_seconds, value)) = rows.find(|(_, value)| outside(value)) {
             return Err(RecordingFault::Implausible {
                 quantity,
-                value: *value,
+                value,
                 unit,
-                at_seconds: timeline.time_seconds[row],
+                at_seconds,
                 lower,
                 upper,
             });
@@ -525,7 +536,7 @@ fn check_gaps(timeline: &Timeline) -> Result<(), RecordingFault> {
     let limit_seconds = GAP_SECONDS_MAX.max(GAP_CYCLES_MAX * timeline.period_seconds);
     let mut last_seconds = 0.0;
     let rows = timeline.time_seconds.iter().zip(timeline.position());
-    for (&time, _) in rows.filter(|(_, position)| !position.is_nan()) {
+    for (time, _) in rows.filter(|(_, position)| !position.is_nan()) {
         let gap_seconds = time - last_seconds - timeline.period_seconds;
         if gap_seconds > limit_seconds {
             return Err(RecordingFault::Gap {
@@ -546,12 +557,11 @@ fn check_gaps(timeline: &Timeline) -> Result<(), RecordingFault> {
 fn check_motion(timeline: &Timeline, scenario: &Trial) -> Result<(), RecordingFault> {
     let sensor = &scenario.sensor;
     let step = sensor_step_millimetres(sensor);
-    let largest = |values: &[f64]| values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let largest = |values: &Series<f64>| values.iter().fold(f64::NEG_INFINITY, f64::max);
     let positions = timeline.position();
-    let lowest = positions.iter().copied().fold(f64::INFINITY, f64::min);
+    let lowest = positions.iter().fold(f64::INFINITY, f64::min);
     let first = positions
         .iter()
-        .copied()
         .find(|position| !position.is_nan())
         .unwrap_or(0.0);
     let noise = sensor.noise_rms;

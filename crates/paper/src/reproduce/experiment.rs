@@ -14,7 +14,7 @@ use crate::identify::data::IdentificationData;
 use crate::identify::nominal_model::nominal_model;
 use campaigns::campaign;
 use judge::verdict::Verdict;
-use recording::timeline::Timeline;
+use recording::timeline::{Series, Timeline};
 use report::plot::{Colour, Shape};
 
 /// Extent of a reproduction.
@@ -294,9 +294,9 @@ impl PlannedRun {
 impl Signals {
     fn new(timeline: &Timeline, window: Window) -> Self {
         let times = &timeline.time_seconds;
-        let first = times.partition_point(|time| *time < window.from_seconds);
-        let end = times.partition_point(|time| *time <= window.until_seconds);
-        let part = |values: &[f64]| values.get(first..end).unwrap_or_default().to_vec();
+        let first = times.partition_point(|time| time < window.from_seconds);
+        let end = times.partition_point(|time| time <= window.until_seconds);
+        let part = |values: &Series<f64>| Vec::from_iter(values.range(first..end.max(first)));
         let column = |name: &str| {
             timeline
                 .column(name)
@@ -315,17 +315,14 @@ impl Signals {
 }
 
 /// Returns the swings of the span before the last one, and of the last one.
-fn swings_millimetres(times: &[f64], positions: &[f64]) -> [f64; 2] {
-    let end = times.last().copied().unwrap_or_default();
+fn swings_millimetres(times: &Series<f64>, positions: &Series<f64>) -> [f64; 2] {
+    let end = times.last().unwrap_or_default();
     [2.0, 1.0].map(|spans| {
         let from = end - spans * SWING_SECONDS;
-        let first = times.partition_point(|time| *time <= from);
-        let last = times.partition_point(|time| *time <= from + SWING_SECONDS);
-        let seen = (first..last).filter_map(|place| {
-            let position = positions.get(place)?;
-            position.is_finite().then_some((times[place], *position))
-        });
-        let seen: Vec<(f64, f64)> = seen.collect();
+        let first = times.partition_point(|time| time <= from);
+        let last = times.partition_point(|time| time <= from + SWING_SECONDS);
+        let rows = times.range(first..last).zip(positions.range(first..last));
+        let seen: Vec<(f64, f64)> = rows.filter(|(_, position)| position.is_finite()).collect();
         let part = |(time, _): &(f64, f64)| libm::floor((time - from) / MEAN_SECONDS);
         let parts = seen.chunk_by(|left, right| part(left) == part(right));
         let means = parts.map(|part| mean(part.iter().map(|(_, position)| *position)));
@@ -498,7 +495,7 @@ mod tests {
             _ => 20.0,
         };
         let positions: Vec<f64> = times.iter().map(position).collect();
-        let [before, last] = swings_millimetres(&times, &positions);
+        let [before, last] = swings_millimetres(&times.into(), &positions.into());
         assert!((before - 0.4).abs() < 1e-9, "{before}");
         assert!((last - 0.3).abs() < 1e-9, "{last}");
     }

@@ -189,7 +189,7 @@ mod tests {
         let events = events
             .iter()
             .map(|event| (event.time_seconds, event.text.clone()));
-        (lacking.iter().copied().collect(), events.collect())
+        (lacking.to_vec(), events.collect())
     }
 
     fn lacking(cycles: &[&str]) -> Vec<u64> {

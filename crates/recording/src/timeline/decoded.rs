@@ -49,7 +49,7 @@ impl Column {
             .iter()
             .any(|start| self.name.starts_with(start));
         let mut values = self.values.iter();
-        !is_of_some_laws || values.any(|value| !value.is_nan() && *value != 0.0)
+        !is_of_some_laws || values.any(|value| !value.is_nan() && value != 0.0)
     }
 }
 
@@ -169,7 +169,7 @@ impl Timeline {
     #[must_use]
     pub fn piece(&self, rows: Range<usize>) -> Self {
         let part = |values: &Series<f64>| values.part(rows.clone());
-        let begins = |row: usize| self.time_seconds.get(row).copied();
+        let begins = |row: usize| self.time_seconds.get(row);
         let from = begins(rows.start).filter(|_| rows.start > 0);
         let until = begins(rows.end);
         let is_inside =
@@ -220,7 +220,7 @@ impl Timeline {
         if self.cycles_due == 0 {
             return 0.0;
         }
-        let is_served = |position: &&f64| !position.is_nan();
+        let is_served = |position: &f64| !position.is_nan();
         let served = self.own_position().iter().filter(is_served).count();
         #[expect(
             clippy::cast_precision_loss,

@@ -8,5 +8,5 @@ mod reader;
 mod traffic;
 
 pub use decoded::{Column, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, events_of, signals};
-pub use platform::series::{Series, SeriesWriter, blocks};
+pub use platform::series::{Series, SeriesWriter};
 pub use reader::{TimelineReader, decode};

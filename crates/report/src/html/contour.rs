@@ -47,9 +47,9 @@ fn plane<'a>(contour: &'a Contour, across: &Axis<'a>, up: &Axis<'a>) -> Plot<'a>
     let mut plot = Plot::over_time(title, unit);
     plot.x_label = unit;
     plot.extent = Extent::Plane;
-    let [right, high] = [x, y].map(|axis| &axis.position()[rows.clone()]);
+    let [right, high] = [x, y].map(|axis| axis.position().part(rows.clone()));
     plot.draw("measured", Colour::Measured, Shape::Path, right, high);
-    let [right, high] = [x, y].map(|axis| &axis.set_point_millimetres[rows.clone()]);
+    let [right, high] = [x, y].map(|axis| axis.set_point_millimetres.part(rows.clone()));
     plot.draw("set-point", Colour::Wanted, Shape::DashedPath, right, high);
     plot
 }

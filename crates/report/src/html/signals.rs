@@ -217,7 +217,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
             (0, &column.values),
         );
     }
-    let measured = (0, &timeline.position()[..]);
+    let measured = (0, timeline.position());
     draw(&mut plot, timeline, "measured", Colour::Measured, measured);
     if let Some(column) = used(timeline, "reference_position_millimetres") {
         let label = "filtered reference";
@@ -365,20 +365,16 @@ fn draw<'a>(
     timeline: &'a Timeline,
     label: &str,
     colour: Colour,
-    (first, values): (usize, &'a [f64]),
+    (first, values): (usize, impl Into<Series<f64>>),
 ) {
-    let (label, shape) = match sampling(values) {
+    let values = values.into();
+    let (label, shape) = match sampling(&values) {
         Sampling::EachCycle => (label.to_owned(), Shape::Line),
         Sampling::Few(cycles) => (format!("{label} (each {cycles} cycles)"), Shape::Points),
         Sampling::Held(cycles) => (format!("{label} (held for {cycles} cycles)"), Shape::Line),
     };
-    plot.draw(
-        label,
-        colour,
-        shape,
-        &timeline.time_seconds[first..],
-        values,
-    );
+    let times = &timeline.time_seconds;
+    plot.draw(label, colour, shape, times.part(first..times.len()), values);
 }
 
 /// Sampling of a signal.
@@ -395,14 +391,19 @@ enum Sampling {
 pub(super) const CHANGES: usize = 64;
 
 /// Determines the sampling from the first changes of a signal. A signal with few changes counts as sampled in each cycle.
-fn sampling(values: &[f64]) -> Sampling {
-    let values = &values[..values.len().min(1 << 20)];
-    let is_finite = |row: &usize| values[*row].is_finite();
-    let is_new = |row: &usize| values[*row] != values[*row - 1] && values[*row - 1].is_finite();
-    let held = (1..values.len()).filter(is_finite).filter(is_new);
-    let held = Vec::from_iter(held.take(CHANGES));
-    let lone = |row: &usize| is_finite(row) && !values[*row - 1].is_finite();
-    let lone = Vec::from_iter((1..values.len()).filter(lone).take(CHANGES));
+fn sampling(values: &Series<f64>) -> Sampling {
+    let first = values.part(0..values.len().min(1 << 20));
+    let (mut held, mut lone) = (Vec::new(), Vec::new());
+    for (row, (before, value)) in (1..).zip(first.pairs()) {
+        let rows = if before.is_finite() {
+            &mut held
+        } else {
+            &mut lone
+        };
+        if value != before && value.is_finite() && rows.len() < CHANGES {
+            rows.push(row);
+        }
+    }
     match (held.len(), common_distance(&lone), common_distance(&held)) {
         (..CHANGES, Some(cycles), _) => Sampling::Few(cycles),
         (_, None, Some(cycles)) => Sampling::Held(cycles),
@@ -428,17 +429,17 @@ fn greatest_divisor(a: usize, b: usize) -> usize {
 
 /// Returns the first row with a value of a column, and the values from there on. A node that has not computed anything yet sends
 /// 0, which holds for some cycles of the scenario.
-fn first_sent(column: &Column) -> (usize, &[f64]) {
+fn first_sent(column: &Column) -> (usize, Series<f64>) {
     const NOTHING_YET_CYCLES: usize = 20;
-    let values = &column.values[..];
-    let zeros = values.iter().take_while(|value| **value == 0.0).count();
+    let values = &column.values;
+    let zeros = values.iter().take_while(|value| *value == 0.0).count();
     let is_computed = column.name.starts_with("estimated_");
     let first = if is_computed && zeros < NOTHING_YET_CYCLES {
         zeros
     } else {
         0
     };
-    (first, &values[first..])
+    (first, values.part(first..values.len()))
 }
 
 /// Plots ξ over the temperature: the hysteresis that makes the wire hard to control.
@@ -481,7 +482,7 @@ mod tests {
 
     #[test]
     fn a_signal_is_sampled_in_each_cycle_in_few_or_held() {
-        let rows = |value: fn(u32) -> f64| Vec::from_iter((0..2000).map(value));
+        let rows = |value: fn(u32) -> f64| Series::from_iter((0..2000).map(value));
         let each = rows(|row| f64::from(row % 7));
         let few = rows(|row| {
             if row % 10 == 3 {

@@ -1,5 +1,7 @@
 //! Elements of a plot: curves, the patches behind them, and the extent of the height.
 
+use platform::series::Series;
+
 /// Number of places at which two curves are compared.
 const LOOKED_AT: u32 = 400;
 
@@ -69,19 +71,19 @@ impl Shape {
 }
 
 /// Curve of a plot.
-pub struct PlotCurve<'a> {
+pub struct PlotCurve {
     pub label: String,
     pub colour: Colour,
     pub shape: Shape,
-    pub x: &'a [f64],
-    pub y: &'a [f64],
+    pub x: Series<f64>,
+    pub y: Series<f64>,
 }
 
-impl PlotCurve<'_> {
+impl PlotCurve {
     /// Returns the value at a place of the horizontal axis; `None` before the first point, and if the value is not finite.
     fn value_at(&self, x: f64) -> Option<f64> {
-        let place = self.x.partition_point(|own| *own <= x).checked_sub(1)?;
-        self.y.get(place).copied().filter(|y| y.is_finite())
+        let place = self.x.partition_point(|own| own <= x).checked_sub(1)?;
+        self.y.get(place).filter(|y| y.is_finite())
     }
 
     /// Returns whether the curve covers another for most of a stretch of x, so near that it hides it.
@@ -100,14 +102,14 @@ impl PlotCurve<'_> {
     }
 
     /// Returns the points in a stretch of x, or all points of a path in the plane.
-    pub(super) fn within(&self, stretch: Option<(f64, f64)>) -> (&[f64], &[f64]) {
+    pub(super) fn within(&self, stretch: Option<(f64, f64)>) -> (Series<f64>, Series<f64>) {
         match stretch {
             Some((from, until)) if !self.shape.is_path() => {
-                let first = self.x.partition_point(|x| *x < from);
-                let end = self.x.partition_point(|x| *x <= until);
-                (&self.x[first..end], &self.y[first..end])
+                let first = self.x.partition_point(|x| x < from);
+                let end = self.x.partition_point(|x| x <= until);
+                (self.x.part(first..end), self.y.part(first..end))
             }
-            _ => (self.x, self.y),
+            _ => (self.x.clone(), self.y.clone()),
         }
     }
 }

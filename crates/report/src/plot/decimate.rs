@@ -1,7 +1,5 @@
 //! Leaves out the points of a curve that cannot be seen, so that a page stays small for a run of any length.
 
-use platform::series::{give_back, passing};
-
 use super::range::{NOTHING, extended, finite_range};
 use super::scale::{DrawingScale, SIDE};
 
@@ -20,42 +18,50 @@ const CELL: (i32, i32) = (80, 256);
 
 /// Returns a curve over time: the first, the lowest, the highest and the last point of each pixel column. A point that is not
 /// finite interrupts it.
-pub(super) fn over_time(mut x: &[f64], mut y: &[f64], scale: &DrawingScale) -> Vec<Polyline> {
+pub(super) fn over_time(
+    points: impl Iterator<Item = (f64, f64)>,
+    scale: &DrawingScale,
+) -> Vec<Polyline> {
     let mut lines = Vec::new();
     let mut line = Polyline::new();
-    while let [first, ..] = x {
+    let mut points = points.peekable();
+    let (mut x, mut y) = (Vec::new(), Vec::new());
+    while let Some((first, _)) = points.peek() {
         let until = column_end(scale.along(*first));
-        let inside = passing(x).take_while(|x| scale.along(**x) < until);
-        let Some(last) = inside.count().checked_sub(1) else {
+        x.clear();
+        y.clear();
+        while let Some(point) = points.next_if(|(x, _)| scale.along(*x) < until) {
+            x.push(point.0);
+            y.push(point.1);
+        }
+        if x.is_empty() {
             // The first point has no place.
             end(&mut line, &mut lines);
-            (x, y) = (&x[1..], &y[1..]);
+            points.next();
             continue;
-        };
+        }
         let column = PixelColumn {
-            x: &x[..=last],
-            y: &y[..=last],
+            x: &x,
+            y: &y,
             scale,
         };
-        (x, y) = (&x[last + 1..], &y[last + 1..]);
         match finite_range(column.y) {
             Some(range) => column.draw(range, &mut line),
             None if column.has_many_gaps() => column.draw_over_gaps(&mut line, &mut lines),
             None => column.draw_parts(&mut line, &mut lines),
         }
-        column.give_back();
     }
     end(&mut line, &mut lines);
     lines
 }
 
 /// Returns single samples over time: the first, the lowest, the highest and the last one of each pixel column.
-pub(super) fn points(x: &[f64], y: &[f64], scale: &DrawingScale) -> Polyline {
+pub(super) fn points(samples: impl Iterator<Item = (f64, f64)>, scale: &DrawingScale) -> Polyline {
     let mut points = Polyline::new();
     let mut column = Vec::new();
     let mut until = f64::NEG_INFINITY;
-    for (x, y) in passing(x).zip(passing(y)) {
-        let (along, down) = scale.place(*x, *y);
+    for (x, y) in samples {
+        let (along, down) = scale.place(x, y);
         let Some(point) = whole((along, down)) else {
             continue;
         };
@@ -181,16 +187,10 @@ impl<'a> PixelColumn<'a> {
             y: &self.y[first..end_of_last],
             scale: self.scale,
         };
-        whole.draw(extended(NOTHING, whole.y), line);
+        whole.draw(extended(NOTHING, whole.y.iter().copied()), line);
         if end_of_last < self.y.len() {
             end(line, lines);
         }
-    }
-
-    /// Gives the memory of the points back, since they are not needed again soon.
-    fn give_back(&self) {
-        give_back(self.x);
-        give_back(self.y);
     }
 
     /// Draws the first, the lowest, the highest and the last point; the first and the last one must be finite. A point between
@@ -297,23 +297,20 @@ mod tests {
     };
 
     fn decimated(points: impl Iterator<Item = (f64, f64)>) -> Vec<Polyline> {
-        let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
-        over_time(&x, &y, &UNITS)
+        over_time(points, &UNITS)
     }
 
     #[test]
     fn single_samples_stay_and_of_many_the_extremes() {
-        let (x, y): (Vec<f64>, Vec<f64>) = (0..30)
-            .map(|row| {
-                let y = f64::from(if row == 13 { 900 } else { row });
-                (f64::from(10 * row), if row % 3 == 1 { y } else { f64::NAN })
-            })
-            .unzip();
+        let samples = (0..30).map(|row| {
+            let y = f64::from(if row == 13 { 900 } else { row });
+            (f64::from(10 * row), if row % 3 == 1 { y } else { f64::NAN })
+        });
         // The ends of the rows 1, 4 and 7 are their extremes, so they suffice; 13 is the lowest of 10 and 13, since the heights
         // point down.
         let expected = [1, 4, 7, 10, 13, 16, 19, 22, 25, 28];
         let expected = expected.map(|row| (10 * row, if row == 13 { 900 } else { row }));
-        let found = points(&x, &y, &UNITS);
+        let found = points(samples, &UNITS);
         assert!(
             found.iter().all(|point| expected.contains(point)),
             "{found:?}"
@@ -323,11 +320,8 @@ mod tests {
             "{found:?}"
         );
         assert_eq!(found.last(), Some(&(280, 28)));
-        let many = points(
-            &[0.0, 1.0, 2.0, 3.0, 4.0],
-            &[1.0, 7.0, 2.0, -3.0, 2.0],
-            &UNITS,
-        );
+        let many = [(0.0, 1.0), (1.0, 7.0), (2.0, 2.0), (3.0, -3.0), (4.0, 2.0)];
+        let many = points(many.into_iter(), &UNITS);
         assert_eq!(many, [(0, 1), (1, 7), (3, -3), (4, 2)]);
     }
 

@@ -12,6 +12,7 @@ mod ticks;
 mod view;
 
 use maud::{Markup, PreEscaped, html};
+use platform::series::Series;
 
 use self::ticks::{apart, decades, ticks};
 use self::view::View;
@@ -33,7 +34,7 @@ pub struct Plot<'a> {
     pub x_label: &'a str,
     /// Range of the values that the height shows.
     pub extent: Extent,
-    pub curves: Vec<PlotCurve<'a>>,
+    pub curves: Vec<PlotCurve>,
     /// Rectangles behind the curves.
     pub patches: Vec<Patch>,
     /// Stretch of x that is shown; `None` for all of it.
@@ -76,10 +77,14 @@ impl<'a> Plot<'a> {
         label: impl Into<String>,
         colour: Colour,
         shape: Shape,
-        x: &'a [f64],
-        y: &'a [f64],
+        x: impl Into<Series<f64>>,
+        y: impl Into<Series<f64>>,
     ) {
-        if x.iter().zip(y).any(|(x, y)| x.is_finite() && y.is_finite()) {
+        let (x, y) = (x.into(), y.into());
+        if x.iter()
+            .zip(&y)
+            .any(|(x, y)| x.is_finite() && y.is_finite())
+        {
             let label = label.into();
             self.curves.push(PlotCurve {
                 label,
@@ -163,7 +168,7 @@ impl<'a> Plot<'a> {
     /// Returns the classes of each curve. A curve that hides others is dashed, so that they can be seen through it.
     fn classes(&self, view: &View) -> Vec<String> {
         let near = HIDDEN_WITHIN * (view.y.1 - view.y.0);
-        let class = |(number, curve): (usize, &PlotCurve<'_>)| {
+        let class = |(number, curve): (usize, &PlotCurve)| {
             let below = self.curves[..number].iter();
             let hidden = below
                 .filter(|other| curve.hides(other, view.x, near))

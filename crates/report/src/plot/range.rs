@@ -2,23 +2,15 @@
 
 use std::cmp::Ordering;
 
-use platform::series::blocks;
-
 /// Range of no values.
 pub(super) const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
 /// Extends a range by the finite ones of some values.
-pub(super) fn extended(range: (f64, f64), values: &[f64]) -> (f64, f64) {
-    let within = |(low, high): (f64, f64), part: (f64, f64)| (low.min(part.0), high.max(part.1));
-    let of_part = |range: (f64, f64), values: &[f64]| {
-        if let Some(part) = finite_range(values) {
-            return within(range, part);
-        }
-        let finite = values.iter().filter(|value| value.is_finite());
-        finite.fold(range, |range, value| within(range, (*value, *value)))
-    };
-    // Values that are not finite are rare, so few chunks take a second pass.
-    blocks(values).fold(range, |range, block| block.chunks(256).fold(range, of_part))
+pub(super) fn extended(range: (f64, f64), values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let finite = values.into_iter().filter(|value| value.is_finite());
+    finite.fold(range, |(low, high), value| {
+        (low.min(value), high.max(value))
+    })
 }
 
 /// Returns a range that can be drawn: an empty one becomes 0 to 1, and a constant gets room above and below.
@@ -73,14 +65,12 @@ pub(super) fn finite_range(values: &[f64]) -> Option<(f64, f64)> {
         // A sum that is not finite stays so.
         sum[lane] += value;
     };
-    for block in blocks(values) {
-        let (pairs, rest) = block.as_chunks::<2>();
-        for [first, second] in pairs {
-            take(0, *first);
-            take(1, *second);
-        }
-        rest.iter().for_each(|value| take(0, *value));
+    let (pairs, rest) = values.as_chunks::<2>();
+    for [first, second] in pairs {
+        take(0, *first);
+        take(1, *second);
     }
+    rest.iter().for_each(|value| take(0, *value));
     let is_finite = !values.is_empty() && (sum[0] + sum[1]).is_finite();
     is_finite.then(|| (low[0].min(low[1]), high[0].max(high[1])))
 }
@@ -94,7 +84,7 @@ mod tests {
         assert_eq!(with_room(NOTHING), (0.0, 1.0));
         assert_eq!(with_room((0.0, 0.0)), (-1.0, 1.0));
         let values = [f64::NAN, 10.0, f64::INFINITY];
-        assert_eq!(with_room(extended(NOTHING, &values)), (9.0, 11.0));
+        assert_eq!(with_room(extended(NOTHING, values)), (9.0, 11.0));
     }
 
     #[test]

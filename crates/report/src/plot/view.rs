@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use platform::series::passing;
+use platform::series::Series;
 
 use super::curve::{Extent, Patch, PlotCurve, Shape};
 use super::decimate::{self, Polyline};
@@ -25,7 +25,7 @@ pub(super) struct View {
 impl View {
     /// Returns the edges that show everything of the curves, in a stretch of x if one is given.
     pub(super) fn new(
-        curves: &[PlotCurve<'_>],
+        curves: &[PlotCurve],
         patches: &[Patch],
         extent: Extent,
         x_range: Option<(f64, f64)>,
@@ -34,12 +34,13 @@ impl View {
             return Self::of_plane(curves);
         }
         let x = x_range.unwrap_or_else(|| with_room(all_x(curves)));
-        let shown = || curves.iter().map(|curve| curve.within(x_range).1);
-        let range = shown().fold(NOTHING, extended);
+        let shown = curves.iter().map(|curve| curve.within(x_range).1);
+        let shown = Vec::from_iter(shown);
+        let range = shown.iter().fold(NOTHING, extended);
         let range = (patches.iter())
             .filter(|patch| patch.x.1 > x.0 && patch.x.0 < x.1)
             .fold(range, |range, patch| {
-                extended(range, &[patch.y.0, patch.y.1])
+                extended(range, [patch.y.0, patch.y.1])
             });
         let (y, is_cut) = match extent {
             Extent::All => {
@@ -47,14 +48,16 @@ impl View {
                 let margin = (high - low) * MARGIN;
                 ((low - margin, high + margin), false)
             }
-            Extent::FromZero => (with_margin_above(extended(range, &[0.0])), false),
+            Extent::FromZero => (with_margin_above(extended(range, [0.0])), false),
             // Both ranges of a plane are known already.
             Extent::Logarithmic | Extent::Plane => (with_margin_above(range), false),
             Extent::Typical => {
                 // In a long run every second, third … value determines the typical range; the extremes are known.
-                let stride = shown().map(<[f64]>::len).sum::<usize>() / TYPICAL_MAX + 1;
-                let values = shown().flat_map(|values| passing(values).step_by(stride));
-                let finite = values.copied().filter(|y| y.is_finite());
+                let stride = shown.iter().map(Series::len).sum::<usize>() / TYPICAL_MAX + 1;
+                let values = shown
+                    .iter()
+                    .flat_map(|values| values.iter().step_by(stride));
+                let finite = values.filter(|y| y.is_finite());
                 let y = typical(finite.collect(), with_room(range));
                 (y, y != with_room(range))
             }
@@ -63,11 +66,11 @@ impl View {
     }
 
     /// Returns the edges of a square that shows everything.
-    fn of_plane(curves: &[PlotCurve<'_>]) -> Self {
-        let all = |values: for<'c> fn(&PlotCurve<'c>) -> &'c [f64]| {
+    fn of_plane(curves: &[PlotCurve]) -> Self {
+        let all = |values: fn(&PlotCurve) -> &Series<f64>| {
             with_room(curves.iter().map(values).fold(NOTHING, extended))
         };
-        let (x, y) = (all(|curve| curve.x), all(|curve| curve.y));
+        let (x, y) = (all(|curve| &curve.x), all(|curve| &curve.y));
         let half = (x.1 - x.0).max(y.1 - y.0) * (0.5 + MARGIN);
         let around = |(low, high): (f64, f64)| {
             let middle = f64::midpoint(low, high);
@@ -136,19 +139,16 @@ impl View {
     }
 
     /// Returns a curve as an element of the drawing.
-    pub(super) fn curve(&self, curve: &PlotCurve<'_>, class: &str) -> String {
+    pub(super) fn curve(&self, curve: &PlotCurve, class: &str) -> String {
         let (x, y) = curve.within(Some(self.x));
-        let scale = self.scale();
+        let (points, scale) = (x.iter().zip(&y), self.scale());
         let data = match curve.shape {
-            Shape::Points => points_data(&decimate::points(x, y, &scale)),
-            Shape::Area => path_data(&decimate::over_time(x, y, &scale), true),
-            Shape::Line | Shape::Dashed => path_data(&decimate::over_time(x, y, &scale), false),
+            Shape::Points => points_data(&decimate::points(points, &scale)),
+            Shape::Area => path_data(&decimate::over_time(points, &scale), true),
+            Shape::Line | Shape::Dashed => path_data(&decimate::over_time(points, &scale), false),
             Shape::Path | Shape::DashedPath => {
-                let places = passing(x).zip(passing(y));
-                path_data(
-                    &decimate::path(places.map(|(x, y)| scale.place(*x, *y))),
-                    false,
-                )
+                let places = points.map(|(x, y)| scale.place(x, y));
+                path_data(&decimate::path(places), false)
             }
         };
         format!(r#"<path class="{class}" d="{data}"/>"#)
@@ -156,16 +156,15 @@ impl View {
 }
 
 /// Returns the range from the least to the greatest x of the curves.
-fn all_x(curves: &[PlotCurve<'_>]) -> (f64, f64) {
-    curves
-        .iter()
-        .fold(NOTHING, |range, curve| match (curve.shape, curve.x) {
+fn all_x(curves: &[PlotCurve]) -> (f64, f64) {
+    curves.iter().fold(NOTHING, |range, curve| {
+        if curve.shape.is_path() {
+            extended(range, &curve.x)
+        } else {
             // Over time the ends are the extremes.
-            (Shape::Line | Shape::Dashed | Shape::Area | Shape::Points, [first, .., last]) => {
-                extended(range, &[*first, *last])
-            }
-            (_, x) => extended(range, x),
-        })
+            extended(range, curve.x.first().into_iter().chain(curve.x.last()))
+        }
+    })
 }
 
 /// Returns a range that can be drawn, with room above it.

@@ -67,7 +67,7 @@ fn log_plane(
     let rows = window(contour, &axes);
     let series = |of: fn(&Timeline) -> &Series<f64>| {
         let [across, up] = [x, y].map(|axis| of(axis).range(rows.clone()));
-        across.zip(up).map(|(across, up)| [*across, *up])
+        across.zip(up).map(|(across, up)| [across, up])
     };
     let set_points = series(|axis| &axis.set_point_millimetres);
     let samples = set_points.zip(series(Timeline::position));
@@ -119,10 +119,10 @@ fn log_moves(
     moves: &mut Path,
 ) -> Result<(), RerunError> {
     let points = mem::take(&mut moves.points);
-    let moments = points.iter().map(|(row, _)| times::moment(timeline, *row));
+    let rows = Vec::from_iter(points.iter().map(|(row, _)| *row));
     let places = Points2D::new(points.iter().map(|(_, point)| place(*point)));
     let places = places.columns_of_unit_batches()?;
-    send_rows(output, entity, times::columns(moments), places)
+    send_rows(output, entity, times::at_rows(timeline, &rows), places)
 }
 
 type Point = [f64; 2];

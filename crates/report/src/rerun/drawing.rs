@@ -176,8 +176,8 @@ impl Drawing {
         let samples = timeline.position().iter();
         let samples = samples.zip(&timeline.set_point_millimetres);
         let mut poses = Vec::new();
-        for (moment, (&position, &set_point)) in times::moments(timeline).zip(samples) {
-            let celsius = celsius.as_mut().and_then(Iterator::next).copied();
+        for (moment, (position, set_point)) in times::moments(timeline).zip(samples) {
+            let celsius = celsius.as_mut().and_then(Iterator::next);
             let pose = Pose {
                 moment: match self.last {
                     None => times::first_moment(timeline, moment),

@@ -5,7 +5,7 @@ use re_sdk_types::components::InterpolationMode;
 use std::collections::BTreeSet;
 
 use dbc::Database;
-use platform::series::passing;
+use platform::series::Series;
 use scenario::Trial;
 
 use crate::{shown_unit, title};
@@ -175,8 +175,8 @@ pub(super) fn style<'a>(
 }
 
 /// Returns whether a node sends other values than 0.
-pub(super) fn is_used(values: &[f64]) -> bool {
-    passing(values).any(|value| value.abs() > 0.0)
+pub(super) fn is_used(values: &Series<f64>) -> bool {
+    values.iter().any(|value| value.abs() > 0.0)
 }
 
 /// Returns the groups that a run will have, before its first frame.

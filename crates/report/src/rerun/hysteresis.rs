@@ -102,7 +102,7 @@ impl Hysteresis {
         let mut next_seconds = (self.points.last()).map_or(f64::NEG_INFINITY, |point| {
             point.moment.seconds + self.pause_seconds
         });
-        for ((row, moment), (&celsius, &fraction)) in rows {
+        for ((row, moment), (celsius, fraction)) in rows {
             let here = frame.place(celsius, fraction);
             let is_soon = moment.seconds < next_seconds;
             if is_soon || last.is_some_and(|last| !is_far(here, last)) {
@@ -132,10 +132,10 @@ impl Hysteresis {
     }
 
     /// Widens the axes to the values; returns `true` if the frame has changed.
-    fn widen<'a>(&mut self, values: impl Iterator<Item = (&'a f64, &'a f64)>) -> bool {
+    fn widen(&mut self, values: impl Iterator<Item = (f64, f64)>) -> bool {
         for (celsius, fraction) in values {
-            self.celsius.include(*celsius);
-            self.fraction.include(*fraction);
+            self.celsius.include(celsius);
+            self.fraction.include(fraction);
         }
         let celsius = Axis::new(&self.celsius, &GRID_CELSIUS);
         let fraction = Axis::new(&self.fraction, &GRID_FRACTION);

@@ -24,7 +24,7 @@ use dbc::names::SET_POINT;
 use judge::SETTLING_BAND;
 use judge::verdict::{Outcome, Verdict};
 use plan::{ControlLoop, Plan};
-use platform::series::{Series, give_back, parts, picked};
+use platform::series::Series;
 use recording::events::{Event, Events, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
@@ -142,15 +142,15 @@ impl<'o, 'a> Recording<'o, 'a> {
         let [set_point, error_name] =
             [SET_POINT, "error_millimetres"].map(|name| timeline.measurand.rename(name));
         let own = [
-            (set_point.as_str(), &*timeline.set_point_millimetres),
-            (error_name.as_str(), &*error),
-            ("scenario_convection_factor", &*factors),
-            ("scenario_added_load_grams", &*grams),
+            (set_point.as_str(), &timeline.set_point_millimetres),
+            (error_name.as_str(), &error),
+            ("scenario_convection_factor", &factors),
+            ("scenario_added_load_grams", &grams),
         ];
         let columns = timeline
             .columns
             .iter()
-            .map(|column| (column.name.as_str(), &*column.values));
+            .map(|column| (column.name.as_str(), &column.values));
         let stretch = timeline.cycles_in(stretch_seconds(trial));
         let stretch = usize::try_from(stretch).unwrap_or(usize::MAX);
         // Most signals have the same rows, so the times are computed once.
@@ -163,19 +163,17 @@ impl<'o, 'a> Recording<'o, 'a> {
             };
             let numbers = rows.numbers();
             if numbers.is_empty() {
-                give_back(values);
                 continue;
             }
             if numbers != times.0 {
                 times = (numbers.to_vec(), times::at_rows(timeline, numbers));
             }
             self.log_signal(name, style, &rows, values, times.1.clone())?;
-            give_back(values);
         }
         Ok(())
     }
 
-    fn style(&mut self, name: &str, values: &[f64]) -> Style<'a> {
+    fn style(&mut self, name: &str, values: &Series<f64>) -> Style<'a> {
         let used = &mut self.used;
         let is_used =
             || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
@@ -188,7 +186,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         name: &str,
         style: Style<'a>,
         rows: &Rows,
-        values: &[f64],
+        values: &Series<f64>,
         times: [TimeColumn; 2],
     ) -> Result<(), RerunError> {
         let path = format!("{}/{name}", style.group);
@@ -202,7 +200,8 @@ impl<'o, 'a> Recording<'o, 'a> {
             send_static(self.output, path.as_str(), &look)?;
             self.styled.insert(path.clone());
         }
-        send_scalars(self.output, path, times, picked(values, rows.numbers()))
+        let values = values.at(rows.numbers().iter().copied());
+        send_scalars(self.output, path, times, values.collect())
     }
 
     /// Logs the band in which each judged step must settle, as far as the piece reaches.
@@ -211,7 +210,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             return Ok(());
         };
         for (number, step) in self.trial.judged_steps().iter().enumerate() {
-            let from = step.window.from_seconds.max(*begin);
+            let from = step.window.from_seconds.max(begin);
             let until = step.window.until_seconds.min(timeline.end_seconds());
             if from >= until {
                 continue;
@@ -318,11 +317,11 @@ fn asked(
     if commands.iter().all(|command| output(command) == before) {
         return repeat_n(f64::NAN, timeline.cycle.len()).collect();
     }
-    let at = |time: &f64| {
+    let at = |time: f64| {
         let begun = commands
             .iter()
             .rev()
-            .find(|command| command.at_seconds <= *time);
+            .find(|command| command.at_seconds <= time);
         begun.map_or(before, output)
     };
     timeline.time_seconds.iter().map(at).collect()
@@ -338,7 +337,7 @@ pub(super) enum Rows {
 }
 
 impl Rows {
-    pub(super) fn new(values: &[f64], group: &str, known: Known) -> Self {
+    pub(super) fn new(values: &Series<f64>, group: &str, known: Known) -> Self {
         let changes_max = match known {
             _ if group == groups::OTHER => usize::MAX,
             Known::Whole => values.len().div_ceil(CHANGES_SELDOM),
@@ -346,27 +345,32 @@ impl Rows {
         };
         let mut changes: Vec<usize> = Vec::new();
         let (mut held, mut rest) = (f64::NAN, values.iter());
-        while let Some(&value) = rest.find(|value| **value != held) {
+        while let Some(value) = rest.find(|value| *value != held) {
             if value.is_nan() {
                 continue;
             }
             if changes.len() + 1 >= changes_max {
-                let rows = 0..values.len();
-                return Self::All(rows.filter(|&row| !values[row].is_nan()).collect());
+                let rows = values.iter().enumerate();
+                let rows = rows.filter(|(_, value)| !value.is_nan());
+                return Self::All(rows.map(|(row, _)| row).collect());
             }
             changes.push(values.len() - rest.len() - 1);
             held = value;
         }
-        let last = values.iter().rposition(|value| !value.is_nan());
+        let has_value = |row: &usize| values.get(*row).is_some_and(|value| !value.is_nan());
+        let last = (0..values.len()).rfind(has_value);
         changes.extend(last.filter(|last| changes.last() != Some(last)));
         Self::Changes(changes)
     }
 
     /// Returns the rows with the least and the largest value in each part of `count` rows, if these differ from those before.
-    pub(super) fn extremes(values: &[f64], count: usize) -> Self {
+    pub(super) fn extremes(values: &Series<f64>, count: usize) -> Self {
         let mut rows: Vec<usize> = Vec::new();
         let (mut held, mut last) = (f64::NAN, None);
-        for (part, begin) in parts(values, count).zip((0..).step_by(count)) {
+        let (mut values, mut part) = (values.iter(), Vec::new());
+        for begin in (0..values.len()).step_by(count) {
+            part.clear();
+            part.extend(values.by_ref().take(count));
             let last_here = part.iter().rposition(|value| !value.is_nan());
             last = last_here.map(|row| begin + row).or(last);
             let numbers = || part.iter().enumerate().filter(|(_, value)| !value.is_nan());

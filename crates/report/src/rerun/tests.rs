@@ -183,8 +183,8 @@ fn every_value_of_the_timeline_is_in_the_file() {
             .filter(|(_, value)| !value.is_nan())
         {
             assert_eq!(
-                held(&rows, timeline.cycle[row]),
-                Some(*value),
+                held(&rows, timeline.cycle.get(row).unwrap()),
+                Some(value),
                 "{} in row {row}",
                 column.name
             );
@@ -207,7 +207,7 @@ fn a_signal_that_seldom_changes_or_is_not_drawn_has_rows_where_it_changes_and_th
  {
     let nan = f64::NAN;
     let values = [nan, 1.0, 1.0, nan, 1.0, 2.0, 2.0, 2.0];
-    let drawn = |values: &[f64]| Rows::new(values, "position", Known::Whole);
+    let drawn = |values: &[f64]| Rows::new(&values.into(), "position", Known::Whole);
     assert_eq!(drawn(&values), Rows::All(vec![1, 2, 4, 5, 6, 7]));
     assert_eq!(
         drawn(&[values, [2.0; 8]].concat()),
@@ -215,9 +215,9 @@ fn a_signal_that_seldom_changes_or_is_not_drawn_has_rows_where_it_changes_and_th
     );
     assert_eq!(drawn(&[nan; 9]), Rows::Changes(Vec::new()));
     // The further course of a run that is still played is unknown.
-    let so_far = Rows::new(&[1.0; 9], "position", Known::SoFar);
+    let so_far = Rows::new(&vec![1.0; 9].into(), "position", Known::SoFar);
     assert_eq!(so_far, Rows::All((0..9).collect()));
-    let other = |values: &[f64]| Rows::new(values, groups::OTHER, Known::SoFar);
+    let other = |values: &[f64]| Rows::new(&values.into(), groups::OTHER, Known::SoFar);
     assert_eq!(other(&values), Rows::Changes(vec![1, 5, 7]));
     assert_eq!(other(&[nan, nan]), Rows::Changes(Vec::new()));
     assert_eq!(other(&[3.0]), Rows::Changes(vec![0]));
@@ -296,11 +296,12 @@ fn of_a_long_run_the_extremes_of_each_stretch_are_kept() {
     values.extend([1.0; 40]);
     values[23] = 9.0;
     values[27] = -9.0;
+    let extremes = |values: &[f64], count| Rows::extremes(&values.into(), count);
     assert_eq!(
-        Rows::extremes(&values, 10),
+        extremes(&values, 10),
         Rows::Changes(vec![10, 23, 27, 30, 49])
     );
-    assert_eq!(Rows::extremes(&[f64::NAN; 3], 2), Rows::Changes(Vec::new()));
+    assert_eq!(extremes(&[f64::NAN; 3], 2), Rows::Changes(Vec::new()));
 }
 
 #[test]
@@ -320,7 +321,7 @@ fn a_long_run_is_thinned_and_keeps_its_peaks_its_events_and_its_times() {
     let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::NAN, f64::max);
     assert_eq!(
         largest(&mut position.iter().map(|row| row.2)),
-        largest(&mut timeline.position().iter().copied())
+        largest(&mut timeline.position().iter())
     );
     let (whole, ..) = written();
     let texts = |path: &Path| {

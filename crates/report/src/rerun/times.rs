@@ -1,6 +1,5 @@
 //! The two timelines of a recording.
 
-use platform::series::picked;
 use re_sdk::log::TimeColumn;
 
 use recording::timeline::Timeline;
@@ -17,16 +16,11 @@ pub(super) struct Moment {
     pub(super) cycle: i64,
 }
 
-/// Returns the time of a row.
-pub(super) fn moment(timeline: &Timeline, row: usize) -> Moment {
-    at_cycle(timeline.time_seconds[row], timeline.cycle[row])
-}
-
 /// Returns the times of all rows.
 pub(super) fn moments(timeline: &Timeline) -> impl Iterator<Item = Moment> + Clone {
     let cycles = timeline.cycle.iter();
     let times = timeline.time_seconds.iter().zip(cycles);
-    times.map(|(&seconds, &cycle)| at_cycle(seconds, cycle))
+    times.map(|(seconds, cycle)| at_cycle(seconds, cycle))
 }
 
 fn at_cycle(seconds: f64, cycle: u64) -> Moment {
@@ -68,10 +62,10 @@ pub(super) fn columns(moments: impl Iterator<Item = Moment> + Clone) -> [TimeCol
 
 /// Returns both timelines at some rows.
 pub(super) fn at_rows(timeline: &Timeline, rows: &[usize]) -> [TimeColumn; 2] {
-    let seconds = picked(&timeline.time_seconds, rows);
-    let cycles = picked(&timeline.cycle, rows);
-    let moments = seconds.iter().zip(&cycles);
-    columns(moments.map(|(&seconds, &cycle)| at_cycle(seconds, cycle)))
+    let cycles = timeline.cycle.at(rows.iter().copied());
+    let times = timeline.time_seconds.at(rows.iter().copied()).zip(cycles);
+    let moments = times.map(|(seconds, cycle)| at_cycle(seconds, cycle));
+    columns(Vec::from_iter(moments).into_iter())
 }
 
 #[expect(

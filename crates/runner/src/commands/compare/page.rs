@@ -1,5 +1,7 @@
 //! Differences between two runs: as a table for the terminal and as a page with plots.
 
+use std::collections::VecDeque;
+
 use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
@@ -309,10 +311,10 @@ fn plots(compared: &Compared<'_>) -> Vec<Markup> {
     plots.flatten().collect()
 }
 
-fn values<'a>(run: &'a [Timeline], signal: &SignalDifference) -> &'a [f64] {
+fn values(run: &[Timeline], signal: &SignalDifference) -> Series<f64> {
     let mut signals = timeline::signals(run).into_iter();
     let found = signals.find(|rows| rows.name == signal.name);
-    found.map_or(&[], |rows| rows.values)
+    found.map_or_else(Series::default, |rows| rows.values.clone())
 }
 
 fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2], marked: &[Patch]) -> Markup {
@@ -330,33 +332,36 @@ fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2], marked: &[Patch]) -
 fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64>, Series<f64>) {
     let [a_values, b_values] = compared.timelines.map(|run| values(run, signal));
     let [a, b] = compared.timelines.map(|run| &run[0]);
-    let mut others = b.cycle.iter().zip(b_values).peekable();
-    let mut at = |cycle: &u64| {
+    let mut others = b.cycle.iter().zip(&b_values).peekable();
+    let mut at = |cycle: u64| {
         while others.next_if(|(other, _)| *other < cycle).is_some() {}
         let found = others.next_if(|(other, _)| *other == cycle);
-        found.map(|(_, value)| *value)
+        found.map(|(_, value)| value)
     };
     let reach = reach(compared.time_tolerance_seconds, a.period_seconds);
-    let rows = a.cycle.iter().zip(a_values).enumerate();
+    // Values of A a little before and after.
+    let mut ahead = a_values.iter();
+    let mut near = VecDeque::from_iter(ahead.by_ref().take(reach));
+    let rows = a.cycle.iter().zip(&a_values).enumerate();
     let differences = rows.map(|(row, (cycle, own))| {
+        near.extend(ahead.next());
+        if row > reach {
+            near.pop_front();
+        }
         let Some(value) = at(cycle).filter(|_| own.is_finite()) else {
             return f64::NAN;
         };
-        let near = &a_values[row.saturating_sub(reach)..a_values.len().min(row + reach + 1)];
         let low = near.iter().copied().fold(f64::INFINITY, f64::min);
         let high = near.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         value - value.clamp(low, high)
     });
-    (
-        a.time_seconds.iter().copied().collect(),
-        differences.collect(),
-    )
+    (a.time_seconds.clone(), differences.collect())
 }
 
 fn difference_plot(
     signal: &SignalDifference,
-    rows: &[f64],
-    differences: &[f64],
+    rows: &Series<f64>,
+    differences: &Series<f64>,
     marked: &[Patch],
 ) -> Markup {
     let title = format!("{}, B less A", signal.name);
@@ -367,7 +372,11 @@ fn difference_plot(
 }
 
 /// Returns patches for the stretches in which a signal that diverges is beyond its tolerance; empty for other signals.
-fn stretches(signal: &SignalDifference, rows: &[f64], differences: &[f64]) -> Vec<Patch> {
+fn stretches(
+    signal: &SignalDifference,
+    rows: &Series<f64>,
+    differences: &Series<f64>,
+) -> Vec<Patch> {
     let (Some(tolerance), false) = (signal.tolerance, signal.agrees()) else {
         return Vec::new();
     };
@@ -376,8 +385,8 @@ fn stretches(signal: &SignalDifference, rows: &[f64], differences: &[f64]) -> Ve
     for (time, difference) in rows.iter().zip(differences) {
         match found.last_mut() {
             _ if difference.abs() <= tolerance || difference.is_nan() => {}
-            Some((_, until)) if time - *until <= near => *until = *time,
-            _ => found.push((*time, *time)),
+            Some((_, until)) if time - *until <= near => *until = time,
+            _ => found.push((time, time)),
         }
     }
     let patch = |(from, until): (f64, f64)| Patch {
