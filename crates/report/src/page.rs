@@ -84,21 +84,25 @@ pub fn clock(verdict: &Verdict) -> &'static str {
     }
 }
 
-/// Returns a remark as a sentence.
+/// Returns a remark as a sentence. One of a node begins with the name of the node, which stays.
 pub fn sentence(remark: &str) -> String {
+    let is_of_a_node = remark
+        .split_once(": ")
+        .is_some_and(|(name, _)| !name.contains(' '));
     let mut letters = remark.chars();
-    let first = letters.next().map(char::to_uppercase);
+    let first = letters.next().map(|first| {
+        if is_of_a_node {
+            first.to_string()
+        } else {
+            first.to_uppercase().to_string()
+        }
+    });
     let end = if remark.ends_with(['.', '!', '?']) {
         ""
     } else {
         "."
     };
-    first
-        .into_iter()
-        .flatten()
-        .chain(letters)
-        .collect::<String>()
-        + end
+    first.into_iter().collect::<String>() + letters.as_str() + end
 }
 
 /// Returns the identity of what was played, as part of a list of facts.
