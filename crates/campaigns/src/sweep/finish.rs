@@ -14,7 +14,6 @@ use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use recording::session::write_tables;
 use runner::console::print;
 use runner::exit::Exit;
-use runner::identity::{NoIdentity, identity};
 
 /// Folder of the scenarios of cases that do not pass.
 const FAILING: &str = "failing";
@@ -35,8 +34,6 @@ pub(crate) enum FinishError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Write(#[from] WriteError),
-    #[error(transparent)]
-    NoIdentity(#[from] NoIdentity),
 }
 
 /// Makes tables, page and scenarios of the rows of all cases, and prints their paths. Earlier ones are made again.
@@ -64,7 +61,7 @@ pub(crate) fn finish(
         let text = format!("{}{}", preamble(cases, failing), cases.text(failing.case));
         folder.write(&place(failing), text.as_bytes())?;
     }
-    let what = (cases.kind(), &identity(plan)?);
+    let what = (cases.kind(), rows.identity());
     let page = page::to_html(&summary, what, place, |case| command(cases, &summary, case));
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();

@@ -259,6 +259,11 @@ struct Place {
 }
 
 impl Rows {
+    /// Participants of each run.
+    pub(crate) fn identity(&self) -> &Identity {
+        &self.header.identity
+    }
+
     /// Rows of a part of a campaign in a folder, which may not be there yet.
     pub(crate) fn read(folder: &Path, header: &Header, shard: Shard) -> Result<Self, StoreError> {
         let mut rows = Self::unread(folder, header, shard);
