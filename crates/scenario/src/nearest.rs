@@ -1,56 +1,40 @@
 //! Suggestions for unknown names.
 
+use crate::port::conversion;
+
 /// Smallest similarity (Jaro-Winkler) of a name that is suggested.
 const SIMILARITY_MIN: f64 = 0.8;
 
-/// Units that a key may end in, with the factor to the first of their quantity.
-const UNITS: [(&str, f64); 22] = [
-    ("metres", 1.0),
-    ("millimetres", 1e-3),
-    ("micrometres", 1e-6),
-    ("seconds", 1.0),
-    ("milliseconds", 1e-3),
-    ("microseconds", 1e-6),
-    ("minutes", 60.0),
-    ("hours", 3600.0),
-    ("amperes", 1.0),
-    ("milliamperes", 1e-3),
-    ("volts", 1.0),
-    ("millivolts", 1e-3),
-    ("kilograms", 1.0),
-    ("grams", 1e-3),
-    ("percent", 1.0),
-    ("permille", 0.1),
-    ("kilobits", 1.0),
-    ("bits", 1e-3),
-    ("hertz", 1.0),
-    ("kilohertz", 1e3),
-    ("newtons", 1.0),
-    ("kilonewtons", 1e3),
+/// Units that no port has, each with its size in another one.
+const OF_KEYS_ONLY: [(&str, f64, &str); 9] = [
+    ("milliseconds", 1e-3, "seconds"),
+    ("microseconds", 1e-6, "seconds"),
+    ("minutes", 60.0, "seconds"),
+    ("hours", 3600.0, "seconds"),
+    ("millivolts", 1e-3, "volts"),
+    ("kilonewtons", 1e3, "newtons"),
+    ("kilohertz", 1e3, "hertz"),
+    ("permille", 0.1, "percent"),
+    ("bits", 1e-3, "kilobits"),
 ];
 
 /// Returns the factor from the number of a key to that of a known one, if they differ in one unit only.
 #[must_use]
 pub(crate) fn unit_factor(key: &str, known: &str) -> Option<f64> {
-    let quantity = |at: usize| {
-        UNITS[..=at]
-            .iter()
-            .filter(|(_, factor)| *factor == 1.0)
-            .count()
-    };
-    let unit = |word: &str| UNITS.iter().position(|(name, _)| *name == word);
-    let (words, known): (Vec<&str>, Vec<&str>) =
-        (key.split('_').collect(), known.split('_').collect());
-    let mut different = words
-        .iter()
-        .zip(&known)
-        .filter(|(word, known)| word != known);
+    let [words, known] = [key, known].map(|name| Vec::from_iter(name.split('_')));
+    let mut different = (words.iter().zip(&known)).filter(|(word, known)| word != known);
     let (word, other) = different.next()?;
     if words.len() != known.len() || different.next().is_some() {
         return None;
     }
-    let (from, to) = (unit(word)?, unit(other)?);
-    (quantity(from) == quantity(to)).then(|| UNITS[from].1 / UNITS[to].1)
+    let [(size, unit), (other_size, other_unit)] = [word, other].map(|word| in_unit_of_ports(word));
+    Some(size * conversion(unit, other_unit)? / other_size)
+}
+
+/// Returns the size of a unit, and the unit in which it is.
+fn in_unit_of_ports(word: &str) -> (f64, &str) {
+    let found = OF_KEYS_ONLY.iter().find(|(name, ..)| *name == word);
+    found.map_or((1.0, word), |(_, size, unit)| (*size, unit))
 }
 
 /// Returns advice on an unknown name: the known name that was probably meant, else all known names.
