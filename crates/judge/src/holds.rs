@@ -6,7 +6,7 @@ use scenario::events::Window;
 
 use crate::attribution::breaches::begin_of;
 use crate::disturbances::recovery;
-use crate::evidence::{Absence, CycleSample, Evidence, Measurement, MetricValue, largest, mean};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, mean};
 
 /// Time from the position's arrival in its band to the begin of the hold.
 const AFTER_SETTLING_SECONDS: f64 = 1.0;
@@ -76,18 +76,24 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
             format!("the set-point stands for {seconds:.3} s; {HUNTING_SECONDS} s are needed");
         return Err(reason.into());
     }
-    let samples: Vec<CycleSample> = evidence.seen(last)?.collect();
-    let part = |sample: &CycleSample| {
-        let elapsed = sample.time_seconds - last.from_seconds + TIME_TOLERANCE_SECONDS;
-        libm::floor(elapsed / MEAN_SECONDS)
+    let samples = evidence.seen(last)?;
+    let samples = samples.map(|sample| (sample.time_seconds, sample.position_millimetres));
+    checked(swing(&Vec::from_iter(samples), last.from_seconds).unwrap_or(f64::NAN))
+}
+
+/// Returns the distance between the highest and the lowest short mean of positions, each with its time in seconds, from a time on;
+/// `None` without a position.
+#[must_use]
+pub fn swing(positions: &[(f64, f64)], from_seconds: f64) -> Option<f64> {
+    let part = |(time, _): &(f64, f64)| {
+        libm::floor((time - from_seconds + TIME_TOLERANCE_SECONDS) / MEAN_SECONDS)
     };
-    let parts = samples.chunk_by(|left, right| part(left) == part(right));
-    let means = parts
-        .map(|part| mean(part.iter().map(|sample| sample.position_millimetres)))
-        .collect::<Result<Vec<_>, _>>()?;
-    let highest = largest(means.iter().copied())?;
-    let lowest = -largest(means.iter().map(|mean| -mean))?;
-    Ok(highest - lowest)
+    let parts = positions.chunk_by(|left, right| part(left) == part(right));
+    let means = parts.filter_map(|part| mean(part.iter().map(|(_, position)| *position)).ok());
+    let ends = means.map(|mean| [mean, mean]);
+    let [lowest, highest] =
+        ends.reduce(|[lowest, highest], [mean, _]| [lowest.min(mean), highest.max(mean)])?;
+    Some(highest - lowest)
 }
 
 /// Returns the window at the end in which the loop only has to stand still: after the last change of the set-point, and after the

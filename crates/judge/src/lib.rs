@@ -43,6 +43,7 @@ pub use chirp::{CUT_OFF_GAIN, FrequencyPoint, FrequencyResponse, frequency_respo
 pub use circumstances::Circumstances;
 pub use contour::contour_errors;
 pub use decision::judge;
+pub use holds::swing;
 pub use loops::{expected_timing, limits, row_of_loop};
 pub use quality::lost_frames;
 pub use steps::SETTLING_BAND;

@@ -13,6 +13,7 @@ use super::quantity::{Model, Paper, Quantity};
 use crate::identify::data::IdentificationData;
 use crate::identify::nominal_model::nominal_model;
 use campaigns::campaign;
+use judge::swing;
 use judge::verdict::Verdict;
 use recording::timeline::{Series, Timeline};
 use report::plot::{Colour, Shape};
@@ -52,8 +53,6 @@ pub struct PlannedRun {
 
 /// Length of each of the last two spans of a run whose swings are compared.
 pub(super) const SWING_SECONDS: f64 = 5.0;
-/// Length of the parts whose means swing: a loop with a noisy sensor need not hunt.
-const MEAN_SECONDS: f64 = 0.01;
 
 /// Data to keep of a run besides its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -285,7 +284,9 @@ impl PlannedRun {
                 }),
             swings_millimetres: (played.only_timeline())
                 .filter(|_| self.keep == Keep::Swings)
-                .map(|timeline| swings_millimetres(&timeline.time_seconds, timeline.position())),
+                .and_then(|timeline| {
+                    swings_millimetres(&timeline.time_seconds, timeline.position())
+                }),
             measurement: (self.keep == Keep::IdentificationData).then(measurement),
         }
     }
@@ -314,29 +315,20 @@ impl Signals {
     }
 }
 
-/// Returns the swings of the span before the last one, and of the last one.
-fn swings_millimetres(times: &Series<f64>, positions: &Series<f64>) -> [f64; 2] {
-    let end = times.last().unwrap_or_default();
-    [2.0, 1.0].map(|spans| {
-        let from = end - spans * SWING_SECONDS;
+/// Returns the swings of the span before the last one, and of the last one; `None` if one of them has no position.
+fn swings_millimetres(times: &Series<f64>, positions: &Series<f64>) -> Option<[f64; 2]> {
+    let end = times.last()?;
+    let swing_from = |from: f64| {
         let first = times.partition_point(|time| time <= from);
         let last = times.partition_point(|time| time <= from + SWING_SECONDS);
         let rows = times.range(first..last).zip(positions.range(first..last));
-        let seen: Vec<(f64, f64)> = rows.filter(|(_, position)| position.is_finite()).collect();
-        let part = |(time, _): &(f64, f64)| libm::floor((time - from) / MEAN_SECONDS);
-        let parts = seen.chunk_by(|left, right| part(left) == part(right));
-        let means = parts.map(|part| mean(part.iter().map(|(_, position)| *position)));
-        let (lowest, highest) = means
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), mean| {
-                (low.min(mean), high.max(mean))
-            });
-        highest - lowest
-    })
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
-    sum / count
+        let seen = rows.filter(|(_, position)| position.is_finite());
+        swing(&Vec::from_iter(seen), from)
+    };
+    Some([
+        swing_from(end - 2.0 * SWING_SECONDS)?,
+        swing_from(end - SWING_SECONDS)?,
+    ])
 }
 
 impl Kept {
@@ -495,7 +487,7 @@ mod tests {
             _ => 20.0,
         };
         let positions: Vec<f64> = times.iter().map(position).collect();
-        let [before, last] = swings_millimetres(&times.into(), &positions.into());
+        let [before, last] = swings_millimetres(&times.into(), &positions.into()).unwrap();
         assert!((before - 0.4).abs() < 1e-9, "{before}");
         assert!((last - 0.3).abs() < 1e-9, "{last}");
     }
