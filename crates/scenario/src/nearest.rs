@@ -19,8 +19,7 @@ const OF_KEYS_ONLY: [(&str, f64, &str); 9] = [
 ];
 
 /// Returns the factor from the number of a key to that of a known one, if they differ in one unit only.
-#[must_use]
-pub(crate) fn unit_factor(key: &str, known: &str) -> Option<f64> {
+fn unit_factor(key: &str, known: &str) -> Option<f64> {
     let [words, known] = [key, known].map(|name| Vec::from_iter(name.split('_')));
     let mut different = (words.iter().zip(&known)).filter(|(word, known)| word != known);
     let (word, other) = different.next()?;
@@ -41,8 +40,16 @@ fn in_unit_of_ports(word: &str) -> (f64, &str) {
 #[must_use]
 pub fn meant_or_known(name: &str, known: &[&str]) -> String {
     match nearest(name, known.iter().copied()) {
-        Some(nearest) => format!("did you mean `{nearest}`?"),
+        Some(nearest) => suggestion(name, nearest),
         None => format!("known are: {}", known.join(", ")),
+    }
+}
+
+/// Returns the question for the name that was probably meant, with the factor if that has another unit.
+pub(crate) fn suggestion(name: &str, meant: &str) -> String {
+    match unit_factor(name, meant) {
+        Some(factor) => format!("did you mean `{meant}`, {factor} times the number?"),
+        None => format!("did you mean `{meant}`?"),
     }
 }
 
@@ -59,7 +66,7 @@ pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
 
 #[cfg(test)]
 mod tests {
-    use super::unit_factor;
+    use super::{meant_or_known, unit_factor};
 
     #[test]
     fn keys_that_differ_in_a_unit_have_its_factor() {
@@ -72,5 +79,14 @@ mod tests {
         assert_eq!(factor("position_metres", "position_seconds"), None);
         assert_eq!(factor("postion_millimetres", "position_millimetres"), None);
         assert_eq!(factor("position_metres", "position_millimetres_max"), None);
+    }
+
+    #[test]
+    fn advice_on_a_key_in_another_unit_says_the_factor() {
+        let advice = meant_or_known("duration_minutes", &["duration_seconds", "name"]);
+        assert_eq!(
+            advice,
+            "did you mean `duration_seconds`, 60 times the number?"
+        );
     }
 }

@@ -8,7 +8,7 @@ use toml::de::{DeArray, DeString, DeTable, DeValue};
 
 use crate::document::Document;
 use crate::error::{Problem, Source};
-use crate::nearest::{nearest, unit_factor};
+use crate::nearest::{nearest, suggestion};
 use crate::own::{self, Section};
 use crate::schema::{MULTIPLE_OF, resolve};
 
@@ -149,10 +149,7 @@ impl<'a> Checker<'a> {
             return None;
         }
         let label = match meant {
-            Some(meant) => match unit_factor(name, meant) {
-                Some(factor) => format!("did you mean `{meant}`, {factor} times the number?"),
-                None => format!("did you mean `{meant}`?"),
-            },
+            Some(meant) => suggestion(name, meant),
             None => "not a key of the format".to_owned(),
         };
         let message = format!("unknown key `{name}` in {place}");
