@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::fs;
 use std::time::Duration;
 
-use canopen::{CanFrame, Node};
+use can::{CanFrame, Node};
 use controller::ControllerNode;
 use plant_emulator::PlantEmulator;
 use plant_emulator::plants::sma::Actuator;

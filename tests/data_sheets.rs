@@ -5,9 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
+use can::{CanFrame, Node};
 use canopen::object_dictionary::{Access, DataType, Entry};
 use canopen::sdo_client::{SdoClient, SdoFailure};
-use canopen::{AbortCode, CanFrame, Node, ObjectDictionary, eds};
+use canopen::{AbortCode, ObjectDictionary, eds};
 use plant_emulator::PlantEmulator;
 use plant_emulator::plants::sma::Actuator;
 use scenario::Trial;

@@ -430,7 +430,7 @@ fn a_controller_that_enables_nothing_and_one_that_is_not_there_fail_the_run() {
             let mut bus = platform::open(&address, &[]).unwrap();
             while !is_over.load(std::sync::atomic::Ordering::Relaxed) {
                 // The bus ends before this thread does.
-                let _ = bus.send(&canopen::CanFrame::new(0x080, &[]));
+                let _ = bus.send(&can::CanFrame::new(0x080, &[]));
                 std::thread::sleep(Duration::from_millis(100));
             }
         });

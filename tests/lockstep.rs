@@ -247,11 +247,11 @@ impl platform::lockstep::Participant for Asked<'_> {
         self.0.name()
     }
 
-    fn filters(&self) -> &[canopen::Filter] {
+    fn filters(&self) -> &[can::Filter] {
         self.0.filters()
     }
 
-    fn silent_filters(&self) -> &[canopen::Filter] {
+    fn silent_filters(&self) -> &[can::Filter] {
         &[]
     }
 
@@ -265,7 +265,7 @@ impl platform::lockstep::Participant for Asked<'_> {
         &mut self,
         to: Duration,
         _until: Duration,
-        frames: &[(Duration, canopen::CanFrame)],
+        frames: &[(Duration, can::CanFrame)],
         answer: &mut platform::lockstep::Answer,
     ) -> Result<(), platform::lockstep::LockstepError> {
         self.0.advance(to, to, frames, answer)
@@ -508,7 +508,7 @@ struct Sleeper {
 }
 
 impl platform::bus::Bus for Sleeper {
-    fn send(&mut self, _frame: &canopen::CanFrame) -> Result<(), platform::bus::BusError> {
+    fn send(&mut self, _frame: &can::CanFrame) -> Result<(), platform::bus::BusError> {
         self.calls += 1;
         if self.sleeps && self.calls.is_multiple_of(1000) {
             std::thread::sleep(Duration::from_millis(50));
@@ -519,7 +519,7 @@ impl platform::bus::Bus for Sleeper {
     fn receive(
         &mut self,
         _timeout: Duration,
-    ) -> Result<Option<canopen::CanFrame>, platform::bus::BusError> {
+    ) -> Result<Option<can::CanFrame>, platform::bus::BusError> {
         Ok(None)
     }
 

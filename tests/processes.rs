@@ -204,7 +204,7 @@ fn last_current(log: &str, one: &plan::ControlLoop) -> f64 {
         let id = u16::from_str_radix(id, 16).ok()?;
         let bytes = (0..data.len() / 2).map(|place| &data[2 * place..2 * place + 2]);
         let bytes = bytes.map(|byte| u8::from_str_radix(byte, 16).unwrap());
-        Some(canopen::CanFrame::new(id, &Vec::from_iter(bytes)))
+        Some(can::CanFrame::new(id, &Vec::from_iter(bytes)))
     });
     let mut currents = frames.filter_map(|frame| current.decode(&frame));
     currents.next().expect("the plant said it")

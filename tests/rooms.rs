@@ -1,151 +1,10 @@
 //! Separation of the rooms, as ARCHITECTURE.md defines it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::support::root;
-
-/// A room, by its package's name, and the rooms that it may depend on. Each room comes after those that it names.
-const MAY_DEPEND_ON: [(&str, &[&str]); 22] = [
-    ("xtask", &[]),
-    ("canopen", &[]),
-    ("dbc", &["canopen"]),
-    ("scenario", &["canopen"]),
-    ("fmu", &["scenario"]),
-    ("faults", &["canopen", "dbc", "scenario"]),
-    ("platform", &["canopen"]),
-    ("controller", &["canopen", "dbc", "scenario", "platform"]),
-    (
-        "plant-emulator",
-        &["canopen", "dbc", "scenario", "faults", "platform"],
-    ),
-    ("fmu-plants", &["fmu", "scenario", "plant-emulator"]),
-    ("fmu-library", &["fmu", "fmu-plants"]),
-    ("plan", &["canopen", "dbc", "scenario"]),
-    (
-        "recording",
-        &["canopen", "dbc", "scenario", "platform", "plan"],
-    ),
-    (
-        "judge",
-        &["canopen", "dbc", "scenario", "plan", "recording"],
-    ),
-    (
-        "worlds",
-        &[
-            "canopen",
-            "fmu",
-            "dbc",
-            "scenario",
-            "faults",
-            "platform",
-            "controller",
-            "plant-emulator",
-            "plan",
-            "recording",
-        ],
-    ),
-    (
-        "report",
-        &[
-            "canopen",
-            "dbc",
-            "scenario",
-            "platform",
-            "plan",
-            "recording",
-            "judge",
-        ],
-    ),
-    ("exports", &["canopen", "dbc", "recording"]),
-    (
-        "runner",
-        &[
-            "canopen",
-            "dbc",
-            "scenario",
-            "platform",
-            "plan",
-            "recording",
-            "judge",
-            "worlds",
-            "report",
-            "exports",
-        ],
-    ),
-    (
-        "campaigns",
-        &[
-            "canopen",
-            "dbc",
-            "scenario",
-            "faults",
-            "plan",
-            "recording",
-            "judge",
-            "worlds",
-            "report",
-            "exports",
-            "runner",
-        ],
-    ),
-    (
-        "paper",
-        &[
-            "canopen",
-            "dbc",
-            "scenario",
-            "plant-emulator",
-            "plan",
-            "recording",
-            "judge",
-            "worlds",
-            "report",
-            "exports",
-            "runner",
-            "campaigns",
-        ],
-    ),
-    (
-        "canrig",
-        &[
-            "canopen",
-            "fmu",
-            "fmu-plants",
-            "dbc",
-            "scenario",
-            "faults",
-            "platform",
-            "controller",
-            "plant-emulator",
-            "plan",
-            "recording",
-            "judge",
-            "worlds",
-            "report",
-            "exports",
-            "runner",
-            "campaigns",
-            "paper",
-        ],
-    ),
-    (
-        "canrig-benches",
-        &[
-            "canopen",
-            "dbc",
-            "scenario",
-            "controller",
-            "plant-emulator",
-            "plan",
-            "recording",
-            "judge",
-            "worlds",
-            "campaigns",
-        ],
-    ),
-];
 
 /// Rooms that get a plan as a whole.
 const BEHIND_THE_PLAN: [&str; 9] = [
@@ -183,6 +42,55 @@ fn manifest(path: &Path) -> toml::Table {
     fs::read_to_string(path).unwrap().parse().unwrap()
 }
 
+/// Returns the members of the workspace, by their folders.
+fn members(root: &Path) -> Vec<String> {
+    let workspace = &manifest(&root.join("Cargo.toml"))["workspace"];
+    workspace["members"].clone().try_into().unwrap()
+}
+
+/// Returns the name of the package in a folder.
+fn package(folder: &Path) -> String {
+    let manifest = manifest(&folder.join("Cargo.toml"));
+    manifest["package"]["name"].as_str().unwrap().to_owned()
+}
+
+/// A row of the table of rooms in ARCHITECTURE.md.
+struct Rule {
+    /// Package's name.
+    room: String,
+    may_depend_on: BTreeSet<String>,
+}
+
+/// Returns the rules in ARCHITECTURE.md, from the ground up. Folders that are no members of the workspace have none.
+fn rules(root: &Path) -> Vec<Rule> {
+    let text = fs::read_to_string(root.join("ARCHITECTURE.md")).unwrap();
+    let mut rules: Vec<Rule> = Vec::new();
+    for row in text.lines().filter(|line| line.starts_with("| `")) {
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let folder = cells[1].trim_matches(['`', '/']);
+        if !members(root).iter().any(|member| member == folder) {
+            continue;
+        }
+        let names = |list: &str| list.split(", ").map(str::to_owned).collect();
+        let may_depend_on: BTreeSet<String> = match cells[cells.len() - 2] {
+            "–" => BTreeSet::new(),
+            list => match list.strip_prefix("all above but ") {
+                None => names(list),
+                Some(others) => {
+                    let others: BTreeSet<String> = names(others);
+                    let above = rules.iter().map(|rule| rule.room.clone());
+                    above.filter(|room| !others.contains(room)).collect()
+                }
+            },
+        };
+        rules.push(Rule {
+            room: package(&root.join(folder)),
+            may_depend_on,
+        });
+    }
+    rules
+}
+
 /// Returns the packages of a manifest's table. A key may be another name for its package.
 fn packages(manifest: &toml::Table, section: &str) -> Vec<String> {
     let Some(table) = manifest.get(section).and_then(toml::Value::as_table) else {
@@ -197,11 +105,7 @@ fn packages(manifest: &toml::Table, section: &str) -> Vec<String> {
 
 /// Returns the members of the workspace by their manifests.
 fn rooms(root: &Path) -> Vec<Room> {
-    let members: Vec<String> = manifest(&root.join("Cargo.toml"))["workspace"]["members"]
-        .clone()
-        .try_into()
-        .unwrap();
-    let mut rooms: Vec<Room> = members
+    let mut rooms: Vec<Room> = members(root)
         .iter()
         .map(|member| {
             let folder = root.join(member);
@@ -209,7 +113,7 @@ fn rooms(root: &Path) -> Vec<Room> {
             let sections = ["dependencies", "build-dependencies"];
             let named = sections.map(|section| packages(&manifest, section));
             Room {
-                name: manifest["package"]["name"].as_str().unwrap().to_owned(),
+                name: package(&folder),
                 folder,
                 depends_on: named.concat().into_iter().collect(),
             }
@@ -224,20 +128,17 @@ fn rooms(root: &Path) -> Vec<Room> {
 
 /// Returns the dependencies in the manifests that the table forbids.
 fn forbidden(rooms: &[Room]) -> Vec<String> {
-    let allowed: BTreeMap<_, _> = MAY_DEPEND_ON.into_iter().collect();
-    let of_room = |room: &Room| {
-        let Some(allowed) = allowed.get(room.name.as_str()) else {
-            return vec![format!("{} has no rule", room.name)];
+    let rules = rules(&root());
+    let arrows = |room: &Room| {
+        let Some(rule) = rules.iter().find(|rule| rule.room == room.name) else {
+            return vec![format!("{} has no row", room.name)];
         };
-        let strange = room
-            .depends_on
-            .iter()
-            .filter(|name| !allowed.contains(&name.as_str()));
-        strange
+        let forbidden = room.depends_on.difference(&rule.may_depend_on);
+        forbidden
             .map(|name| format!("{} must not depend on {name}", room.name))
             .collect()
     };
-    rooms.iter().flat_map(of_room).collect()
+    rooms.iter().flat_map(arrows).collect()
 }
 
 /// Member that is an alias of cargo, and not built for users.
@@ -251,7 +152,7 @@ fn cargo_builds_every_program_and_runs_canrig() {
     let root = root();
     let workspace = manifest(&root.join("Cargo.toml"))["workspace"].clone();
     let built: BTreeSet<String> = workspace["default-members"].clone().try_into().unwrap();
-    let members: Vec<String> = workspace["members"].clone().try_into().unwrap();
+    let members = members(&root);
     let is_program =
         |member: &&String| *member != ALIAS && root.join(member).join("src/main.rs").exists();
     let programs = members.iter().filter(is_program).cloned();
@@ -268,7 +169,6 @@ fn cargo_builds_every_program_and_runs_canrig() {
 #[test]
 fn each_room_depends_only_on_the_rooms_it_may() {
     let rooms = rooms(&root());
-    assert_eq!(rooms.len(), MAY_DEPEND_ON.len(), "a rule without a room");
     assert_eq!(forbidden(&rooms), Vec::<String>::new());
     // Without any dependencies the rules would be empty.
     let arrows: usize = rooms.iter().map(|room| room.depends_on.len()).sum();
@@ -287,14 +187,10 @@ fn a_forbidden_arrow_is_found() {
 #[test]
 fn no_rule_makes_a_circle() {
     let mut below = BTreeSet::new();
-    for (room, depends_on) in MAY_DEPEND_ON {
-        for name in depends_on {
-            assert!(
-                below.contains(name),
-                "{room} may depend on {name}, which is not below it"
-            );
-        }
-        below.insert(room);
+    for rule in rules(&root()) {
+        let wrong: Vec<_> = rule.may_depend_on.difference(&below).collect();
+        assert!(wrong.is_empty(), "not above {}: {wrong:?}", rule.room);
+        below.insert(rule.room);
     }
 }
 
@@ -420,7 +316,7 @@ fn nodes_do_not_know_the_plan() {
 
 #[test]
 fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
-    for (package, _) in MAY_DEPEND_ON {
+    for package in rules(&root()).into_iter().map(|rule| rule.room) {
         if package != "platform" {
             let calls_c = |path: &Path| {
                 let path = path.to_string_lossy();
@@ -428,7 +324,9 @@ fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
                     .iter()
                     .any(|folder| path.contains(folder))
             };
-            must_not_name(package, "unsafe ", |path| package == "fmu" && calls_c(path));
+            must_not_name(&package, "unsafe ", |path| {
+                package == "fmu" && calls_c(path)
+            });
         }
     }
 }
@@ -436,11 +334,11 @@ fn only_platform_and_the_c_functions_of_fmus_are_unsafe() {
 /// The code of an FMU is foreign: only the hidden worker process loads it.
 #[test]
 fn only_workers_load_fmus_and_libraries() {
-    for (package, _) in MAY_DEPEND_ON {
-        must_not_name(package, "Instance::new(", |path| {
+    for package in rules(&root()).into_iter().map(|rule| rule.room) {
+        must_not_name(&package, "Instance::new(", |path| {
             path.ends_with("fmu/src/worker/serve.rs") || path.ends_with("worlds/src/law_worker.rs")
         });
-        must_not_name(package, "LawLibrary::load(", |path| {
+        must_not_name(&package, "LawLibrary::load(", |path| {
             path.ends_with("worlds/src/law_worker.rs")
         });
     }

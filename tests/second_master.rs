@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter};
+use can::{CanFrame, Filter};
 use platform::bus::{Bus, BusAddress};
 
 use crate::external::{Run, stop};

@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use canrig_benches::{Bench, limit};
 use gungraun::prelude::*;
 

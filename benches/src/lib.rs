@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Node};
+use can::{CanFrame, Node};
 use controller::catalogue;
 use controller::law::{AnyLaw, Cycle, LoopReads};
 use controller::process_law::Window;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use canopen::Node;
+use can::Node;
 use clap::{Args, ValueEnum};
 use faults::FaultKind;
 use platform::bus::{Bus, BusAddress};

@@ -69,7 +69,7 @@ fn controller(arguments: &Arguments) -> miette::Result<ControllerNode> {
 
 fn run(address: &BusAddress, mut node: ControllerNode) -> miette::Result<()> {
     let stop = StopSignal::from_signals().into_diagnostic()?;
-    let mut bus = platform::open(address, &canopen::Node::filters(&node)).into_diagnostic()?;
+    let mut bus = platform::open(address, &can::Node::filters(&node)).into_diagnostic()?;
     let scheduling = scheduling::request();
     scheduling
         .refusals()

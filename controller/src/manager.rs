@@ -196,7 +196,7 @@ impl BringUp {
     }
 
     /// Handles a frame, which may be an answer.
-    pub(crate) fn on_frame(&mut self, services: &mut Services, frame: &canopen::CanFrame) {
+    pub(crate) fn on_frame(&mut self, services: &mut Services, frame: &can::CanFrame) {
         self.client.on_frame(services.now(), frame);
         self.drain(services);
     }

@@ -20,8 +20,9 @@ mod tests;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
+use can::{CanFrame, Filter, Node, Progress};
 use canopen::object_dictionary::{Entry, Preset};
-use canopen::{CanFrame, Device, Filter, Node, ObjectDictionary, Progress, nmt::NodeId};
+use canopen::{Device, ObjectDictionary, nmt::NodeId};
 use dbc::LawTerm;
 use dbc::names::TERMS_MAX;
 use scenario::ControllerView;

@@ -506,7 +506,7 @@ fn laid_out(signals: &[PlantSignal], like: &[Signal]) -> Vec<Signal> {
 
 #[cfg(test)]
 mod tests {
-    use canopen::CanFrame;
+    use can::CanFrame;
 
     use super::*;
 

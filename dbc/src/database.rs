@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use canopen::CanFrame;
+use can::CanFrame;
 use serde::{Deserialize, Serialize};
 
 use crate::coding::Coding;
@@ -346,7 +346,7 @@ pub(crate) fn refuse_duplicates(messages: &[Message]) -> Result<(), DbcError> {
 
 #[cfg(test)]
 mod tests {
-    use canopen::frame::{EXTENDED_FLAG, REMOTE_FLAG};
+    use can::frame::{EXTENDED_FLAG, REMOTE_FLAG};
 
     use super::*;
     use crate::coding::Kind;

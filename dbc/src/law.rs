@@ -137,7 +137,7 @@ fn signal(object: u16, term: &LawTerm, start_bit: u8) -> Signal {
 
 #[cfg(test)]
 mod tests {
-    use canopen::CanFrame;
+    use can::CanFrame;
 
     use super::*;
     use crate::{Composer, Database};

@@ -10,7 +10,7 @@
 //! The crate does not know scenarios, plants and laws beyond their signals, recordings, or the sender of a frame and its reason.
 //!
 //! ```
-//! use canopen::CanFrame;
+//! use can::CanFrame;
 //! use dbc::Database;
 //!
 //! let database = Database::shipped();

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::names::{STATUSWORD, TPDO1, message};
 use crate::{Database, SignalHandle, SignalMissing};
-use canopen::{CanFrame, Filter};
+use can::{CanFrame, Filter};
 
 /// COB-ID of the SYNC (CiA 301, default of 0x1005).
 pub const SYNC_COB_ID: u16 = 0x080;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fmt::{self, Display, Formatter};
 
-use canopen::frame::EXTENDED_FLAG;
+use can::frame::EXTENDED_FLAG;
 
 use crate::coding::{ByteOrder, Coding, Kind};
 use crate::database::{Database, Message, Signal};

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use canopen::CanFrame;
-use canopen::frame::EXTENDED_FLAG;
+use can::CanFrame;
+use can::frame::EXTENDED_FLAG;
 use dbc::{Coding, Composer, Database, ExternalFrames, Kind, LawTerm, PlantSignal, Range, Signal};
 
 const VECTORS: &str = include_str!("data/cantools_vectors.csv");

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeSet;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::{
     Coding, Composer, Database, ExternalFrames, Kind, LawTerm, PlantSignal, Range, SMA_ACTUATOR,
     Signal,

@@ -8,7 +8,8 @@
 
 use std::time::Duration;
 
-use canopen::{Application, CanFrame, Device, Node, NodeId, Services, sync::Sync};
+use can::{CanFrame, Node};
+use canopen::{Application, Device, NodeId, Services, sync::Sync};
 
 const RECORDING: &str = include_str!("data/python_canopen_manager.log");
 

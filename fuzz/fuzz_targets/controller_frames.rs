@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use canopen::{Node, Progress};
+use can::{Node, Progress};
 use canrig_fuzz::{Journey, SCENARIO};
 use controller::ControllerNode;
 use libfuzzer_sys::fuzz_target;

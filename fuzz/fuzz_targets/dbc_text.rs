@@ -1,7 +1,7 @@
 //! Any text as DBC: read or refused, and frames of what was read can be decoded, and encoded again.
 #![no_main]
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::Database;
 use libfuzzer_sys::fuzz_target;
 

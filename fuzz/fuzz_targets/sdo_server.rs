@@ -3,7 +3,8 @@
 
 use std::time::Duration;
 
-use canopen::{Application, CanFrame, Device, NodeId, eds};
+use can::CanFrame;
+use canopen::{Application, Device, NodeId, eds};
 use canrig_fuzz::{Journey, expect_alive};
 use libfuzzer_sys::fuzz_target;
 

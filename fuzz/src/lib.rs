@@ -3,8 +3,8 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
-use canopen::{CanFrame, Node};
+use can::{frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG}};
+use can::{CanFrame, Node};
 use scenario::Trial;
 
 /// A scenario for the nodes of the rig.

@@ -3,7 +3,7 @@
 
 use std::sync::OnceLock;
 
-use canopen::Node;
+use can::Node;
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
@@ -162,7 +162,7 @@ fn row_of(trial: &Trial) -> Result<&'static PlantRow, InvalidEmulator> {
 mod tests {
     use std::time::Duration;
 
-    use canopen::CanFrame;
+    use can::CanFrame;
     use dbc::{PlantSignal, Range};
 
     use super::*;

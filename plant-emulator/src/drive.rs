@@ -10,13 +10,14 @@ mod objects;
 
 use std::time::Duration;
 
+use can::earlier;
 use canopen::cia402::{self, CYCLIC_SYNCHRONOUS_TORQUE, OptionCodes, State, StateMachine, Status};
 use canopen::emcy::ErrorCode;
 use canopen::pdo::WaitingPdo;
 use canopen::sync::Sync;
 use canopen::{
     AbortCode, Application, CommunicationLoss, NmtCommand, NmtState, NodeId, ObjectDictionary,
-    Services, earlier,
+    Services,
 };
 use dbc::loops::seed_of_drive;
 use scenario::Trial;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Device, Node, NodeId, ObjectDictionary};
+use can::{CanFrame, Node};
+use canopen::{Device, NodeId, ObjectDictionary};
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;

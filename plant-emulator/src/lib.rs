@@ -31,10 +31,11 @@ mod wires;
 
 use std::time::Duration;
 
+use can::{CanFrame, Filter, Node, Progress, earlier};
 use canopen::device::PDOS_AND_SDOS;
 use canopen::eds::EdsError;
 use canopen::services::InvalidPdo;
-use canopen::{CanFrame, Device, Filter, Node, NodeId, Progress, earlier};
+use canopen::{Device, NodeId};
 
 use clocked_plant::ClockedPlant;
 use data_sheet::{dictionary, node_id};

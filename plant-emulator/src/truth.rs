@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::{Database, MessageBuilder, SignalHandle, SignalMissing, names};
 use scenario::wiring::Wiring;
 

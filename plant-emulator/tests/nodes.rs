@@ -4,8 +4,9 @@ mod manager;
 
 use std::time::Duration;
 
+use can::{CanFrame, Progress};
+use canopen::AbortCode;
 use canopen::cia402::State;
-use canopen::{AbortCode, CanFrame, Progress};
 use manager::{DISTURBANCE, DRIVE, Manager, milliseconds};
 use plant_emulator::plants::sma::Actuator;
 use proptest::prelude::*;

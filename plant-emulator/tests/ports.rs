@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Node, Progress};
+use can::{CanFrame, Node, Progress};
 use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;

@@ -161,7 +161,7 @@ fn foreign_frame() -> Result<(), Failed> {
     )?;
     for _ in 0..20 {
         std::thread::sleep(std::time::Duration::from_millis(100));
-        bus.send(&canopen::CanFrame::new(0x190, &[0; 8]))?;
+        bus.send(&can::CanFrame::new(0x190, &[0; 8]))?;
     }
     let ended = run.wait_with_output()?;
     let [stdout, stderr] = [ended.stdout, ended.stderr].map(String::from_utf8);
@@ -197,7 +197,7 @@ fn bus_errors() -> Result<(), Failed> {
     let reported = [(0x020, 0), (0x020, 0), (0x004, 0x08)];
     for (class, controller) in reported {
         let data = [0, controller, 0, 0, 0, 0, 0, 0];
-        let message = canopen::CanFrame::from_raw(canopen::frame::ERROR_FLAG | class, 8, data);
+        let message = can::CanFrame::from_raw(can::frame::ERROR_FLAG | class, 8, data);
         bus.send(&message.ok_or("a frame")?)?;
     }
     let ended = run.wait_with_output()?;

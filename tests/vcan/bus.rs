@@ -3,8 +3,8 @@
 use std::process::Command;
 use std::time::Duration;
 
-use canopen::frame::ERROR_FLAG;
-use canopen::{CanFrame, Filter, Node, Progress};
+use can::frame::ERROR_FLAG;
+use can::{CanFrame, Filter, Node, Progress};
 use platform::bus::{Bus, BusError};
 use platform::clock::Clock;
 use platform::counting_allocator::allocations;

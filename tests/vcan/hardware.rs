@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use canopen::frame::ERROR_FLAG;
-use canopen::{CanFrame, Filter};
+use can::frame::ERROR_FLAG;
+use can::{CanFrame, Filter};
 use libtest_mimic::Failed;
 use platform::bus::{Bus, BusAddress};
 

@@ -15,8 +15,8 @@ use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use can::{Filter, Node};
 use canopen::sdo_client::SdoError;
-use canopen::{Filter, Node};
 use dbc::DbcError;
 use platform::bus::{BadAddress, Bus, BusAddress, BusError};
 use platform::hub;

@@ -5,8 +5,9 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use can::{CanFrame, Filter};
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
-use canopen::{AbortCode, CanFrame, Filter, NmtCommand, NmtState};
+use canopen::{AbortCode, NmtCommand, NmtState};
 use clap::Args;
 use dbc::Database;
 use platform::clock::Clock;
@@ -389,7 +390,7 @@ fn shown(args: MonitorArgs) -> Result<(), ToolError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG};
+    use can::frame::{ERROR_FLAG, EXTENDED_FLAG};
     use plan::data_sheet::rig_data_sheets;
     use proptest::prelude::*;
 

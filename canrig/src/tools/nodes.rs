@@ -11,9 +11,10 @@ use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::time::Duration;
 
+use can::{CanFrame, Filter, Node, Progress};
+use canopen::NmtState;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
-use canopen::{CanFrame, Filter, NmtState, Node, Progress};
 use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets};
 

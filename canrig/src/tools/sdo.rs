@@ -11,10 +11,10 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use can::{CanFrame, Filter, Node, Progress};
 use canopen::cia402::CONTROLWORD;
 use canopen::object_dictionary::Entry;
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
-use canopen::{CanFrame, Filter, Node, Progress};
 use clap::{Args, Subcommand};
 use dbc::Database;
 

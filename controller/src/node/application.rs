@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use can::{CanFrame, Progress};
 use canopen::emcy::{EmergencyMessage, ErrorCode};
 use canopen::nmt::{NmtCommand, NmtState, NodeId};
 use canopen::sync::Sync;
-use canopen::{Application, CanFrame, CommunicationLoss, Progress, Services};
+use canopen::{Application, CommunicationLoss, Services};
 
 use super::drive::LedDrive;
 use super::phase::{Cycle, DrivePhase, Phase};

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use crate::emcy::{EmergencyMessage, ErrorCode};
-use crate::frame::CanFrame;
 use crate::nmt::{NmtCommand, NmtState, NodeId};
-use crate::node::Progress;
 use crate::object_dictionary::AbortCode;
 use crate::pdo::WaitingPdo;
 use crate::services::Services;
 use crate::sync::Sync;
+use can::CanFrame;
+use can::Progress;
 
 /// Loss of communication on which the device relied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,16 +13,16 @@ use std::time::Duration;
 
 use crate::application::{Application, CommunicationLoss};
 use crate::emcy::{EmergencyMessage, ErrorCode};
-use crate::frame::{CanFrame, Filter, REMOTE_FLAG};
 use crate::heartbeat::{self, HeartbeatProducer, Watch};
 use crate::nmt::{self, NmtCommand, NmtState, NodeId};
-use crate::node::{Node, Progress, earlier};
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::pdo::Received;
 use crate::sdo_channels::SdoServers;
 use crate::sdo_server::Access;
 use crate::services::{InvalidPdo, Services};
 use crate::sync::{Reception, Sync};
+use can::{CanFrame, Filter, frame::REMOTE_FLAG};
+use can::{Node, Progress, earlier};
 
 /// Identifiers of PDOs and SDOs (CiA 301, 7.3.5). Identifiers below and above belong to other services.
 pub const PDOS_AND_SDOS: RangeInclusive<u16> = 0x180..=0x67F;

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use crate::cob_id::CobId;
-use crate::frame::CanFrame;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use can::CanFrame;
 
 const ERROR_REGISTER: u16 = 0x1001;
 const HISTORY: u16 = 0x1003;

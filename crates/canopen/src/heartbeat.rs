@@ -4,10 +4,10 @@
 
 use std::time::Duration;
 
-use crate::frame::CanFrame;
 use crate::nmt::{NmtState, NodeId};
-use crate::node::earliest;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use can::CanFrame;
+use can::earliest;
 
 const CONSUMER_TIME: u16 = 0x1016;
 pub(crate) const PRODUCER_TIME: u16 = 0x1017;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::frame::CanFrame;
+use can::CanFrame;
 
 /// Number of a CANopen node, 1 to 127.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

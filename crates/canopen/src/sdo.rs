@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use crate::frame::CanFrame;
 use crate::object_dictionary::AbortCode;
+use can::CanFrame;
 
 /// Longest value that is transferred; longer ones are aborted with [`AbortCode::OUT_OF_MEMORY`].
 pub const MAX_TRANSFER_BYTES: usize = 64 << 10;

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use crate::cob_id::CobId;
-use crate::frame::CanFrame;
 use crate::nmt::NodeId;
-use crate::node::earliest;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo_server::{Access, SdoServer};
+use can::CanFrame;
+use can::earliest;
 
 const FIRST_ADDITIONAL: u16 = 0x1201;
 const LAST: u16 = 0x127F;

@@ -3,7 +3,6 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::frame::CanFrame;
 use crate::object_dictionary::AbortCode;
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
@@ -13,6 +12,7 @@ use crate::sdo::{
 use crate::sdo_block::{
     BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
 };
+use can::CanFrame;
 
 /// Reason for which a transfer failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use crate::frame::CanFrame;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
@@ -13,6 +12,7 @@ use crate::sdo::{
 use crate::sdo_block::{
     BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
 };
+use can::CanFrame;
 
 /// Objects that a server serves, with their reactions to reads and writes.
 pub trait Access {
@@ -1044,9 +1044,9 @@ mod tests {
         pass(Some(CanFrame::new(0x610, &upload[..7])));
         pass(Some(CanFrame::new(0x610, &[])));
         for flag in [
-            crate::frame::EXTENDED_FLAG,
-            crate::frame::REMOTE_FLAG,
-            crate::frame::ERROR_FLAG,
+            can::frame::EXTENDED_FLAG,
+            can::frame::REMOTE_FLAG,
+            can::frame::ERROR_FLAG,
         ] {
             pass(CanFrame::from_raw(0x610 | flag, 8, upload));
         }

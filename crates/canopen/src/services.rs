@@ -4,14 +4,14 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use crate::emcy::{self, Emcy, ErrorCode};
-use crate::frame::CanFrame;
 use crate::heartbeat::{self, HeartbeatConsumer, HeartbeatProducer};
 use crate::nmt::{NmtCommand, NmtState, NodeId};
-use crate::node::{earlier, earliest};
 use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
 use crate::pdo::{self, Direction, Place, Rpdo, Tpdo};
 use crate::sdo_channels;
 use crate::sync::{self, SyncConsumer, SyncProducer};
+use can::CanFrame;
+use can::{earlier, earliest};
 
 /// Largest number of frames that wait to be drained; further ones are dropped and counted.
 const OUTPUT_LENGTH: usize = 256;

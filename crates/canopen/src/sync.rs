@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use crate::cob_id::CobId;
-use crate::frame::CanFrame;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
+use can::CanFrame;
 
 pub(crate) const COB_ID: u16 = 0x1005;
 const PERIOD: u16 = 0x1006;

@@ -64,7 +64,7 @@ pub(super) fn utc(time: Duration) -> DateTime {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
 
     #[test]
     fn a_frame_is_a_line() {

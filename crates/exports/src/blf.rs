@@ -154,7 +154,7 @@ fn push_system_time(file: &mut Vec<u8>, time: Duration) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
 
     /// The date of `date -u -d @951782400`, and half a second.
     #[test]

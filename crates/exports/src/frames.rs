@@ -89,7 +89,7 @@ fn since(time: Duration, zero: Duration) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
 
     fn frames() -> Frames {
         let frame = |id: u16, data: &[u8]| CanFrame::new(id, data);

@@ -238,7 +238,7 @@ fn log_message(time: Duration, event: &Event) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
     use mcap::MessageStream;
 
     fn example() -> Vec<u8> {

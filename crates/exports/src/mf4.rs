@@ -337,7 +337,7 @@ fn wide(number: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
     use recording::log::Stamped;
 
     fn number(file: &[u8], at: u64) -> u64 {

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node, Progress};
+use can::{CanFrame, Filter, Node, Progress};
 use dbc::scenario_clock::ScenarioClock;
 
 use crate::plan::{FaultKind, FaultPlan, Output, PlannedFault};

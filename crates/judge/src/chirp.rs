@@ -29,7 +29,7 @@ pub struct FrequencyPoint {
     /// Phase of the position minus that of the set-point, from −270 to 90.
     pub phase_degrees: f64,
     /// Mean of the position minus that of the set-point.
-    pub offset_millimetres: f64,
+    pub offset: f64,
 }
 
 /// Returns the response to each chirp of the scenario. Points at which the drive was silent are missing.
@@ -74,8 +74,7 @@ fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
 
 fn last_followed(points: &[FrequencyPoint], offset_max: f64) -> MetricValue {
     let is_above = |point: &FrequencyPoint| point.gain >= CUT_OFF_GAIN;
-    let is_followed =
-        |point: &&FrequencyPoint| is_above(point) && point.offset_millimetres.abs() <= offset_max;
+    let is_followed = |point: &&FrequencyPoint| is_above(point) && point.offset.abs() <= offset_max;
     let followed = points.iter().take_while(is_followed);
     let last = followed.last().map(|point| point.hertz);
     last.ok_or_else(|| {
@@ -118,7 +117,7 @@ fn point(
     };
     let samples = evidence.seen(window)?.map(|sample| {
         let phase = chirp.sweep.at(sample.time_seconds - chirp.from_seconds);
-        (phase.radians(), sample.position_millimetres)
+        (phase.radians(), sample.position)
     });
     let position = Harmonic::fit_phases(samples)
         .ok_or_else(|| Absence::from("too few positions for a turn of the chirp"))?;
@@ -127,7 +126,7 @@ fn point(
         hertz: chirp.sweep.at(middle).hertz(),
         gain: position.amplitude() / chirp.amplitude_millimetres,
         phase_degrees: phase_between(0.0, position.phase_degrees()),
-        offset_millimetres: position.mean - chirp.centre_millimetres,
+        offset: position.mean - chirp.centre_millimetres,
     })
 }
 
@@ -137,11 +136,11 @@ mod tests {
 
     #[test]
     fn the_mean_ends_a_bandwidth_before_the_gain_does() {
-        let point = |hertz, gain, offset_millimetres| FrequencyPoint {
+        let point = |hertz, gain, offset| FrequencyPoint {
             hertz,
             gain,
             phase_degrees: 0.0,
-            offset_millimetres,
+            offset,
         };
         let points = [
             point(1.0, 1.0, 0.0),

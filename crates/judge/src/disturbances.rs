@@ -59,7 +59,7 @@ fn calm_until(evidence: &Evidence<'_>, from_seconds: f64) -> f64 {
 
 fn deviation(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     let samples = evidence.seen(window)?;
-    largest(samples.map(|sample| sample.deviation_millimetres()))
+    largest(samples.map(|sample| sample.deviation()))
 }
 
 /// Returns the time from the start of a window until the deviation stays small. The deviation in a silence is unknown.
@@ -73,13 +73,13 @@ pub(crate) fn recovery(evidence: &Evidence<'_>, window: Window) -> MetricValue {
         .peek()
         .copied()
         .ok_or_else(|| evidence.no_position(window))?;
-    checked(first.deviation_millimetres())?;
+    checked(first.deviation())?;
     for sample in samples {
         let time = sample.time_seconds;
         if evidence.is_silence(latest, time) {
             recovered_at = Some(time);
         }
-        is_outside = sample.deviation_millimetres() > band;
+        is_outside = sample.deviation() > band;
         if is_outside {
             recovered_at = Some(time + period_seconds);
         }

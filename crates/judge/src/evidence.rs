@@ -216,23 +216,23 @@ impl Observation {
 pub(crate) const STAY_SECONDS: f64 = 0.1;
 
 /// Largest difference of equal set-points: they are computed in metres and from sines, and rounding separates two of them.
-pub(crate) const SAME_MILLIMETRES_MAX: f64 = 1e-6;
+pub(crate) const SAME_MAX: f64 = 1e-6;
 
 /// Set-point and position in one cycle.
 #[derive(Clone, Copy)]
 pub(crate) struct CycleSample {
     pub(crate) time_seconds: f64,
-    pub(crate) set_point_millimetres: f64,
-    pub(crate) position_millimetres: f64,
+    pub(crate) set_point: f64,
+    pub(crate) position: f64,
 }
 
 impl CycleSample {
-    pub(crate) fn deviation_millimetres(&self) -> f64 {
-        (self.position_millimetres - self.set_point_millimetres).abs()
+    pub(crate) fn deviation(&self) -> f64 {
+        (self.position - self.set_point).abs()
     }
 
     pub(crate) fn has_set_point_of(&self, other: &Self) -> bool {
-        (self.set_point_millimetres - other.set_point_millimetres).abs() < SAME_MILLIMETRES_MAX
+        (self.set_point - other.set_point).abs() < SAME_MAX
     }
 }
 
@@ -448,7 +448,7 @@ impl<'a> Evidence<'a> {
         let timeline = self.timeline;
         let rows = self.rows(window);
         let times = timeline.time_seconds.range(rows.clone());
-        let set_points = timeline.set_point_millimetres.range(rows.clone());
+        let set_points = timeline.set_point.range(rows.clone());
         // The true position holds until the drive sends another; while the drive is silent there is none.
         let measured = timeline.position().range(rows.clone());
         let positions = self.position.range(rows).zip(measured);
@@ -456,8 +456,8 @@ impl<'a> Evidence<'a> {
         rows.filter_map(|((time, set_point), (position, measured))| {
             let sample = CycleSample {
                 time_seconds: time,
-                set_point_millimetres: set_point,
-                position_millimetres: position,
+                set_point,
+                position,
             };
             let is_missing = measured.is_nan() || position.is_nan();
             (!is_missing && !self.leaves_out(time, time)).then_some(sample)

@@ -77,7 +77,7 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
         return Err(reason.into());
     }
     let samples = evidence.seen(last)?;
-    let samples = samples.map(|sample| (sample.time_seconds, sample.position_millimetres));
+    let samples = samples.map(|sample| (sample.time_seconds, sample.position));
     checked(swing(&Vec::from_iter(samples), last.from_seconds).unwrap_or(f64::NAN))
 }
 

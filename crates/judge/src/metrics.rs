@@ -26,7 +26,7 @@ static MEASURES: &[(&str, Measure)] = &[
     ("tracking_error_millimetres_rms", tracking_error),
     ("sine_gain", sine::gain),
     ("sine_phase_degrees", sine::phase_degrees),
-    ("sine_offset_millimetres", sine::offset_millimetres),
+    ("sine_offset_millimetres", sine::offset),
     ("bandwidth_hertz", chirp::bandwidth),
     ("bandwidth_with_mean_hertz", chirp::bandwidth_with_mean),
     (
@@ -139,7 +139,7 @@ fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
     }
     let samples = evidence.seen(window);
     samples
-        .and_then(|samples| mean(samples.map(|sample| sample.deviation_millimetres())))
+        .and_then(|samples| mean(samples.map(|sample| sample.deviation())))
         .into()
 }
 
@@ -156,13 +156,13 @@ fn tracking_error(evidence: &Evidence<'_>) -> Measurement {
 
 fn deviation_rms(evidence: &Evidence<'_>, window: Window) -> MetricValue {
     let samples = evidence.seen(window)?;
-    let squares = samples.map(|sample| sample.deviation_millimetres().powi(2));
+    let squares = samples.map(|sample| sample.deviation().powi(2));
     mean(squares).map(f64::sqrt)
 }
 
 fn position_max(evidence: &Evidence<'_>) -> MetricValue {
     let samples = evidence.seen(evidence.whole())?;
-    largest(samples.map(|sample| sample.position_millimetres))
+    largest(samples.map(|sample| sample.position))
 }
 
 fn current_rms(evidence: &Evidence<'_>) -> MetricValue {

@@ -92,7 +92,7 @@ fn later(of_cycles: Option<(f64, f64)>, reported: Option<&(f64, f64)>) -> Option
 mod tests {
     use std::time::Duration;
 
-    use canopen::CanFrame;
+    use can::CanFrame;
     use dbc::Database;
     use plan::Plan;
     use plan::catalogue::Catalogue;

@@ -218,7 +218,7 @@ fn nearest_words(
 mod tests {
     use std::time::Duration;
 
-    use canopen::CanFrame;
+    use can::CanFrame;
     use dbc::Database;
     use plan::Plan;
     use plan::catalogue::Catalogue;

@@ -42,7 +42,7 @@ pub(crate) fn phase_between(wanted_degrees: f64, measured_degrees: f64) -> f64 {
     phase - 360.0 * turns
 }
 
-pub(crate) fn offset_millimetres(evidence: &Evidence<'_>) -> Measurement {
+pub(crate) fn offset(evidence: &Evidence<'_>) -> Measurement {
     let offset = OfSine {
         value: |wanted, measured| measured.mean - wanted.mean,
         ideal: 0.0,
@@ -89,8 +89,8 @@ impl OfSine {
             Harmonic::fit(samples, sine.period_seconds)
                 .ok_or_else(|| Absence::from("too few positions for a sine"))
         };
-        let wanted = fit(|sample| sample.set_point_millimetres)?;
-        let position = fit(|sample| sample.position_millimetres)?;
+        let wanted = fit(|sample| sample.set_point)?;
+        let position = fit(|sample| sample.position)?;
         checked((self.value)(&wanted, &position))
     }
 }

@@ -3,9 +3,7 @@
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::{JudgedStep, Window};
 
-use crate::evidence::{
-    Absence, Evidence, Measurement, MetricValue, SAME_MILLIMETRES_MAX, STAY_SECONDS,
-};
+use crate::evidence::{Absence, Evidence, Measurement, MetricValue, SAME_MAX, STAY_SECONDS};
 use crate::metric::rounded;
 
 /// Half the width of the settling band, relative to the height of the step (PAPER, "Definitions").
@@ -42,12 +40,12 @@ fn worst_step(
 
 /// Returns the time from the step to the first sample of the uninterrupted stay within the band. A silence interrupts a stay.
 fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
-    let band = SETTLING_BAND * (step.to_millimetres - step.from_millimetres).abs();
+    let band = SETTLING_BAND * (step.to - step.from).abs();
     let until_seconds = step.window.until_seconds;
     let (mut settled_at, mut latest) = (None, None);
     for sample in evidence.samples(step.window) {
         let time = sample.time_seconds;
-        let is_outside = (sample.position_millimetres - step.to_millimetres).abs() > band;
+        let is_outside = (sample.position - step.to).abs() > band;
         let was_silent = latest.is_some_and(|latest| evidence.is_silence(latest, time));
         if is_outside || was_silent {
             settled_at = None;
@@ -74,11 +72,11 @@ fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
 
 /// Returns the distance of the position beyond the set-point in the direction of the step, relative to its height.
 fn overshoot_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
-    let height = step.to_millimetres - step.from_millimetres;
-    if height.abs() < SAME_MILLIMETRES_MAX {
+    let height = step.to - step.from;
+    if height.abs() < SAME_MAX {
         return Err("a step without height".into());
     }
     let samples = evidence.seen(step.window)?;
-    let beyond = samples.map(|sample| (sample.position_millimetres - step.to_millimetres) / height);
+    let beyond = samples.map(|sample| (sample.position - step.to) / height);
     Ok(100.0 * beyond.fold(0.0, f64::max))
 }

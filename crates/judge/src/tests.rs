@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::Database;
 use plan::Plan;
 use plan::catalogue::Catalogue;
@@ -191,7 +191,7 @@ fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
     for point in points {
         assert!((point.gain - 0.9).abs() < 1e-3, "{point:?}");
         assert!((point.phase_degrees + 30.0).abs() < 0.1, "{point:?}");
-        assert!((point.offset_millimetres - 1.0).abs() < 5e-3, "{point:?}");
+        assert!((point.offset - 1.0).abs() < 5e-3, "{point:?}");
     }
 }
 

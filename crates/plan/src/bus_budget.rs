@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use canopen::frame_bits::occupied_bits_max;
+use can::frame_bits::occupied_bits_max;
 use dbc::loops::TERMS_EVERY_CYCLES;
 use dbc::{Message, names};
 use scenario::node::LoopNodes;

@@ -593,7 +593,7 @@ outputs = ["drive.current"]
         assert_eq!(names.find("sum"), Ok("controller_tpdo1.sum"));
         assert!(names.find("wire_temperature_celsius").is_err());
         for id in [0x290, 0x390, 0x6B0] {
-            let frame = canopen::CanFrame::new(id, &[0; 8]);
+            let frame = can::CanFrame::new(id, &[0; 8]);
             assert_eq!(plan.database().message_of(&frame), None, "{id:#x}");
         }
         assert_eq!(plan.database().plant_messages("drive").count(), 0);

@@ -134,7 +134,7 @@ mod tests {
     use super::*;
     use crate::catalogue::Catalogue;
     use crate::plan::Plan;
-    use canopen::CanFrame;
+    use can::CanFrame;
     use scenario::Beside;
     use std::path::Path;
 

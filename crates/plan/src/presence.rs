@@ -2,8 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use can::CanFrame;
+use canopen::NmtState;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
-use canopen::{CanFrame, NmtState};
 
 use crate::data_sheet::DataSheet;
 

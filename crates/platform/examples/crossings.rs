@@ -6,7 +6,7 @@ use std::error::Error;
 use std::process::Child;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node, Progress};
+use can::{CanFrame, Filter, Node, Progress};
 use platform::bus::{Bus, BusAddress};
 use platform::clock::Clock;
 use platform::hub::Hub;

@@ -3,7 +3,8 @@
 
 use std::error::Error;
 
-use canopen::{Application, Device, Node, NodeId, eds};
+use can::Node;
+use canopen::{Application, Device, NodeId, eds};
 use platform::stop::StopSignal;
 
 /// Application that leaves every object to its readers and writers.

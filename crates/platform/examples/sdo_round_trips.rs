@@ -5,7 +5,7 @@
 use std::error::Error;
 use std::time::Duration;
 
-use canopen::Filter;
+use can::Filter;
 use canopen::sdo_client::SdoClient;
 use platform::bus::Bus;
 use platform::clock::Clock;

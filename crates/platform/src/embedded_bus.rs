@@ -5,8 +5,8 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use canopen::frame::ERROR_FLAG;
-use canopen::{CanFrame, Filter};
+use can::frame::ERROR_FLAG;
+use can::{CanFrame, Filter};
 use rustix::event::PollFlags;
 use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;

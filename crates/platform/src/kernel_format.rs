@@ -1,6 +1,6 @@
 //! The kernel's layout of frames and filters (`linux/can.h`), native byte order.
 
-use canopen::{CanFrame, Filter};
+use can::{CanFrame, Filter};
 
 /// Bytes of `struct can_frame`.
 pub(crate) const FRAME_BYTES: usize = 16;

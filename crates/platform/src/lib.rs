@@ -1,6 +1,6 @@
 //! Everything that touches the operating system: buses, clock, scheduling, processes, and the two runners.
 //!
-//! Input: a [`canopen::Node`], which has no clock and no socket, and the [`bus::BusAddress`] of its bus. Output: the node's
+//! Input: a [`can::Node`], which has no clock and no socket, and the [`bus::BusAddress`] of its bus. Output: the node's
 //! frames on that bus, stamped frames of all participants from a [`recorder`], and a report on how late the node's loop woke up.
 //!
 //! [`real_time`] moves a node by the monotonic clock and a [`bus`]; [`lockstep`] moves it in virtual time, on behalf of a

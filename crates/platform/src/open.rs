@@ -1,6 +1,6 @@
 //! Opening a bus by its address: the one place that knows all kinds of buses.
 
-use canopen::Filter;
+use can::Filter;
 
 use crate::bus::{Bus, BusAddress, BusError};
 use crate::embedded_bus::EmbeddedBus;

@@ -10,7 +10,7 @@ mod timer;
 use std::fmt;
 use std::time::Duration;
 
-use canopen::{Node, Progress, STANDARD_IDS};
+use can::{Node, Progress, STANDARD_IDS};
 use hdrhistogram::Histogram;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;

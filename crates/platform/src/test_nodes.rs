@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node, Progress};
+use can::{CanFrame, Filter, Node, Progress};
 
 /// Node that answers each frame 0x100 with 0x101 and the same data, and sends 0x200 with a counter every `period`.
 pub(crate) struct Echo {

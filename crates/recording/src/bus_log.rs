@@ -213,7 +213,7 @@ impl Pieces {
 
 #[cfg(test)]
 mod tests {
-    use canopen::CanFrame;
+    use can::CanFrame;
     use std::fs;
 
     use super::*;

@@ -246,7 +246,7 @@ impl<'a> Capture<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
     use dbc::Database;
     use plan::Plan;
     use plan::catalogue::Catalogue;

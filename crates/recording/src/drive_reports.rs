@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use canopen::cia402::STATUSWORD;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use dbc::{Coding, names};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::{Database, Signal, SignalHandle, names};
 use plan::error_frames::{self, ErrorMessage};
 use platform::terminal::printable;

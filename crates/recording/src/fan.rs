@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::names;
 use plan::ControlLoop;
 

@@ -91,7 +91,7 @@ impl FrameQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
 
     fn frame(number: usize) -> Stamped {
         let time = Duration::from_micros(u64::try_from(number).unwrap());

@@ -278,7 +278,7 @@ fn record(histogram: &mut Histogram<u64>, latency: Duration) {
 mod tests {
     use super::*;
 
-    use canopen::CanFrame;
+    use can::CanFrame;
     use plan::Plan;
     use plan::catalogue::Catalogue;
     use scenario::Trial;

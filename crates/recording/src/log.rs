@@ -9,9 +9,9 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use canopen::CanFrame;
-use canopen::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
-use canopen::frame_bits::occupied_bits;
+use can::CanFrame;
+use can::frame::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG};
+use can::frame_bits::occupied_bits;
 
 use crate::pieces::{Damaged, PieceReader};
 use crate::work::Measured;

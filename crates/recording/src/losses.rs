@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::names;
 use plan::ControlLoop;
 use scenario::node::{LoopNodes, Part};

@@ -113,7 +113,7 @@ impl ProgressReader {
 
 #[cfg(test)]
 mod tests {
-    use canopen::CanFrame;
+    use can::CanFrame;
     use dbc::Database;
     use plan::catalogue::Catalogue;
     use scenario::Trial;

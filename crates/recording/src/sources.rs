@@ -11,7 +11,8 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-use canopen::{CanFrame, NmtState, STANDARD_IDS};
+use can::{CanFrame, STANDARD_IDS};
+use canopen::NmtState;
 use dbc::names;
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::ControlLoop;

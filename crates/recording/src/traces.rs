@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::{Database, SignalHandle};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};

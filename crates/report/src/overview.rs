@@ -259,7 +259,7 @@ fn has_same_set_point(a: &Timeline, b: &Timeline) -> bool {
     let last = ahead(a).min(ahead(b)).unwrap_or(0);
     let at = |timeline: &Timeline, cycle: u64| {
         let row = timeline.cycle.partition_point(|number| number < cycle);
-        timeline.set_point_millimetres.get(row).unwrap_or(f64::NAN)
+        timeline.set_point.get(row).unwrap_or(f64::NAN)
     };
     (0..=50).map(|part| last * part / 50).all(|cycle| {
         let (a, b) = (at(a, cycle), at(b, cycle));
@@ -321,7 +321,7 @@ fn positions(courses: &[Course<'_>]) -> Markup {
         Colour::Wanted,
         Shape::Dashed,
         &first.timeline.time_seconds,
-        &first.timeline.set_point_millimetres,
+        &first.timeline.set_point,
     );
     plot.render()
 }

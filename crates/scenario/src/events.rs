@@ -17,9 +17,9 @@ pub struct JudgedStep {
     /// Window from the step to the next event, or to the end of the judgement.
     pub window: Window,
     /// Set-point just before the step.
-    pub from_millimetres: f64,
+    pub from: f64,
     /// Set-point from the step on.
-    pub to_millimetres: f64,
+    pub to: f64,
 }
 
 /// A sine of the set-point that the metrics judge.
@@ -122,7 +122,7 @@ impl Trial {
                 let next = starts.partition_point(|&start| start <= step.at_seconds);
                 // Just before the step the piece before it still acts.
                 let last_moment = step.at_seconds.next_down();
-                let from_millimetres = match before {
+                let from = match before {
                     0 => 0.0,
                     _ => trajectory.at(last_moment).position,
                 };
@@ -132,8 +132,8 @@ impl Trial {
                         from_seconds: step.at_seconds,
                         until_seconds: next.min(end_seconds),
                     },
-                    from_millimetres,
-                    to_millimetres: step.position_millimetres,
+                    from,
+                    to: step.position_millimetres,
                 }
             });
         judged.collect()
@@ -427,12 +427,7 @@ mod tests {
                 from_seconds,
                 until_seconds,
             } = step.window;
-            (
-                from_seconds,
-                until_seconds,
-                step.from_millimetres,
-                step.to_millimetres,
-            )
+            (from_seconds, until_seconds, step.from, step.to)
         });
         assert!(found.eq(expected));
     }
@@ -441,7 +436,7 @@ mod tests {
     fn a_step_at_once_starts_from_the_stop() {
         let step = "[[reference.step]]\nat_seconds = 0.0\nposition_millimetres = 25.0\n";
         let steps = scenario(step).judged_steps();
-        assert_eq!(steps[0].from_millimetres, 0.0);
+        assert_eq!(steps[0].from, 0.0);
         assert_eq!(steps[0].window.until_seconds, 30.0);
     }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use plan::Plan;
 use recording::drive_reports;
 

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, FilterSet, Progress};
+use can::{CanFrame, Filter, FilterSet, Progress};
 use platform::lockstep::{Answer, Audience, Participant};
 
 /// Frame with the time from which it waits, or at which it arrived.

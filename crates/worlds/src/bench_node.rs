@@ -5,7 +5,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, NmtCommand, Node, NodeId, Progress};
+use can::{CanFrame, Filter, Node, Progress};
+use canopen::{NmtCommand, NodeId};
 use dbc::names::{
     ADDED_LOAD, CONVECTION_FACTOR, RPDO1, SET_POINT, message as message_name, set_point,
 };

@@ -4,7 +4,7 @@
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use canopen::emcy::{EmergencyMessage, ErrorCode};
 use dbc::names::{STATUSWORD, TPDO1, message};
 use dbc::scenario_clock::SYNC_COB_ID;
@@ -368,7 +368,7 @@ impl<'a> Seen<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use canopen::CanFrame;
+    use can::CanFrame;
     use plan::catalogue::Catalogue;
     use scenario::Trial;
 

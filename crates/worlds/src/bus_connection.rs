@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{Filter, Node};
+use can::{Filter, Node};
 use platform::bus::{Bus, BusAddress, BusError};
 use platform::clock;
 use platform::hub::Hub;

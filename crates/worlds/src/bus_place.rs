@@ -6,7 +6,8 @@
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, NmtState, Node, Progress};
+use can::{CanFrame, Filter, Node, Progress};
+use canopen::NmtState;
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::data_sheet::{DataSheet, data_sheets_led_by};
 use plan::presence::Presence;

@@ -10,8 +10,8 @@
 
 use std::time::Duration;
 
-use canopen::frame_bits::{arbitration_key, frame_bits};
-use canopen::{CanFrame, Progress, earliest};
+use can::frame_bits::{arbitration_key, frame_bits};
+use can::{CanFrame, Progress, earliest};
 use platform::lockstep::{LockstepError, Participant};
 
 use crate::agenda::{Agenda, NEVER, Nanos, Slot, Timed, audience, nanos};

@@ -1,6 +1,6 @@
 //! Listeners of each frame, computed once: with many participants most frames are for few of them.
 
-use canopen::{CanFrame, FilterSet};
+use can::{CanFrame, FilterSet};
 
 /// Largest number of participants; more have no place on one bus.
 const PARTICIPANTS_MAX: usize = 64;
@@ -47,7 +47,7 @@ fn bits(accepted: &[FilterSet], frame: &CanFrame) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use canopen::Filter;
+    use can::Filter;
 
     use super::*;
 

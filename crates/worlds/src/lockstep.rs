@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use platform::bus::Bus;
 use platform::clock::Clock;
 use platform::lockstep::{Local, Participant};

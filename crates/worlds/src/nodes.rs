@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use ::faults::{FaultKind, FaultPlan, Faulty};
-use canopen::Node;
+use can::Node;
 use controller::ControllerNode;
 use plant_emulator::plant::InvalidPlant;
 use plant_emulator::{DriveOf, InvalidEmulator, catalogue};

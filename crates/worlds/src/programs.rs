@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node as CanNode, Progress};
+use can::{CanFrame, Filter, Node as CanNode, Progress};
 use faults::{FaultPlan, Faulty};
 use platform::clock::Clock;
 use platform::lockstep::{

@@ -50,7 +50,7 @@ pub fn play(
     let mut processes = start_nodes(plan, folder, connection)?;
     let stalls = StallRecorder::start(plan, &processes)?;
     let mut bench = BenchNode::new(plan)?;
-    let mut bus = connection.join(&canopen::Node::filters(&bench))?;
+    let mut bus = connection.join(&can::Node::filters(&bench))?;
     let (stopper, stop) = stop_signal()?;
     let mut stopper = Some(stopper);
     let mut run = Run {

@@ -3,8 +3,9 @@
 
 use std::time::Duration;
 
+use can::{CanFrame, Filter};
+use canopen::NmtCommand;
 use canopen::cia402::Command;
-use canopen::{CanFrame, Filter, NmtCommand};
 use plan::loaded_drive::LoadedDrive;
 use scenario::port::Unit;
 use scenario::rig::drive::DriveLayout;

@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::Path;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use plan::{ControlLoop, Plan, check_rig};
 use recording::capture::{Capture, Watch};
 use recording::frames::Frames;

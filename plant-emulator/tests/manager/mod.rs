@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
+use can::{CanFrame, Node, Progress};
+use canopen::AbortCode;
 use canopen::cia402::State;
-use canopen::{AbortCode, CanFrame, Node, Progress};
 use plant_emulator::PlantEmulator;
 use plant_emulator::plant::Inputs;
 use plant_emulator::plants::sma::Actuator;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, NmtCommand, NodeId};
+use can::CanFrame;
+use canopen::{NmtCommand, NodeId};
 use dbc::scenario_clock::SYNC_COB_ID;
 use scenario::Trial;
 

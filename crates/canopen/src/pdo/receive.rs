@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use super::configuration::{Direction, Mapping, Parameters, Place, read};
-use crate::frame::CanFrame;
 use crate::object_dictionary::{AbortCode, Handle, ObjectDictionary};
+use can::CanFrame;
 
 /// A synchronous RPDO that has arrived and takes effect at the next SYNC.
 #[derive(Clone, Copy, Debug)]

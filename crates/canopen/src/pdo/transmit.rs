@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use super::configuration::{Direction, Mapping, Parameters, Place, read};
-use crate::frame::CanFrame;
-use crate::node::earlier;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sync::Sync;
+use can::CanFrame;
+use can::earlier;
 
 /// Transmit PDO.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! Tests of a faulty node, seen from the bus.
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::Database;
 
 use super::*;

@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::Database;
 use plan::Plan;
 use plan::catalogue::Catalogue;

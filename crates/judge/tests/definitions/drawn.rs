@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::Database;
 use proptest::prelude::*;
 use recording::log::Stamped;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-use canopen::CanFrame;
+use can::CanFrame;
 
 use crate::drawn::{
     Drawn, PERIOD_SECONDS, Piece, SILENCE_SECONDS, TEMPERATURE_MICROS, ZERO_MICROS,

@@ -306,7 +306,7 @@ impl Signals {
         };
         Self {
             time_seconds: part(times),
-            set_point_millimetres: part(&timeline.set_point_millimetres),
+            set_point_millimetres: part(&timeline.set_point),
             position_millimetres: part(timeline.position()),
             current_amperes: part(timeline.current()),
             temperature_celsius: column("wire_temperature_celsius"),

@@ -4,8 +4,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use canopen::frame::ERROR_FLAG;
-use canopen::{CanFrame, Filter};
+use can::frame::ERROR_FLAG;
+use can::{CanFrame, Filter};
 use rustix::net::{
     AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketFlags, SocketType, connect, send,
     socket_with,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Progress};
+use can::{CanFrame, Progress};
 
 /// Result of a participant's step.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use canopen::{CanFrame, Filter, FilterSet};
+use can::{CanFrame, Filter, FilterSet};
 
 use super::protocol::FILTERS_MAX;
 
@@ -14,7 +14,7 @@ const IDENTIFIERS: u16 = 0x800;
 pub struct Audience {
     /// Frames that at least one participant listens to.
     pub accepted: FilterSet,
-    /// Frames that all their listeners take in silence ([`canopen::Node::silent_filters`]).
+    /// Frames that all their listeners take in silence ([`can::Node::silent_filters`]).
     pub silent: FilterSet,
 }
 

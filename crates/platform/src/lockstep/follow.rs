@@ -4,7 +4,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-use canopen::{CanFrame, Node, Progress};
+use can::{CanFrame, Node, Progress};
 use rustix::io::Errno;
 use rustix::net::SendFlags;
 
@@ -175,7 +175,7 @@ impl Follower<'_> {
 /// Real bus that carries the announced frames.
 struct Wire<'a> {
     bus: &'a mut dyn Bus,
-    filters: Vec<canopen::Filter>,
+    filters: Vec<can::Filter>,
     /// Frames of this node that its own filters accept. The coordinator puts them on the wire, so they come back here, but are
     /// not delivered. The oldest are forgotten, since a fault may keep a frame off the wire.
     own: Vec<CanFrame>,

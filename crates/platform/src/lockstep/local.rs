@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Node};
+use can::{CanFrame, Filter, Node};
 
 use super::answer::Answer;
 use super::audience::Audience;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter};
+use can::{CanFrame, Filter};
 
 use super::answer::Answer;
 use super::audience::Audience;
@@ -18,7 +18,7 @@ pub trait Participant {
     /// Returns the identifiers that the node listens to.
     fn filters(&self) -> &[Filter];
 
-    /// Returns the frames that the node takes in silence, see [`canopen::Node::silent_filters`].
+    /// Returns the frames that the node takes in silence, see [`can::Node::silent_filters`].
     fn silent_filters(&self) -> &[Filter];
 
     /// Informs the participant of its listeners, before the first step. Until then it assumes that every frame is answered.

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, FilterSet, Progress};
+use can::{CanFrame, Filter, FilterSet, Progress};
 
 use super::answer::Answer;
 use crate::seat::{

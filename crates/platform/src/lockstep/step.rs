@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::{CanFrame, FilterSet, Node, Progress};
+use can::{CanFrame, FilterSet, Node, Progress};
 
 use super::answer::Answer;
 use super::protocol::FRAMES_MAX;

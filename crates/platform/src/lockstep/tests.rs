@@ -4,7 +4,7 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use canopen::{CanFrame, Filter, Progress};
+use can::{CanFrame, Filter, Progress};
 use rustix::net::SendFlags;
 
 use super::protocol::*;
@@ -544,7 +544,7 @@ fn send(channel: &OwnedFd, packet: &[u8]) {
 #[test]
 fn own_frames_that_come_back_are_not_delivered() {
     struct Talker(VecDeque<CanFrame>, Vec<CanFrame>, Option<Duration>);
-    impl canopen::Node for Talker {
+    impl can::Node for Talker {
         fn filters(&self) -> Vec<Filter> {
             vec![Filter::ALL]
         }

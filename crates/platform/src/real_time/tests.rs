@@ -1,6 +1,6 @@
 use std::thread::JoinHandle;
 
-use canopen::{CanFrame, Filter};
+use can::{CanFrame, Filter};
 
 use super::*;
 use crate::counting_allocator::allocations;

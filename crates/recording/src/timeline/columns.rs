@@ -1,7 +1,7 @@
 //! Columns of a timeline, with one value for each cycle. Most signals keep a value for long, so many rows are filled at a time,
 //! and only the signals whose bits changed are decoded.
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::{Signal, SignalHandle};
 use plan::ControlLoop;
 use plan::catalogue::ColumnMessage;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::{SignalHandle, SignalMissing};
 use plan::ControlLoop;
 use platform::series::{Series, SeriesWriter};

@@ -77,7 +77,7 @@ pub struct Timeline {
     /// First stretch of scenario time in which the drive sent no temperature although it did before or later.
     pub temperature_silence: Option<(f64, f64)>,
     /// Raw set-point of the scenario per row; NaN if the scenario has none.
-    pub set_point_millimetres: Series<f64>,
+    pub set_point: Series<f64>,
     /// Quantity that the loop measures; `position_millimetres` is its name in this code.
     pub measurand: Measurand,
     pub columns: Vec<Column>,
@@ -183,7 +183,7 @@ impl Timeline {
             loop_name: self.loop_name.clone(),
             cycle: self.cycle.part(rows.clone()),
             time_seconds: part(&self.time_seconds),
-            set_point_millimetres: part(&self.set_point_millimetres),
+            set_point: part(&self.set_point),
             columns: columns.collect(),
             measurand: self.measurand.clone(),
             uncommanded: Series::default(),
@@ -251,7 +251,7 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
         let set_point = (
             timeline.measurand.rename(SET_POINT),
             timeline.measurand.unit.symbol(),
-            &timeline.set_point_millimetres,
+            &timeline.set_point,
         );
         let columns = timeline.columns.iter();
         let columns = columns.map(|column| (column.name.clone(), &*column.unit, &column.values));

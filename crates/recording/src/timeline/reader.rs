@@ -332,7 +332,7 @@ impl TimelineReader {
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds,
-            set_point_millimetres: set_points(trial, &time_seconds),
+            set_point: set_points(trial, &time_seconds),
             measurand: trial.wiring.feedback.measurand.clone(),
             cycle,
             time_seconds,
@@ -398,7 +398,7 @@ fn set_points(trial: &Trial, time_seconds: &Series<f64>) -> Series<f64> {
 
 #[cfg(test)]
 mod tests {
-    use canopen::CanFrame;
+    use can::CanFrame;
     use dbc::SignalHandle;
     use plan::catalogue::Catalogue;
     use proptest::prelude::*;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::scenario_clock::SYNC_COB_ID;
 use scenario::Trial;
 

@@ -18,7 +18,7 @@ const CURVES: [Curve; 3] = [
     ("Gain", "", |point| point.gain),
     ("Phase", "°", |point| point.phase_degrees),
     ("Mean offset from the set-point", OWN_UNIT, |point| {
-        point.offset_millimetres
+        point.offset
     }),
 ];
 
@@ -37,7 +37,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
                     td.number { (format!("{:.3}", point.hertz)) }
                     td.number { (format!("{:.3}", point.gain)) }
                     td.number { (with_minus(format!("{:.1}", point.phase_degrees))) }
-                    td.number { (with_minus(format!("{:.3}", point.offset_millimetres))) }
+                    td.number { (with_minus(format!("{:.3}", point.offset))) }
                 } } }
             } } }
         }

@@ -25,7 +25,7 @@ const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let (timeline, own) = (run.timeline, run.own);
     let error: Series<f64> = timeline
-        .set_point_millimetres
+        .set_point
         .iter()
         .zip(timeline.position())
         .map(|(wanted, measured)| wanted - measured)
@@ -234,7 +234,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
         Colour::Wanted,
         Shape::Dashed,
         &timeline.time_seconds,
-        &timeline.set_point_millimetres,
+        &timeline.set_point,
     );
     plot
 }
@@ -270,11 +270,7 @@ fn sudden(trial: &Trial) -> Vec<Stretch> {
     let steps = trial.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);
-        (
-            format!("Step to {} {symbol}", step.to_millimetres),
-            from,
-            until,
-        )
+        (format!("Step to {} {symbol}", step.to), from, until)
     });
     let disturbances = trial.disturbance_windows().into_iter().map(|disturbance| {
         let title = format!("Disturbance: {}", disturbance.text);
@@ -301,11 +297,11 @@ fn sines(trial: &Trial) -> Vec<Stretch> {
 }
 
 fn settling_band(step: &JudgedStep) -> Patch {
-    let half = SETTLING_BAND * (step.to_millimetres - step.from_millimetres).abs();
+    let half = SETTLING_BAND * (step.to - step.from).abs();
     Patch {
         class: "band",
         x: (step.window.from_seconds, step.window.until_seconds),
-        y: (step.to_millimetres - half, step.to_millimetres + half),
+        y: (step.to - half, step.to + half),
     }
 }
 

@@ -174,7 +174,7 @@ impl Drawing {
             .find(|column| groups::is_used(&column.values));
         let mut celsius = celsius.map(|column| column.values.iter());
         let samples = timeline.position().iter();
-        let samples = samples.zip(&timeline.set_point_millimetres);
+        let samples = samples.zip(&timeline.set_point);
         let mut poses = Vec::new();
         for (moment, (position, set_point)) in times::moments(timeline).zip(samples) {
             let celsius = celsius.as_mut().and_then(Iterator::next);

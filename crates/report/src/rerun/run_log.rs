@@ -129,10 +129,7 @@ impl<'o, 'a> Recording<'o, 'a> {
 
     /// Logs set-point, error, disturbances and all signals of the bus.
     fn log_signals(&mut self, timeline: &Timeline) -> Result<(), RerunError> {
-        let samples = timeline
-            .set_point_millimetres
-            .iter()
-            .zip(timeline.position());
+        let samples = timeline.set_point.iter().zip(timeline.position());
         let error: Series<f64> = samples
             .map(|(set_point, position)| set_point - position)
             .collect();
@@ -142,7 +139,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let [set_point, error_name] =
             [SET_POINT, "error_millimetres"].map(|name| timeline.measurand.rename(name));
         let own = [
-            (set_point.as_str(), &timeline.set_point_millimetres),
+            (set_point.as_str(), &timeline.set_point),
             (error_name.as_str(), &error),
             ("scenario_convection_factor", &factors),
             ("scenario_added_load_grams", &grams),
@@ -215,7 +212,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             if from >= until {
                 continue;
             }
-            let band = SETTLING_BAND * (step.to_millimetres - step.from_millimetres).abs();
+            let band = SETTLING_BAND * (step.to - step.from).abs();
             let ends = [from, until];
             let moments = ends.map(|time| times::moment_at(time, timeline.period_seconds));
             let times = times::columns(moments.into_iter());
@@ -228,7 +225,7 @@ impl<'o, 'a> Recording<'o, 'a> {
                     send_static(self.output, path.as_str(), &look)?;
                     self.styled.insert(path.clone());
                 }
-                let values = vec![step.to_millimetres + edge; 2];
+                let values = vec![step.to + edge; 2];
                 send_scalars(self.output, path, times.clone(), values)?;
             }
         }

@@ -7,7 +7,7 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::Database;
 use re_sdk::external::re_log_encoding::{Decoder, RawRrdManifest};
 use re_sdk::log::{Chunk, LogMsg};

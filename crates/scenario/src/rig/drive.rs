@@ -1,8 +1,9 @@
 //! Facts about the drive before it is on the bus: its identity and PDOs, from its EDS and the rig file.
 
+use can::CanFrame;
 use canopen::eds::EdsError;
 use canopen::nmt::NodeId;
-use canopen::{CanFrame, ObjectDictionary, add_half, cia402};
+use canopen::{ObjectDictionary, add_half, cia402};
 
 use super::{ObjectAddress, RigDrive};
 

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use canopen::CanFrame;
-use canopen::frame::ERROR_FLAG;
+use can::CanFrame;
+use can::frame::ERROR_FLAG;
 
 use plan::error_frames::{
     BACK_TO_ACTIVE, BUS_OFF, CONTROLLER, RECEIVE_PASSIVE, RESTARTED, TRANSMIT_PASSIVE,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use dbc::SignalMissing;
 use dbc::loops::seed_of_drive;
 use dbc::scenario_clock::ScenarioClock;

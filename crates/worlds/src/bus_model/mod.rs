@@ -5,8 +5,8 @@ pub(crate) mod faults;
 
 use std::time::Duration;
 
-use canopen::CanFrame;
-use canopen::frame_bits::{INTERFRAME_BITS, occupied_bits};
+use can::CanFrame;
+use can::frame_bits::{INTERFRAME_BITS, occupied_bits};
 
 /// Bits of an active error flag and of the other stations' flags, which see an error six bits later because of it.
 const ACTIVE_FLAGS_BITS: u32 = 6 + 6;

@@ -3,9 +3,10 @@
 
 use std::time::Duration;
 
+use can::CanFrame;
+use canopen::NmtCommand;
 use canopen::NmtState;
 use canopen::cia402::Command;
-use canopen::{CanFrame, NmtCommand};
 use dbc::scenario_clock::ScenarioClock;
 use scenario::port::Unit;
 use scenario::rig::drive::{Feedback, Scaled};
@@ -362,7 +363,7 @@ fn at_rest(rest: Span, unit: &Unit) -> String {
 
 #[cfg(test)]
 mod tests {
-    use canopen::frame::ERROR_FLAG;
+    use can::frame::ERROR_FLAG;
     use dbc::Database;
     use scenario::rig::{Limits, RealDrive, RigDrive};
 

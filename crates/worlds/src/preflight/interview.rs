@@ -7,11 +7,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use can::{CanFrame, Filter, Node, Progress, earlier};
 use canopen::object_dictionary::{AbortCode, Entry};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
-use canopen::{
-    CanFrame, Filter, NmtCommand, Node, NodeId, ObjectDictionary, Progress, cia402, earlier,
-};
+use canopen::{NmtCommand, NodeId, ObjectDictionary, cia402};
 use scenario::rig::ObjectAddress;
 
 use super::checklist::Check;

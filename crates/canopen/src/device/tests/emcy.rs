@@ -1,7 +1,7 @@
 //! Tests of EMCY, error register, history, and reports of the CAN controller.
 
 use super::*;
-use crate::frame::ERROR_FLAG;
+use can::frame::ERROR_FLAG;
 
 fn raise(bench: &mut Bench, code: u16) -> Vec<String> {
     let services = bench.device.services_mut();

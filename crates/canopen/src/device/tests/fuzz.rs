@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::frame::{ERROR_FLAG, EXTENDED_FLAG};
+use can::frame::{ERROR_FLAG, EXTENDED_FLAG};
 
 /// Returns identifiers that have a meaning, and any others.
 fn identifiers() -> impl Strategy<Value = u32> {

@@ -1,6 +1,6 @@
 use std::fs;
 
-use canopen::CanFrame;
+use can::CanFrame;
 use scenario::node::Part;
 
 use super::*;
