@@ -143,7 +143,7 @@ impl Output {
         Ok(Self::Compressed(Pieces {
             file,
             compressor,
-            text: Vec::new(),
+            text: String::new(),
             since: Duration::ZERO,
             has_new: false,
             idle_flushes: 0,
@@ -156,7 +156,7 @@ struct Pieces {
     file: File,
     compressor: Compressor<'static>,
     /// Lines of the latest piece, which is still open.
-    text: Vec<u8>,
+    text: String,
     /// Time of its first frame.
     since: Duration,
     /// Whether frames came since the latest flush.
@@ -182,7 +182,7 @@ impl Pieces {
             if self.text.is_empty() {
                 self.since = stamped.time;
             }
-            writeln!(self.text, "{stamped}")?;
+            stamped.push_to(&mut self.text);
             self.has_new = true;
         }
         Ok(())
@@ -205,7 +205,7 @@ impl Pieces {
         if self.text.is_empty() {
             return Ok(());
         }
-        let piece = self.compressor.compress(&self.text)?;
+        let piece = self.compressor.compress(self.text.as_bytes())?;
         self.text.clear();
         self.file.write_all(&piece)
     }

@@ -57,14 +57,37 @@ impl Stamped {
             occupied_bits,
         }
     }
+
+    /// Appends a line of `candump -L` with its end, and the interface written as `can0` in every world.
+    pub(crate) fn push_to(&self, text: &mut String) {
+        text.push('(');
+        push_decimal(text, self.time.as_secs(), SECONDS_DIGITS_MAX);
+        text.push('.');
+        push_decimal(text, self.time.subsec_micros().into(), 6);
+        text.push_str(") can0 ");
+        self.frame.push_to(text);
+        text.push('\n');
+    }
 }
 
-/// Writes a line of `candump -L`, with the interface written as `can0` in every world.
+/// Writes a line as [`Stamped::push_to`], without its end.
 impl fmt::Display for Stamped {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (seconds, micros) = (self.time.as_secs(), self.time.subsec_micros());
-        write!(formatter, "({seconds:010}.{micros:06}) can0 {}", self.frame)
+        let mut line = String::new();
+        self.push_to(&mut line);
+        formatter.write_str(line.trim_end())
     }
+}
+
+/// Appends the last digits of a number.
+fn push_decimal(text: &mut String, number: u64, digits: usize) {
+    let mut shown = [b'0'; 20];
+    let mut rest = number;
+    for digit in shown[..digits].iter_mut().rev() {
+        *digit += u8::try_from(rest % 10).expect("a digit");
+        rest /= 10;
+    }
+    text.extend(shown[..digits].iter().copied().map(char::from));
 }
 
 /// Reason why a line is no frame.
@@ -160,9 +183,12 @@ fn hexadecimal(digits: &str) -> Option<u32> {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_log(mut output: impl Write, frames: &[Stamped]) -> io::Result<()> {
-    frames
-        .iter()
-        .try_for_each(|stamped| writeln!(output, "{stamped}"))
+    let mut line = String::new();
+    frames.iter().try_for_each(|stamped| {
+        line.clear();
+        stamped.push_to(&mut line);
+        output.write_all(line.as_bytes())
+    })
 }
 
 /// Reads a log of `candump -L`.
