@@ -1,4 +1,4 @@
-"""canrig from Python: scenarios played and judged, their recordings as data frames.
+"""Plays and judges scenarios from Python, and gives their recordings as data frames.
 
 The package starts the program ``canrig`` that came with it and reads the files that it leaves. It needs no other package;
 data frames come from polars or pandas where one is installed.

@@ -1,4 +1,4 @@
-"""What the program does, as functions."""
+"""The commands of the program, as functions."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def simulate(
     """Plays a scenario in one process and in virtual time, and judges it.
 
     ``scenario`` is a file, or the name of one that ships. ``values`` replace those of the file, by their dotted keys.
-    ``output`` is the folder for the run folder. ``progress`` is a function of the part that is done and a text; ``True`` and
-    ``False`` show a line, or none.
+    ``output`` is the folder in which the run folder is made. ``progress`` is a function that is called with the completed
+    share and a text; ``True`` shows a line, ``False`` none.
 
-    A run that fails is returned; what cannot be played raises a :class:`canrig.CanrigError`.
+    A run that fails is returned; a scenario that cannot be played raises a :class:`canrig.CanrigError`.
     """
     return _play("simulate", scenario, values, output, progress, [])
 
@@ -115,20 +115,20 @@ def replay(recording: Any, *, scenario: Optional[StrPath] = None) -> Verdict:
 def check(scenario: StrPath, values: Optional[Values] = None) -> None:
     """Checks a scenario or a rig file, or a folder of them, without playing it.
 
-    Raises :class:`canrig.CannotStart`, whose text underlines what is wrong.
+    Raises :class:`canrig.CannotStart`, whose text underlines each mistake.
     """
     _succeed(call(["check", *_overrides(values), _argument(scenario)]))
 
 
 def examples() -> Dict[str, str]:
-    """The scenarios and rig files that ship: what each is, by its name."""
+    """Returns the scenarios and rig files that ship: their descriptions by their names."""
     text = _succeed(call(["examples"])).output.decode("utf-8")
     pairs = (line.split(None, 1) for line in text.splitlines())
     return {name: title for name, title in pairs}
 
 
 def copy_examples(folder: StrPath, *names: str) -> Path:
-    """Copies what ships to a folder, all of it or what is named. Nothing is overwritten."""
+    """Copies the scenarios and rig files that ship to a folder: all, or those that are named. No file is overwritten."""
     _succeed(call(["examples", f"--to={os.fspath(folder)}", "--", *names]))
     return Path(folder)
 
@@ -190,7 +190,7 @@ def _succeed(ended: Ended) -> Ended:
 
 
 def _argument(scenario: StrPath) -> str:
-    """A file on the command line: behind ``--`` would be a program."""
+    """A file as an argument of the command line: after ``--`` it would be a program."""
     path = os.fspath(scenario)
     return f"./{path}" if path.startswith("-") else path
 
@@ -204,7 +204,7 @@ def _overrides(values: Optional[Values]) -> List[str]:
 
 
 def _toml(key: str, value: Any) -> str:
-    """A value as TOML. Numbers of NumPy and the like are taken by what they are equal to."""
+    """A value as TOML. A number of another type, such as NumPy's, is written as the Python number that equals it."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""What can go wrong, by the program's exit codes."""
+"""Errors of the program, by its exit codes."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class ExitCode(IntEnum):
 
 
 class CanrigError(Exception):
-    """The program could not do what was asked; the text is its own.
+    """The program could not do its work; the text is the program's message.
 
-    A verdict that is no pass is no error: :attr:`canrig.Run.outcome` has it.
+    A verdict other than "pass" is not an error: :attr:`canrig.Run.outcome` has it.
     """
 
     #: How the program ended; ``None`` where it was never started, and where a signal killed it.
@@ -71,13 +71,13 @@ class InternalError(CanrigError):
 
 
 class Interrupted(CanrigError):
-    """Somebody else stopped the program. Ctrl-C in Python raises ``KeyboardInterrupt``."""
+    """Another process stopped the program. Ctrl-C in Python raises ``KeyboardInterrupt``."""
 
     exit_code = ExitCode.INTERRUPTED
 
 
 class ProgramMissing(CanrigError):
-    """There is no program to start."""
+    """The program canrig was not found."""
 
 
 class ProgramTooOld(CanrigError):
@@ -91,7 +91,7 @@ _OF_EXIT = {
 
 
 def error_of(code: int, message: str, run: Optional[Run] = None) -> CanrigError:
-    """The exception for an exit code of the program that is no verdict."""
+    """The exception for an exit code that does not stand for a verdict."""
     try:
         kind = _OF_EXIT[ExitCode(code)]
     except (KeyError, ValueError):

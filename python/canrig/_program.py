@@ -101,7 +101,7 @@ def _version_of(path: Path) -> Tuple[int, ...]:
 
 
 class Ended:
-    """How the program ended, and what it wrote."""
+    """Exit code and output of the program."""
 
     def __init__(self, code: int, output: bytes, message: str) -> None:
         self.code = code
@@ -112,7 +112,7 @@ class Ended:
 def call(arguments: Sequence[str], on_event: Optional[Callable[[Event], None]] = None) -> Ended:
     """Starts the program and waits for its end. With ``on_event`` it gets each line of the output, which is JSON.
 
-    Whatever ends the wait, such as Ctrl-C, the program is asked to stop, and waited for.
+    If the wait is interrupted, for example by Ctrl-C, the program is asked to stop, and waited for.
     """
     command = [str(program()), *arguments]
     # A terminal sends Ctrl-C to the whole group. On the main thread Python gets it too and hands it on, so the program has a
@@ -156,7 +156,7 @@ def _read_all(pipe: Any, into: List[bytes]) -> None:
 
 
 def _stop(process: "subprocess.Popen[bytes]") -> None:
-    """Lets the program end in order; its output is read on, so that it never waits for a reader."""
+    """Lets the program end in order. Its output is still read, so that it never waits for a reader."""
     drain = threading.Thread(target=_read_all, args=(process.stdout, []), daemon=True)
     drain.start()
     process.send_signal(signal.SIGINT)

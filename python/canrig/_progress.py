@@ -1,4 +1,4 @@
-"""How far a run is, in a notebook or on a terminal."""
+"""Progress of a run, in a notebook or on a terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Progress = Union[None, bool, Callable[[float, str], None]]
 
 
 def printer(progress: Progress) -> Optional[Callable[[float, str], None]]:
-    """Who is called; ``None`` shows a line in notebooks and on terminals only."""
+    """The function that is called with the progress; ``None`` shows a line in notebooks and on terminals only."""
     if callable(progress):
         return progress
     is_shown = _is_seen() if progress is None else progress

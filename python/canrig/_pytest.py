@@ -30,14 +30,14 @@ class Collector:
     def pytest_collect_file(self, file_path: Path, parent: Any) -> Optional["ScenarioFile"]:
         if file_path.suffix != ".toml":
             return None
-        # Who names a file wants to know what is wrong with it.
+        # A user who names a file wants to know its mistakes.
         if parent.session.isinitpath(file_path) or (is_scenario(file_path) and not _is_left_by_a_run(file_path)):
             return ScenarioFile.from_parent(parent, path=file_path)
         return None
 
 
 def is_scenario(path: Path) -> bool:
-    """Whether a file is meant as a scenario to play, by its text alone: also one that is not valid, and no sweep.
+    """Whether a file is meant as a scenario to play, by its text alone. An invalid one is; a sweep is not.
 
     No TOML is parsed, so that a scenario with a wrong character becomes a test that fails, not one that is missing.
     """
@@ -65,7 +65,7 @@ class ScenarioFile(pytest.File):
 
 
 class ScenarioFailed(Exception):
-    """A run that is no pass."""
+    """A run that did not pass."""
 
 
 class ScenarioItem(pytest.Item):
@@ -139,7 +139,7 @@ def _output(config: Any) -> Path:
 
 
 def _record(item: Any, played: Run) -> None:
-    """What the JUnit file says of the test besides its outcome."""
+    """Adds requirements and run folder to the test's entry in the JUnit file."""
     item.user_properties.append(("canrig_folder", str(played.folder)))
     for requirement in played.requirements:
         item.user_properties.append(("requirement", requirement))
@@ -147,7 +147,7 @@ def _record(item: Any, played: Run) -> None:
 
 @contextlib.contextmanager
 def _alone() -> Iterator[None]:
-    """One run in real time at a time, whichever process plays it: they would disturb each other's timing."""
+    """Admits one run in real time at a time, among all processes: two would disturb each other's timing."""
     path = Path(tempfile.gettempdir(), f"canrig-real-time-{os.getuid()}.lock")
     lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     try:

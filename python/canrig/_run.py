@@ -18,7 +18,7 @@ StrPath = Union[str, "os.PathLike[str]"]
 
 @dataclass(frozen=True)
 class Metric:
-    """A row of the verdict: a value beside its limit."""
+    """A row of the verdict: a value with its limit."""
 
     #: A metric, such as ``settling_time_seconds``, or what a check demands.
     name: str
@@ -70,7 +70,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run came to. ``verdict["overshoot_percent"]`` is a row of it."""
+    """Verdict of a run. ``verdict["overshoot_percent"]`` is one of its rows."""
 
     #: ``pass``, ``fail``, ``inconclusive`` or ``incomplete``.
     outcome: str
@@ -97,7 +97,7 @@ class Verdict:
 
     @property
     def requirements(self) -> Dict[str, Optional[bool]]:
-        """Whether each requirement is met; ``None`` where that is not known."""
+        """Whether each requirement is met; ``None`` if it is unknown."""
         of_run = {"pass": True, "fail": False}.get(self.outcome)
         met: Dict[str, Optional[bool]] = {name: of_run for name in self.requirements_of_scenario}
         for metric in self.metrics:
@@ -108,7 +108,7 @@ class Verdict:
         return met
 
     def explain(self) -> str:
-        """The outcome with its reason and the limits that were not met, for people."""
+        """The outcome with its reason and the limits that were not met, as a text."""
         lines = [f"{self.scenario}: {self.outcome}"]
         if self.reason:
             lines.append(self.reason)
@@ -152,7 +152,7 @@ def _all_of(one: Optional[bool], other: Optional[bool]) -> Optional[bool]:
 
 @dataclass(frozen=True)
 class Event:
-    """One thing that happened, on the bus or by the scenario."""
+    """An event on the bus or of the scenario."""
 
     #: Scenario time; negative before its time 0.
     time_seconds: float
@@ -187,7 +187,7 @@ class Run:
 
     @property
     def requirements(self) -> Dict[str, Optional[bool]]:
-        """Whether each requirement that the scenario names is met; ``None`` where that is not known."""
+        """Whether each requirement that the scenario names is met; ``None`` if it is unknown."""
         return self.verdict.requirements
 
     @property
@@ -206,7 +206,7 @@ class Run:
 
     @property
     def events(self) -> List[Event]:
-        """What happened besides the cyclic traffic: states, emergencies, disturbances, faults."""
+        """Events other than the cyclic traffic: states, emergencies, disturbances, faults."""
         table = _tables.to_table(self._export("events"), "lists")
         return [Event(*row) for row in zip(table["time_seconds"], table["level"], table["text"])]
 
@@ -223,7 +223,7 @@ class Run:
     def frames(self, message: Optional[str] = None, library: Optional[str] = None) -> Any:
         """One row for each frame on the bus: time, identifier, message, sender, bytes as hexadecimal digits.
 
-        With the name of a message its frames only, with a column for each of its signals. ``library`` as in
+        With the name of a message, only its frames, with a column for each of its signals. ``library`` as in
         :meth:`signals`.
         """
         chosen = [] if message is None else [f"--message={message}"]

@@ -11,7 +11,7 @@ from ._run import StrPath
 
 
 class Sweep:
-    """A sweep that was played to its end, now or earlier: one row for each run."""
+    """A completed sweep, played now or earlier: one row for each run."""
 
     def __init__(self, folder: StrPath) -> None:
         #: The folder of the sweep.

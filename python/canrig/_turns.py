@@ -1,7 +1,7 @@
 """Turns of threads in virtual time: one thread runs, and time passes when all of them wait.
 
-A wait is a condition and a time. The thread that waits last lets the bus go on to the earliest of the times, or to a frame. Which thread
-is next depends on nothing but the order in which they began to wait, so a program repeats itself.
+A wait is a condition and a time. The thread that waits last lets the bus go on to the earliest of the times, or to a frame. The next
+thread follows from the order alone in which they began to wait, so each play of a program is the same.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def join(clock: Clock) -> None:
 
 
 def leave(clock: Clock) -> None:
-    """Takes the time from the bus no longer; then it passes by itself."""
+    """Stops taking the time from the bus; from then on it passes by itself."""
     global _clock, _now
     if _clock is clock:
         _now, _clock = clock.now_ns, None
@@ -97,10 +97,10 @@ def seconds() -> float:
 
 
 def deadline(timeout: float) -> int:
-    """The time in nanoseconds when a time-out in seconds is over.
+    """The time in nanoseconds at which a time-out in seconds is over.
 
-    A loop that waits until a time in floats waits again for what their sums left over, some 1e-16 s. No time passes in such a wait; it puts
-    the clock ahead by as little, so that the loop ends.
+    A loop that waits until a time in floats waits once more for the rounding error of their sums, some 1e-16 s. No time passes in
+    such a wait; it puts the clock ahead by the error, so that the loop ends.
     """
     global _ahead, _ahead_at
     now = now_ns()
@@ -124,7 +124,7 @@ def refuse_others() -> None:
 def wait(is_ready: Callable[[], bool], until: int) -> bool:
     """Waits for a condition or a time; true if it was the condition.
 
-    Raises `SystemExit` in the first thread when canrig asks for the end, and there what the bus raises.
+    Raises, in the first thread, `SystemExit` when canrig asks for the end, and the errors of the bus.
     """
     global _readings
     refuse_others()

@@ -59,9 +59,9 @@ class CanrigBus(can.BusABC, _turns.Clock):
     with that of the bus in virtual time; in real time it is ignored, as settings of other interfaces are. In virtual time a timestamp is
     the time of the bus in seconds, else Unix time.
 
-    Raises `can.CanInitializationError` where there is no bus or it cannot do what is asked for.
+    Raises `can.CanInitializationError` if there is no bus, or it cannot do as asked.
 
-    When canrig asks for the end, `SystemExit` is raised in the main thread, once. What a `finally` then sends is still sent.
+    When canrig asks for the end, `SystemExit` is raised in the main thread, once. Frames that a `finally` then sends are still sent.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class CanrigBus(can.BusABC, _turns.Clock):
         return self._virtual
 
     def recv(self, timeout: Optional[float] = None) -> Optional[can.Message]:
-        """Waits for a message, at most `timeout` seconds; without it as long as it takes. `None` if there is none by then.
+        """Waits for a message: at most `timeout` seconds, without it as long as it takes. Returns `None` if none came.
 
         Raises `can.CanOperationError` when canrig or the bus is gone, and `SystemExit` when canrig asks for the end.
         """
@@ -137,7 +137,7 @@ class CanrigBus(can.BusABC, _turns.Clock):
         return self._inbox.popleft() if self._inbox else None
 
     def pass_ns(self, until: int) -> None:
-        """Lets virtual time pass until a frame arrives, but not beyond a time, and sends what is due."""
+        """Lets virtual time pass until a frame arrives, but not beyond a time, and sends the frames that are due."""
         try:
             frame = self._seat.wait_ns(min([until, *(task.due for task in self._tasks)]))
         except Ended as error:
@@ -223,7 +223,7 @@ class CanrigBus(can.BusABC, _turns.Clock):
         return self._real._channel.fileno()
 
     def shutdown(self) -> None:
-        """Leaves the bus; what was sent before is sent. In virtual time an error that is on its way ends the run, which names it."""
+        """Leaves the bus; frames that wait are sent first. In virtual time a pending error ends the run, which names it."""
         if self._is_shutdown:
             return
         super().shutdown()
@@ -240,7 +240,7 @@ class CanrigBus(can.BusABC, _turns.Clock):
         _turns.leave(self)
 
     def _abandon(self) -> None:
-        """Leaves the bus at the end of the program: in order if canrig has asked for it, else without a word, so that canrig tells why."""
+        """Leaves the bus at the end of the program: in order if canrig has asked for it, else silently, and canrig reports it."""
         if self.is_stopping:
             self.shutdown()
         else:
@@ -301,7 +301,7 @@ class _CyclicTask(LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC, Res
 
 
 def _pairs(filters: Optional[Iterable[Dict[str, Any]]]) -> List[Filter]:
-    """Filters as the kernel has them."""
+    """Filters in the form of the kernel."""
     pairs: List[Filter] = []
     for one in filters or ():
         identifier, mask = one["can_id"], one["can_mask"]

@@ -1,6 +1,6 @@
 """A control law in Python, which canrig plays in every world: ``[controller.program]`` of a scenario.
 
-The scenario says what the law reads and writes; a class says what it does:
+The scenario names the inputs and outputs of the law; a class computes them:
 
 .. code-block:: python
 
@@ -15,7 +15,7 @@ The scenario says what the law reads and writes; a class says what it does:
             error = x.set_point_millimetres - x.position_millimetres
             return {"current_amperes": self.gain * error}
 
-It needs the standard library only. How law and canrig speak with each other is in the book: "Seats".
+It needs the standard library only. The protocol between law and canrig is in the book: "Seats".
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Names:
 
 
 class Setup:
-    """What the scenario says of the law."""
+    """The law's part of the scenario."""
 
     def __init__(self, welcome: Mapping[str, Any], seed: int) -> None:
         #: What the law reads, in the scenario's order.
@@ -89,7 +89,7 @@ class Setup:
 
 
 class Cycle:
-    """When the law steps."""
+    """Number and time of the law's step."""
 
     __slots__ = ("is_missing", "period_seconds", "time_seconds")
 
@@ -106,7 +106,7 @@ def register(law: Any) -> Any:
     """Plays a class as the law of this program, where canrig has started it; elsewhere, as in a test that imports it, does nothing.
 
     The class is made with a :class:`Setup`. Its ``step(cycle, x)`` returns a value for each of ``writes`` and ``terms``, by their
-    names. A method ``stop()``, if it has one, is called at the end. What stands behind the class in the file is not reached.
+    names. A method ``stop()``, if it has one, is called at the end. Code after the class in the file is not reached.
     """
     address = os.environ.get(ADDRESS)
     if address is None:
@@ -167,7 +167,7 @@ def _done(number: int, a: int) -> bytes:
 
 
 def _values(returned: Any, outputs: List[str]) -> List[float]:
-    """What a step returned, in the order of the outputs."""
+    """The values that a step returned, in the order of the outputs."""
     try:
         values = [returned[name] for name in outputs]
     except (KeyError, TypeError) as error:

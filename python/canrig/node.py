@@ -29,7 +29,7 @@ As a loop:
         while not bus.is_stopping:
             frame = bus.wait(until=bus.now + 0.001)
 
-It needs the standard library only, and no thread besides the one that opened the bus. How node and canrig speak with each other is in
+It needs the standard library only, and no thread besides the one that opened the bus. The protocol between node and canrig is in
 the book: "Seats of programs".
 """
 
@@ -84,18 +84,18 @@ class Frame(NamedTuple):
 
 
 class Ended(Exception):
-    """canrig is gone, or the bus is."""
+    """The end of canrig or of the bus."""
 
 
 class Bus:
-    """A bus, as a loop uses it."""
+    """A bus for a program that is a loop."""
 
     @staticmethod
     def open(address: Optional[str] = None, *, name: str = "", filters: Filters = (), silent: Filters = (), errors: bool = False) -> "Bus":
-        """Opens a bus: without an address the one that canrig has put into the environment.
+        """Opens a bus; without an address the one that canrig has put into the environment.
 
-        ``filters`` are the frames that arrive: identifiers, or pairs of identifier and mask. ``silent`` are those of them that make the
-        node neither send nor wake earlier, which saves questions in virtual time. With ``errors`` error frames arrive, too.
+        ``filters`` are the frames that arrive: identifiers, or pairs of identifier and mask. ``silent`` are those of them at which
+        the node neither sends nor moves its wake-up earlier, which saves questions in virtual time. With ``errors`` error frames arrive, too.
         """
         address = address or os.environ.get(ADDRESS)
         if not address:
@@ -111,7 +111,7 @@ class Bus:
 
     @property
     def now(self) -> float:
-        """The time in seconds: of the frame or the wake-up that was last, or of the clock in real time."""
+        """The time in seconds: of the latest frame or wake-up, or of the clock in real time."""
         return self.now_ns / _SECOND
 
     @property
@@ -119,7 +119,7 @@ class Bus:
         raise NotImplementedError
 
     def wait(self, until: Optional[float] = None) -> Optional[Frame]:
-        """Waits for the next frame, or for a time: then, or when canrig asks for the end, there is none.
+        """Waits for the next frame. Returns `None` when the time has come, or when canrig asks for the end.
 
         A node that waits until a time promises to send nothing before it unless a frame arrives.
         """
@@ -133,7 +133,7 @@ class Bus:
         raise NotImplementedError
 
     def fail(self, why: str) -> None:
-        """Ends the run, which names this node and says why."""
+        """Ends the run with a reason, in which this node is named."""
         raise NotImplementedError
 
     def close(self) -> None:
@@ -151,7 +151,7 @@ class Bus:
 
 
 def described(error: BaseException, *own: str) -> str:
-    """An error with the line of the program where it came from, which is in no library, nor in this file and those of `own`."""
+    """An error with the line of the program that it came from: not one of a library, of this file, or of the files `own`."""
     libraries = os.path.dirname(os.__file__)
     place: Optional[traceback.FrameSummary] = None
     for frame in traceback.extract_tb(error.__traceback__):
@@ -192,7 +192,7 @@ class _VirtualBus(Bus):
         self._now: int = _HEADER.unpack_from(self._buffer)[4]
         #: Rate of the bus, seed of the run, node-ID.
         self.bits_per_second, _, self.seed, self.node_id = struct.unpack_from("<IIQB", self._buffer, 16)
-        #: Identifiers of 11 bits whose frames nobody answers. Remote frames and extended ones may always be answered.
+        #: Identifiers of 11 bits whose frames no node answers. Remote frames and extended ones may always be answered.
         self._quiet = {one for pair in _FILTER.iter_unpack(bytes(self._buffer[_WELCOME_BYTES:length])) for one in _standard(*pair)}
         self._records: Any = iter(())
         self._record: Optional[Tuple[Any, ...]] = None
@@ -212,7 +212,7 @@ class _VirtualBus(Bus):
         return length
 
     def _ask(self) -> bool:
-        """Receives a question; true if it is for the end."""
+        """Receives a question; true if it asks for the end."""
         length = self._receive()
         kind, a, count, self._number, self._to = _HEADER.unpack_from(self._buffer)
         self._is_asked, self._may_go_on, self._until = True, False, self._to
@@ -372,7 +372,7 @@ class Layout:
         self.signals: List[Dict[str, Any]] = told["signals"]
 
     def decode(self, data: bytes) -> Dict[str, float]:
-        """The signals that the data have, by their names."""
+        """The signals in the data, by their names."""
         raw = int.from_bytes(data, "little")
         values: Dict[str, float] = {}
         for signal in self.signals:
@@ -416,7 +416,7 @@ def _steps(value: float, signal: Dict[str, Any]) -> int:
 
 
 class Loop:
-    """What a node may know of a loop."""
+    """The facts about a loop that a node may know."""
 
     def __init__(self, told: Dict[str, Any]) -> None:
         #: Its name among several; empty for an only one.
@@ -453,7 +453,7 @@ class Loop:
 
 
 class Part:
-    """What a node may know of the plan: itself, the bus, and of each loop the frames, the limits and the set-point."""
+    """The facts about the plan that a node may know: itself, the bus, and of each loop the frames, the limits and the set-point."""
 
     def __init__(self, told: Dict[str, Any]) -> None:
         self.name: str = told["node"]["name"]
@@ -473,7 +473,7 @@ def part() -> Part:
 
 
 class Node:
-    """A node as a class: what it does at its start, at a frame, at a time, and at the end."""
+    """A node as a class, with methods for its start, a frame, a time, and the end."""
 
     #: Frames that arrive: identifiers, or pairs of identifier and mask.
     filters: Filters = ()
@@ -508,7 +508,7 @@ class Node:
             elif not self.bus.is_stopping and self._times:
                 at, _, name, period = heapq.heappop(self._times)
                 if period:
-                    # What was missed is skipped.
+                    # Missed periods are skipped.
                     missed = (self.bus.now_ns - at) // period
                     self._push(at + (1 + max(0, missed)) * period, name, period)
                 self.on_time(name)
@@ -528,7 +528,7 @@ class Node:
         self._push(max(0, round(seconds * _SECOND)), name, 0)
 
     def every(self, period: float, name: str) -> None:
-        """Asks for :meth:`on_time` now and then after each period, in seconds; what was missed is skipped."""
+        """Asks for :meth:`on_time` now and then after each period, in seconds; missed periods are skipped."""
         self._push(self.bus.now_ns, name, max(1, round(period * _SECOND)))
 
     def _push(self, at: int, name: str, period: int) -> None:
@@ -542,7 +542,7 @@ class Node:
         """Takes a frame."""
 
     def on_time(self, name: str) -> None:
-        """Does what is due."""
+        """Acts at a time that was asked for."""
 
     def on_stop(self) -> None:
         """Brings the outputs to a safe state, at once."""

@@ -83,7 +83,7 @@ class _Lock:
 
 
 class _Started:
-    """The event by which a new thread says that it is there: the one wait that takes no turn."""
+    """The event by which a new thread reports that it has started: the one wait that takes no turn."""
 
     def __init__(self) -> None:
         self._lock = _thread.allocate_lock()

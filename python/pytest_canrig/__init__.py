@@ -38,7 +38,7 @@ def canrig_run(request):
     """Plays a scenario in the world of the test: ``canrig_run(scenario, values)`` returns a ``canrig.Run``.
 
     A relative path is looked for beside the test first. The run's requirements and folder become properties of the test's
-    JUnit entry. The test itself says what must hold, such as ``assert run.passed, run.explain()``.
+    JUnit entry. The test itself asserts the result, for example ``assert run.passed, run.explain()``.
     """
     from canrig import _pytest
 

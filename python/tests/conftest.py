@@ -1,4 +1,4 @@
-"""What several tests need. The tests are of an installed wheel: they find neither package nor program in the checkout."""
+"""Fixtures of several tests. The tests are of an installed wheel: they find neither package nor program in the checkout."""
 
 from pathlib import Path
 
@@ -76,7 +76,7 @@ raise SystemExit(int(code))
 
 
 class FakeProgram:
-    """A program in the place of canrig."""
+    """A program in place of canrig."""
 
     def __init__(self, folder, monkeypatch):
         import sys

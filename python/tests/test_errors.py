@@ -1,4 +1,4 @@
-"""What goes wrong says so, in the program's words."""
+"""Errors, in the program's words."""
 
 import os
 

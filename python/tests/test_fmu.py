@@ -1,4 +1,4 @@
-"""The wheel has the library that plants become FMUs with."""
+"""FMUs of plants, by the library in the wheel."""
 
 import subprocess
 import zipfile

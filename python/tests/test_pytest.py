@@ -15,7 +15,7 @@ ON = ("--canrig", "-p", "no:cacheprovider")
 
 @pytest.fixture
 def scenarios(pytester):
-    """A folder with scenarios, and with files of TOML that are none."""
+    """A folder with scenarios, and with other files of TOML."""
     folder = pytester.path / "scenarios"
     write_hold(folder / "hold.toml")
     write_hold(folder / "below" / "strict.toml", name="strict hold", limit=0.001)
@@ -69,7 +69,7 @@ def test_a_failure_shows_its_limits_and_its_folder(pytester, scenarios):
     folder = re.search(r"report +file://(\S+)/report\.html", text).group(1)
     assert folder.startswith(str(pytester.path / "runs" / "strict-hold-"))
     assert "Traceback" not in text and "_pytest.py" not in text
-    # What runs leave is not collected in its turn.
+    # Files that runs leave are not collected in their turn.
     pytester.runpytest_subprocess(*ON).assert_outcomes(passed=1, failed=1)
 
 

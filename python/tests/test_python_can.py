@@ -176,7 +176,7 @@ def test_a_program_with_python_can_leads_and_repeats_itself(play):
     logs = {(play(WITH_CAN + LEAD)[0].folder / "bus.log").read_bytes() for _ in range(20)}
     assert logs == {(first.folder / "bus.log").read_bytes()}
     assert b" 210#0F00C800" in min(logs)
-    # What it sent at the end is still sent.
+    # The frame that it sent at the end still arrives.
     end = float(said.removeprefix("the end at "))
     last = [row for row in min(logs).decode().splitlines() if " 210#00000000" in row]
     assert len(last) == 1 and float(last[0][1:18]) == pytest.approx(end, abs=2e-3)

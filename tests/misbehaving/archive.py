@@ -10,7 +10,7 @@ ARCHIVE = FOLDER / "cases.zst"
 # `==> CASE/FILE <==` begins a file.
 BEGIN, END = "==> ", " <==\n"
 
-# What a case does not need: terms of the law, truth of the plant, the fan's heartbeat; and SDO before the scenario begins.
+# Signals that a case does not need: terms of the law, truth of the plant, the fan's heartbeat; and SDO before the scenario begins.
 CUT = "181|281|381|481|290|291|711"
 SDO = re.compile(r" (5|6)[0-9A-F]{2}#")
 FILES = ["scenario.toml", "frames.dbc", "rig.toml", "servo.eds"]
@@ -77,7 +77,7 @@ def cut(run, ids=CUT):
 
 
 def without(text, identifiers):
-    """What canrig's nodes sent, without frames that were cut away."""
+    """The frames that canrig's nodes sent, without those that were cut away."""
     header, *rows = text.splitlines()
     rest = list(identifiers)
     for at, row in enumerate(rows):

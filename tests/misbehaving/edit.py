@@ -99,7 +99,7 @@ def goes_on(own):
     own.files["scenario.toml"] = own.files["scenario.toml"].replace("duration_seconds = 3.0", f"duration_seconds = {seconds:.2f}")
 
 
-# What a step of 1 kHz lost in stalls of 2 to 9 ms.
+# Cycles that a step of 1 kHz lost in stalls of 2 to 9 ms.
 SHORT_STALLS = [edit for at, seconds in [(0.2, 0.002), (0.45, 0.009), (0.75, 0.004), (1.0, 0.009)]
                 for edit in (stall(at, seconds), drop(OF_A_CONTROLLER, at + seconds - 0.002, at + seconds))]
 LONG_STALL = [stall(0.5, 0.05), drop(OF_A_CONTROLLER, 0.5, 0.55)]
@@ -123,7 +123,7 @@ CASES = {
     "limit_missed_without_a_stall": ("simulated/step", limit("position_millimetres_max = { max = 19.0 }")),
     "run_away_after_a_stall": ("drive/runs_away", *A_POSITION_LOST),
     "switched_off_after_a_stall": ("drive/switches_off", *A_POSITION_LOST),
-    # What a stall covers, and what it does not.
+    # Losses that a stall explains, and some that it does not.
     "one_sync_in_a_stall": ("controller/none", stall(1.0, 0.03), drop(OF_A_CONTROLLER, 1.005, 1.03)),
     "six_syncs_in_a_stall": ("controller/none", stall(1.0, 0.13), drop(OF_A_CONTROLLER, 1.005, 1.13)),
     "six_syncs_without_a_stall": ("controller/none", drop(OF_A_CONTROLLER, 1.005, 1.13)),

@@ -48,7 +48,7 @@ PERIODS = {"controller/never_enables": 100.0}
 
 
 class Kind:
-    """What is played beside what: options of `canrig run`, the node-ID of the drive, and the foreign programs with their words."""
+    """The pairs that are played together: options of `canrig run`, the node-ID of the drive, and the foreign programs with their words."""
 
     def __init__(self, options, drive, *programs):
         self.options, self.drive, self.programs = options, drive, programs
@@ -80,7 +80,7 @@ MASTERS_BESIDE = [
     "master_beside_drive/twenty_commands_of_600_permille+drops_each_3rd_position",
 ]
 
-# Stalls: who stands (canrig itself, or one of its nodes), from when on, and for how many milliseconds.
+# Stalls: the process that is stopped (canrig itself, or one of its nodes), the time, and the duration in milliseconds.
 FOR_EVER = 10_000
 STALLS = {
     "stall/bench_2_ms": [("canrig", 1.0, 2)],

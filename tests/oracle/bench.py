@@ -1,4 +1,4 @@
-"""What the oracle scripts share: their arguments, their checks, and canrig's nodes as processes."""
+"""Parts of all oracle scripts: their arguments, their checks, and canrig's nodes as processes."""
 
 import argparse
 import contextlib

@@ -153,7 +153,7 @@ def same(whole, folder):
 
 
 def report(campaign, seconds_alone):
-    """What was lost and run again, and what the engine costs."""
+    """The tasks that were lost and run again, and the cost of the engine."""
     attempts = campaign.attempts()
     began = sum(map(len, attempts.values()))
     print(f"        {campaign.engine}: part  lost on                   rows kept")
@@ -176,7 +176,7 @@ def main():
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="canrig-engines-") as work:
         work = pathlib.Path(work)
-        # Where it is built, nobody may not read it.
+        # User "nobody" may not be able to read the build folder.
         program = work / "canrig"
         shutil.copy(canrig, program)
         if os.getuid() == 0:
@@ -292,7 +292,7 @@ def on_slurm(canrig, work, slurm, alone, seconds_alone):
     campaign = Campaign(canrig, work, "slurm", environment, *options)
     campaign.start()
     check("tasks begin", within_patience(lambda: campaign.rows() > 10))
-    # Who watches may go: the job stays.
+    # The watching command may end; the job goes on.
     campaign.child.send_signal(signal.SIGINT)
     code, said = campaign.end()
     check("the job goes on without canrig submit", code == 130 and "--resume" in said)

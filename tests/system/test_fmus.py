@@ -376,7 +376,7 @@ def test_motor_behind_a_drive():
 
 
 def test_refused():
-    """What cannot be loaded says so with the FMU's name, and exit code 3."""
+    """An FMU that cannot be loaded is an error with its name, and exit code 3."""
     folder = work / "awkward"
     library = next(folder.glob("binaries/*/awkward.so"))
     ports = {"u": "u", "y": "y"}

@@ -155,7 +155,7 @@ def trial(canrig, victim, clock, after, is_of_four):
 
 
 def of_folder(canrig, folder, code):
-    """What is wrong with a run folder."""
+    """The mistakes in a run folder."""
     if not (folder / "verdict.json").exists():
         # Killed between the making of the folder and its first file.
         return [] if not any((folder / name).exists() for name in ("bus.log", "signals.csv")) else ["no verdict"]
@@ -171,7 +171,7 @@ def of_folder(canrig, folder, code):
 
 
 def of_four(folder, victim):
-    """What is wrong with what a run folder of four drives says of a process that was killed."""
+    """The mistakes in the report of a killed process in a run folder of four drives."""
     verdict = json.loads((folder / "verdict.json").read_text())
     faults = []
     what = f"the emulator of {victim} and its drive {drive_of(victim)}" if victim in MOTORS else f"the {victim}"

@@ -1,4 +1,4 @@
-"""What a machine can do to a run, and a drive behind CAN controllers with a real driver; both are scripts that are run by the
+"""Faults of a machine during a run, and a drive behind CAN controllers with a real driver; both are scripts that are run by the
 kernel to which it is done."""
 
 import pytest

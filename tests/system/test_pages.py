@@ -17,7 +17,7 @@ AXE = "axe-core@4.14.1"
 FLAGS = [
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--disable-default-apps", "--hide-scrollbars", "--remote-debugging-pipe",
-    # The browser itself shall ask nobody either.
+    # The browser itself asks no server either.
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
 ]
 # Width and colour scheme of each view.
@@ -134,7 +134,7 @@ def axe(folder):
 
 
 def findings(browser, script):
-    """What axe-core finds, one line for each rule."""
+    """The findings of axe-core, one line for each rule."""
     browser.run(script + ";1")
     run = """axe.run(document, {resultTypes: ["violations"], runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]})
         .then((found) => found.violations.map((rule) => [rule.id, rule.help, rule.nodes.length, rule.nodes[0].html.slice(0, 160),
@@ -143,7 +143,7 @@ def findings(browser, script):
         yield "axe: {}: {} ({} times): {} {}".format(*found)
 
 
-# What one must scroll sideways to see.
+# Elements that are wider than their place, so that one must scroll sideways.
 WIDER = """[document.documentElement, ...document.querySelectorAll(".wide, pre, dl, figure")]
     .filter((one) => one.scrollWidth > one.clientWidth + 1)
     .map((one) => `${one.tagName} ${one.scrollWidth} > ${one.clientWidth}: ${one.textContent.slice(0, 60)}`)"""
