@@ -417,7 +417,7 @@ fn commands(page: &Page) -> Vec<String> {
     commands
 }
 
-/// Returns the words of a command of canrig; `None` for another program.
+/// Returns the arguments of a command of canrig; `None` for another program.
 fn words(command: &str) -> Option<Vec<&str>> {
     let command = command.split(['#', '>', '|']).next()?.trim();
     let rest = command

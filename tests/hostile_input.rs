@@ -1,5 +1,5 @@
-//! Foreign input and output: things that are not files, damaged files, outputs that accept nothing, signals, and text
-//! that controls a terminal.
+//! Foreign input and output: things that are not files, damaged files, full outputs, signals, and text that controls
+//! a terminal.
 
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
@@ -479,7 +479,7 @@ fn a_name_with_a_line_end_is_refused_on_the_command_line_and_where_a_folder_is_s
     }
 }
 
-/// Commands that play nothing end at once.
+/// Commands that do not play end at once.
 #[test]
 fn a_signal_ends_every_command_with_the_code_of_signals() {
     let folder = tempfile::tempdir().unwrap();

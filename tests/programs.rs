@@ -789,7 +789,7 @@ fn a_node_whose_keeper_is_killed_is_named_with_that_and_ends() {
     assert_eq!(ended.status.code(), Some(1), "{said}");
     assert!(said.contains("was killed with its keeper"), "{said}");
     wait_for("the end of the program", || is_gone(left[0]));
-    // Nobody is left who knows of it.
+    // No process is left that knows of it.
     kill_process(left[1], Signal::KILL).unwrap();
 }
 

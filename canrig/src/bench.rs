@@ -117,8 +117,8 @@ fn from_command_line() -> Exit {
     match parsed(std::env::args_os().collect()) {
         Ok(cli) => execute(cli),
         Err(error) => {
-            // The texts for --help and --version come as errors too.
-            // The parser repeats words of the command line, with its own colours among them.
+            // The texts for --help and --version come as errors too. The parser repeats parts of the command line,
+            // between its own colours.
             let printable = |word: OsString| printable(&word.to_string_lossy()).into_owned().into();
             match parsed(std::env::args_os().map(printable).collect()) {
                 Err(shown) => console::print_parsed(&shown),

@@ -25,7 +25,7 @@ struct MachineCheck {
     what: &'static str,
     /// Result, as text.
     found: String,
-    /// Command that repairs it; `None` if nothing is wrong.
+    /// Command that repairs it; `None` if no repair is needed.
     fix: Option<String>,
 }
 

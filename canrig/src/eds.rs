@@ -16,7 +16,7 @@ pub(crate) struct EdsArgs {
     /// Rig file, scenario or folder of a run with the nodes
     #[arg(value_name = "RIG")]
     pub rig: PathBuf,
-    /// Write the files to this folder; nothing is overwritten
+    /// Write the files to this folder; no file is overwritten
     #[arg(long, value_name = "FOLDER")]
     pub to: PathBuf,
 }

@@ -29,7 +29,7 @@ use worlds::nodes::{controller_of, controller_views, faulty_controller, plant_em
 /// Arguments of `node`.
 #[derive(Args, Debug)]
 pub(crate) struct NodeArgs {
-    /// Which node
+    /// Node to play
     #[arg(value_enum)]
     pub role: Role,
     /// The scenario
@@ -45,7 +45,7 @@ pub(crate) struct NodeArgs {
     pub host: HostArgs,
 }
 
-/// Which node.
+/// Node that the process plays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Role {
     /// The manager with its control law

@@ -3,10 +3,10 @@
 //! An implausible sample is no position. After too many of them in a row the controller goes to its safe state. So a
 //! spike costs one cycle, and a broken sensor the run.
 //!
-//! A position that stands still under a large current is suspicious, too. A wire moves under it, wherever the set-point
-//! is. A motor does not: it holds a load by its current. A motor's position is only implausible if it stays away from
-//! the set-point while the law commands the largest current. At an end of the travel nothing moves outward under any
-//! current.
+//! A position that does not move under a large current is suspicious, too. A wire moves under it, wherever the
+//! set-point is. A motor does not: it holds a load by its current. A motor's position is only implausible if it stays
+//! away from the set-point while the law commands the largest current. At an end of the travel no current moves the
+//! position outward.
 //!
 //! The limits of a position are data of the drive's node; see [`Plausible`].
 
@@ -76,8 +76,7 @@ impl Plausibility {
 
     /// Accepts a sample, unless it is implausible.
     ///
-    /// # Errors
-    /// The sample is implausible, or the position has stood still for too long.
+    /// # Errors The sample is implausible, or the position has not moved for too long.
     pub(crate) fn check(&mut self, position: f64, set_point: f64) -> Result<(), Cause> {
         let Plausible {
             min,
@@ -147,12 +146,12 @@ impl Plausibility {
             || (position <= lowest + motion && self.current_amperes < 0.0)
     }
 
-    /// Returns the name of the signal, as words.
+    /// Returns the name of the signal, for messages.
     pub(crate) fn signal(&self) -> &str {
         &self.signal
     }
 
-    /// Returns the error text for a position that stands still.
+    /// Returns the error text for a position that does not move.
     pub(crate) fn frozen_words(&self, position: f64) -> String {
         let Self { signal, symbol, .. } = self;
         let still = format!("the {signal} stands still at {position:.1} {symbol}");

@@ -20,7 +20,7 @@ use crate::law::Cycle;
 pub struct Window {
     /// Present time.
     pub now: Duration,
-    /// Latest time of an answer. It is `now` after a cycle without a position, which commands nothing: that answer is
+    /// Latest time of an answer. After a cycle without a position, which needs no command, it is `now`: that answer is
     /// not waited for.
     pub until: Duration,
 }

@@ -118,8 +118,7 @@ impl Coding {
 
     /// Checks that the signal fits a payload of this many bytes, and that its numbers make sense.
     ///
-    /// # Errors
-    /// The reason in words.
+    /// # Errors The reason.
     pub fn check(&self, payload_bytes: usize) -> Result<(), &'static str> {
         if !(1..=64).contains(&self.length_bits) {
             return Err("length is not 1 to 64 bits");

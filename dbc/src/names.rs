@@ -31,7 +31,7 @@ pub const TPDO2: &str = "tpdo2";
 pub const TPDO3: &str = "tpdo3";
 /// The report of an emulated plant about itself, in scenarios with faults.
 pub const TRUTH: &str = "truth";
-/// The messages of a controller, besides those of its laws.
+/// The messages of a controller, other than those of its laws.
 pub const OF_CONTROLLER: [&str; 4] = [EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];
 /// The messages of an io node.
 pub const OF_IO: [&str; 5] = [EMERGENCY, RPDO1, SDO_ANSWER, SDO_REQUEST, HEARTBEAT];

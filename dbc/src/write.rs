@@ -36,8 +36,8 @@ impl Database {
     ///
     /// Attributes hold the facts that the grammar cannot express. Each signal that does not fit its message's payload, or shares
     /// bits with another, is in the file in a message of its own, under a free 29-bit identifier. A name that is no DBC name of
-    /// at most 32 characters gets a short one beside it. In texts `"` is written as `\"`, which other readers understand, and `\`
-    /// as `\x5C`, which they do not.
+    /// at most 32 characters gets a short one in addition. In texts `"` is written as `\"`, which other readers understand, and
+    /// `\` as `\x5C`, which they do not.
     ///
     /// A DBC cannot express the following, which [`Database::parse`] reads otherwise or refuses: a signal without a name, two of
     /// the same name in a message, a range from 0 to 0 (which is none), a number that is not finite, a factor of 0, an identifier

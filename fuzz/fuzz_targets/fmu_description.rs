@@ -1,4 +1,5 @@
-//! Any text as an FMU's modelDescription.xml: read or refused; what was read is proposed as a table, which fits it.
+//! Any text as an FMU's modelDescription.xml: read or refused; a description that is read gives a proposed table,
+//! which fits it.
 #![no_main]
 
 use std::collections::BTreeMap;

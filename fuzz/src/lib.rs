@@ -70,7 +70,7 @@ impl<N: Node> Journey<N> {
         journey
     }
 
-    /// Lets time pass; what the node sent.
+    /// Lets time pass; returns the frames that the node sent.
     ///
     /// # Panics
     /// When the node's deadline does not move.
@@ -97,7 +97,7 @@ impl<N: Node> Journey<N> {
         sent
     }
 
-    /// Delivers a frame; what the node answered.
+    /// Delivers a frame; returns the frames that the node answered.
     pub fn deliver(&mut self, frame: &CanFrame) -> Vec<CanFrame> {
         self.node.on_frame(self.now, frame);
         self.drain()

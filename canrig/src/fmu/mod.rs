@@ -26,7 +26,7 @@ pub(crate) struct FmuArgs {
     /// Write a plant as an FMU for this machine: `sma`, `dc_motor`, `sma_pair`, or one of this bench's own
     #[arg(long, value_name = "PLANT", conflicts_with = "file")]
     pub export: Option<String>,
-    /// The FMU to write; nothing is overwritten [default: PLANT.fmu]
+    /// The FMU to write; an existing file is not overwritten [default: PLANT.fmu]
     #[arg(long, short, value_name = "FILE", requires = "export")]
     pub output: Option<PathBuf>,
     /// Its FMI: 2 or 3

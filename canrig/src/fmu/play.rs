@@ -34,7 +34,7 @@ pub(crate) struct PlayArgs {
     /// Time between two rows
     #[arg(long, default_value_t = 1.0)]
     pub step_milliseconds: f64,
-    /// How many rows, beside that at time 0
+    /// Number of rows after that at time 0
     #[arg(long, default_value_t = 1000)]
     pub steps: u32,
     /// A table of inputs, by the names of their ports: a row for each step, the last for all further ones

@@ -128,7 +128,7 @@ const LAW_OF_LOOPS: Skeleton = Skeleton {
     readme: include_str!("law/loops/README.md"),
 };
 
-/// Reason why nothing was written.
+/// Reason why no file was written.
 #[derive(Debug, thiserror::Error)]
 enum NewError {
     #[error(transparent)]

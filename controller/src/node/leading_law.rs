@@ -109,7 +109,7 @@ impl LeadingLaw {
     }
 
     /// Ends a cycle before the loops do, and steps through the skipped cycles, so the law's model stays in step with
-    /// the plant. A cycle that lacked a position is a step too, but commands nothing.
+    /// the plant. A cycle that lacked a position is a step too, but without a command.
     pub(super) fn end_cycle(
         &mut self,
         services: &Services,

@@ -58,7 +58,8 @@ pub fn occupied_bits_max(length_bytes: u8) -> u32 {
     stuffed + (stuffed - 1) / 4 + UNSTUFFED_TAIL_BITS + INTERFRAME_BITS
 }
 
-/// Five bytes of header, eight of data, two of checksum; one more lets eight bytes be copied in any case.
+/// Size of the buffer for a frame's bits: five bytes of header, eight of data, two of checksum, and one more, so that eight bytes
+/// can always be copied.
 const BYTES_MAX: usize = 16;
 
 /// Writes the bits from the start of frame to the length; returns the number of bytes to their end, and the number of bits.

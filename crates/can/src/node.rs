@@ -15,7 +15,7 @@ pub fn earliest(deadlines: impl IntoIterator<Item = Option<Duration>>) -> Option
 #[must_use]
 #[inline]
 pub fn earlier(left: Option<Duration>, right: Option<Duration>) -> Option<Duration> {
-    // This is called after every event of every node, and most services have no deadline: then nothing is compared.
+    // This is called after every event of every node, and most services have no deadline: then there is no comparison.
     match (left, right) {
         (Some(left), Some(right)) => Some(left.min(right)),
         (deadline, None) | (None, deadline) => deadline,

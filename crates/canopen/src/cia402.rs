@@ -208,7 +208,7 @@ pub fn check_mode(mode: i8, supported_drive_modes: u32) -> Result<(), AbortCode>
     }
 }
 
-/// Bits of the statusword besides the state (CiA 402-2, table 29).
+/// Bits of the statusword other than the state (CiA 402-2, table 29).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// Bit 4: the power stage has its supply.
@@ -297,7 +297,7 @@ impl StateMachine {
         self.obey(Command::DisableVoltage, &OptionCodes::default());
     }
 
-    /// Reacts to lost communication by 0x6007; false when the drive was not enabled and nothing had to be done.
+    /// Reacts to lost communication by 0x6007; false if the drive was not enabled, so that no reaction was needed.
     pub fn on_communication_loss(&mut self, codes: &OptionCodes) -> bool {
         let is_enabled = matches!(self.state, State::OperationEnabled | State::QuickStopActive);
         match codes.abort_connection {

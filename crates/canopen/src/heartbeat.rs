@@ -123,7 +123,7 @@ pub(crate) struct HeartbeatConsumer {
 }
 
 impl HeartbeatConsumer {
-    /// Makes the consumer from the dictionary's configuration, with nothing received.
+    /// Makes the consumer from the dictionary's configuration, before the first heartbeat.
     pub(crate) fn new(dictionary: &ObjectDictionary) -> Self {
         let mut consumer = Self::default();
         consumer.reset(dictionary);

@@ -292,7 +292,7 @@ pub struct Entry {
     pub high_limit: Option<i128>,
     /// Value after power-on and NMT reset, little-endian.
     pub default: Vec<u8>,
-    /// Value, little-endian. Numeric values never change their length, so writing them allocates nothing.
+    /// Value, little-endian. Numeric values never change their length, so writing them does not allocate.
     value: Vec<u8>,
 }
 

@@ -6,7 +6,7 @@ use crate::sdo::{MAX_TRANSFER_BYTES, Payload, SEGMENT_BYTES, crc, unused_bytes};
 /// Segments per block that a receiver of this crate grants: the standard's maximum.
 pub(crate) const BLOCK_SIZE: u8 = 127;
 
-/// Largest number of acknowledgements in a row that confirm nothing; then the transfer is given up.
+/// Largest number of acknowledgements in a row that confirm no segment; then the transfer is given up.
 const MAX_FRUITLESS_ACKNOWLEDGEMENTS: u8 = 3;
 
 /// Flag of the last segment.

@@ -306,7 +306,8 @@ impl SdoClient {
         self.deadline
     }
 
-    /// Returns the result of a transfer, once: the value that was read, or nothing after a write. `None` during the transfer.
+    /// Returns the result of a transfer, once: the value that was read, or an empty one after a write. `None` during the
+    /// transfer.
     pub fn take_result(&mut self) -> Option<Result<Vec<u8>, SdoError>> {
         self.result.take()
     }
@@ -1080,7 +1081,7 @@ mod tests {
             let mut bus = Bus::new(b"before", fates);
             match bus.download(is_block, &value) {
                 Ok(_) => prop_assert_eq!(bus.value(), &value[..]),
-                // The confirmation may have been lost, but nothing between old and new is ever written.
+                // The confirmation may have been lost, but the object has the old or the new value, never a mixture.
                 Err(_) => prop_assert!(bus.value() == value || bus.value() == b"before"),
             }
             prop_assert!(bus.is_alive());

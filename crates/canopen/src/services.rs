@@ -179,12 +179,12 @@ impl Services {
         self.has_timed_pdos && self.tpdos.iter().any(Tpdo::follows_changes)
     }
 
-    /// Raises an error: 0x1001, 0x1003, 0x603F and the EMCY follow. Nothing happens while it is active already.
+    /// Raises an error: 0x1001, 0x1003, 0x603F and the EMCY follow. An error that is active already is not raised again.
     pub fn raise_error(&mut self, code: ErrorCode, manufacturer: [u8; 5]) {
         self.emcy.raise(&mut self.dictionary, code, 0, manufacturer);
     }
 
-    /// Ends an error: 0x1001 and the EMCY "no error" follow. Nothing happens when it is not active.
+    /// Ends an error: 0x1001 and the EMCY "no error" follow. An error that is not active does not end.
     pub fn clear_error(&mut self, code: ErrorCode) {
         self.emcy.clear(&mut self.dictionary, code, 0);
     }

@@ -91,7 +91,7 @@ pub(crate) fn check_write(
 
 /// Consumer of SYNC: recognises it, and watches its counter and its absence.
 ///
-/// An empty SYNC is accepted whatever 0x1019 says, since widely used managers send nothing else; any other wrong length is an
+/// An empty SYNC is accepted whatever 0x1019 says, since widely used managers send no other; any other wrong length is an
 /// error and no SYNC. The time-out starts with the first SYNC.
 #[derive(Clone, Debug)]
 pub(crate) struct SyncConsumer {

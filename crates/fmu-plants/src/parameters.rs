@@ -6,7 +6,7 @@ use fmu::unit::of_name;
 use scenario::own;
 use serde_json::{Map, Value, json};
 
-/// Parameters of a plant: numbers and words, each with its path of keys.
+/// Parameters of a plant: numbers and choices, each with its path of keys.
 pub(crate) struct Parameters(Vec<Parameter>);
 
 struct Parameter {
@@ -70,7 +70,7 @@ impl Parameters {
     }
 }
 
-/// Collects the numbers and words of a schema and of its tables, if they have a default.
+/// Collects the numbers and choices of a schema and of its tables, if they have a default.
 fn collect(schema: &Value, keys: &[String], into: &mut Vec<Parameter>) {
     let Some(properties) = schema["properties"].as_object() else {
         return;

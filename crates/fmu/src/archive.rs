@@ -36,7 +36,7 @@ pub struct Unpacked {
 }
 
 impl Archive {
-    /// Opens a file and reads its description. It unpacks and runs nothing.
+    /// Opens a file and reads its description. It unpacks no other file and runs no code.
     ///
     /// # Errors
     /// The file cannot be read, is no acceptable zip file, or its description is invalid.

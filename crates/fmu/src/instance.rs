@@ -84,7 +84,7 @@ struct Plan {
 }
 
 impl Configuration {
-    /// Checks whether the configuration fits a description. It loads nothing.
+    /// Checks whether the configuration fits a description. The FMU is not loaded.
     ///
     /// # Errors
     /// A variable is missing or unsuitable, or the FMU needs a feature that is not supported.

@@ -54,7 +54,7 @@ impl Misfit {
     }
 }
 
-/// Fits a table to an FMU; `name` is that of the plant. It loads nothing.
+/// Fits a table to an FMU; `name` is that of the plant. The FMU is not loaded.
 ///
 /// # Errors
 /// A variable is missing, is unsuitable for its use in the table, or has a unit that the port's name contradicts.

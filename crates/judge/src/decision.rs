@@ -32,7 +32,7 @@ const LOSSES_MAX: usize = 20;
 /// Bus load from which on a cycle with more frames than the others does not end in its time.
 const BUSY_BUS_PERCENT: f64 = 70.0;
 
-/// Name of the metric that decides before all others: on an overloaded bus nothing else means anything.
+/// Name of the metric that decides before all others: on an overloaded bus no other metric has a meaning.
 const BUS_LOAD: &str = "bus_load_percent";
 
 /// Largest load that a bus can carry: 100 %, and some room for the stamps of short recordings.

@@ -57,7 +57,7 @@ pub(crate) type MetricValue = Result<f64, Absence>;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Absence {
     pub(crate) reason: String,
-    /// Stretch of time in which nothing came, if that is the reason.
+    /// Stretch of time in which no sample came, if that is the reason.
     silence: Option<Window>,
     /// Whether stalls explain all samples that the value would need.
     is_left_out: bool,

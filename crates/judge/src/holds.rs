@@ -96,8 +96,8 @@ pub fn swing(positions: &[(f64, f64)], from_seconds: f64) -> Option<f64> {
     Some(highest - lowest)
 }
 
-/// Returns the window at the end in which the loop only has to stand still: after the last change of the set-point, and after the
-/// last start or end of a disturbance or a fault.
+/// Returns the window at the end in which the loop only has to hold its position: after the last change of the set-point, and
+/// after the last start or end of a disturbance or a fault.
 fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
     let scenario = evidence.trial;
     if scenario.reference.is_empty() {

@@ -1,4 +1,4 @@
-//! From a timeline to a verdict, by nothing but the recording.
+//! From a timeline to a verdict, by the recording alone.
 //!
 //! The input is a decoded recording ([`Timeline`](recording::timeline::Timeline)), the [`Plan`](plan::Plan) with the scenario's
 //! `[expect]`, and the [`Circumstances`]: frames that the recorder lost, the end of the run, the stalls of the machine, and for a

@@ -9,7 +9,7 @@ use crate::attribution::{FAULTY_END_SECONDS, is_recorded_to_its_end};
 use crate::evidence::Evidence;
 use crate::metric::rounded;
 
-/// Returns the reason why a recording that ends before its scenario decides nothing.
+/// Returns the reason why a recording that ends before its scenario leaves the outcome open.
 pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String> {
     let never_began = timeline.zero_seconds.is_none();
     let is_whole = is_recorded_to_its_end(timeline, one) || never_began && has_boot_fault(one);
@@ -24,8 +24,8 @@ pub(crate) fn cut_short(timeline: &Timeline, one: &ControlLoop) -> Option<String
     })
 }
 
-/// Returns whether the recording reaches a scenario time: frames that are missing before it were not sent. A scenario that never
-/// began was kept from it by nothing but its nodes.
+/// Returns whether the recording reaches a scenario time: frames that are missing before it were not sent. Only its nodes can
+/// keep a scenario from beginning.
 pub(crate) fn reaches(timeline: &Timeline, seconds: f64) -> bool {
     timeline.zero_seconds.is_none() || timeline.last_frame_seconds + FAULTY_END_SECONDS >= seconds
 }
@@ -35,14 +35,14 @@ fn has_boot_fault(one: &ControlLoop) -> bool {
     one.faults().any(|fault| fault.from_seconds.is_none())
 }
 
-/// Returns the reason why nothing can be decided if the recording lacks frames that were on the bus.
+/// Returns the reason why the outcome is open if the recording lacks frames that were on the bus.
 pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
     let lost = unrecorded.frames_lost;
     let lost = (lost > 0).then(|| lost_frames(lost));
     lost.or_else(|| unrecorded.strange_lines.clone())
 }
 
-/// Returns the reason why nothing can be decided if a foreign source sent frames of the run's nodes.
+/// Returns the reason why the outcome is open if a foreign source sent frames of the run's nodes.
 pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let circumstances = evidence.circumstances;
     let found = evidence.timeline.sources.found(&circumstances.sent);

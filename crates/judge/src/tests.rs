@@ -722,7 +722,7 @@ fn a_limit_is_open_where_a_stall_in_its_window_explains_it() {
     // A limit that is met stays met.
     let met = beside_a_stall(STEP_LIMIT, 1150..1165, (1150, 1165), step_response(1.1));
     assert_eq!((met.outcome, met.reason), (Outcome::Pass, None));
-    // A stall for which no cycle was missed explains nothing.
+    // A stall in which no cycle was missed explains no miss.
     let verdict = beside_a_stall(STEP_LIMIT, 0..0, (1150, 1165), overshooting);
     assert_eq!(verdict.outcome, Outcome::Fail);
 }
@@ -749,7 +749,7 @@ fn a_limit_that_was_missed_before_the_first_stall_is_missed() {
         let verdict = beside_a_stall(STEP_LIMIT, missed, stall, overshooting);
         assert_eq!(verdict.outcome, Outcome::Fail, "{:?}", verdict.reason);
     }
-    // More than 1 % was missed in stalls, and nothing before them: the result is open.
+    // More than 1 % of the cycles were missed in stalls, and none before them: the result is open.
     let verdict = beside_a_stall(STEP_LIMIT, 3000..3200, (3000, 3200), step_response(1.1));
     assert_eq!(verdict.outcome, Outcome::Inconclusive);
     let reason = verdict.reason.unwrap();
@@ -816,7 +816,7 @@ fn missed_commands_have_their_limit_without_those_of_the_bench() {
     );
 }
 
-/// The drive is given up in a stall in which nothing was missed.
+/// The drive is given up in a stall in which no cycle was missed.
 #[test]
 fn an_end_in_a_stall_proves_nothing() {
     let plan = Plan::new(scenario(""), &Catalogue::shipped());

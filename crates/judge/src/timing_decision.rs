@@ -11,7 +11,7 @@ use crate::timing::Timing;
 use crate::verdict::{Outcome, Verdict};
 
 /// Adds the timing of a run in real time and judges its limits. If the timing is not trusted, they are neither met nor missed,
-/// and the run cannot pass. If the machine stood still at all, none is missed. A command that did not come is later than any
+/// and the run cannot pass. If the machine stalled at all, none is missed. A command that did not come is later than any
 /// limit.
 pub fn judge_timing(
     verdict: &mut Verdict,

@@ -77,7 +77,7 @@ pub struct Verdict {
     /// Number of frames that the recorder lost, which the frames of a recording do not show.
     #[serde(default, skip_serializing_if = "is_none")]
     pub frames_lost: u64,
-    /// Number of CAN FD frames that were on the bus. Nothing else of them is recorded.
+    /// Number of CAN FD frames that were on the bus. Only their number is recorded.
     #[serde(default, skip_serializing_if = "is_none")]
     pub fd_frames: u64,
     /// End of the run before its scenario's end, with the reason; `None` if the run was played to its end.

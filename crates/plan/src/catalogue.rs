@@ -45,7 +45,7 @@ pub(crate) struct Published {
     pub(crate) signals: Vec<PlantSignal>,
     /// Terms of its law; `None` for those of the shipped DBC.
     pub(crate) terms: Option<Vec<LawTerm>>,
-    /// Outputs besides fan and load of each io node of its wiring.
+    /// Outputs other than fan and load of each io node of its wiring.
     pub(crate) outputs: Vec<Vec<IoOutput>>,
 }
 
@@ -133,7 +133,7 @@ impl Catalogue {
         (self.find_ports?)(trial)
     }
 
-    /// Returns the outputs besides fan and load of each io node of a loop's wiring.
+    /// Returns the outputs other than fan and load of each io node of a loop's wiring.
     fn outputs(&self, trial: &Trial) -> Vec<Vec<IoOutput>> {
         let nodes = trial.wiring.io.iter();
         if nodes.clone().all(|io| io.outputs.is_empty()) {
@@ -424,7 +424,7 @@ impl Published {
     }
 }
 
-/// Adds the frames of an io node with these outputs besides fan and load.
+/// Adds the frames of an io node with these outputs in addition to fan and load.
 fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
     let first = outputs.first().map_or(0, |output| output.place);
     let outputs = outputs.iter().map(|output| PlantSignal {

@@ -9,7 +9,7 @@ use canopen::{ObjectDictionary, eds};
 
 /// Node-ID of the controller.
 pub(crate) use scenario::rig::nodes::CONTROLLER_NODE_ID;
-/// Longest file that a user names besides scenarios and recordings.
+/// Longest file that a user names, other than scenarios and recordings.
 pub const FILE_BYTES_MAX: u64 = 1 << 20;
 /// Second SDO server channel.
 const SECOND_CHANNEL: u16 = 0x1201;

@@ -60,7 +60,7 @@ const VIOLATIONS: [(u8, &str); 4] = [
 pub struct ErrorMessage {
     /// Node-ID of the node whose CAN controller it is about, on the modelled bus; 0 for the bench's own interface.
     pub node: u8,
-    /// Description in words: states first, then errors.
+    /// Description for the reader: states first, then errors.
     pub text: String,
     /// Whether it reports a recovery, or belongs to a healthy bus.
     pub is_good: bool,

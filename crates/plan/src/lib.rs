@@ -5,7 +5,7 @@
 //! all their names, the data sheets of the nodes, and the meaning of a CAN driver's error frames.
 //!
 //! The crate does not know how a run is played, recorded or judged, nor the code of plants and laws: the crates that play them
-//! hand in their names and signals. It opens no bus and starts nothing.
+//! hand in their names and signals. It opens no bus and starts no process.
 
 pub mod bus_budget;
 pub mod catalogue;

@@ -624,7 +624,7 @@ impl ControlLoop {
         messages.flat_map(|message| &message.signals)
     }
 
-    /// Returns the outputs of an io node besides fan and load; none for a recording.
+    /// Returns the outputs of an io node other than fan and load; none for a recording.
     #[must_use]
     pub fn io_outputs(&self, node: &Node) -> &[IoOutput] {
         let mut nodes = self.trial.wiring.io.iter();

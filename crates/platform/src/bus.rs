@@ -122,7 +122,7 @@ pub enum BusError {
         "{name} is no CAN interface; `ip -brief link show type can` and `... type vcan` list those there are"
     )]
     NotCan {
-        /// Its name.
+        /// Name of the interface.
         name: String,
     },
     /// The interface is not up.
@@ -130,7 +130,7 @@ pub enum BusError {
         "CAN interface {name} is down; bring it up with: ip link set {name} up (a real one with: ip link set {name} up type can bitrate 1000000)"
     )]
     InterfaceDown {
-        /// Its name.
+        /// Name of the interface.
         name: String,
     },
     /// No embedded bus at this path.

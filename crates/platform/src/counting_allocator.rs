@@ -20,7 +20,7 @@ pub fn allocations() -> u64 {
     COUNT.get()
 }
 
-// SAFETY: every call goes to the system's allocator unchanged; a constant-initialised Cell allocates nothing itself.
+// SAFETY: every call goes to the system's allocator unchanged; a constant-initialised Cell does not allocate.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         COUNT.set(COUNT.get() + 1);

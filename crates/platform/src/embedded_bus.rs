@@ -22,8 +22,8 @@ use crate::kernel_format::{FRAME_BYTES, decode_frame, encode_filters, encode_fra
 /// Longest time that the hub may take to let a participant join.
 const JOIN_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Filter that nothing passes, for a participant without filters: it accepts error messages of no kind. An empty packet would
-/// read as the end of the connection.
+/// Filter that no frame passes, for a participant without filters: it accepts error messages of no kind. An empty packet
+/// would read as the end of the connection.
 const NOTHING: Filter = Filter {
     id: 0,
     mask: ERROR_FLAG,

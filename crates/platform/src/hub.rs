@@ -4,7 +4,7 @@
 //!
 //! - The first packet of a client is its receive filters, an array of the kernel's `struct can_filter` (8 bytes each, up
 //!   to 512). Identifier 0 with mask 0 accepts everything but error messages. There are no inverted filters. An empty
-//!   packet would read as the end of the connection: a client that wants nothing sends one filter that nothing passes,
+//!   packet would read as the end of the connection: a client that wants no frames sends one filter that none passes,
 //!   identifier 0 with mask 0x20000000.
 //! - The hub answers with a notice: the number of frames that it dropped for this client, 8 bytes (now zero). A client
 //!   is on the bus when it has this answer.
@@ -12,8 +12,8 @@
 //!   The hub passes it on to all other clients whose filters accept it.
 //!
 //! A client that does not drain its socket (the kernel holds 278 packets) is dropped from, never waited for, and gets
-//! another notice before its next frame. What is not a frame is counted and ignored. Only clients of the hub's own
-//! user may join; the socket has mode 0600 in a directory of mode 0700.
+//! another notice before its next frame. A packet that is not a frame is counted and ignored. Only clients of the hub's
+//! own user may join; the socket has mode 0600 in a directory of mode 0700.
 //!
 //! Each frame is stamped where it passes and handed to the [`Recorder`].
 

@@ -11,7 +11,7 @@ const GROWTH_BYTES: i32 = 16 << 20;
 /// Keeps freed memory with the process, which uses it again soon: each run makes and drops large buffers. Otherwise the system
 /// clears each of their pages anew, which costs a sweep 10 % of its time.
 ///
-/// Does nothing with a C library other than glibc.
+/// Has no effect with a C library other than glibc.
 pub fn keep_freed() {
     #[cfg(target_env = "gnu")]
     for (parameter, bytes) in [

@@ -47,7 +47,7 @@ pub fn myself() -> io::Result<Command> {
         }
         Ok(())
     };
-    // SAFETY: the closure makes system calls only and allocates nothing.
+    // SAFETY: the closure makes system calls only and does not allocate.
     unsafe { command.pre_exec(prepare) };
     Ok(command)
 }
@@ -64,7 +64,7 @@ pub(crate) fn in_own_session(command: &mut Command) {
         }
         Ok(())
     };
-    // SAFETY: the closure makes system calls only and allocates nothing.
+    // SAFETY: the closure makes system calls only and does not allocate.
     unsafe { command.pre_exec(prepare) };
 }
 
@@ -105,7 +105,7 @@ pub fn permit_open_files(needed: u64) -> Result<(), TooFewFiles> {
 pub fn inherit(command: &mut Command, descriptor: OwnedFd) -> RawFd {
     let number = descriptor.as_raw_fd();
     let prepare = move || Ok(fcntl_setfd(descriptor.as_fd(), FdFlags::empty())?);
-    // SAFETY: the closure makes one system call and allocates nothing.
+    // SAFETY: the closure makes one system call and does not allocate.
     unsafe { command.pre_exec(prepare) };
     number
 }

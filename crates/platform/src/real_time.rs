@@ -1,7 +1,7 @@
 //! Real time: moves a node by the monotonic clock and a bus.
 //!
-//! After its start the loop allocates nothing, takes no lock and writes no log. Its deadlines are absolute. A tick that
-//! comes late is counted with its lateness; a deadline that has passed when the tick before it is done is an overrun.
+//! After its start the loop does not allocate, takes no lock and writes no log. Its deadlines are absolute. A tick that comes
+//! late is counted with its lateness; a deadline that has passed when the tick before it is done is an overrun.
 
 #[cfg(test)]
 mod tests;

@@ -82,7 +82,7 @@ pub fn request_fifo(priority: u8) -> Result<(), Refused> {
         sched_priority: priority.into(),
     };
     let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
-    // SAFETY: the call reads the parameter and nothing else; 0 is the calling thread.
+    // SAFETY: the call only reads the parameter; 0 is the calling thread.
     let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameter) };
     if result == 0 {
         return Ok(());
@@ -106,13 +106,13 @@ pub(crate) fn with_fifo(command: &mut Command, priority: u8) {
         let _ = request_fifo(priority);
         Ok(())
     };
-    // SAFETY: the closure makes one system call and allocates nothing.
+    // SAFETY: the closure makes one system call and does not allocate.
     unsafe { command.pre_exec(ask) };
 }
 
 /// Locks the memory that the process has now, each page from its first use on.
 ///
-/// The loops allocate nothing later, and locking future memory too would make allocations of other threads fail at the limit.
+/// The loops do not allocate later, and locking future memory too would make allocations of other threads fail at the limit.
 /// Pages that are never used, most of a large program, are not loaded.
 ///
 /// # Errors

@@ -1,5 +1,5 @@
-//! Watch for host stalls. On each processor a thread that only sleeps shows when the processor stands still, as those of a
-//! virtual machine do while their host runs something else. The kernel's count of the time for which a thread waited for a
+//! Watch for host stalls. On each processor a thread that only sleeps shows when the processor is stopped, as those of a
+//! virtual machine are while their host runs something else. The kernel's count of the time for which a thread waited for a
 //! processor shows the other stalls.
 
 use std::ffi::OsStr;
@@ -29,7 +29,7 @@ const STALLS_MAX: usize = 250_000;
 /// Stretch of time in which a thread was held up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SeenStall<T> {
-    /// Owner of the thread; `None` if the machine or one of its processors stood still.
+    /// Owner of the thread; `None` if the machine or one of its processors was stopped.
     pub who: Option<T>,
     /// Time on the monotonic clock of the system at which it was last seen running.
     pub from: Duration,

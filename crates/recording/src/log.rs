@@ -519,7 +519,7 @@ impl<R: BufRead> LogReader<R> {
         self.is_at_end |= self.open_bytes > UNREADABLE_BYTES_MAX;
     }
 
-    /// Skips a blank line. It means nothing, but there may not be too many.
+    /// Skips a blank line. It has no meaning, but there may not be too many.
     fn pass_over_blank(&mut self) {
         self.open_bytes += self.line.len();
         if self.open_bytes > UNREADABLE_BYTES_MAX {

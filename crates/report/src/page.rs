@@ -1,5 +1,5 @@
-//! Common parts of all HTML pages: one file that loads nothing, light and dark. A page with plots has a script, which is the only
-//! one that a browser runs in it.
+//! Common parts of all HTML pages: one self-contained file, light and dark. A page with plots has a script, which is the only one
+//! that a browser runs in it.
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -42,7 +42,7 @@ pub fn page(title: &str, body: &Markup) -> String {
     printable(&page.into_string()).into_owned() + "\n"
 }
 
-/// Returns the policy of a page: nothing is loaded, and this script alone runs.
+/// Returns the content policy of a page: no file is loaded, and this script alone runs.
 fn policy(script: &str) -> String {
     let hash = BASE64_STANDARD.encode(Sha256::digest(script));
     format!(

@@ -146,7 +146,7 @@ pub fn usage_error(message: &str) -> Exit {
     Exit::Usage
 }
 
-/// Prints why nothing can begin; returns the exit code of that.
+/// Prints the reason why the command cannot begin; returns the exit code of that.
 pub(crate) fn start_error(message: &str) -> Exit {
     print_error(&format!("canrig: {message}"));
     Exit::CannotStart

@@ -12,7 +12,7 @@ const STATUS: &str = "/proc/self/status";
 const NAME_VARIABLES: [&str; 2] = ["CANRIG_NODE", "SLURMD_NODENAME"];
 const KERNEL_NAME: &str = "/proc/sys/kernel/hostname";
 
-/// Returns the name of this machine; `unknown` if nothing tells it.
+/// Returns the name of this machine; `unknown` if the system has none.
 #[must_use]
 pub fn name() -> String {
     let named = NAME_VARIABLES.iter().find_map(|name| env::var(name).ok());

@@ -185,7 +185,7 @@ pub(crate) trait Testbed {
     /// The reason why the plan cannot be played here.
     fn prepare(&self, plan: Plan) -> Result<Plan, String>;
 
-    /// Returns whether nothing more may be played on the testbed.
+    /// Returns whether no further scenario may be played on the testbed.
     fn is_over(&self) -> bool {
         false
     }

@@ -51,13 +51,13 @@ impl PlayRecord {
         }
     }
 
-    /// Returns the date for people, to the minute.
+    /// Returns the date as a text, to the minute.
     #[must_use]
     pub fn date(&self) -> String {
         self.at.strftime("%Y-%m-%d %H:%M UTC").to_string()
     }
 
-    /// Returns date and host for people.
+    /// Returns date and host as a text.
     #[must_use]
     pub fn place(&self) -> String {
         let date = self.date();

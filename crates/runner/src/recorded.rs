@@ -401,7 +401,7 @@ pub fn opened(folders: &[PathBuf]) -> Vec<PathBuf> {
 }
 
 /// Returns the folders that are runs. Folders of sweeps, which are among them in `runs/*`, are reported and left out. If there
-/// are no others, they are returned, since a refusal is better than nothing.
+/// are no others, they are returned, so that they are refused with a reason.
 pub(crate) fn runs_among(folders: &[PathBuf]) -> Vec<&Path> {
     let folders = folders.iter().map(PathBuf::as_path);
     let (others, runs): (Vec<_>, Vec<_>) = folders.partition(|folder| holds_many_runs(folder));

@@ -11,12 +11,12 @@ use judge::verdict::{Metric, Outcome, Verdict};
 use report::terminal;
 use worlds::preflight::PreflightEvent;
 
-/// Smallest share of the bus, in per cent, beside which no drive is brought up in time.
+/// Smallest load of the bus, in per cent, at which no drive is brought up in time.
 const FULL_BUS_PERCENT: f64 = 95.0;
 
 /// Printer of events, as far as the user wants them.
 pub(crate) struct Terminal {
-    /// Whether it prints the verdicts as JSON, and nothing else.
+    /// Whether it prints the verdicts only, as JSON.
     json: bool,
     /// Whether it prints failures only.
     quiet: bool,

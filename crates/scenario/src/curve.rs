@@ -88,8 +88,8 @@ impl Curve {
         }
     }
 
-    /// Returns stretches of time that together show every value until `end_seconds`. The rest of a piece that stands still or
-    /// repeats itself is left out.
+    /// Returns stretches of time that together show every value until `end_seconds`. The rest of a piece that is constant or
+    /// periodic is left out.
     pub(crate) fn stretches(&self, end_seconds: f64) -> impl Iterator<Item = (f64, f64)> {
         let starts = self.segments.iter().map(|segment| segment.start_seconds);
         let ends = starts.skip(1).chain([end_seconds]);

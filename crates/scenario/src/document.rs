@@ -32,7 +32,7 @@ impl<'text> Document<'text> {
 
     /// Returns the problems of the parser. A table that is given twice is one problem, not one for each of its keys.
     fn syntax_problems(&self, text: &str, errors: &[toml::de::Error]) -> Vec<Problem> {
-        // An error at the end is shown at the last character: behind it there is nothing to underline.
+        // An error at the end is shown at the last character, since there is no character after it to underline.
         let last = text
             .trim_end()
             .char_indices()
@@ -88,7 +88,7 @@ impl<'text> Document<'text> {
         }
     }
 
-    /// Removes a top-level key, so that nothing later can see it.
+    /// Removes a top-level key, so that no later check sees it.
     pub(crate) fn remove(&mut self, key: &str) {
         self.root.get_mut().remove(key);
     }

@@ -110,7 +110,7 @@ pub static METRICS: &[Metric] = &[
         unit: "percent",
         needs: Needs::Step,
         pieces: Pieces::Event,
-        text: "How far the position goes beyond the final set-point, in percent of the step's height.",
+        text: "Largest distance of the position beyond the final set-point, in percent of the step's height.",
         ..POSITION
     },
     Metric {
@@ -156,7 +156,7 @@ pub static METRICS: &[Metric] = &[
         name: "bandwidth_with_mean_hertz",
         unit: "hertz",
         needs: Needs::Chirp,
-        text: "As `bandwidth_hertz`, before the mean of the position first leaves that of the set-point by more than a tenth of the amplitude, if that comes first.",
+        text: "As `bandwidth_hertz`, but at most the last frequency before the mean of the position differs from that of the set-point by more than a tenth of the amplitude.",
         ..POSITION
     },
     Metric {
@@ -164,7 +164,7 @@ pub static METRICS: &[Metric] = &[
         unit: "millimetres",
         needs: Needs::Disturbance,
         pieces: Pieces::Event,
-        text: "Largest deviation from the set-point from the start of a disturbance until something else moves the loop, for 3 s after its end at least.",
+        text: "Largest deviation from the set-point, from the start of a disturbance until the next change of set-point or disturbance, for at least 3 s after its end.",
         ..POSITION
     },
     Metric {
@@ -193,13 +193,13 @@ pub static METRICS: &[Metric] = &[
         name: "current_ripple_amperes_rms",
         unit: "amperes",
         needs: Needs::SetPoint,
-        text: "Standard deviation of the commanded current in the last hold, from 1 s after the position has come to stay within the recovery\nband,\nfor 2 s at least.",
+        text: "Standard deviation of the commanded current in the last hold, from 1 s after the position last entered the recovery band, for at least 2 s.",
         ..CURRENT
     },
     Metric {
         name: "hunting_millimetres",
         unit: "millimetres",
-        text: "Highest minus lowest mean position of 10 ms in the last second, in which the set-point must not move. Above 0.25 mm the loop\nhunts.",
+        text: "Highest minus lowest mean position over 10 ms in the last second, in which the set-point must not move. Above 0.25 mm the loop hunts.",
         ..POSITION
     },
     Metric {
@@ -227,27 +227,27 @@ pub static METRICS: &[Metric] = &[
         name: "sync_period_error_percent",
         unit: "percent",
         default_max: Some(2.0),
-        text: "Largest distance of the mean of 64 SYNC periods in a row from the SYNC period.",
+        text: "Largest difference between the mean of 64 consecutive SYNC periods and the SYNC period.",
         ..CYCLES
     },
     Metric {
         name: "bus_load_percent",
         unit: "percent",
-        text: "Share of the time from the first SYNC on in which frames occupy the bus, computed from their bits.",
+        text: "Share of the time since the first SYNC in which frames occupy the bus, computed from their bits.",
         ..BUS
     },
     Metric {
         name: "sync_interval_milliseconds_max",
         unit: "milliseconds",
         pieces: Pieces::Sample,
-        text: "Longest time between two SYNCs: more than the period when the bus or the machine was late.",
+        text: "Longest time between two SYNCs; longer than the period if the bus or the machine was late.",
         ..BUS
     },
     Metric {
         name: "temperature_celsius",
         unit: "celsius",
         pieces: Pieces::Sample,
-        text: "Highest temperature of what the current heats, wire or winding. Only the emulator knows it; a real drive does not.",
+        text: "Highest temperature of the part that the current heats, wire or winding. Only the emulator knows it; a real drive does not.",
         ..PLANT
     },
     Metric {
@@ -263,7 +263,7 @@ pub static METRICS: &[Metric] = &[
         needs: Needs::Fault,
         form: AtMost(MILLISECONDS_MAX),
         pieces: Pieces::Event,
-        text: "Longest time from the start of the first fault until no current flows through the plant for 0.1 s at least.",
+        text: "Longest time from the start of the first fault until no current flows through the plant for at least 0.1 s.",
         ..PLANT
     },
     Metric {
@@ -272,7 +272,7 @@ pub static METRICS: &[Metric] = &[
         needs: Needs::FaultAndSetPoint,
         form: AtMost(crate::TIME_SECONDS_MAX),
         pieces: Pieces::Event,
-        text: "Longest time from the end of the last fault until the deviation from the set-point stays within the recovery\nband.",
+        text: "Longest time from the end of the last fault until the deviation from the set-point stays within the recovery band.",
         ..POSITION
     },
     Metric {

@@ -43,8 +43,8 @@ pub enum Section {
 impl Section {
     pub(crate) const ALL: [Self; 2] = [Self::Plant, Self::Controller];
 
-    /// Checks whether the tables of the section stand in the table of this name: the models of a plant in `[plant.NAME]`, the
-    /// laws in `[controller]`.
+    /// Checks whether the tables of the section are in the table of this name: the models of a plant in `[plant.NAME]`, the laws
+    /// in `[controller]`.
     pub(crate) fn is_place(self, place: &str) -> bool {
         match self {
             Self::Plant => {
@@ -55,7 +55,7 @@ impl Section {
         }
     }
 
-    /// Returns the kind of its tables in words.
+    /// Returns the kind of its tables, for messages.
     pub(crate) const fn kind(self) -> &'static str {
         match self {
             Self::Plant => "plant model",

@@ -148,11 +148,11 @@ pub struct Table {
 pub struct SetPoint {
     /// Position.
     pub position: f64,
-    /// First derivative.
+    /// First derivative of the set-point.
     pub velocity: f64,
-    /// Second derivative.
+    /// Second derivative of the set-point.
     pub acceleration: f64,
-    /// Third derivative.
+    /// Third derivative of the set-point.
     pub jerk: f64,
     /// Whether the derivatives are exact (sine, chirp): such a set-point bypasses the reference filter (PAPER E5).
     pub has_exact_derivatives: bool,

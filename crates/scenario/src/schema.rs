@@ -109,7 +109,7 @@ pub(crate) fn part_of(root: &Value, table: &Value) -> Value {
     part
 }
 
-/// Returns the schema of a type, with the plants and laws from outside; its definitions stand in `definitions`.
+/// Returns the schema of a type, with the plants and laws from outside; its definitions are in `definitions`.
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     let mut schema = shipped::<T>();
     own::describe(&mut schema);

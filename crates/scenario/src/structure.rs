@@ -288,7 +288,7 @@ pub(crate) fn out_of_range(path: &str, number: f64) -> String {
     format!("`{path}` = {number} is out of range")
 }
 
-/// Returns the range in words if the number is outside.
+/// Returns the range as a text if the number is outside.
 pub(crate) fn broken_limit(number: f64, schema: &Value) -> Option<String> {
     if let Some(values) = schema["enum"].as_array() {
         let words: Vec<String> = values.iter().map(Value::to_string).collect();

@@ -113,9 +113,9 @@ pub struct Uniform {
     /// The key that varies.
     #[schemars(length(min = 1, max = 200))]
     pub key: String,
-    /// Smallest value that is drawn.
+    /// Smallest value of the draws.
     pub from: f64,
-    /// Largest value that is drawn.
+    /// Largest value of the draws.
     pub to: f64,
 }
 
@@ -126,10 +126,10 @@ pub struct LogUniform {
     /// The key that varies.
     #[schemars(length(min = 1, max = 200))]
     pub key: String,
-    /// Smallest value that is drawn.
+    /// Smallest value of the draws.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub from: f64,
-    /// Largest value that is drawn.
+    /// Largest value of the draws.
     pub to: f64,
 }
 

@@ -426,13 +426,13 @@ pub struct Plausible {
     #[schemars(range(min = 0.0, max = 3_600.0))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub thrown_seconds: Option<f64>,
-    /// Detection of a position that stands still under a large current without a reason.
+    /// Detection of a position that does not move under a large current without a reason.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stall: Option<Stall>,
 }
 
-/// A position that stands still under a large current. Positions at an end of the travel, from which the current pushes outward,
-/// do not count.
+/// A position that does not move under a large current. Positions at an end of the travel, from which the current pushes
+/// outward, do not count.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stall {

@@ -9,7 +9,7 @@ use std::path::Path;
 use scenario::port::{Command, Measurand, Unit, known_units};
 use serde_json::{Map, Value};
 
-/// Largest number of references to a table that is repeated below each of them; other tables stand once, behind all others.
+/// Largest number of references to a table that is repeated below each of them; other tables appear once, after all others.
 const OWN_SECTIONS_MAX: usize = 2;
 const REFERENCE: &str = "#/definitions/";
 

@@ -51,7 +51,7 @@ pub enum CoordinatorError {
     Failed {
         /// Name of the participant.
         name: String,
-        /// Reason in its own words.
+        /// Reason, as the node reports it.
         reason: String,
     },
     /// A participant sends more than the bus carries.

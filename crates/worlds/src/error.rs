@@ -17,7 +17,7 @@ pub(crate) const STOP_PATIENCE: Duration = Duration::from_millis(500);
 /// Attribution of the end of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doing {
-    /// The node could not be set up, so nothing began.
+    /// The node could not be set up, so the run did not begin.
     NotSetUp,
     /// The node ended itself, with its reason.
     GaveUp,

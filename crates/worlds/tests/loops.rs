@@ -118,7 +118,8 @@ fn a_fault_of_the_bus_hits_the_node_that_it_names_once() {
     );
     let count = |id| between(id, 1.2, 1.3).len();
     assert_eq!((count(0x210), count(0x212)), (50, 100));
-    // Without commands the second drive stands still, and the controller switches the current of both off.
+    // Without commands the second drive does not move, and the controller switches the current of both
+    // off.
     let emergencies = frames_after(&plan, &frames, 1.5, 0x081);
     let (_, first) = emergencies[0];
     assert_eq!(first.data()[3], 0x12, "{emergencies:?}");

@@ -100,7 +100,7 @@ fn tested_by(test: &RequirementTest) -> String {
     }
 }
 
-/// Returns the words for the runs of a sweep that count; `None` for a single run.
+/// Returns a text on the runs of a sweep that count; `None` for a single run.
 fn runs_of_sweep(test: &RequirementTest) -> Option<String> {
     Some(match (test.sweep_runs?, test.case) {
         (runs, Some(case)) => format!("the worst of {runs} runs: case {case}"),

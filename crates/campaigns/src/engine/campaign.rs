@@ -97,7 +97,7 @@ impl SharedCampaign<'_> {
         }
     }
 
-    /// Reads the record; `None` if nothing was submitted.
+    /// Reads the record; `None` if no job was submitted.
     pub(super) fn record(&self) -> Result<Option<Record>, io::Error> {
         match scenario::read_text(&self.path().join(RECORD), RECORD_BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),

@@ -71,10 +71,10 @@ pub struct SubmitArgs {
     /// How often lost parts are submitted again
     #[arg(long, value_name = "COUNT", default_value_t = 2)]
     pub retries: u32,
-    /// Print the job and submit nothing
+    /// Print the job without submitting it
     #[arg(long)]
     pub dry_run: bool,
-    /// Wait for the job that was submitted before, and go on from there
+    /// Wait for the job that was submitted before, and continue the campaign
     #[arg(long, conflicts_with_all = ["engine", "parts", "dry_run"])]
     pub resume: bool,
     /// Print failures only

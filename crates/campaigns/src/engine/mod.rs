@@ -105,7 +105,7 @@ pub(crate) fn quoted(word: &str) -> String {
     }
 }
 
-/// Joins words to a command line for a shell.
+/// Joins arguments to a command line for a shell.
 fn command_line(words: &[String]) -> String {
     let words: Vec<String> = words.iter().map(|word| quoted(word)).collect();
     words.join(" ")

@@ -51,7 +51,7 @@ pub(super) fn wait(
                 Ok(state) => {
                     silences = 0;
                     bar.show(counter.rows(), &words(&state, &counter));
-                    // Work of the engine on parts that are complete, such as a repetition, changes nothing.
+                    // Work of the engine on completed parts, such as a repetition, does not matter.
                     if state.is_over || counter.are_done(&submitted.parts, &state.failed) {
                         return Ok(Waited::Over(state.failed));
                     }

@@ -50,7 +50,7 @@ pub(crate) fn to_text(summary: &Summary) -> String {
         table.add_row(name.into_iter().chain(numbers).chain([limit, missed]));
     }
     let (name, counts) = (&summary.name, counts(summary));
-    // Torture measures nothing; its results are broken invariants.
+    // Torture has no metrics; its results are broken invariants.
     if summary.spreads.is_empty() {
         format!("\n{name}\n{counts}")
     } else {

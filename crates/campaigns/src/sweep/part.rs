@@ -67,7 +67,7 @@ pub struct PartArgs {
     /// them
     #[arg(long, value_name = "PART", default_value = "1/1")]
     shard: Wanted,
-    /// With `--shard auto`: so many parts there are. The engine's tasks are then numbered from 1, those of Kubernetes from 0
+    /// With `--shard auto`: the number of parts. An engine numbers their tasks from 1, Kubernetes from 0
     #[arg(long, value_name = "COUNT")]
     shards: Option<usize>,
     /// For an engine: exit with 0 when every run of the part has a result, whatever it is, and leave tables and page to `merge`

@@ -238,7 +238,7 @@ impl MetricSpread {
     }
 }
 
-/// Thins out sorted values so far that a drawing looks the same; keeps the first and the last.
+/// Thins out sorted values without a visible change of the drawing; keeps the first and the last.
 fn decimated(sorted: &[f64]) -> Vec<f64> {
     let Some(last) = sorted
         .len()

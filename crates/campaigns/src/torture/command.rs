@@ -55,7 +55,7 @@ pub struct TortureArgs {
     pub output: PathBuf,
     #[command(flatten)]
     pub part: PartArgs,
-    /// Play some runs to see what all would take on an engine: parts, time, memory, disk. Nothing is kept
+    /// Play some runs to estimate parts, time, memory and disk of all runs on an engine. No result is kept
     #[arg(long, conflicts_with_all = ["shard", "for_engine"])]
     pub plan: bool,
     /// Number of runs at a time; without it one for each core

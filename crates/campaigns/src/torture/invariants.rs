@@ -314,7 +314,7 @@ mod tests {
         );
     }
 
-    /// A current that the fault itself keeps up breaks nothing, until the drive had time to act again.
+    /// A current that the fault itself keeps up breaks no invariant until the drive has had time to act again.
     #[test]
     fn a_drive_that_cannot_act_is_excused() {
         let window = "from_seconds = 0.3\nuntil_seconds = 0.4\n";

@@ -297,7 +297,7 @@ mod tests {
         assert_eq!(kinds, ["stuck_on", "ageing"], "{}", shrunk.text());
         assert!(scenario.run.duration_seconds < 3.0, "{}", shrunk.text());
         assert!(!shrunk.text().contains("[]"), "{}", shrunk.text());
-        // Nothing smaller fails: the case is a fixed point.
+        // No smaller case fails: the case is a fixed point.
         assert_eq!(shrunk.shrunk("temperature"), shrunk);
     }
 

@@ -239,7 +239,7 @@ fn is_direction_allowed(access: Access, direction: Direction) -> bool {
     }
 }
 
-/// Checked mapping: the objects of a PDO's bytes. Packing and unpacking allocate nothing.
+/// Checked mapping: the objects of a PDO's bytes. Packing and unpacking do not allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mapping {
     slots: [Slot; OBJECTS_MAX as usize],

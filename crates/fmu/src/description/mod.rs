@@ -1,4 +1,4 @@
-//! `modelDescription.xml`, the description of an FMU. Reading it runs nothing of the FMU.
+//! `modelDescription.xml`, the description of an FMU. Reading it runs no code of the FMU.
 
 mod attributes;
 mod read;

@@ -35,11 +35,10 @@ pub(super) fn made(make: impl FnOnce() -> Result<Played, String>, tell: Tell) ->
     }
 }
 
-/// # Safety
-/// `component` is null, or what [`made`] returned and nothing freed; as in all functions below.
+/// # Safety `component` is null, or a pointer of [`made`] that is not freed yet; as in all functions below.
 pub(super) unsafe fn free(component: Component) {
     if !component.is_null() {
-        // SAFETY: what `made` returned, for the last time.
+        // SAFETY: `made` returned the pointer, and this is its last use.
         drop(unsafe { Box::from_raw(component.cast::<Instance>()) });
     }
 }

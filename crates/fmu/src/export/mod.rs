@@ -88,7 +88,7 @@ pub enum Role {
         /// Highest value.
         max: Option<f64>,
     },
-    /// A parameter that is one of several words, fixed at the start.
+    /// A parameter that is one of several texts, fixed at the start.
     Word {
         /// Default value.
         start: String,

@@ -10,7 +10,7 @@ use crate::instance::StartValue;
 pub(super) struct Played {
     exported: &'static dyn Exported,
     model: Model,
-    /// Numbers, one for each variable; those of words stay 0.
+    /// Numbers, one for each variable; 0 for those that are texts.
     numbers: Vec<f64>,
     /// Words, one for each variable; those of numbers stay empty.
     words: Vec<CString>,

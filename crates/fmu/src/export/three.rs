@@ -54,7 +54,7 @@ pub(super) unsafe extern "C" fn fmi3InstantiateCoSimulation(
 
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi3FreeInstance(component: Component) {
-    // SAFETY: what `fmi3InstantiateCoSimulation` returned, for the last time.
+    // SAFETY: `fmi3InstantiateCoSimulation` returned the pointer, and this is its last use.
     unsafe { free(component) };
 }
 

@@ -70,7 +70,7 @@ pub(super) unsafe extern "C" fn fmi2Instantiate(
 
 #[unsafe(no_mangle)]
 pub(super) unsafe extern "C" fn fmi2FreeInstance(component: Component) {
-    // SAFETY: what `fmi2Instantiate` returned, for the last time.
+    // SAFETY: `fmi2Instantiate` returned the pointer, and this is its last use.
     unsafe { free(component) };
 }
 

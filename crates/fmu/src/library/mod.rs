@@ -1,4 +1,4 @@
-//! An FMU's shared library: its C functions behind a safe trait. The only `unsafe` code besides `platform`.
+//! An FMU's shared library: its C functions behind a safe trait. The only `unsafe` code outside `platform`.
 //!
 //! Rust cannot check that foreign functions comply with FMI, so only a worker process loads them.
 #![expect(unsafe_code, reason = "an FMU's functions are C")]
@@ -136,7 +136,7 @@ fn text(text: &str) -> Result<std::ffi::CString, Fault> {
 
 /// Opens a library. All symbols are resolved at once, so a missing one is found before motion begins.
 fn open(path: &Path) -> Result<Library, Fault> {
-    // SAFETY: what a library does when it is loaded is not known; that is why only a worker loads one.
+    // SAFETY: a library may run any code when it is loaded, so only a worker process loads one.
     let opened = |path: &Path| unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) };
     let reason = match opened(path) {
         Ok(library) => return Ok(library),

@@ -21,7 +21,7 @@ pub(super) fn missing_symbol(reason: &str) -> Option<&str> {
 /// Opens the library of Python for all libraries that are loaded later.
 pub(super) fn open(symbol: &str) -> Result<(), Fault> {
     for path in candidates() {
-        // SAFETY: Python's library does nothing but define symbols until it is initialized.
+        // SAFETY: Python's library only defines symbols until it is initialized.
         let opened = unsafe { Library::open(Some(&path), RTLD_NOW | RTLD_GLOBAL) };
         if let Ok(library) = opened {
             // The library stays loaded: code that uses an interpreter cannot lose it.

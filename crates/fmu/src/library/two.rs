@@ -59,7 +59,7 @@ unsafe extern "C" fn allocate(count: usize, size: usize) -> *mut c_void {
 }
 
 unsafe extern "C" fn free(memory: *mut c_void) {
-    // SAFETY: what `allocate` returned, by FMI.
+    // SAFETY: `allocate` returned the memory, by FMI.
     unsafe { libc::free(memory) }
 }
 

@@ -98,7 +98,7 @@ impl<'a> Attribution<'a> {
         Totals::of(self.due, self.attributed(missed))
     }
 
-    /// Returns those of canrig's nodes that stood still in the cycles that they left out. Such a node has a loop that counted no
+    /// Returns those of canrig's nodes that stalled in the cycles that they left out. Such a node has a loop that counted no
     /// overrun. Any node counts if stalls explain four of five missed cycles, since no clock of the machine shows a processor
     /// that the host of a virtual machine took from a running thread.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
@@ -154,7 +154,7 @@ impl<'a> Attribution<'a> {
         })
     }
 
-    /// Returns whether a drive has sent nothing since an external controller stopped it.
+    /// Returns whether a drive has been silent since an external controller stopped it.
     fn is_stopped(&self, breach: &Breach) -> bool {
         let mut stops = self.timeline.sources.stops_seconds().iter();
         let is_near =

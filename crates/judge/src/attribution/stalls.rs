@@ -81,8 +81,8 @@ pub(super) struct FeltStalls {
 }
 
 impl FeltStalls {
-    /// Selects the stalls that a node feels. Only processes that canrig started are watched, and their stalls explain nothing of
-    /// an external node.
+    /// Selects the stalls that a node feels. Only processes that canrig started are watched, and their stalls do not explain an
+    /// external node.
     pub(super) fn of(
         node: Part,
         stretches: &[Stretch],

@@ -393,7 +393,7 @@ fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs_own() {
     assert_eq!(stood(&["controller"]), None);
 }
 
-/// The emulator stands still, and the controller gives up.
+/// The emulator stalls, and the controller gives up.
 #[test]
 fn what_another_node_leaves_out_behind_a_stall_begins_with_it() {
     let mut cycles = vec![Cycle::Served; 100];

@@ -123,7 +123,7 @@ impl SignalDeviation {
                 least = (found, shift);
             }
         }
-        // The best shift may lie beyond the last one that was tried: then nothing is known of it.
+        // The best shift may lie beyond the last one that was tried: then it is unknown.
         #[expect(clippy::cast_precision_loss, reason = "at most 500 rows")]
         let is_inside = least.1.abs() < reach as f64;
         let shift = if is_inside { least.1 } else { 0.0 };

@@ -47,14 +47,14 @@ pub struct PlannedRun {
     pub label: String,
     /// Scenario to play.
     pub scenario: Trial,
-    /// Data to keep besides the verdict.
+    /// Data to keep in addition to the verdict.
     pub keep: Keep,
 }
 
 /// Length of each of the last two spans of a run whose swings are compared.
 pub(super) const SWING_SECONDS: f64 = 5.0;
 
-/// Data to keep of a run besides its verdict.
+/// Data of a run to keep in addition to its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Keep {
     /// No further data.

@@ -43,7 +43,7 @@ impl Plan {
         Ok(Self::of_texts(scenario, &beside, texts, catalogue))
     }
 
-    /// Parses as [`Plan::load`], from a text; the files that it names lie beside it.
+    /// Parses as [`Plan::load`], from a text; the files that it names are in its folder.
     ///
     /// # Errors
     /// As [`Plan::load`].
@@ -126,7 +126,7 @@ impl Plan {
             // A file that no longer exists is not the fault of a value.
             found.filter(|objection| objection.path.contains(".fmu.start."))
         };
-        // Files that are not text lie beside the scenario that is varied.
+        // Files that are not text are in the folder of the scenario that is varied.
         let beside = self.shared.beside.of_case();
         let scenario = Scenario::parse_case(&beside, text.to_owned(), read_file, object)?;
         let varied = self.loops.iter().zip(scenario.loops);

@@ -24,8 +24,8 @@ use scenario::node::Part;
 /// Largest number of listed events; a run with more of them has a single cause, which the first ones show.
 const EVENTS_MAX: usize = 300;
 
-/// Returns the page of a run. It depends on nothing but the recording and the verdict. `remarks` name the parts of the log that
-/// cannot be read.
+/// Returns the page of a run. It depends on the recording and the verdict only. `remarks` name the parts of the log that cannot
+/// be read.
 ///
 /// # Errors
 /// The database lacks a signal that the bench needs.

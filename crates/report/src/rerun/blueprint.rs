@@ -30,7 +30,7 @@ type Result<T> = std::result::Result<T, RerunError>;
 /// State of the viewer's time at the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Play {
-    /// The time stands still.
+    /// The time is paused.
     Paused,
     /// The time follows the run.
     Following,

@@ -18,7 +18,7 @@ pub(super) struct RecordingFile {
 }
 
 impl RecordingFile {
-    /// Begins a file with nothing but the id of its recording.
+    /// Begins a file with the id of its recording only.
     pub(super) fn begin(file: File, store: StoreId) -> Result<Self, RerunError> {
         let file = BufWriter::new(file);
         let version = re_sdk::build_info().version;

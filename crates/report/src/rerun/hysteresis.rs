@@ -147,7 +147,7 @@ impl Hysteresis {
         is_new
     }
 
-    /// Draws the whole path, which stands still while the point moves along it, unless it is drawn already.
+    /// Draws the whole path, which stays while the point moves along it, unless it is drawn already.
     pub(super) fn log_path(&mut self, output: &mut dyn Output) -> Result<(), RerunError> {
         let Some(frame) = self.frame.as_ref().filter(|_| self.is_path_old) else {
             return Ok(());

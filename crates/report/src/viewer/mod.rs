@@ -21,7 +21,7 @@ use judge::verdict::Verdict;
 use plan::Plan;
 use recording::frame_queue::{DroppedFrames, FrameQueue, WhenFull};
 
-/// Longest time that a run waits at its end for a viewer that takes nothing.
+/// Longest time that a run waits at its end for a viewer that takes no data.
 pub const END_PATIENCE: Duration = Duration::from_secs(2);
 
 /// Viewers of a command.
@@ -85,7 +85,7 @@ pub struct Shows(Vec<Show>);
 
 impl Shows {
     /// Shows the verdict and waits for the viewers until the patience ends. Returns texts on the data that viewers missed. A
-    /// viewer that takes nothing any more is shown no further run.
+    /// viewer that no longer takes data is not shown further runs.
     #[must_use]
     pub fn end(self, verdict: &Verdict, viewers: &mut Viewers) -> Vec<String> {
         for show in &self.0 {

@@ -18,7 +18,7 @@ pub struct ExamplesArgs {
     /// Names from the list; without any all are meant
     #[arg(value_name = "NAME")]
     pub names: Vec<String>,
-    /// Copy the files to this folder; nothing is overwritten
+    /// Copy the files to this folder; no file is overwritten
     #[arg(long, value_name = "FOLDER")]
     pub to: Option<PathBuf>,
 }

@@ -18,7 +18,7 @@ use worlds::catalogue::catalogue;
 /// Arguments of `export`.
 #[derive(Args, Debug)]
 pub struct ExportArgs {
-    /// A run folder, or a log of `candump -L` with its scenario.toml beside it
+    /// A run folder, or a log of `candump -L` in a folder with its scenario.toml
     #[arg(value_name = "RUN")]
     pub recording: PathBuf,
     /// The format
@@ -96,7 +96,7 @@ pub fn export(args: &ExportArgs) -> Exit {
     exit
 }
 
-/// Returns whether a bar may be drawn, since nothing is written on the terminal.
+/// Returns whether a bar may be drawn, since the export itself does not go to the terminal.
 fn is_silent(args: &ExportArgs) -> bool {
     args.output.is_some() || !io::stdout().is_terminal()
 }

@@ -99,7 +99,7 @@ struct Judged {
     recorded: Recorded,
     timelines: Vec<Timeline>,
     verdict: Verdict,
-    /// `None` where nothing says when it was played. A damaged one is refused by what needs it.
+    /// Record of the play; `None` if it is missing or damaged, which only `coverage` refuses.
     record: Option<PlayRecord>,
 }
 

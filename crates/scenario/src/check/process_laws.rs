@@ -166,7 +166,7 @@ impl Files<'_, '_> {
         }
     }
 
-    /// Returns the file that names the others, in words.
+    /// Returns the kind of file that names the others, for messages.
     fn kind(&self) -> &'static str {
         match self.beside {
             "" => "the scenario",

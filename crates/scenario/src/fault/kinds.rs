@@ -153,18 +153,20 @@ impl Group {
     pub(super) fn text(self) -> &'static str {
         match self {
             Self::Bus => {
-                "Faults of the bus, in virtual time on the modelled bus only. A fault of frames hits those of one identifier or, without, all; each with a probability, and then so many of them in a row."
+                "Faults of the bus, in virtual time on the modelled bus only. A fault of frames hits the frames of one identifier, or all frames if none is given: each with a probability, and after a hit a number of them in a row."
             }
             Self::Node => {
-                "Faults of a drive's node or of the controller: how the node itself behaves, so `bus.log` shows what it still sends. Where a crash or hang of the controller meets a run in real time, it is a SIGKILL or SIGSTOP of its process; the other kinds are the same in all worlds."
+                "Faults of a drive's node or of the controller. The node itself behaves wrongly, and `bus.log` shows the frames that it still sends. In real time a crash or hang of the controller is a SIGKILL or SIGSTOP of its process; the other kinds are the same in all worlds."
             }
             Self::Sensor => {
-                "Faults of the position sensor: before the drive, so `bus.log` shows the wrong position as the drive sends it. They act in this order: offset, drift, noise and spikes on the position before its conversion, then lost bits and stuck on the converter's number."
+                "Faults of the position sensor. They act before the drive, so `bus.log` shows the wrong position that the drive sends. Their order: offset, drift, noise and spikes act on the position before its conversion, then lost bits and stuck on the converted number."
             }
             Self::Amplifier => {
-                "Faults of the current amplifier: behind the drive; `bus.log` shows the current that really flows. Where several act at a time, the dead one wins, then the one stuck on."
+                "Faults of the current amplifier. They act after the drive, and `bus.log` shows the current that really flows. If several act at a time, `dead` takes precedence, then `stuck_on`."
             }
-            Self::Plant => "Faults of wire and mechanics; `bus.log` shows their consequences only.",
+            Self::Plant => {
+                "Faults of the wire and the mechanics; `bus.log` shows their consequences only."
+            }
         }
     }
 }
@@ -214,7 +216,7 @@ const SENDER: Key = Key {
     form: Form::Station,
     need: Need::Required,
     drawn: Drawn::Station,
-    text: "Station whose frames are hit.",
+    text: "Station whose frames are affected.",
 };
 const IDENTIFIER: Key = Key {
     name: "identifier",
@@ -235,14 +237,14 @@ const BURST: Key = Key {
     form: Form::Whole(1, 100_000),
     need: Need::Default(1.0),
     drawn: Drawn::Whole(1, 60),
-    text: "Frames hit in a row.",
+    text: "Number of frames that are affected in a row.",
 };
 const FOREIGN: Key = Key {
     name: "identifier",
     form: Form::Whole(1, 2047),
     need: Need::Required,
     drawn: Drawn::Foreign(1),
-    text: "Identifier of its frames; the lowest wins each arbitration.",
+    text: "Identifier of its frames; a lower one wins the arbitration.",
 };
 
 const fn number(
@@ -288,7 +290,7 @@ const PLANT: Kind = Kind {
     ..SENSOR
 };
 
-/// All kinds, in the order of the format. Torture draws the keys in the order in which they stand here.
+/// All kinds, in the order of the format. Torture draws the keys of a kind in their order here.
 pub static KINDS: &[Kind] = &[
     Kind {
         name: "lose",
@@ -297,14 +299,14 @@ pub static KINDS: &[Kind] = &[
         keys: &[
             Key {
                 name: "receiver",
-                text: "Station that misses them.",
+                text: "Station that misses the frames.",
                 ..SENDER
             },
             IDENTIFIER,
             PROBABILITY,
             BURST,
         ],
-        text: "One receiver overruns: it misses frames that all others get. `bus.log` shows them.",
+        text: "One receiver overruns: it misses frames that all others receive. `bus.log` shows these frames.",
         ..BUS
     },
     Kind {
@@ -316,26 +318,26 @@ pub static KINDS: &[Kind] = &[
                 "delay_milliseconds",
                 (0.0, 10_000.0),
                 (0.1, 20.0),
-                "How long the frames wait.",
+                "Delay of the frames.",
             ),
             IDENTIFIER,
             PROBABILITY,
             BURST,
         ],
-        text: "The sender's frames wait before they may take part in the arbitration. `bus.log` shows them when they come.",
+        text: "The sender's frames are delayed before they take part in the arbitration. `bus.log` shows them when they are sent.",
         ..BUS
     },
     Kind {
         name: "duplicate",
         touch: Touch::Nothing,
         keys: &[SENDER, IDENTIFIER, PROBABILITY, BURST],
-        text: "A gateway between the sender and the bus sends frames twice. `bus.log` shows both.",
+        text: "A gateway between the sender and the bus sends frames twice. `bus.log` shows both copies.",
         ..BUS
     },
     Kind {
         name: "reorder",
         keys: &[SENDER, IDENTIFIER, PROBABILITY, BURST],
-        text: "A gateway between the sender and the bus lets the sender's next frame overtake. `bus.log` shows them in the new order.",
+        text: "A gateway between the sender and the bus swaps a frame with the sender's next one. `bus.log` shows the new order.",
         ..BUS
     },
     Kind {
@@ -347,13 +349,13 @@ pub static KINDS: &[Kind] = &[
                 form: Form::Whole(1, 64),
                 need: Need::Default(1.0),
                 drawn: Drawn::Whole(1, 8),
-                text: "Bits that are inverted, at random places.",
+                text: "Number of inverted bits, at random places.",
             },
             IDENTIFIER,
             PROBABILITY,
             BURST,
         ],
-        text: "A gateway between the sender and the bus changes payloads; the CRC on the bus is right. `bus.log` shows the changed frames.",
+        text: "A gateway between the sender and the bus changes payloads; the CRC on the bus is correct. `bus.log` shows the changed frames.",
         ..BUS
     },
     Kind {
@@ -362,7 +364,7 @@ pub static KINDS: &[Kind] = &[
             Key {
                 need: Need::Optional,
                 drawn: Drawn::PerhapsStation,
-                text: "Only while this station sends.",
+                text: "Only the transmissions of this station.",
                 ..SENDER
             },
             IDENTIFIER,
@@ -371,17 +373,17 @@ pub static KINDS: &[Kind] = &[
                 ..PROBABILITY
             },
             Key {
-                text: "Transmissions disturbed in a row.",
+                text: "Number of transmissions that are disturbed in a row.",
                 ..BURST
             },
         ],
-        text: "A bit is disturbed on the wire: error flag, retransmission, error counters up to error passive and bus-off (ISO 11898-1). `bus.log` shows the frame when it has passed, and an error message of the bench's for each change of a station's state. The bus load counts frames that passed, as on a real interface: what was disturbed only makes them late.",
+        text: "A bit is disturbed on the wire: error flag, retransmission, error counters up to error passive and bus-off (ISO 11898-1). `bus.log` shows the frame once it has been transmitted, and an error message of the bench for each change of a station's state. The bus load counts transmitted frames only, as a real interface does: disturbed transmissions only make them late.",
         ..BUS
     },
     Kind {
         name: "babble",
         keys: &[FOREIGN],
-        text: "A foreign node sends without a pause. `bus.log` shows its frames.",
+        text: "An unknown node sends without a pause. `bus.log` shows its frames.",
         ..BUS
     },
     Kind {
@@ -399,7 +401,7 @@ pub static KINDS: &[Kind] = &[
                 "Time between two frames.",
             ),
         ],
-        text: "A foreign node sends at an even rate. `bus.log` shows its frames.",
+        text: "An unknown node sends at a constant rate. `bus.log` shows its frames.",
         ..BUS
     },
     Kind {
@@ -420,15 +422,15 @@ pub static KINDS: &[Kind] = &[
                 ]),
                 need: Need::DefaultWord("zero"),
                 drawn: Drawn::Word("hold"),
-                text: "What the drive's amplifier does meanwhile.",
+                text: "Behaviour of the drive's amplifier meanwhile.",
             },
         ],
-        text: "The node is dead, as without power; where the fault ends it boots anew, without memory.",
+        text: "The node is dead, as without power. When the fault ends, it boots again, without memory.",
         ..OF_NODE
     },
     Kind {
         name: "hang",
-        text: "The node does nothing; then it goes on as if no time had passed, with the first 32 of the frames that came meanwhile. The drive's amplifier keeps its current.",
+        text: "The node hangs; then it continues as if no time had passed, with the first 32 of the frames that arrived meanwhile. The drive's amplifier keeps its current.",
         ..OF_NODE
     },
     Kind {
@@ -439,11 +441,11 @@ pub static KINDS: &[Kind] = &[
                 "delay_milliseconds",
                 (0.0, 1_000.0),
                 (0.1, 20.0),
-                "How much later.",
+                "Delay of its frames.",
             ),
             NODE,
         ],
-        text: "The node is slow: its frames leave it later.",
+        text: "The node is slow: it sends its frames later.",
         ..OF_NODE
     },
     Kind {
@@ -457,25 +459,25 @@ pub static KINDS: &[Kind] = &[
             ),
             NODE,
         ],
-        text: "The node's clock is fast (or slow, if negative).",
+        text: "The node's clock is fast, or slow if the drift is negative.",
         ..OF_NODE
     },
     Kind {
         name: "lost_heartbeat",
         touch: Touch::Heartbeats,
-        text: "The node's heartbeats do not leave it.",
+        text: "The node sends no heartbeats.",
         ..OF_NODE
     },
     Kind {
         name: "restart",
         time: Time::Instant,
-        text: "The node starts anew at once, without memory, as after a watchdog reset. The drive's current is 0 from then on.",
+        text: "The node restarts at once, without memory, as after a watchdog reset. The drive's current is 0 from then on.",
         ..OF_NODE
     },
     Kind {
         name: "nmt_stop",
         time: Time::Instant,
-        text: "Somebody on the bus orders the node to stop; `bus.log` shows the order.",
+        text: "An unknown node sends the NMT command to stop the node; `bus.log` shows it.",
         ..OF_NODE
     },
     Kind {
@@ -487,7 +489,7 @@ pub static KINDS: &[Kind] = &[
                 "delay_seconds",
                 (0.0, 60.0),
                 (0.0, 12.0),
-                "How much later than the others it boots.",
+                "Time by which it boots later than the others.",
             ),
         ],
         text: "The node boots late.",
@@ -503,7 +505,7 @@ pub static KINDS: &[Kind] = &[
             drawn: Drawn::Whole(0, u32::MAX),
             text: "Its product code (0x1018:02).",
         }],
-        text: "The drive is not the one of the controller's data sheet; the controller must refuse it.",
+        text: "The drive is another product than in the controller's data sheet; the controller must refuse it.",
         ..OF_NODE
     },
     Kind {
@@ -525,7 +527,7 @@ pub static KINDS: &[Kind] = &[
             "offset_millimetres",
             (-1e6, 1e6),
             (-60.0, 60.0),
-            "Added to the position.",
+            "Offset that is added to the position.",
         )],
         text: "The sensor reads too much or too little.",
         ..SENSOR
@@ -536,9 +538,9 @@ pub static KINDS: &[Kind] = &[
             "rate_millimetres_per_second",
             (-1e6, 1e6),
             (-50.0, 50.0),
-            "How fast the zero wanders.",
+            "Rate of the drift.",
         )],
-        text: "The sensor's zero wanders away while the fault lasts, and is back after it.",
+        text: "The sensor's zero drifts while the fault lasts, and is correct again afterwards.",
         ..SENSOR
     },
     Kind {
@@ -549,7 +551,7 @@ pub static KINDS: &[Kind] = &[
             (0.01, 5.0),
             "Standard deviation of the noise.",
         )],
-        text: "Normal noise on top of the plant's own.",
+        text: "Normally distributed noise, in addition to the sensor's own.",
         ..SENSOR
     },
     Kind {
@@ -578,12 +580,12 @@ pub static KINDS: &[Kind] = &[
             drawn: Drawn::Whole(1, 1023),
             text: "The bits, as a mask: 3 for the lowest two.",
         }],
-        text: "Bits of the converter's number read 0.",
+        text: "Bits of the converted number read 0.",
         ..SENSOR
     },
     Kind {
         name: "stuck",
-        text: "The converter's number stays as it is.",
+        text: "The converted number does not change.",
         ..SENSOR
     },
     Kind {
@@ -592,9 +594,9 @@ pub static KINDS: &[Kind] = &[
             "current_amperes_max",
             (0.0, 32_767_000.0),
             (0.01, 1.0),
-            "Largest current that it gives.",
+            "Largest current that it still gives.",
         )],
-        text: "The amplifier gives less than its largest current.",
+        text: "The amplifier saturates below its largest current.",
         ..AMPLIFIER
     },
     Kind {
@@ -636,7 +638,7 @@ pub static KINDS: &[Kind] = &[
                 )
             },
         ],
-        text: "The wire ages: its parameters move evenly from 1 to their factors while the fault lasts, and stay.",
+        text: "The wire ages: while the fault lasts, the factors on its parameters move linearly from 1 to these values, where they stay.",
         ..PLANT
     },
     Kind {
@@ -651,7 +653,7 @@ pub static KINDS: &[Kind] = &[
     },
     Kind {
         name: "dropped_load",
-        text: "The load has come off; disturbances that add one do nothing.",
+        text: "The load has come off; disturbances that add a load have no effect.",
         ..PLANT
     },
 ];

@@ -69,7 +69,7 @@ fn reference_to(definition: &str, text: &str) -> Value {
     json!({"allOf": [reference(definition)], "description": text})
 }
 
-/// Returns the words among which a key chooses, with the name of their definition.
+/// Returns the values of a key that is a choice, with the name of their definition.
 fn choice(key: &Key) -> Option<(String, &'static [(&'static str, &'static str)])> {
     match key.form {
         Form::Word(words) => Some((capitalised(key.name), words)),

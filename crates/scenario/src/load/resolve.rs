@@ -33,7 +33,7 @@ use crate::wiring::Wiring;
 /// Beginning of paths that belong to the scenario: a rig file has none of these.
 const OF_SWEEP: &str = "sweep.";
 
-/// Scenario of a rig on which nothing is tried.
+/// Scenario in which a rig idles.
 const IDLE: &str =
     "schema = 1\nname = \"idle\"\nduration_seconds = 1.0\n[controller.all.open_loop]\n";
 
@@ -126,7 +126,7 @@ impl Scenario {
         parse_for(beside, text, &mut read_file, &asked)
     }
 
-    /// Makes a scenario of a rig on which nothing is tried; `name` is the source of its text.
+    /// Makes a scenario in which a rig idles; `name` is the source of its text.
     ///
     /// # Errors
     /// All problems of the rig file, and the objection.

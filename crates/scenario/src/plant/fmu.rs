@@ -19,8 +19,8 @@ pub struct Fmu {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1_000.0))]
     pub step_milliseconds: Option<f64>,
-    /// Variables that are recorded beside the ports: outputs, local variables, parameters. Each becomes a port by its own name
-    /// and unit, and needs a lowest and a highest value in the FMU.
+    /// Variables that are recorded in addition to the ports: outputs, local variables, parameters. Each becomes a port by its
+    /// own name and unit, and needs a lowest and a highest value in the FMU.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schemars(length(max = 64), inner(length(min = 1, max = 1000)))]
     pub record: Vec<String>,

@@ -819,7 +819,7 @@ impl Sensor {
 /// The outputs of an io node by name, each with the port of a plant that it drives: `convection_factor` of `[[disturbance.fan]]`,
 /// as in `"wire.convection_factor"`; `added_load_grams` of `[[disturbance.load]]`; and any other name for
 /// `[[disturbance.output]]`, as in `valve_percent = "tank.valve_percent"`, whose end is its unit. At most 4, in 16 bits each; 2
-/// beside fan or load.
+/// together with fan or load.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Outputs(pub BTreeMap<String, String>);

@@ -98,7 +98,7 @@ fn of_parts() -> Value {
     schema
 }
 
-/// Removes definitions to which nothing refers.
+/// Removes definitions without a reference.
 fn prune(schema: &mut Value) {
     let Some(mut definitions) = schema["definitions"].as_object().cloned() else {
         return;
@@ -272,7 +272,7 @@ fn name_keys(schema: &mut Value, measurands: &[Measurand]) {
         name_keys_of(table, measurands, Measurand::rename);
     }
     let measurands = by_any_unit(measurands);
-    // Laws from outside stand in the table of the controller itself.
+    // Laws from outside are in the table of the controller itself.
     let laws = references(&schema["definitions"]["Controller"]).into_iter();
     for definition in laws.chain(["Controller".to_owned()]) {
         let table = &mut schema["definitions"][definition];

@@ -356,7 +356,7 @@ fn check_objects(answers: &[&Answer]) -> Check {
     )
 }
 
-/// Returns whether the drive refused its controlword before NMT state operational, as some do; the object then commands nothing.
+/// Returns whether the drive refused its controlword before NMT state operational, as some do; the object then has no effect.
 fn waits_for_operational(question: &Question, error: &SdoError) -> bool {
     let states = [AbortCode::DEVICE_STATE, AbortCode::LOCAL_CONTROL];
     question.entry.index == cia402::CONTROLWORD

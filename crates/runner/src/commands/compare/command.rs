@@ -24,7 +24,7 @@ const WAYS: u64 = 3;
 /// Arguments of `compare`.
 #[derive(Args, Debug)]
 pub struct CompareArgs {
-    /// A run folder, or a log of `candump -L` with its scenario.toml beside it
+    /// A run folder, or a log of `candump -L` in a folder with its scenario.toml
     pub a: PathBuf,
     /// The run that is compared with A
     pub b: PathBuf,
@@ -89,7 +89,7 @@ pub fn compare(args: &CompareArgs) -> Exit {
     }
 }
 
-/// Reason why nothing was compared.
+/// Reason why the runs were not compared.
 enum CompareError {
     Recorded(RecordedError),
     NoSuchName(UnknownName),

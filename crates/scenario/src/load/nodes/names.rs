@@ -13,8 +13,8 @@ const NOT_A_LOOP: [&str; 2] = ["all", "contour"];
 /// Names that no node can have: faults of the bus name canrig's own node `bench`, and a process of a node `bus` would write to
 /// the log of the recording.
 const NOT_A_NODE: [&str; 2] = ["bench", "bus"];
-/// Names that no plant can have: the process of its emulator has a log of that name, beside those of the controller and the
-/// recording.
+/// Names that no plant can have: its emulator's log has the plant's name, and these are the names of other logs in the same
+/// folder.
 const NOT_A_PLANT: [&str; 3] = ["bench", "bus", "controller"];
 /// Tables of a scenario that have the tables of loops among other keys.
 const BESIDE_LOOPS: [&str; 2] = ["controller", "expect"];

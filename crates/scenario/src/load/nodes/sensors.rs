@@ -10,7 +10,7 @@ use crate::rig::nodes::{RigNode, Sensor};
 const STEPS_OF_A_COUNT: f64 = 2.0;
 
 impl Check<'_> {
-    /// Checks that ranges begin below their ends, and that units are known words.
+    /// Checks that ranges begin below their ends, and that units are known.
     pub(super) fn sensors(&self) -> Vec<Problem> {
         let mut problems = Vec::new();
         let drives = self.rig.node.iter();

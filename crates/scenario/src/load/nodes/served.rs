@@ -14,7 +14,7 @@ impl Check<'_> {
         problems
     }
 
-    /// Finds io nodes whose outputs act on nothing.
+    /// Finds io nodes whose outputs have no effect.
     fn idle_outputs(&self) -> Vec<Problem> {
         let idle = self.outputs().filter(|(_, outputs)| outputs.0.is_empty());
         let problems = idle.map(|(name, _)| {
