@@ -418,7 +418,7 @@ fn commands(page: &Page) -> Vec<String> {
 }
 
 /// Returns the arguments of a command of canrig; `None` for another program.
-fn words(command: &str) -> Option<Vec<&str>> {
+fn arguments(command: &str) -> Option<Vec<&str>> {
     let command = command.split(['#', '>', '|']).next()?.trim();
     let rest = command
         .strip_prefix("canrig ")
@@ -437,7 +437,7 @@ fn every_command_parses() {
     for page in pages() {
         for command in commands(&page) {
             let Some(words) =
-                words(&command).filter(|_| !has_placeholder(&command.replace("/*", "")))
+                arguments(&command).filter(|_| !has_placeholder(&command.replace("/*", "")))
             else {
                 continue;
             };

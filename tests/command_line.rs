@@ -46,6 +46,31 @@ fn a_terminal_gets_colours_and_never_their_escapes_in_words() {
     }
 }
 
+/// A program finds the message and the path whole, however long they are.
+#[test]
+fn an_error_for_a_program_is_not_wrapped() {
+    let folder = tempfile::tempdir().unwrap();
+    let check = || {
+        let mut check = Command::new(env!("CARGO_BIN_EXE_canrig"));
+        check.arg("check");
+        check
+    };
+    let deep = folder
+        .path()
+        .join("a folder with a long-winded name/".repeat(6));
+    fs::create_dir_all(&deep).unwrap();
+    let path = short_scenario(&deep, 1.0);
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, text.replace("duration_seconds", "duration_second")).unwrap();
+    let (code, _, stderr) = output(check().arg(&path));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains(path.to_str().unwrap()), "{stderr}");
+    let none = deep.join("none.toml");
+    let (code, _, stderr) = output(check().arg(&none));
+    assert_eq!(code, Some(3), "{stderr}");
+    assert!(stderr.contains(none.to_str().unwrap()), "{stderr}");
+}
+
 #[test]
 fn the_current_of_a_recording_plays_again_to_the_same_motion() {
     let folder = tempfile::tempdir().unwrap();

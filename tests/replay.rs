@@ -47,12 +47,12 @@ fn a_recording_gives_its_verdict_again_to_the_byte() {
 }
 
 /// Table of a plant that no bench has; the frames are those of the motor.
-const STRANGE_PLANT: &str = "[plant.motor.my_motor]\nwindings = \"two\"\n";
+const CUSTOM_PLANT: &str = "[plant.motor.my_motor]\nwindings = \"two\"\n";
 /// Message of a command that needs to know the plant.
 const UNKNOWN_PLANT: &str = "unknown plant model `my_motor`";
 
 /// Plays the DC motor, and then changes its rig file to an unknown plant.
-fn run_of_a_strange_plant(folder: &Path) -> PathBuf {
+fn run_of_an_unknown_plant(folder: &Path) -> PathBuf {
     let place = tempfile::tempdir().unwrap();
     let played = fs::read_to_string(scenario("rigs/dc_motor.toml")).unwrap();
     fs::write(place.path().join("motor.toml"), &played).unwrap();
@@ -60,9 +60,9 @@ fn run_of_a_strange_plant(folder: &Path) -> PathBuf {
     let path = place.path().join("motor_step.toml");
     fs::write(&path, step.replace("\"dc_motor\"", "\"motor.toml\"")).unwrap();
     let run = simulated(folder, &path);
-    let strange = played.replace("[plant.motor.dc_motor]\n", STRANGE_PLANT);
-    assert_ne!(strange, played);
-    fs::write(run.join("motor.toml"), strange).unwrap();
+    let unknown = played.replace("[plant.motor.dc_motor]\n", CUSTOM_PLANT);
+    assert_ne!(unknown, played);
+    fs::write(run.join("motor.toml"), unknown).unwrap();
     run
 }
 
@@ -83,7 +83,7 @@ fn a_recording_is_judged_again_without_its_plant_in_the_catalogue() {
 fn a_recording_of_a_plant_from_outside_is_read_by_its_own_files() {
     let folder = tempfile::tempdir().unwrap();
     let runs = folder.path().join("runs");
-    let run = run_of_a_strange_plant(&runs);
+    let run = run_of_an_unknown_plant(&runs);
     let stored = fs::read_to_string(run.join("verdict.json")).unwrap();
     let limits = run.join("scenario.toml");
     for arguments in [
@@ -127,7 +127,7 @@ fn a_run_folder_without_its_frames_is_read_by_the_catalogue() {
         let (code, stdout, stderr) = tool(&["replay", "--json", text(&run)]);
         assert_eq!((code, stdout), (Some(0), stored), "{stderr}");
     }
-    let run = run_of_a_strange_plant(&folder.path().join("strange"));
+    let run = run_of_an_unknown_plant(&folder.path().join("strange"));
     fs::remove_file(run.join("frames.dbc")).unwrap();
     let (code, _, stderr) = tool(&["replay", text(&run)]);
     assert_eq!(code, Some(3));
@@ -301,18 +301,18 @@ fn a_drive_that_leaves_positions_out_fails() {
 
 /// A disk has lost a line: its content is unknown, so the recording does not pass.
 #[test]
-fn a_strange_line_is_named_and_its_recording_does_not_pass() {
+fn an_unreadable_line_is_named_and_its_recording_does_not_pass() {
     let folder = tempfile::tempdir().unwrap();
     let run = simulated(folder.path(), &scenario("step.toml"));
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
     let lines: Vec<&str> = log.lines().collect();
-    let with_strange = |number: usize| {
+    let with_unreadable = |number: usize| {
         let mut lines = lines.clone();
         lines[number - 1] = "(00000000x1.234567) can0 190#01";
         fs::write(run.join("bus.log"), lines.join("\n") + "\n").unwrap();
         tool(&["replay", text(&run)])
     };
-    let (code, stdout, stderr) = with_strange(5000);
+    let (code, stdout, stderr) = with_unreadable(5000);
     assert_eq!(code, Some(5), "{stdout}{stderr}");
     let reason = "a line of the log is no frame, line 5000: not a line of candump -L";
     assert!(
@@ -320,7 +320,7 @@ fn a_strange_line_is_named_and_its_recording_does_not_pass() {
         "{stdout}{stderr}"
     );
     // The stop of the nodes after the scenario's end is not judged.
-    let (code, stdout, stderr) = with_strange(lines.len() - 1);
+    let (code, stdout, stderr) = with_unreadable(lines.len() - 1);
     assert_eq!(code, Some(0), "{stdout}{stderr}");
     let reason = format!("line {}: not a line", lines.len() - 1);
     assert!(stderr.contains(&reason), "{stderr}");

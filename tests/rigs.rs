@@ -193,6 +193,8 @@ fn torture_draws_faults_of_each_node() {
         stdout.contains("30 runs with seed 1: all invariants held"),
         "{stdout}"
     );
+    let page = fs::read_to_string(only_run(&runs).join("report.html")).unwrap();
+    assert!(page.contains("Torture of 30 runs: 30 pass"), "{page}");
 }
 
 #[test]

@@ -53,7 +53,7 @@ impl Section {
     }
 
     /// Returns the heading, and a line for each check with the command that repairs it.
-    fn in_words(&self, width: usize) -> String {
+    fn text(&self, width: usize) -> String {
         let lines: Vec<String> = self
             .checks
             .iter()
@@ -139,10 +139,7 @@ fn report(sections: &[Section]) -> String {
         .map(|check| check.what.len())
         .max()
         .unwrap_or_default();
-    let blocks: Vec<String> = sections
-        .iter()
-        .map(|section| section.in_words(width))
-        .collect();
+    let blocks: Vec<String> = sections.iter().map(|section| section.text(width)).collect();
     let end = match exit(sections, false) {
         Exit::Pass => "Nothing that is needed is missing: canrig run scenarios/step.toml",
         _ => "Something that is needed is MISSING.",
@@ -337,11 +334,11 @@ mod tests {
 
     #[test]
     fn what_is_amiss_comes_with_the_command_that_fixes_it() {
-        let text = section(true, Err("install it")).in_words(6);
+        let text = section(true, Err("install it")).text(6);
         let expected = "for something\n  ok       bus     carries frames\n  MISSING  viewer  absent\n\
                                    \x20                  fix: install it";
         assert_eq!(text, expected);
-        let text = section(false, Err("install it")).in_words(6);
+        let text = section(false, Err("install it")).text(6);
         assert!(text.contains("\n  no       viewer  absent\n"), "{text}");
     }
 

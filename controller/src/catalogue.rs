@@ -6,8 +6,8 @@ use std::sync::OnceLock;
 use dbc::{LawTerm, layout};
 use scenario::Objection;
 use scenario::controller::{Controller, is_of_format};
+use scenario::custom::{CustomTable, Section, defaults, is_name};
 use scenario::law_ports::{LawWires, WrongPort, terms_of_one};
-use scenario::own::{OwnTable, Section, defaults, is_name};
 use scenario::port::{Ports, Unit};
 use scenario::registration::{InvalidOwn, register};
 use scenario::wiring::{LoopOfRig, Wiring};
@@ -21,7 +21,7 @@ use crate::terms::described;
 #[derive(Clone, Copy)]
 pub struct LawRow {
     name: &'static str,
-    table: fn() -> OwnTable,
+    table: fn() -> CustomTable,
     make: fn(&Controller, &Wiring) -> Result<AnyLaw, LawError>,
     /// Ports of a law of one loop with its default parameters; `None` if some parameters have no default.
     ports: fn() -> Option<Ports>,
@@ -33,7 +33,7 @@ impl LawRow {
     pub const fn of<L: Law>() -> Self {
         Self {
             name: L::NAME,
-            table: || OwnTable::new::<L::Config>(L::NAME).leading(L::DRIVES),
+            table: || CustomTable::new::<L::Config>(L::NAME).leading(L::DRIVES),
             make: |controller, wiring| {
                 Ok(controller.with_parameters(|config| AnyLaw::of::<L>(config, wiring))?)
             },

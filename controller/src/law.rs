@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use dbc::LawTerm;
 pub use scenario::CurrentRange;
+use scenario::custom::Parameters;
 use scenario::law_ports::{LOOP_INPUTS, LawWires, WrongPort, loop_output, terms_of, terms_of_one};
-use scenario::own::Parameters;
 pub use scenario::port::{Port, Ports, Width};
 use scenario::process_law::ProcessLaw;
 use scenario::reference::SetPoint;

@@ -152,7 +152,7 @@ impl Plausibility {
     }
 
     /// Returns the error text for a position that does not move.
-    pub(crate) fn frozen_words(&self, position: f64) -> String {
+    pub(crate) fn frozen_message(&self, position: f64) -> String {
         let Self { signal, symbol, .. } = self;
         let still = format!("the {signal} stands still at {position:.1} {symbol}");
         let away = self.plausible.stall.and_then(|stall| stall.away);

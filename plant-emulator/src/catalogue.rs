@@ -8,7 +8,7 @@ use dbc::Database;
 use dbc::loops::LoopPlace;
 use dbc::scenario_clock::ScenarioClock;
 use scenario::Trial;
-use scenario::own::{OwnTable, Section, defaults};
+use scenario::custom::{CustomTable, Section, defaults};
 use scenario::plant::is_of_format;
 use scenario::registration::{InvalidOwn, register};
 
@@ -20,7 +20,7 @@ use crate::{DriveOf, InvalidEmulator, PlantEmulator};
 #[derive(Clone, Copy)]
 pub struct PlantRow {
     name: fn() -> &'static str,
-    table: fn() -> OwnTable,
+    table: fn() -> CustomTable,
     make: fn(&Trial) -> Result<Box<dyn Plant>, InvalidEmulator>,
     ports: fn(&Trial) -> Result<Ports, InvalidEmulator>,
     /// Ports for default parameters; `None` if some parameters have no default.
@@ -33,7 +33,7 @@ impl PlantRow {
     pub const fn of<P: Plant>() -> Self {
         Self {
             name: P::name,
-            table: || OwnTable::new::<P::Config>(P::name()).with_faults(P::faults()),
+            table: || CustomTable::new::<P::Config>(P::name()).with_faults(P::faults()),
             make: |trial| Ok(Box::new(trial.plant.with_parameters(P::new)??)),
             ports: |trial| Ok(trial.plant.with_parameters(P::ports_by)??),
             default_ports: || P::ports_by(&defaults().ok()?).ok(),

@@ -3,8 +3,8 @@
 use std::any::Any;
 use std::{fmt, io};
 
+use scenario::custom::Parameters;
 pub use scenario::fault::Faults;
-use scenario::own::Parameters;
 pub use scenario::port::{Port, Ports};
 
 /// A plant. It is made from parameters, and then exchanges values at named ports.

@@ -90,6 +90,9 @@ class Browser:
         self.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         self.ask("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
 
+    def medium(self, name):
+        self.ask("Emulation.setEmulatedMedia", media=name)
+
     def picture(self, place, width):
         height = min(self.run("document.documentElement.scrollHeight"), 12_000)
         clip = {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}
@@ -147,6 +150,10 @@ def findings(browser, script):
 WIDER = """[document.documentElement, ...document.querySelectorAll(".wide, pre, dl, figure")]
     .filter((one) => one.scrollWidth > one.clientWidth + 1)
     .map((one) => `${one.tagName} ${one.scrollWidth} > ${one.clientWidth}: ${one.textContent.slice(0, 60)}`)"""
+
+# Folded text that is not printed.
+UNPRINTED = """[...document.querySelectorAll("details > :not(summary)")].filter((one) => !one.checkVisibility())
+    .map((one) => one.textContent.slice(0, 60))"""
 
 # Plots that move when the cross-hair comes.
 MOVED = """(async () => {
@@ -281,6 +288,9 @@ def faults_of(browser, page, pictures, script):
         yield from (f"{page} ({view}): {complaint}" for complaint in complaints)
         yield from (f"{page} ({view}): {found}" for found in findings(browser, script))
     print(f"{page} ({page.stat().st_size} bytes): " + ", ".join(f"{view} {size}" for view, size in sizes.items()))
+    browser.medium("print")
+    yield from (f"{page}: is not printed: {text}" for text in browser.run(UNPRINTED))
+    browser.medium("")
     table = page.parent / "signals.csv"
     for view in ("light", "narrow") if table.exists() else ():
         browser.look(*VIEWS[view])
@@ -337,9 +347,7 @@ def test_pages_of_several_runs(shows, told, runs, tmp_path):
 
 
 def test_the_page_of_torture(shows, told, tmp_path):
-    for part in ("1/2", "2/2"):
-        told("torture", ROOT / "scenarios/torture.toml", "--runs", "100", "--quiet", "--shard", part, "--output", tmp_path / "parts")
-    told("merge", *sorted((tmp_path / "parts").iterdir()), "--quiet", "--output", tmp_path / "tortured")
+    told("torture", ROOT / "scenarios/torture.toml", "--runs", "100", "--quiet", "--output", tmp_path / "tortured")
     shows(only(tmp_path / "tortured") / "report.html")
 
 

@@ -13,7 +13,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use scenario::own::Section;
+use scenario::custom::Section;
 
 use controller::ControllerArgs;
 use name::{InvalidName, Name};

@@ -1,6 +1,6 @@
 //! The name of a plant or a law, of its crate and of its type.
 
-use scenario::own::Section;
+use scenario::custom::Section;
 use scenario::registration::{InvalidOwn, is_free};
 
 /// Names of crates that Rust or cargo reserves.

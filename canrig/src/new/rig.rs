@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use recording::run_folder::write_whole;
-use scenario::own::is_name;
+use scenario::custom::is_name;
 
 use super::{NewError, in_new_folder, make};
 

@@ -147,7 +147,7 @@ pub(crate) enum ToolError {
     #[error(transparent)]
     Bus(#[from] BusError),
     /// The loop does not work, or the tool gave up.
-    #[error("{}", words(.0))]
+    #[error("{}", error_text(.0))]
     Run(RunError),
     /// Ctrl-C cannot be handled.
     #[error("signals cannot be handled: {0}")]
@@ -180,7 +180,7 @@ fn addresses(buses: &[BusAddress]) -> String {
 }
 
 /// Returns the text of an error. The text of a node that gave up is complete in itself.
-fn words(error: &RunError) -> String {
+fn error_text(error: &RunError) -> String {
     match error {
         RunError::Node(text) => text.clone(),
         other => other.to_string(),

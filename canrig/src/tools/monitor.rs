@@ -86,7 +86,7 @@ impl Decoder {
             return None;
         }
         let seconds = time.as_secs_f64();
-        let (id, bytes) = frame_words(frame);
+        let (id, bytes) = frame_texts(frame);
         let mut line = format!("{seconds:12.6}  {id:>8}  {name:<NAME_WIDTH$}");
         if self.options.raw {
             let _ = write!(line, "  [{bytes:<23}]");
@@ -102,7 +102,7 @@ impl Decoder {
     }
 
     fn is_wanted(&self, name: &str, frame: &CanFrame) -> bool {
-        let id = frame_words(frame).0;
+        let id = frame_texts(frame).0;
         let is_meant = |pattern: &String| {
             let digits = pattern.strip_prefix("0x").unwrap_or(pattern);
             name.contains(pattern.as_str()) || digits.eq_ignore_ascii_case(&id)
@@ -189,7 +189,7 @@ impl Decoder {
         }
         let channel = frame.standard_id().and_then(|id| self.channel(id));
         if let (Some(channel), Ok(payload)) = (channel, frame.data().try_into()) {
-            return sdo_words(&channel, payload);
+            return sdo_text(&channel, payload);
         }
         if let Some(decoded) = self.database.decode(frame) {
             let signals = decoded
@@ -219,7 +219,7 @@ impl Decoder {
 }
 
 /// Returns identifier and bytes as text.
-fn frame_words(frame: &CanFrame) -> (String, String) {
+fn frame_texts(frame: &CanFrame) -> (String, String) {
     let text = frame.to_string();
     let (id, _) = text.split_once('#').unwrap_or((&text, ""));
     if frame.is_remote() {
@@ -237,7 +237,7 @@ fn frame_words(frame: &CanFrame) -> (String, String) {
 }
 
 /// Describes an SDO frame (CiA 301, 7.2.4.3).
-fn sdo_words(channel: &Channel<'_>, payload: [u8; 8]) -> String {
+fn sdo_text(channel: &Channel<'_>, payload: [u8; 8]) -> String {
     let [command, low, high, sub_index, data @ ..] = payload;
     let index = u16::from_le_bytes([low, high]);
     let entry = channel

@@ -16,11 +16,11 @@ use canopen::NmtState;
 use canopen::sdo::{DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID};
 use canopen::sdo_client::{SdoClient, SdoError, SdoFailure};
 use clap::Args;
-use comfy_table::{ContentArrangement, Table, presets};
 
 use super::{NamesArgs, ToolBusArgs, ToolError, ended, seconds};
 use plan::data_sheet::DataSheet;
 use plan::presence::Presence;
+use report::table::Table;
 use runner::exit::Exit;
 
 /// Default time for which the tool listens before it speaks: longer than usual heartbeat periods.
@@ -487,10 +487,7 @@ pub(crate) fn report(roll_call: &RollCall) -> String {
             }
         );
     }
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
-    table.set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header([
+    let mut table = Table::new([
         "node",
         "NMT state",
         "device type",
@@ -505,13 +502,13 @@ pub(crate) fn report(roll_call: &RollCall) -> String {
                 identity
                     .device_type
                     .map_or_else(|| "-".to_owned(), device_type),
-                identity_words(&identity.identity),
+                identity_text(&identity.identity),
                 identity.name.clone().unwrap_or_else(|| "-".to_owned()),
             ],
             Err(reason) => [String::new(), reason.clone(), String::new()],
         };
         let number = roll_call.node(*node_id);
-        table.add_row([
+        table.add([
             number,
             state,
             device_type,
@@ -553,7 +550,7 @@ fn device_type(device_type: u32) -> String {
     format!("0x{device_type:08X} {profile}")
 }
 
-fn identity_words(identity: &[Option<u32>; 4]) -> String {
+fn identity_text(identity: &[Option<u32>; 4]) -> String {
     let words = ["vendor", "product", "revision", "serial"];
     let numbers: Vec<String> = words
         .into_iter()

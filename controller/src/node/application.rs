@@ -145,7 +145,7 @@ impl Application for Controller {
         match loss {
             CommunicationLoss::Heartbeat(node) if self.leads() => {
                 let drive = self.drives().find(|drive| drive.node_id() == node);
-                let text = drive.map(|drive| lost_words(drive, services.now()));
+                let text = drive.map(|drive| loss_message(drive, services.now()));
                 if let Some(text) = text {
                     self.fail(services, Some(node), Cause::DriveNotOperational, text);
                 }
@@ -281,7 +281,7 @@ impl Controller {
 }
 
 /// Returns the error text for a missing heartbeat of a drive.
-fn lost_words(drive: &LedDrive, now: Duration) -> String {
+fn loss_message(drive: &LedDrive, now: Duration) -> String {
     let node = drive.node_id();
     let silent = now.saturating_sub(drive.last_heard).as_millis();
     let limit = u128::from(drive.watch & 0xFFFF);

@@ -7,7 +7,7 @@ use canopen::cia402::State;
 use scenario::reference::{SetPoint, Trajectory};
 use scenario::rig::drive::Feedback;
 
-use super::drive::{LedDrive, state_words};
+use super::drive::{LedDrive, state_text};
 use crate::cause::Cause;
 use crate::law::LoopReads;
 use crate::wired_law::Seen;
@@ -86,7 +86,7 @@ impl ControlLoop {
     ) -> Result<bool, Failure> {
         let state = State::from_statusword(feedback.statusword);
         if state != Some(State::OperationEnabled) {
-            let state = state_words(feedback.statusword);
+            let state = state_text(feedback.statusword);
             let node = self.drive.node_id();
             let text =
                 format!("the drive (node {node}) left Operation enabled: statusword {state}");
@@ -118,7 +118,7 @@ impl ControlLoop {
                 Ok(true)
             }
             Err(cause @ Cause::PositionFrozen) => {
-                Err((cause, drive.plausibility.frozen_words(position)))
+                Err((cause, drive.plausibility.frozen_message(position)))
             }
             Err(cause) => {
                 drive.implausible = Some(cause);

@@ -180,7 +180,7 @@ impl LedDrive {
                 let seconds = ENABLE_TIME.as_secs();
                 let last = self.last_statusword.map_or_else(
                     || format!("it sent no TPDO1 (0x{:03X})", self.layout.feedback_id()),
-                    |statusword| format!("its last statusword was {}", state_words(statusword)),
+                    |statusword| format!("its last statusword was {}", state_text(statusword)),
                 );
                 let emergency = self.last_emergency.map_or_else(String::new, |message| {
                     format!(", its last emergency 0x{:04X}", message.code.0)
@@ -197,7 +197,7 @@ impl LedDrive {
 }
 
 /// Returns the text for a statusword with its state.
-pub(super) fn state_words(statusword: u16) -> String {
+pub(super) fn state_text(statusword: u16) -> String {
     match State::from_statusword(statusword) {
         Some(state) => format!("0x{statusword:04X} ({state:?})"),
         None => format!("0x{statusword:04X} (no state of CiA 402)"),

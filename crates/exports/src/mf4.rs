@@ -8,7 +8,7 @@ use std::time::Duration;
 use recording::frames::Frames;
 use recording::run_folder::file as run_file;
 use recording::timeline::{self, Series, Timeline};
-use recording::work::Way;
+use recording::work::Pass;
 
 /// Address of the header block.
 const HEADER_AT: usize = 64;
@@ -95,10 +95,10 @@ fn signals(timelines: &[Timeline]) -> Vec<Signal<'_>> {
 /// Writes the rows, each with one number of every signal.
 fn write_rows(output: &mut impl Write, signals: &[Signal]) -> io::Result<()> {
     let rows = signals.first().map_or(0, |time| time.values.len());
-    let mut way = Way::new(wide(rows));
+    let mut pass = Pass::new(wide(rows));
     let mut columns: Vec<_> = signals.iter().map(|signal| signal.values.iter()).collect();
     for _ in 0..rows {
-        way.go(1);
+        pass.advance(1);
         for value in columns.iter_mut().filter_map(Iterator::next) {
             output.write_all(&value.to_le_bytes())?;
         }

@@ -10,7 +10,7 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
 use recording::timeline::{self, Series, Timeline};
-use recording::work::Way;
+use recording::work::Pass;
 
 pub use parquet::errors::ParquetError;
 
@@ -120,10 +120,10 @@ pub fn write_signals(
         .collect();
     let mut table = ParquetTable::new(output, "signals", &names)?;
     let rows = timeline.cycle.len();
-    let mut way = Way::new(rows as u64);
+    let mut pass = Pass::new(rows as u64);
     for begin in (0..rows.max(1)).step_by(GROUP_ROWS) {
         let group = begin..rows.min(begin + GROUP_ROWS);
-        way.go(group.len());
+        pass.advance(group.len());
         let cycles = Cells::Count(timeline.cycle.part(group.clone()));
         let numbers = numbers.iter();
         let numbers = numbers.map(|(_, values)| Cells::Number(values.part(group.clone())));

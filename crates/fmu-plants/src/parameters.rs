@@ -3,7 +3,7 @@
 use fmu::StartValue;
 use fmu::export::{ModelVariable, Role};
 use fmu::unit::of_name;
-use scenario::own;
+use scenario::custom;
 use serde_json::{Map, Value, json};
 
 /// Parameters of a plant: numbers and choices, each with its path of keys.
@@ -18,9 +18,9 @@ struct Parameter {
 
 impl Parameters {
     /// Returns the parameters of a type.
-    pub(crate) fn of<C: own::Parameters>() -> Self {
+    pub(crate) fn of<C: custom::Parameters>() -> Self {
         let mut parameters = Vec::new();
-        collect(&own::schema::<C>(), &[], &mut parameters);
+        collect(&custom::schema::<C>(), &[], &mut parameters);
         // Maps may have any order, but description and library must agree.
         parameters.sort_by(|one, other| one.keys.cmp(&other.keys));
         Self(parameters)
@@ -45,7 +45,7 @@ impl Parameters {
     }
 
     /// Returns the table with these values, in the order of the variables.
-    pub(crate) fn read<C: own::Parameters>(&self, values: &[StartValue]) -> Result<C, String> {
+    pub(crate) fn read<C: custom::Parameters>(&self, values: &[StartValue]) -> Result<C, String> {
         let mut table = Value::Object(Map::new());
         for (parameter, value) in self.0.iter().zip(values) {
             let value = match value {

@@ -462,7 +462,7 @@ impl Instance {
             let advanced = reached - from;
             let is_sane = (0.0..=duration * (1.0 + ROUNDING)).contains(&advanced);
             if !is_sane {
-                return Err(self.strange(from, duration, reached));
+                return Err(self.wrong_end(from, duration, reached));
             }
             if advanced > 0.0 {
                 self.time_seconds = reached;
@@ -484,7 +484,7 @@ impl Instance {
         Err(self.too_many())
     }
 
-    fn strange(&mut self, from: f64, duration: f64, reached: f64) -> Fault {
+    fn wrong_end(&mut self, from: f64, duration: f64, reached: f64) -> Fault {
         let end = from + duration;
         Fault::Call {
             function: "DoStep",

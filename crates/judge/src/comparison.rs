@@ -13,7 +13,7 @@ use std::iter;
 use crate::verdict::{Metric, Verdict};
 use dbc::names::SET_POINT;
 use recording::timeline::{Series, Timeline};
-use recording::work::Way;
+use recording::work::Pass;
 use shared::{Shared, SignalDeviation, outside};
 
 pub use difference::{Comparison, MetricDifference, SignalDifference};
@@ -25,7 +25,7 @@ pub use tolerance::{GivenTolerance, Scale, Tolerances, UnknownName};
 const PUBLISHED_BY_CONTROLLER: [&str; 2] = ["reference_", "estimated_"];
 const CONTROLLER_CYCLES: usize = 10;
 /// Time to compare all signals, in passes over the frames.
-pub const SIGNAL_WAYS: u64 = 4;
+pub const SIGNAL_PASSES: u64 = 4;
 
 /// Compares two runs, each with its loops. The names in the tolerances have been checked already.
 ///
@@ -50,11 +50,11 @@ pub fn compare_runs(
     let is_whole = remarks.is_empty();
     let mut signals = Vec::new();
     let of_loops = a.iter().map(|timeline| timeline.columns.len() as u64);
-    let way = |_| Way::new(of_loops.clone().sum());
-    let mut ways = Vec::from_iter((0..SIGNAL_WAYS).map(way));
+    let pass = |_| Pass::new(of_loops.clone().sum());
+    let mut passes = Vec::from_iter((0..SIGNAL_PASSES).map(pass));
     for one in a {
         if let Some(other) = b.iter().find(|other| other.loop_name == one.loop_name) {
-            let done = || ways.iter_mut().for_each(|way| way.go(1));
+            let done = || passes.iter_mut().for_each(|pass| pass.advance(1));
             let of_loop = signals_of_loop(tolerances, &shared, [one, other], done);
             signals.extend(of_loop);
         }

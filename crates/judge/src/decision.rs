@@ -6,7 +6,7 @@ use recording::events::{Event, Level};
 use recording::occurrences::Occurrence;
 use recording::timeline::Timeline;
 use recording::unrecorded::Unrecorded;
-use recording::work::Way;
+use recording::work::Pass;
 use scenario::metrics::is_of_traffic;
 use scenario::node::{LoopNodes, Part};
 
@@ -45,7 +45,7 @@ type Decision = (Outcome, Option<String>, Option<NamedCause>);
 #[must_use]
 pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances) -> Verdict {
     let loops = Vec::from_iter(plan.loops.iter().zip(timelines));
-    let mut way = Way::new(loops.len() as u64);
+    let mut pass = Pass::new(loops.len() as u64);
     let end = circumstances.ended_early.as_ref();
     let end = end.filter(|end| end.by == EndedBy::Node);
     let evidence = loops.iter().map(|(own, timeline)| {
@@ -72,7 +72,7 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
                 ended_elsewhere(verdict, node, end)
             }
         };
-        way.go(1);
+        pass.advance(1);
         verdict
     });
     whole(plan, verdicts.collect())
@@ -270,7 +270,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
     }
     let unrecorded = &evidence.circumstances.unrecorded;
     // Frames that are missing in the log may have been on the bus.
-    let is_log_whole = unrecorded.strange_lines.is_none();
+    let is_log_whole = unrecorded.unreadable_lines.is_none();
     if let Some((reason, cause)) = breached(evidence).filter(|_| is_log_whole) {
         return (Outcome::Fail, Some(reason), Some(cause));
     }

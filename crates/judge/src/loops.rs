@@ -72,9 +72,9 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let mut external: Vec<String> = Vec::new();
     let mut whole = None;
     for (name, verdict) in loops {
-        let strangers = verdict.external.iter();
-        let strangers = strangers.filter(|name| !external.contains(name));
-        external.extend(Vec::from_iter(strangers.cloned()));
+        let others = verdict.external.iter();
+        let others = others.filter(|name| !external.contains(name));
+        external.extend(Vec::from_iter(others.cloned()));
         for metric in verdict.metrics.iter().cloned() {
             if let Some(place) = contour_rows.iter().position(|row| *row == metric.name) {
                 contours.push((place, metric));

@@ -39,7 +39,7 @@ fn has_boot_fault(one: &ControlLoop) -> bool {
 pub(crate) fn incomplete_recording(unrecorded: &Unrecorded) -> Option<String> {
     let lost = unrecorded.frames_lost;
     let lost = (lost > 0).then(|| lost_frames(lost));
-    lost.or_else(|| unrecorded.strange_lines.clone())
+    lost.or_else(|| unrecorded.unreadable_lines.clone())
 }
 
 /// Returns the reason why the outcome is open if a foreign source sent frames of the run's nodes.

@@ -147,7 +147,7 @@ fn reached(
     let is_reached = |stay: &Stay| stay.lasts_seconds >= long && is_next(stay.begins_seconds);
     match stays().find(is_reached) {
         Some(stay) => (Some(stay.begins_seconds), String::new()),
-        None => (None, nearest_words(&samples, stays(), event)),
+        None => (None, nearest_text(&samples, stays(), event)),
     }
 }
 
@@ -185,7 +185,7 @@ fn stays<'a>(
 }
 
 /// Describes how near a signal came to its limits, and when; if it was within them, for how long.
-fn nearest_words(
+fn nearest_text(
     samples: &Series<SignalSample>,
     stays: impl Iterator<Item = Stay>,
     event: &Expected,

@@ -1,5 +1,6 @@
 //! Bus budget: checks whether the frames of a cycle fit between two SYNCs.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::time::Duration;
 
@@ -111,7 +112,7 @@ impl BusBudget {
             let sent = Sent::of(messages);
             (sent.count > 0).then(|| BusShare {
                 node: names::BENCH.to_owned(),
-                what: format!("set-points ({})", sent.words()),
+                what: format!("set-points ({})", sent.frames()),
                 bits: sent.bits,
                 pace: Pace::Cycles {
                     every,
@@ -120,7 +121,7 @@ impl BusBudget {
             })
         });
         let all = [sync].into_iter().chain(of_loops).chain(set_points);
-        let mut shares = Vec::from_iter(all);
+        let mut shares = Vec::from_iter(all.chain(heartbeats(plan)));
         let id = |name: &str| {
             plan.nodes()
                 .find(|node| node.name == name)
@@ -240,6 +241,28 @@ impl fmt::Display for BusBudget {
     }
 }
 
+/// Returns the heartbeat of each node that sends one.
+fn heartbeats(plan: &Plan) -> impl Iterator<Item = BusShare> {
+    let nodes: BTreeSet<&str> = plan.nodes().map(|node| node.name.as_str()).collect();
+    nodes.into_iter().filter_map(|node| {
+        let name = names::message(node, names::HEARTBEAT);
+        let message = plan.database().message(&name)?;
+        let is_sent = message.cycle_time_milliseconds > 0;
+        is_sent.then(|| BusShare {
+            node: node.to_owned(),
+            what: "heartbeat".to_owned(),
+            bits: Sent::of([message]).bits,
+            pace: by_clock(message),
+        })
+    })
+}
+
+/// Returns the pace of a message by the clock.
+fn by_clock(message: &Message) -> Pace {
+    let period = Duration::from_millis(message.cycle_time_milliseconds);
+    Pace::Milliseconds(period.as_secs_f64() * 1e3)
+}
+
 /// Returns the traffic of one loop.
 fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     let place = &one.place;
@@ -259,10 +282,7 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
     };
     let cycles = |every, remainder| Pace::Cycles { every, remainder };
     // For a drive without faults only the truth is published.
-    let by_clock = of_drive(names::TRUTH);
-    let beside_faults = by_clock.filter(|_| one.trial.has_own_faults());
-    let milliseconds = by_clock.map_or(1, |message| message.cycle_time_milliseconds.max(1));
-    let milliseconds = Duration::from_millis(milliseconds).as_secs_f64() * 1e3;
+    let beside_faults = of_drive(names::TRUTH).filter(|_| one.trial.has_own_faults());
     let shares = [
         share(
             drive,
@@ -278,19 +298,19 @@ fn of_loop(controller: &str, drive: &str, one: &ControlLoop) -> Vec<BusShare> {
         ),
         share(
             drive,
-            format!("truth of the plant ({})", truth.words()),
+            format!("truth of the plant ({})", truth.frames()),
             &truth,
             cycles(place.truth_every_cycles, place.truth_cycle()),
         ),
         share(
             drive,
-            "current and peak temperature, beside its faults (1 frame)".to_owned(),
+            "current and peak temperature, for its faults (1 frame)".to_owned(),
             &Sent::of(beside_faults),
-            Pace::Milliseconds(milliseconds),
+            beside_faults.map_or(EACH, by_clock),
         ),
         share(
             controller,
-            format!("terms of the law for {drive} ({})", terms.words()),
+            format!("terms of the law for {drive} ({})", terms.frames()),
             &terms,
             cycles(TERMS_EVERY_CYCLES, place.terms_cycle()),
         ),
@@ -324,7 +344,7 @@ impl Sent {
         }
     }
 
-    fn words(&self) -> String {
+    fn frames(&self) -> String {
         match self.count {
             1 => "1 frame".to_owned(),
             count => format!("{count} frames"),

@@ -271,7 +271,7 @@ pub fn columns<'a>(
     let own = own.filter_map(move |(name, node)| {
         let message = database.message(&name)?;
         let name_of = |signal: &Signal| match node {
-            Some(node) if node == drive => name_of_own(signal, wiring),
+            Some(node) if node == drive => name_in_loop(signal, wiring),
             Some(node) if io.len() > 1 => format!("{}.{}", node.name, signal.name),
             _ => signal.name.clone(),
         };
@@ -307,9 +307,9 @@ pub(crate) fn followed<'a>(
 }
 
 /// Returns the name, in a loop, of a signal of its own drive.
-pub(crate) fn name_of_own(signal: &Signal, wiring: &Wiring) -> String {
+pub(crate) fn name_in_loop(signal: &Signal, wiring: &Wiring) -> String {
     if is_measured(signal, &wiring.sensor) {
-        wiring.name_of_own(&signal.name)
+        wiring.name_in_loop(&signal.name)
     } else {
         signal.name.clone()
     }

@@ -17,7 +17,7 @@ use scenario::wiring::{IoOutput, LoopOfRig, Measured, Wiring};
 use scenario::{Beside, NodeProgram, Run, Texts, Trial};
 
 use crate::bus_budget::BusBudget;
-use crate::catalogue::{Catalogue, ColumnMessage, Frames, Player, columns, followed, name_of_own};
+use crate::catalogue::{Catalogue, ColumnMessage, Frames, Player, columns, followed, name_in_loop};
 use crate::external::{External, no_such_node};
 use crate::loaded_drive::LoadedDrive;
 use crate::signal_names::SignalNames;
@@ -571,7 +571,7 @@ impl ControlLoop {
     #[must_use]
     pub fn name_of(&self, message: &Message, signal: &Signal) -> String {
         if is_of(&self.nodes.drive, &names::OF_DRIVE, &message.name) {
-            name_of_own(signal, &self.trial.wiring)
+            name_in_loop(signal, &self.trial.wiring)
         } else {
             signal.name.clone()
         }

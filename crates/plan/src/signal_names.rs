@@ -5,7 +5,7 @@ use scenario::node::{Node, Part};
 use scenario::wiring::Wiring;
 use scenario::{Objection, Trial, nearest};
 
-use crate::catalogue::{followed, name_of_own};
+use crate::catalogue::{followed, name_in_loop};
 use crate::data_sheet::{self, DataSheet};
 
 /// Largest number of signals that a message about an ambiguous name lists.
@@ -84,7 +84,7 @@ impl SignalNames {
                 let path = format!("{}.{}", message.name, signal.name);
                 let is_own = node.is_some_and(|node| node.part == Part::Drive);
                 let name = if is_own {
-                    name_of_own(signal, wiring)
+                    name_in_loop(signal, wiring)
                 } else {
                     signal.name.clone()
                 };

@@ -23,7 +23,7 @@ const BACKLOG: i32 = 4096;
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
     /// Another process holds it.
-    #[error("{}", words(.0))]
+    #[error("{}", description(.0))]
     Taken(Holder),
     /// The system refuses.
     #[error("{name} cannot be claimed: {source}")]
@@ -44,7 +44,7 @@ pub struct Holder {
     pub process: Option<i32>,
 }
 
-fn words(Holder { name, process }: &Holder) -> String {
+fn description(Holder { name, process }: &Holder) -> String {
     match process {
         Some(process) => format!(
             "process {process} of this machine plays on {name} already; wait until it ends, or take another bus"

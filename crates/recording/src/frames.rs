@@ -4,11 +4,24 @@ use std::fmt;
 use std::io;
 use std::path::Path;
 use std::slice;
+use std::time::Duration;
 
 use crate::log::{LogFile, OpenLog, Stamped, Unread};
 
 /// Largest number of frames in memory: half a minute of a bus with four frames in a cycle of 1 ms, in 5 MB.
 pub(crate) const KEPT_MAX: usize = 1 << 17;
+
+/// Least time of the wall clock, in 2001. No run in virtual time, which begins at 0, lasts that long.
+const WALL_CLOCK_FROM: Duration = Duration::from_secs(1_000_000_000);
+
+/// Clock that gave a recording its times.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Clock {
+    /// Virtual time.
+    Virtual,
+    /// The wall clock, in real time.
+    Wall,
+}
 
 /// All frames of a recording.
 #[derive(Clone, Debug, Default)]
@@ -47,6 +60,15 @@ impl Frames {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.count == 0
+    }
+
+    /// Returns the clock of the frames' times; `None` without frames.
+    #[must_use]
+    pub fn clock(&self) -> Option<Clock> {
+        self.iter().next().map(|first| match first.time {
+            time if time < WALL_CLOCK_FROM => Clock::Virtual,
+            _ => Clock::Wall,
+        })
     }
 
     /// Iterates from the first to the last.

@@ -23,7 +23,7 @@ const UNREADABLE_BYTES_MAX: usize = 1 << 20;
 /// Smallest number of bytes that a strange line counts for: its reason takes room, too.
 const STRANGE_BYTES_MIN: usize = 64;
 /// Largest number of strange lines in a log.
-const STRANGE_LINES_MAX: usize = 1000;
+const UNREADABLE_LINES_MAX: usize = 1000;
 /// Upper bound of a step of the clock in a run.
 pub(crate) const STEP_MAX: Duration = Duration::from_millis(500);
 /// Number of digits of the seconds since 1970 until the year 2286.
@@ -220,21 +220,21 @@ pub struct Unread {
     /// Number of CAN FD frames, which are not kept.
     pub fd_frames: u64,
     /// Lines between others that are no frames.
-    pub strange: Vec<StrangeLine>,
+    pub unreadable: Vec<UnreadableLine>,
     /// Place and reason of a break in the log, for the user.
     pub broken: Option<String>,
 }
 
 /// Line of a log that is no frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StrangeLine {
+pub struct UnreadableLine {
     number: u64,
     reason: String,
     /// Time of the frame before it; `None` if there is none.
     before: Option<Duration>,
 }
 
-impl fmt::Display for StrangeLine {
+impl fmt::Display for UnreadableLine {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "line {}: {}", self.number, self.reason)
     }
@@ -243,9 +243,9 @@ impl fmt::Display for StrangeLine {
 impl Unread {
     /// Describes the unreadable lines between the first frame and `end`, for the user.
     #[must_use]
-    pub fn strange_until(&self, end: Duration) -> Option<String> {
-        let is_within = |line: &&StrangeLine| line.before.is_some_and(|before| before < end);
-        let mut lines = self.strange.iter().filter(is_within);
+    pub fn unreadable_until(&self, end: Duration) -> Option<String> {
+        let is_within = |line: &&UnreadableLine| line.before.is_some_and(|before| before < end);
+        let mut lines = self.unreadable.iter().filter(is_within);
         let first = lines.next()?;
         Some(match lines.count() {
             0 => format!("a line of the log is no frame, {first}"),
@@ -259,9 +259,9 @@ impl Unread {
     /// Describes the unreadable parts of the log, for the user.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
-        let strange = self.strange_until(Duration::MAX);
+        let unreadable = self.unreadable_until(Duration::MAX);
         let broken = (self.broken.as_ref()).map(|broken| format!("the log breaks off ({broken})"));
-        strange.into_iter().chain(broken).collect()
+        unreadable.into_iter().chain(broken).collect()
     }
 }
 
@@ -394,7 +394,7 @@ struct LogReader<R> {
     ahead: Option<(u64, Stamped)>,
     unread: Unread,
     /// Lines that are strange if a good line follows; otherwise the log breaks off there.
-    open: Vec<StrangeLine>,
+    open: Vec<UnreadableLine>,
     open_bytes: usize,
     is_at_end: bool,
 }
@@ -455,9 +455,9 @@ impl<R: BufRead> LogReader<R> {
                     continue;
                 }
             };
-            self.unread.strange.append(&mut self.open);
+            self.unread.unreadable.append(&mut self.open);
             self.open_bytes = 0;
-            refuse_many(&self.unread.strange)?;
+            refuse_many(&self.unread.unreadable)?;
             match frame {
                 None => self.unread.fd_frames += 1,
                 Some(stamped) => return Ok(Some((self.number, stamped))),
@@ -482,15 +482,15 @@ impl<R: BufRead> LogReader<R> {
 
     /// Skips a line whose frame is later than the frames below it, and notes it as strange.
     fn pass_over_late(&mut self, number: u64) -> io::Result<()> {
-        let strange = &mut self.unread.strange;
-        let place = strange.partition_point(|line| line.number < number);
-        let late = StrangeLine {
+        let unreadable = &mut self.unread.unreadable;
+        let place = unreadable.partition_point(|line| line.number < number);
+        let late = UnreadableLine {
             number,
             reason: "it is later than the frames below".to_owned(),
             before: self.latest,
         };
-        strange.insert(place, late);
-        refuse_many(strange)
+        unreadable.insert(place, late);
+        refuse_many(unreadable)
     }
 
     /// Reads the next line; returns `false` at the end.
@@ -510,7 +510,7 @@ impl<R: BufRead> LogReader<R> {
     }
 
     fn put_aside(&mut self, reason: String) {
-        self.open.push(StrangeLine {
+        self.open.push(UnreadableLine {
             number: self.number,
             reason,
             before: self.latest,
@@ -536,10 +536,10 @@ impl<R: BufRead> LogReader<R> {
 }
 
 /// Refuses a file with too many lines that are no frames.
-fn refuse_many(strange: &[StrangeLine]) -> io::Result<()> {
-    match strange.first() {
-        Some(first) if strange.len() > STRANGE_LINES_MAX => Err(invalid(format!(
-            "{first}; more than {STRANGE_LINES_MAX} lines are no frames"
+fn refuse_many(unreadable: &[UnreadableLine]) -> io::Result<()> {
+    match unreadable.first() {
+        Some(first) if unreadable.len() > UNREADABLE_LINES_MAX => Err(invalid(format!(
+            "{first}; more than {UNREADABLE_LINES_MAX} lines are no frames"
         ))),
         _ => Ok(()),
     }
@@ -675,16 +675,16 @@ mod tests {
     }
 
     #[test]
-    fn strange_lines_among_the_others_are_passed_over_and_named() {
+    fn unreadable_lines_among_the_others_are_passed_over_and_named() {
         let odd = "(0.000003) can0 1#\n(0.000004) can0 190#0102\nodd\n(0.000005) can0 191#\n";
         let (frames, unread) = read_cut_log(format!("{LOG}{odd}").as_bytes()).unwrap();
-        assert_eq!((frames.len(), unread.strange.len()), (4, 2));
+        assert_eq!((frames.len(), unread.unreadable.len()), (4, 2));
         assert_eq!(unread.broken, None);
-        let all = unread.strange_until(Duration::MAX).unwrap();
+        let all = unread.unreadable_until(Duration::MAX).unwrap();
         let start = "2 lines of the log are no frames, the first line 3: not a line of candump -L";
         assert!(all.starts_with(start), "{all}");
         // Between 2 and 4 µs, and between 4 and 5.
-        let until = |micros| unread.strange_until(Duration::from_micros(micros));
+        let until = |micros| unread.unreadable_until(Duration::from_micros(micros));
         assert!(
             until(4)
                 .unwrap()
@@ -693,8 +693,8 @@ mod tests {
         assert_eq!(until(2), None);
         // Lines before all frames do not hide any of them.
         let (headed, unread) = read_cut_log(format!("# of Monday\n{LOG}").as_bytes()).unwrap();
-        assert_eq!((headed.len(), unread.strange.len()), (2, 1));
-        assert_eq!(unread.strange_until(Duration::MAX), None);
+        assert_eq!((headed.len(), unread.unreadable.len()), (2, 1));
+        assert_eq!(unread.unreadable_until(Duration::MAX), None);
     }
 
     #[test]
@@ -708,7 +708,7 @@ mod tests {
         assert_eq!(frames.len(), 300 + 51);
         let (once, _) = read_cut_log(whole.as_bytes()).unwrap();
         assert_eq!(frames[..300], once);
-        let first = &unread.strange[0];
+        let first = &unread.unreadable[0];
         assert_eq!(
             first.to_string(),
             "line 301: it is earlier than the frames above"
@@ -716,7 +716,7 @@ mod tests {
         // A clock that is stepped back is no wrong order.
         let stepped: String = [0, 400, 0, 400, 800].map(line).concat();
         let (frames, unread) = read_cut_log(stepped.as_bytes()).unwrap();
-        assert_eq!((frames.len(), unread.strange.len()), (5, 0));
+        assert_eq!((frames.len(), unread.unreadable.len()), (5, 0));
     }
 
     #[test]
@@ -733,19 +733,20 @@ mod tests {
             damaged[101].insert(0, 'x');
             let (frames, unread) = read_cut_log(damaged.concat().as_bytes()).unwrap();
             assert_eq!(frames, [&whole[..100], &whole[102..]].concat());
-            let strange: Vec<String> = unread.strange.iter().map(ToString::to_string).collect();
-            assert_eq!(strange[0], "line 101: it is later than the frames below");
+            let unreadable: Vec<String> =
+                unread.unreadable.iter().map(ToString::to_string).collect();
+            assert_eq!(unreadable[0], "line 101: it is later than the frames below");
             assert!(
-                strange[1].starts_with("line 102: not a line"),
-                "{strange:?}"
+                unreadable[1].starts_with("line 102: not a line"),
+                "{unreadable:?}"
             );
-            assert_eq!((strange.len(), unread.broken), (2, None));
+            assert_eq!((unreadable.len(), unread.broken), (2, None));
         }
         let mut damaged = lines.clone();
         damaged[0].replace_range(1..18, "0000009000.000000");
         let (frames, unread) = read_cut_log(damaged.concat().as_bytes()).unwrap();
         assert_eq!(frames, whole[1..]);
-        assert_eq!((unread.strange.len(), unread.broken), (1, None));
+        assert_eq!((unread.unreadable.len(), unread.broken), (1, None));
         // Two such lines in a row; a silence; and a last frame long after the others.
         let log = [1, 9000, 7000, 2, 5000, 5001, 8000].map(line).concat();
         let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
@@ -753,15 +754,15 @@ mod tests {
             .map(|frame| frame.time.as_millis())
             .collect();
         assert_eq!(millis, [1, 2, 5000, 5001, 8000]);
-        assert_eq!((unread.strange.len(), unread.broken), (2, None));
+        assert_eq!((unread.unreadable.len(), unread.broken), (2, None));
     }
 
     #[test]
     fn a_time_stamp_beyond_ten_digits_is_none() {
         let line = format!("({}.999999) can0 123#\n", u64::MAX);
         let (frames, unread) = read_cut_log(format!("{LOG}{line}{LOG}").as_bytes()).unwrap();
-        let reason = unread.strange[0].to_string();
-        assert_eq!((frames.len(), unread.strange.len()), (4, 1));
+        let reason = unread.unreadable[0].to_string();
+        assert_eq!((frames.len(), unread.unreadable.len()), (4, 1));
         assert!(
             reason.ends_with("(seconds have more than ten digits)"),
             "{reason}"
@@ -783,13 +784,13 @@ mod tests {
         let log = format!("{LOG}(0.000003) can0 123##1AABB\n(0.000004) can0 191#\n");
         let (frames, unread) = read_cut_log(log.as_bytes()).unwrap();
         assert_eq!((frames.len(), unread.fd_frames), (3, 1));
-        assert!(unread.strange.is_empty() && unread.broken.is_none());
+        assert!(unread.unreadable.is_empty() && unread.broken.is_none());
     }
 
     #[test]
     fn a_log_of_two_interfaces_and_a_file_that_is_no_log_are_refused() {
         let line = |number: usize, name| format!("(0.{number:06}) {name} 123#\n");
-        let other: String = (0..=STRANGE_LINES_MAX)
+        let other: String = (0..=UNREADABLE_LINES_MAX)
             .map(|number| line(number, "can1"))
             .collect();
         let mixed = format!("{LOG}{other}{LOG}");
@@ -799,7 +800,7 @@ mod tests {
             error.ends_with("more than 1000 lines are no frames"),
             "{error}"
         );
-        let text = "no frame\n".repeat(STRANGE_LINES_MAX + 1);
+        let text = "no frame\n".repeat(UNREADABLE_LINES_MAX + 1);
         assert!(read_cut_log(text.as_bytes()).is_err());
         let two = format!("(0.0) can1 123#\n{LOG}").replace("0.0)", "0.000000)");
         let (_, unread) = read_cut_log(two.as_bytes()).unwrap();

@@ -6,7 +6,7 @@ use std::mem;
 
 use zstd::Decoder;
 
-use crate::work::Way;
+use crate::work::Pass;
 
 /// First bytes of every piece (RFC 8878, 3.1.1).
 const MAGIC: [u8; 4] = 0xFD2F_B528_u32.to_le_bytes();
@@ -40,7 +40,7 @@ pub(crate) struct PieceReader<R> {
     state: State<R>,
     /// Text of the latest piece, if it is held, with the position up to which it was taken.
     held: Cursor<Vec<u8>>,
-    way: Way,
+    pass: Pass,
     /// Place in the file up to which progress was reported.
     gone_to: u64,
 }
@@ -58,7 +58,7 @@ impl<R: Read + Seek> PieceReader<R> {
         Self {
             state: State::Between(BufReader::with_capacity(BUFFER_BYTES, input)),
             held: Cursor::default(),
-            way: Way::new(bytes),
+            pass: Pass::new(bytes),
             gone_to: 0,
         }
     }
@@ -66,7 +66,8 @@ impl<R: Read + Seek> PieceReader<R> {
     /// Reports progress up to this place in the file.
     fn go_to(&mut self, place: u64) {
         let bytes = place.saturating_sub(self.gone_to);
-        self.way.go(usize::try_from(bytes).unwrap_or(usize::MAX));
+        self.pass
+            .advance(usize::try_from(bytes).unwrap_or(usize::MAX));
         self.gone_to = place;
     }
 

@@ -173,7 +173,7 @@ pub struct Sources {
     /// Counted frames by identifier.
     watched: Vec<(u16, Watched)>,
     /// Frames that no node of the run sends, in any number, with the time of the first.
-    strange: BTreeMap<(&'static str, u16, String), (f64, u64)>,
+    unexpected: BTreeMap<(&'static str, u16, String), (f64, u64)>,
     /// Whether time ran backwards by more than a clock is ever stepped in a run; then neither rates nor sequences prove anything.
     is_order_lost: bool,
     /// Whether a fault of a node changes the rate of its frames.
@@ -325,8 +325,8 @@ impl Sources {
             })
         });
         let mut found = Vec::from_iter(counted);
-        let strange =
-            self.strange
+        let unexpected =
+            self.unexpected
                 .iter()
                 .map(
                     |((duty, identifier, what), (first_seconds, frames))| SecondSource {
@@ -342,16 +342,16 @@ impl Sources {
             let mut others = found.iter().map(|other| other.identifier);
             others.all(|other| other != one.identifier)
         };
-        let strange = Vec::from_iter(strange.filter(is_new));
-        found.extend(strange);
+        let unexpected = Vec::from_iter(unexpected.filter(is_new));
+        found.extend(unexpected);
         found.sort_by(|left, right| left.first_seconds.total_cmp(&right.first_seconds));
         found
     }
 
     fn add(&mut self, (duty, identifier): (&'static str, u16), what: String, at: Duration) {
         let first = at.as_secs_f64();
-        let strange = self.strange.entry((duty, identifier, what));
-        let (_, frames) = strange.or_insert((first, 0));
+        let unexpected = self.unexpected.entry((duty, identifier, what));
+        let (_, frames) = unexpected.or_insert((first, 0));
         *frames += 1;
     }
 }
@@ -516,8 +516,8 @@ impl SourceReader {
             .counter
             .zip(payload.counter)
             .is_some_and(|(usual, counter)| counter <= usual && counter != 1);
-        let is_strange = usual.length != payload.length || self.sync != Some(payload) && is_back;
-        if is_strange && !self.sources.is_rate_changed {
+        let is_unexpected = usual.length != payload.length || self.sync != Some(payload) && is_back;
+        if is_unexpected && !self.sources.is_rate_changed {
             self.sources.add(
                 (SYNC, SYNC_COB_ID),
                 "SYNC, its counter does not go on".to_owned(),

@@ -8,5 +8,5 @@ pub struct Unrecorded {
     /// Number of CAN FD frames, which are only counted.
     pub fd_frames: u64,
     /// Lines of the log that are no frames, for the user; `None` if everything that is judged could be read.
-    pub strange_lines: Option<String>,
+    pub unreadable_lines: Option<String>,
 }

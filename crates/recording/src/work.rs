@@ -1,4 +1,4 @@
-//! Progress of work on long recordings: how often the process has gone through one, from its first frame or cycle to its last.
+//! Progress of work on long recordings: how often the process has done through one, from its first frame or cycle to its last.
 
 use std::io::{self, Read};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,28 +17,28 @@ pub fn parts_done() -> u64 {
 
 /// One pass through a recording.
 #[derive(Debug)]
-pub struct Way {
+pub struct Pass {
     length: u64,
-    gone: u64,
+    done: u64,
     parts: u64,
 }
 
-impl Way {
+impl Pass {
     /// Makes a pass of `length` steps, none of which is done.
     #[must_use]
     pub fn new(length: u64) -> Self {
         Self {
             length: length.max(1),
-            gone: 0,
+            done: 0,
             parts: 0,
         }
     }
 
     /// Adds steps that are done.
-    pub fn go(&mut self, steps: usize) {
-        self.gone += u64::try_from(steps).unwrap_or(0);
+    pub fn advance(&mut self, steps: usize) {
+        self.done += u64::try_from(steps).unwrap_or(0);
         let parts =
-            u128::from(PARTS) * u128::from(self.gone.min(self.length)) / u128::from(self.length);
+            u128::from(PARTS) * u128::from(self.done.min(self.length)) / u128::from(self.length);
         let parts = u64::try_from(parts).unwrap_or(PARTS);
         DONE.fetch_add(parts - self.parts, Ordering::Relaxed);
         self.parts = parts;
@@ -49,14 +49,14 @@ impl Way {
 #[derive(Debug)]
 pub(crate) struct Measured<R> {
     input: R,
-    way: Way,
+    pass: Pass,
 }
 
 impl<R> Measured<R> {
     pub(crate) fn new(input: R, bytes: u64) -> Self {
         Self {
             input,
-            way: Way::new(bytes),
+            pass: Pass::new(bytes),
         }
     }
 }
@@ -64,7 +64,7 @@ impl<R> Measured<R> {
 impl<R: Read> Read for Measured<R> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let read = self.input.read(bytes)?;
-        self.way.go(read);
+        self.pass.advance(read);
         Ok(read)
     }
 }
@@ -75,14 +75,14 @@ mod tests {
 
     /// Other tests make passes too, so only the least is known.
     #[test]
-    fn a_way_is_done_once_however_it_is_gone() {
+    fn a_pass_is_done_once_whatever_its_steps() {
         let before = parts_done();
         let mut file = Measured::new(&[0; 1000][..], 1000);
         let mut bytes = [0; 7];
         while file.read(&mut bytes).unwrap() > 0 {}
-        assert_eq!((file.way.gone, file.way.parts), (1000, PARTS));
+        assert_eq!((file.pass.done, file.pass.parts), (1000, PARTS));
         assert!(parts_done() - before >= PARTS);
-        file.way.go(500);
-        assert_eq!(file.way.parts, PARTS);
+        file.pass.advance(500);
+        assert_eq!(file.pass.parts, PARTS);
     }
 }

@@ -12,7 +12,7 @@ pub(crate) type Axis<'a> = (&'a str, RunLoop<'a>);
 /// Returns the loops of a contour, as far as the run has them.
 pub(crate) fn axes<'a>(contour: &'a Contour, run: &Run<'a>) -> Vec<Axis<'a>> {
     let axis = |name: &'a String| {
-        let is_named = |one: &RunLoop<'_>| one.own.name() == name;
+        let is_named = |one: &RunLoop<'_>| one.control_loop.name() == name;
         Some((name.as_str(), run.loops().find(is_named)?))
     };
     contour.loops.iter().filter_map(axis).collect()

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 
 use recording::cell::heading;
 use recording::timeline::{self, Timeline};
-use recording::work::Way;
+use recording::work::Pass;
 
 /// Ten to the power of the decimals of a number: one more than the finest signal has.
 const SCALE: f64 = 1e7;
@@ -28,9 +28,9 @@ pub fn write(mut output: impl Write, timelines: &[Timeline]) -> io::Result<()> {
     let columns = [&first.time_seconds].into_iter().chain(values);
     let mut columns: Vec<_> = columns.map(|values| (values.iter(), None)).collect();
     let mut cells = vec![String::new(); columns.len()];
-    let mut way = Way::new(first.cycle.len() as u64);
+    let mut pass = Pass::new(first.cycle.len() as u64);
     for cycle in &first.cycle {
-        way.go(1);
+        pass.advance(1);
         for (cell, (values, before)) in cells.iter_mut().zip(&mut columns) {
             let value = values.next().expect("a value for each cycle");
             // Most values hold for many rows.

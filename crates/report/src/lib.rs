@@ -20,6 +20,7 @@ pub mod plot;
 #[cfg(feature = "rerun")]
 pub mod rerun;
 mod run;
+pub mod table;
 pub mod terminal;
 mod unit;
 pub mod viewer;

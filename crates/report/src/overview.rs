@@ -10,6 +10,7 @@ use super::plot::{Colour, Plot, Shape};
 use super::terminal;
 use super::unit::shown_unit;
 use judge::verdict::{Metric, Outcome, Verdict};
+use recording::frames::Clock;
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
 
@@ -38,6 +39,8 @@ pub struct ListedRun<'a> {
     pub set: Vec<String>,
     /// Duration of the scenario.
     pub duration_seconds: f64,
+    /// Clock of the recording; `None` if it has no frames.
+    pub clock: Option<Clock>,
 }
 
 impl ListedRun<'_> {
@@ -179,7 +182,7 @@ fn table(runs: &[&ListedRun<'_>], names: &[&str], has_every_run: bool) -> Markup
                 (result(run))
                 @if has_every_run { td.nowrap data-name="played" { div {
                     (run.played.as_deref().unwrap_or_default())
-                    div.soft { (run.duration_seconds) " s in " (page::clock(run.verdict)) }
+                    div.soft { (run.duration_seconds) " s" @if let Some(clock) = run.clock { " in " (page::time_by(clock)) } }
                 } } }
                 @for name in names { (cell(run, name)) }
             } } }

@@ -7,7 +7,8 @@ use platform::terminal::printable;
 use sha2::{Digest, Sha256};
 
 use super::terminal;
-use judge::verdict::{Identity, Metric, Outcome, Verdict};
+use judge::verdict::{Identity, Metric, Outcome};
+use recording::frames::Clock;
 use recording::run_folder::file;
 
 /// Script and style of plots.
@@ -76,11 +77,11 @@ pub fn word(outcome: Outcome) -> String {
     outcome.word().to_lowercase()
 }
 
-/// Returns the clock by which a run was played.
-pub fn clock(verdict: &Verdict) -> &'static str {
-    match verdict.timing {
-        Some(_) => "real time",
-        None => "virtual time",
+/// Returns the kind of time that a clock gives.
+pub fn time_by(clock: Clock) -> &'static str {
+    match clock {
+        Clock::Wall => "real time",
+        Clock::Virtual => "virtual time",
     }
 }
 

@@ -87,7 +87,7 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
     let mut pages = Vec::new();
     let mut end_seconds = 0.0_f64;
     for one in run.loops() {
-        let mut folder = Folder::of_loop(&mut file, one.own);
+        let mut folder = Folder::of_loop(&mut file, one.control_loop);
         let (page, end) = log_loop(&mut folder, run, &one)?;
         pages.push(page);
         end_seconds = end_seconds.max(end);
@@ -100,9 +100,9 @@ fn write_to(file: File, run: &Run<'_>) -> Result<(), RerunError> {
 
 /// Sends the layout of a run that has just begun, with all groups that may follow.
 pub(crate) fn expect_all(output: &mut dyn Output, plan: &Plan) -> Result<(), RerunError> {
-    let pages = plan.loops.iter().map(|own| Page {
-        own,
-        groups: groups::expected(own),
+    let pages = plan.loops.iter().map(|control_loop| Page {
+        control_loop,
+        groups: groups::expected(control_loop),
     });
     blueprint::send(output, &Vec::from_iter(pages), &[], Play::Following)
 }
@@ -113,14 +113,18 @@ fn log_loop<'a>(
     run: &Run<'_>,
     one: &RunLoop<'a>,
 ) -> Result<(Page<'a>, f64), RerunError> {
-    let RunLoop { own, timeline, .. } = *one;
-    let mut bus = BusReader::new(own, run.is_long)?;
+    let RunLoop {
+        control_loop,
+        timeline,
+        ..
+    } = *one;
+    let mut bus = BusReader::new(control_loop, run.is_long)?;
     let known = if run.is_long {
         Known::Thinned
     } else {
         Known::Whole
     };
-    let mut recording = Recording::begin(output, own, known)?;
+    let mut recording = Recording::begin(output, control_loop, known)?;
     let mut frames = run.frames.iter();
     if run.is_long {
         let rows = timeline.cycle.len();

@@ -27,7 +27,7 @@ pub struct Run<'a> {
 /// Loop of a judged run.
 #[derive(Clone, Copy)]
 pub(crate) struct RunLoop<'a> {
-    pub(crate) own: &'a ControlLoop,
+    pub(crate) control_loop: &'a ControlLoop,
     pub(crate) timeline: &'a Timeline,
 }
 
@@ -35,6 +35,9 @@ impl<'a> Run<'a> {
     /// Returns the loops of the run.
     pub(crate) fn loops(&self) -> impl Iterator<Item = RunLoop<'a>> + use<'a> {
         let loops = self.plan.loops.iter().zip(self.timelines);
-        loops.map(|(own, timeline)| RunLoop { own, timeline })
+        loops.map(|(control_loop, timeline)| RunLoop {
+            control_loop,
+            timeline,
+        })
     }
 }

@@ -2,23 +2,18 @@
 
 use std::path::Path;
 
-use comfy_table::{Attribute, Cell, CellAlignment, Color, ContentArrangement, Table, presets};
-
 use scenario::expect::Limit;
 use scenario::metrics;
 
+use crate::table::{Cell, Table, Text};
 use judge::timing::Timing;
 use judge::verdict::{Metric, Outcome, Verdict};
 use recording::run_folder::file;
 
 /// Returns the text of a verdict: name, table, outcome and reason.
 #[must_use]
-pub fn verdict(verdict: &Verdict) -> String {
-    let mut text = named_table(verdict);
-    if let Some(remark) = verdict.remark() {
-        text += &format!(": {remark}");
-    }
-    text
+pub fn verdict(verdict: &Verdict) -> Text {
+    with_outcome(verdict, verdict.remark())
 }
 
 /// Returns a verdict in one line.
@@ -30,47 +25,48 @@ pub fn line(verdict: &Verdict) -> String {
     format!("{}: {}{remark}", verdict.scenario, verdict.outcome.word())
 }
 
-fn named_table(verdict: &Verdict) -> String {
-    let mut text = format!("\n{}\n", verdict.scenario);
+fn with_outcome(verdict: &Verdict, remark: Option<String>) -> Text {
+    let mut text = Text::default();
+    text.line(format!("\n{}", verdict.scenario));
     if !verdict.metrics.is_empty() {
-        text += &format!("{}\n", table(verdict));
+        text.table(&table(verdict));
     }
     for loss in &verdict.losses {
-        text += &format!("{loss}\n");
+        text.line(loss);
     }
     if let Some(timing) = &verdict.timing {
-        text += &format!("{}\n", timing_table(timing));
+        add_timing(&mut text, timing);
     }
-    text + verdict.outcome.word()
+    let remark = remark.map_or_else(String::new, |remark| format!(": {remark}"));
+    text.line(format!("{}{remark}", verdict.outcome.word()));
+    text
 }
 
 /// Returns the text of a run: name, table, outcome, and the folder.
 #[must_use]
-pub fn run(verdict: &Verdict, folder: &Path) -> String {
-    let mut text = named_table(verdict);
+pub fn run(verdict: &Verdict, folder: &Path) -> Text {
     // The reason of a run that broke off was printed as an error already.
     let remark = verdict.remark();
-    if let Some(remark) = remark.filter(|_| verdict.outcome != Outcome::Incomplete) {
-        text += &format!(": {remark}");
-    }
-    text += &format!("\nrun folder  {}", folder.display());
+    let remark = remark.filter(|_| verdict.outcome != Outcome::Incomplete);
+    let mut text = with_outcome(verdict, remark);
+    text.line(format!("run folder  {}", folder.display()));
     let [page, recording] = [file::REPORT, file::RERUN].map(|name| folder.join(name));
     if page.exists() {
-        text += &format!("\nlook at it  {}", page.display());
+        text.line(format!("look at it  {}", page.display()));
     }
     if recording.exists() {
-        text += &format!(
-            "\nin Rerun    rerun {}   (viewer: pip install rerun-sdk==0.36.3)",
+        text.line(format!(
+            "in Rerun    rerun {}   (viewer: pip install rerun-sdk==0.36.3)",
             recording.display()
-        );
+        ));
     }
     text
 }
 
 /// Returns one line for each of several runs.
 #[must_use]
-pub fn summary(verdicts: &[Verdict]) -> String {
-    let mut table = empty_table(["scenario", "limits", "result"]);
+pub fn summary(verdicts: &[Verdict]) -> Text {
+    let mut table = Table::new(["scenario", "limits", "result"]);
     for verdict in verdicts {
         let limited = verdict
             .metrics
@@ -80,65 +76,46 @@ pub fn summary(verdicts: &[Verdict]) -> String {
             .clone()
             .filter(|metric| metric.passed == Some(true))
             .count();
-        let colour = match verdict.outcome {
-            Outcome::Pass => Color::Green,
-            Outcome::Fail | Outcome::Incomplete => Color::Red,
-            Outcome::Inconclusive => Color::Yellow,
-        };
-        table.add_row([
+        table.add([
             Cell::new(&verdict.scenario),
             Cell::new(format!("{passed} of {} met", limited.count())),
-            Cell::new(verdict.outcome.word()).fg(colour),
+            outcome(verdict.outcome),
         ]);
     }
-    format!("\n{table}")
+    let mut text = Text::default();
+    text.line("");
+    text.table(&table);
+    text
+}
+
+/// Returns the cell of an outcome.
+#[must_use]
+pub fn outcome(outcome: Outcome) -> Cell {
+    let cell = Cell::new(outcome.word());
+    match outcome {
+        Outcome::Pass => cell.good(),
+        Outcome::Fail | Outcome::Incomplete => cell.bad(),
+        Outcome::Inconclusive => cell.unsure(),
+    }
 }
 
 /// Returns the table of one run's metrics with their limits.
-#[must_use]
-pub fn table(verdict: &Verdict) -> String {
-    let mut table = empty_table(["metric", "measured", "limit", "result"]);
+fn table(verdict: &Verdict) -> Table {
+    let mut table = Table::new(["metric", "measured", "limit", "result"]);
     for metric in &verdict.metrics {
-        table.add_row([
+        table.add([
             Cell::new(&metric.name),
-            Cell::new(measured(metric)).set_alignment(CellAlignment::Right),
+            Cell::number(measured(metric)),
             Cell::new(limit(&metric.name, metric.limit)),
             result(metric, verdict.outcome),
         ]);
     }
-    table.to_string()
-}
-
-/// Columns of a terminal that reports none, as in CI, and the least number to which tables are narrowed.
-const TERMINAL_COLUMNS: u16 = 80;
-const TERMINAL_COLUMNS_MIN: u16 = 40;
-
-/// Returns a table that fits the terminal, in colours unless NO_COLOR (no-color.org) or a pipe forbids them.
-pub fn empty_table<'a>(header: impl IntoIterator<Item = &'a str>) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header(Vec::from_iter(header));
-    if let Some(columns) = table.width().map(usable_columns) {
-        table.set_width(columns);
-    }
-    if std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty()) {
-        table.force_no_tty();
-    }
     table
 }
 
-/// Returns the columns for a table on a terminal of this width.
-fn usable_columns(columns: u16) -> u16 {
-    match columns {
-        0 => TERMINAL_COLUMNS,
-        _ => columns.max(TERMINAL_COLUMNS_MIN),
-    }
-}
-
-/// Returns a table of latencies and latenesses in microseconds, with the losses, and the reasons to distrust it.
-fn timing_table(timing: &Timing) -> String {
-    let mut table = empty_table(["microseconds", "median", "p99", "p99.9", "max"]);
+/// Adds a table of latencies and latenesses in microseconds, with the losses, and the reasons to distrust it.
+fn add_timing(text: &mut Text, timing: &Timing) {
+    let mut table = Table::new(["microseconds", "median", "p99", "p99.9", "max"]);
     for (name, quantiles) in timing.rows() {
         let values = [
             quantiles.median,
@@ -146,14 +123,14 @@ fn timing_table(timing: &Timing) -> String {
             quantiles.p99_9,
             quantiles.max,
         ]
-        .map(|value| Cell::new(format!("{value:.0}")).set_alignment(CellAlignment::Right));
-        table.add_row([Cell::new(name)].into_iter().chain(values));
+        .map(|value| Cell::number(format!("{value:.0}")));
+        table.add([Cell::new(name)].into_iter().chain(values));
     }
-    let mut text = format!("{table}\n{}", timing.losses());
+    text.table(&table);
+    text.line(timing.losses());
     for reason in &timing.distrust {
-        text += &format!("\nthe timing is not trusted: {reason}");
+        text.line(format!("the timing is not trusted: {reason}"));
     }
-    text
 }
 
 /// Returns the value of a metric, or the reason why there is none, and its time.
@@ -281,15 +258,15 @@ pub fn limit(name: &str, limit: Option<Limit>) -> String {
     }
 }
 
+/// Returns the cell that says whether a limit was met.
+#[must_use]
 pub fn result(metric: &Metric, outcome: Outcome) -> Cell {
     match (metric.passed, outcome) {
-        (None, _) if metric.limit.is_some() => Cell::new("not judged").fg(Color::Yellow),
+        (None, _) if metric.limit.is_some() => Cell::new("not judged").unsure(),
         (None, _) => Cell::new(""),
-        (Some(_), Outcome::Inconclusive) => Cell::new("not judged").fg(Color::Yellow),
-        (Some(true), _) => Cell::new("pass").fg(Color::Green),
-        (Some(false), _) => Cell::new("FAIL")
-            .fg(Color::Red)
-            .add_attribute(Attribute::Bold),
+        (Some(_), Outcome::Inconclusive) => Cell::new("not judged").unsure(),
+        (Some(true), _) => Cell::new("pass").good(),
+        (Some(false), _) => Cell::new("FAIL").bad().bold(),
     }
 }
 
@@ -332,7 +309,7 @@ mod tests {
             Err("never settled".to_owned()),
             limit,
         )];
-        let text = table(&verdict);
+        let text = table(&verdict).to_string();
         assert!(text.contains("settling_time_seconds"), "{text}");
         assert!(
             text.contains("never settled") && text.contains("≤ 0.23") && text.contains("FAIL"),
@@ -382,29 +359,10 @@ mod tests {
     }
 
     #[test]
-    fn a_terminal_without_a_width_gets_tables_that_can_be_read() {
-        assert_eq!([0, 20, 60, 200].map(usable_columns), [80, 40, 60, 200]);
-        let mut table = empty_table(["signal", "rms", "differs by", "tolerance", "from", "result"]);
-        table.set_width(usable_columns(0));
-        table.add_row([
-            "true_position_millimetres",
-            "1.234",
-            "12.34",
-            "0.25",
-            "1.234 s",
-            "DIVERGES",
-        ]);
-        let text = table.to_string();
-        assert!(
-            text.lines().all(|line| line.chars().count() <= 80),
-            "{text}"
-        );
-        assert!(text.contains("DIVERGES"), "{text}");
-    }
-
-    #[test]
-    fn each_quantile_stands_under_its_name() {
-        let text = timing_table(&made_up_timing());
+    fn each_quantile_is_under_its_name() {
+        let mut text = Text::default();
+        add_timing(&mut text, &made_up_timing());
+        let text = text.to_string();
         let cells = |start: &str| {
             let line = text.lines().find(|line| line.contains(start)).unwrap();
             let cells = line.split(['│', '┆']).map(str::trim);

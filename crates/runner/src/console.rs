@@ -17,6 +17,7 @@ use crate::exit::Exit;
 use recording::frames::LogChanged;
 use recording::progress::{LoopProgress, RunProgress};
 use recording::work::{PARTS, parts_done};
+use report::table::Text;
 use scenario::without_colours;
 
 /// First reason why standard output did not accept a text.
@@ -40,35 +41,12 @@ fn keep_error(written: io::Result<()>) {
 
 /// Prints a line on standard output.
 pub fn print(text: &str) {
-    let mut stdout = io::stdout();
-    let is_plain = !stdout.is_terminal();
-    let shown = if is_plain {
-        printable(text)
-    } else {
-        coloured(text)
-    };
-    keep_error(writeln!(stdout, "{shown}"));
+    keep_error(writeln!(io::stdout(), "{}", printable(text)));
 }
 
-/// Sequences by which tables colour words. They hide and move nothing, wherever they come from.
-const COLOURS: [&str; 6] = [
-    "\u{1b}[38;5;9m",
-    "\u{1b}[38;5;10m",
-    "\u{1b}[38;5;11m",
-    "\u{1b}[39m",
-    "\u{1b}[1m",
-    "\u{1b}[0m",
-];
-
-/// Returns a text for a terminal: with the colours of its tables, unless anything else in it steers the terminal.
-fn coloured(text: &str) -> Cow<'_, str> {
-    let plain = COLOURS
-        .iter()
-        .fold(text.to_owned(), |plain, colour| plain.replace(colour, ""));
-    match printable(&plain) {
-        Cow::Borrowed(_) => Cow::Borrowed(text),
-        Cow::Owned(shown) => Cow::Owned(shown),
-    }
+/// Prints a text with tables, in colours on a terminal.
+pub fn print_text(text: &Text) {
+    keep_error(write!(io::stdout(), "{text}"));
 }
 
 /// Prints bytes on standard output: unchanged, except for a terminal.
@@ -152,12 +130,12 @@ pub(crate) fn start_error(message: &str) -> Exit {
     Exit::CannotStart
 }
 
-/// Prints an error with the underlined place in the file.
+/// Prints an error with the underlined place in the file: in colours and as wide as the terminal, else without line breaks.
 pub fn print_diagnostic(error: impl Into<miette::Report>) {
     let error = error.into();
     match printable(&without_colours(error.as_ref())) {
         // The remaining escapes are the bench's own: colours.
-        Cow::Borrowed(_) => {
+        Cow::Borrowed(_) if io::stderr().is_terminal() => {
             let _ = writeln!(io::stderr(), "{error:?}");
         }
         shown => print_error(&shown),
@@ -365,11 +343,11 @@ impl RunsBar {
 
 fn show_eta(state: &ProgressState, output: &mut dyn fmt::Write) {
     // A state that cannot be written is not worth a panic.
-    let _ = output.write_str(&words_of_eta(state.eta()));
+    let _ = output.write_str(&eta_text(state.eta()));
 }
 
 /// Writes the remaining time after other text. Until a run has ended, it is zero, since it is unknown.
-fn words_of_eta(eta: Duration) -> String {
+fn eta_text(eta: Duration) -> String {
     if eta.is_zero() {
         String::new()
     } else {
@@ -424,7 +402,7 @@ impl Drop for PartsBar {
 /// Bar on the progress of long work on a recording, and the remaining time. It is drawn on a terminal only, by a separate thread,
 /// if the work lasts longer than two seconds.
 pub struct WorkBar {
-    ways: Arc<AtomicU64>,
+    passes: Arc<AtomicU64>,
     ended: Option<mpsc::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -432,29 +410,29 @@ pub struct WorkBar {
 impl WorkBar {
     /// Makes the bar of work with this number of passes over the recordings.
     #[must_use]
-    pub fn new(ways: u64, is_shown: bool) -> Self {
-        let ways = Arc::new(AtomicU64::new(ways));
+    pub fn new(passes: u64, is_shown: bool) -> Self {
+        let passes = Arc::new(AtomicU64::new(passes));
         if !is_shown || !io::stderr().is_terminal() {
             return Self {
-                ways,
+                passes,
                 ended: None,
                 thread: None,
             };
         }
         let (ended, end) = mpsc::channel();
         let before = parts_done();
-        let expected = Arc::clone(&ways);
+        let expected = Arc::clone(&passes);
         let thread = thread::spawn(move || show_work(&expected, before, &end));
         Self {
-            ways,
+            passes,
             ended: Some(ended),
             thread: Some(thread),
         }
     }
 
     /// Sets the number of passes, which is known when the recordings have been read.
-    pub fn expect(&self, ways: u64) {
-        self.ways.store(ways, Ordering::Relaxed);
+    pub fn expect(&self, passes: u64) {
+        self.passes.store(passes, Ordering::Relaxed);
     }
 }
 
@@ -469,12 +447,12 @@ impl Drop for WorkBar {
 }
 
 /// Draws the bar until the other end of the channel is dropped.
-fn show_work(ways: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
+fn show_work(passes: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
     let is_over = |wait| end.recv_timeout(wait) != Err(mpsc::RecvTimeoutError::Timeout);
     if is_over(PATIENCE) {
         return;
     }
-    let parts = || ways.load(Ordering::Relaxed) * PARTS;
+    let parts = || passes.load(Ordering::Relaxed) * PARTS;
     let bar = ProgressBar::with_draw_target(Some(parts()), ProgressDrawTarget::stderr());
     let bar = bar.with_elapsed(PATIENCE);
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {left} left");
@@ -534,14 +512,6 @@ mod tests {
     }
 
     #[test]
-    fn a_table_has_its_colours_unless_a_name_in_it_steers_the_terminal() {
-        let table = "\u{1b}[38;5;9m\u{1b}[1m FAIL \u{1b}[0m│ \u{1b}[38;5;10m pass \u{1b}[39m";
-        assert_eq!(coloured(table), table);
-        let hostile = format!("\u{1b}[2J {table}");
-        assert_eq!(coloured(&hostile), "\\u001b[2J  FAIL │  pass ");
-    }
-
-    #[test]
     fn the_state_of_a_run_fits_beside_the_bar() {
         let only = LoopProgress {
             position: Some(34.986),
@@ -576,7 +546,7 @@ mod tests {
 
     #[test]
     fn no_time_is_left_that_nobody_knows() {
-        let words = |bar: &RunsBar| words_of_eta(bar.bar.eta());
+        let words = |bar: &RunsBar| eta_text(bar.bar.eta());
         for bar in [
             RunsBar::new(Some(1000), false),
             RunsBar::new(Some(1000), false).going_on_from(400),
@@ -584,6 +554,6 @@ mod tests {
             bar.show(0);
             assert_eq!(words(&bar), "");
         }
-        assert_eq!(words_of_eta(Duration::from_secs(30)), "  30s left");
+        assert_eq!(eta_text(Duration::from_secs(30)), "  30s left");
     }
 }

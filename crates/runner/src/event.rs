@@ -26,7 +26,7 @@ pub enum RunEvent<'a> {
     /// A scenario was played. It is judged next, and its files are written.
     Played {
         /// Number of passes over its frames or cycles for that.
-        ways: u64,
+        passes: u64,
     },
     /// A scenario was played and judged.
     Judged {

@@ -29,7 +29,7 @@ impl Listener for EventLines {
             // The next event implies this one.
             RunEvent::Played { .. } => return,
             RunEvent::Note(text) => json!({"event": "note", "text": text}),
-            RunEvent::Preflight(step) => json!({"event": "note", "text": in_words(step)}),
+            RunEvent::Preflight(step) => json!({"event": "note", "text": preflight_text(step)}),
             RunEvent::Began { duration_seconds } => {
                 json!({"event": "began", "duration_seconds": duration_seconds})
             }
@@ -60,7 +60,7 @@ fn reached(reading: &RunProgress) -> Value {
     line
 }
 
-fn in_words(step: &PreflightEvent) -> String {
+fn preflight_text(step: &PreflightEvent) -> String {
     match step {
         PreflightEvent::Begun => "pre-flight".to_owned(),
         PreflightEvent::Drive(name) => format!("pre-flight of {name}"),

@@ -13,7 +13,7 @@ use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::lines::EventLines;
 use crate::observer::observed;
-use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, run, ways_to_files};
+use crate::run::{COMPRESS_ABOVE_SECONDS, Judged, RUNS, RunPlace, passes_to_files, run};
 use crate::scenarios::{is_scenario, load, scenario_files};
 use crate::terminal::Terminal;
 use plan::{ControlLoop, Plan};
@@ -354,8 +354,8 @@ fn play_one(
     let judged = run(plan, place, watch, queues, |folder, capture| {
         let played = stage.play(|| testbed.play(plan, folder, capture));
         played.inspect(|played| {
-            let ways = ways_to_files(played, plan.loops.len());
-            listener.on_event(&RunEvent::Played { ways });
+            let passes = passes_to_files(played, plan.loops.len());
+            listener.on_event(&RunEvent::Played { passes });
         })
     });
     match judged {

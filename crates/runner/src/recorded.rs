@@ -266,7 +266,7 @@ impl Recorded {
     /// Returns the number of further passes over the frames in [`Recorded::judge`]: for the times of each loop, if the run has
     /// any.
     #[must_use]
-    pub fn ways_for_timing(&self) -> u64 {
+    pub fn passes_for_timing(&self) -> u64 {
         let stored = self.stored.as_ref();
         if stored.is_some_and(|stored| stored.timing.is_some()) {
             self.plan.loops.len() as u64
@@ -303,7 +303,10 @@ impl Recorded {
         Unrecorded {
             frames_lost: of_run(|stored| stored.frames_lost),
             fd_frames: of_run(|stored| stored.fd_frames) + self.log.unread.fd_frames,
-            strange_lines: self.log.unread.strange_until(end.unwrap_or(Duration::MAX)),
+            unreadable_lines: self
+                .log
+                .unread
+                .unreadable_until(end.unwrap_or(Duration::MAX)),
         }
     }
 

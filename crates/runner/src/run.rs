@@ -144,9 +144,9 @@ pub fn run(
 
 /// Returns the number of passes over the frames and cycles of a long run after its play: for the timelines, the verdict, and the
 /// signals; for each loop, for the page, for the viewer, and for its times in real time.
-pub(crate) fn ways_to_files(played: &Played, loops: usize) -> u64 {
-    let ways_of_loop = if played.host.is_some() { 3 } else { 2 };
-    3 + ways_of_loop * loops as u64
+pub(crate) fn passes_to_files(played: &Played, loops: usize) -> u64 {
+    let passes_of_loop = if played.host.is_some() { 3 } else { 2 };
+    3 + passes_of_loop * loops as u64
 }
 
 fn write_signals(folder: &RunFolder, timelines: &[Timeline]) -> Result<(), WriteError> {

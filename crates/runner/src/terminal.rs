@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::console::{ScenarioBar, WorkBar, print, print_error};
+use crate::console::{ScenarioBar, WorkBar, print, print_error, print_text};
 use crate::event::{Listener, RunEvent};
 use crate::exit::Exit;
 use crate::run::Judged;
@@ -62,7 +62,7 @@ impl Terminal {
             print(&terminal::line(&judged.verdict));
         }
         if !self.json && (!self.quiet || judged.exit != Exit::Pass) {
-            print(&terminal::run(&judged.verdict, &judged.folder));
+            print_text(&terminal::run(&judged.verdict, &judged.folder));
         }
         if let Some(load) = full_bus(&judged.verdict) {
             self.note(&format!(
@@ -86,7 +86,7 @@ impl Listener for Terminal {
     fn on_event(&self, event: &RunEvent<'_>) {
         match event {
             RunEvent::Note(text) => self.note(text),
-            RunEvent::Preflight(step) => self.note(&in_words(step)),
+            RunEvent::Preflight(step) => self.note(&preflight_text(step)),
             RunEvent::Began { duration_seconds } => {
                 let bar = ScenarioBar::new(*duration_seconds, self.prints_notes());
                 *self.progress() = Some(Progress::Scenario(bar));
@@ -96,8 +96,8 @@ impl Listener for Terminal {
                     bar.show(reading);
                 }
             }
-            RunEvent::Played { ways } => {
-                let bar = WorkBar::new(*ways, self.prints_notes());
+            RunEvent::Played { passes } => {
+                let bar = WorkBar::new(*passes, self.prints_notes());
                 self.progress().take();
                 *self.progress() = Some(Progress::Work(bar));
             }
@@ -112,15 +112,15 @@ impl Listener for Terminal {
             RunEvent::Ended(verdicts) if self.json => {
                 print(&serde_json::to_string_pretty(verdicts).expect("plain data"));
             }
-            RunEvent::Ended(verdicts) if verdicts.len() > 1 => {
-                self.note(&terminal::summary(verdicts));
+            RunEvent::Ended(verdicts) if verdicts.len() > 1 && self.prints_notes() => {
+                print_text(&terminal::summary(verdicts));
             }
             RunEvent::Ended(_) => {}
         }
     }
 }
 
-fn in_words(step: &PreflightEvent) -> String {
+fn preflight_text(step: &PreflightEvent) -> String {
     match step {
         PreflightEvent::Begun => "pre-flight:".to_owned(),
         PreflightEvent::Drive(name) => format!(" {name}:"),

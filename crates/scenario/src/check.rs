@@ -96,12 +96,14 @@ fn laws(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     match document.keys("controller").as_slice() {
         [] => {
             let span = document.key_span("controller");
-            let label = match trial.wiring.loop_among_several() {
-                "" => "name the law: [controller.sliding_mode], [controller.pid]".to_owned(),
-                of_loop => format!("name the law: [controller.{of_loop}.pid]"),
+            // The table may be that of a loop or of all loops.
+            let label = match document.source.text(&span) {
+                "controller" => {
+                    "name the law: [controller.sliding_mode], [controller.pid]".to_owned()
+                }
+                table => format!("name the law: [controller.{table}.pid]"),
             };
-            let problem = document.source.problem(span, "no control law", label);
-            Some(problem.with_help(HELP))
+            Some(document.source.problem(span, "no control law", label))
         }
         ["open_loop"] => None,
         [law] if trial.reference.is_empty() => {

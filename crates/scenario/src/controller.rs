@@ -6,7 +6,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::own::{self, Own, Parameters, defaults};
+use crate::custom::{self, Own, Parameters, defaults};
 use crate::process_law::{FmuLaw, Library, ProcessLaw, Program};
 
 /// The control law; exactly one of these tables.
@@ -368,7 +368,7 @@ pub fn drives_led_by(law: &str) -> Option<usize> {
     let of_format = LAWS.iter().find(|(name, _)| *name == law);
     match of_format {
         Some((_, drives)) => *drives,
-        None => own::drives_led_by(law),
+        None => custom::drives_led_by(law),
     }
 }
 

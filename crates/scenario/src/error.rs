@@ -129,13 +129,15 @@ impl Diagnostic for ScenarioError {
     }
 }
 
-/// Renders an error without colours, with the places that it underlines. An escape sequence in it can only come from a file.
+/// Renders an error without colours, with the places that it underlines. An escape sequence in it can only come from a file. No
+/// line is wrapped, so programs find messages and paths whole.
 ///
 /// # Panics
 /// Never: writing to memory does not fail.
 #[must_use]
 pub fn without_colours(error: &dyn Diagnostic) -> String {
     let handler = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
+    let handler = handler.with_wrap_lines(false);
     let mut text = String::new();
     let rendered = handler.render_report(&mut text, error);
     rendered.expect("memory takes all that is written");
@@ -230,6 +232,11 @@ impl Source {
             text: Arc::new(NamedSource::new(name, text.to_owned())),
             is_shown: text.lines().all(|line| line.len() <= LINE_BYTES_SHOWN_MAX),
         }
+    }
+
+    /// Returns the text at a place.
+    pub(crate) fn text(&self, place: &Range<usize>) -> &str {
+        self.text.inner().get(place.clone()).unwrap_or_default()
     }
 
     /// Makes a problem at a place of this text: `message` describes it, and `label` is printed at the place.

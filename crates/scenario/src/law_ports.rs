@@ -3,8 +3,8 @@
 //! amplifier of the drive gives; for a law of one loop that quantity is a current, too. Every other output is a term of the law,
 //! which is recorded.
 
+use crate::custom::is_name;
 use crate::nearest::meant_or_known;
-use crate::own::is_name;
 use crate::port::{Direction, Measurand, Port, Ports, Unit, conversion};
 use crate::wiring::LoopOfRig;
 

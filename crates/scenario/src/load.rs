@@ -29,11 +29,11 @@ pub(crate) use kind::is_scenario;
 pub(crate) use units::{Factors, InUnit};
 
 use crate::beside::Beside;
+use crate::custom::{Own, Section};
 use crate::document::Document;
 use crate::error::{Problem, ScenarioError};
 use crate::file::read_text;
 use crate::outside::Outside;
-use crate::own::{Own, Section};
 use crate::port::Measurand;
 use crate::rig::nodes::Rig;
 use crate::scenario::Scenario;
@@ -200,7 +200,7 @@ pub(crate) fn build<T: DeserializeOwned>(
 }
 
 /// Returns the table from outside at a path of a document, if there is one, and the problems that its own type finds in it.
-fn own_table(
+fn custom_table(
     document: &Document<'_>,
     outside: &Outside,
     section: Section,
@@ -232,7 +232,7 @@ fn read_law(
     problems: &mut Vec<Problem>,
 ) {
     let section = Section::Controller;
-    let Some((own, problem)) = own_table(document, outside, section, section.key()) else {
+    let Some((own, problem)) = custom_table(document, outside, section, section.key()) else {
         return;
     };
     *into = Some(own);
@@ -251,7 +251,7 @@ fn read_models(
 ) {
     for (name, plant) in &mut rig.plant {
         let path = format!("plant.{name}");
-        let Some((own, problem)) = own_table(document, outside, Section::Plant, &path) else {
+        let Some((own, problem)) = custom_table(document, outside, Section::Plant, &path) else {
             continue;
         };
         plant.own = Some(own);

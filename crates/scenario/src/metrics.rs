@@ -164,7 +164,7 @@ pub static METRICS: &[Metric] = &[
         unit: "millimetres",
         needs: Needs::Disturbance,
         pieces: Pieces::Event,
-        text: "Largest deviation from the set-point, from the start of a disturbance until the next change of set-point or disturbance, for at least 3 s after its end.",
+        text: "Largest deviation from the set-point, from the start of a disturbance until the next change of the set-point, a disturbance or a fault, for at least 3 s after its end.",
         ..POSITION
     },
     Metric {

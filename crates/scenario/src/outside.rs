@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::own::{self, Section, is_name};
+use crate::custom::{self, Section, is_name};
 use crate::plant::MODELS;
 use crate::schema;
 
@@ -28,9 +28,9 @@ impl Outside {
         let tables = laws.into_iter().flat_map(DeTable::iter);
         let tables = tables.filter(|(_, value)| value.get_ref().is_table());
         let names = tables.map(|(key, _)| key.get_ref().as_ref());
-        let strange = names.filter(|name| is_name(name) && known.get(name).is_none());
+        let unknown = names.filter(|name| is_name(name) && known.get(name).is_none());
         Self::Recorded(
-            strange
+            unknown
                 .map(|name| (Section::Controller, name.to_owned()))
                 .collect(),
         )
@@ -44,8 +44,8 @@ impl Outside {
         let models = models.filter_map(|models| models.get_ref().as_table());
         let names = models.flat_map(|models| models.keys());
         let names = names.map(|name| name.get_ref().to_string());
-        let strange = names.filter(|name| is_name(name) && !MODELS.contains(&name.as_str()));
-        Self::Recorded(strange.map(|name| (Section::Plant, name)).collect())
+        let unknown = names.filter(|name| is_name(name) && !MODELS.contains(&name.as_str()));
+        Self::Recorded(unknown.map(|name| (Section::Plant, name)).collect())
     }
 
     /// Returns the schema for a rig file with these models.
@@ -65,7 +65,10 @@ impl Outside {
     /// Returns the names of a section's tables.
     pub(crate) fn names(&self, section: Section) -> Vec<&str> {
         match self {
-            Self::Registered => own::tables(section).iter().map(|own| own.name()).collect(),
+            Self::Registered => custom::tables(section)
+                .iter()
+                .map(|own| own.name())
+                .collect(),
             Self::Recorded(tables) => {
                 let of_section = tables.iter().filter(|(place, _)| *place == section);
                 of_section.map(|(_, name)| name.as_str()).collect()
@@ -98,7 +101,7 @@ impl Outside {
     ) -> Result<(), toml::de::Error> {
         match self {
             Self::Registered => {
-                let mut registered = own::tables(section).iter();
+                let mut registered = custom::tables(section).iter();
                 let found = registered.find(|own| own.name() == name);
                 found.map_or(Ok(()), |own| own.check(table))
             }

@@ -4,8 +4,8 @@ use std::fmt;
 
 use canopen::object_dictionary::Preset;
 
+use crate::custom::is_name;
 use crate::metrics::METRICS;
-use crate::own::is_name;
 
 /// Largest number of steps that 16 bits hold.
 const STEPS_MAX: f64 = 32_767.0;

@@ -1,8 +1,8 @@
 //! Registers plants and laws from outside, once and before anything is read.
 
 use crate::controller::Controller;
+use crate::custom::{CustomTable, Section, is_name};
 use crate::fault::{Group, Kind};
-use crate::own::{OwnTable, Section, is_name};
 use crate::plant::is_of_format;
 use crate::schema::schema_of;
 
@@ -42,7 +42,7 @@ pub enum InvalidOwn {
 ///
 /// # Errors
 /// One of them cannot be a table of the section.
-pub fn register(section: Section, tables: Vec<OwnTable>) -> Result<(), InvalidOwn> {
+pub fn register(section: Section, tables: Vec<CustomTable>) -> Result<(), InvalidOwn> {
     for (place, table) in tables.iter().enumerate() {
         let name = table.name();
         is_free(section, name)?;

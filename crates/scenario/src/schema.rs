@@ -10,9 +10,9 @@ use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value};
 
 use crate::contour::Contours;
+use crate::custom;
 use crate::fault;
 use crate::null::TakeNullAway;
-use crate::own;
 use crate::rig::nodes::Rig;
 use crate::run::Header;
 use crate::sweep::Swept;
@@ -112,7 +112,7 @@ pub(crate) fn part_of(root: &Value, table: &Value) -> Value {
 /// Returns the schema of a type, with the plants and laws from outside; its definitions are in `definitions`.
 pub(crate) fn schema_of<T: JsonSchema>() -> Value {
     let mut schema = shipped::<T>();
-    own::describe(&mut schema);
+    custom::describe(&mut schema);
     schema
 }
 

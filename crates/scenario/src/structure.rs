@@ -6,10 +6,10 @@ use serde_json::{Map, Value};
 use toml::Spanned;
 use toml::de::{DeArray, DeString, DeTable, DeValue};
 
+use crate::custom::{self, Section};
 use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::nearest::{nearest, suggestion};
-use crate::own::{self, Section};
 use crate::schema::{MULTIPLE_OF, resolve};
 
 /// Finds everything in the document that the schema does not admit; `what` names the whole in messages.
@@ -64,10 +64,10 @@ impl<'a> Checker<'a> {
                 let expected = match schema["items"]["type"].as_str() {
                     Some("string") => "an array of strings",
                     Some("number") => "an array of numbers",
-                    _ => expected_words(expected),
+                    _ => expected_kind(expected),
                 };
                 let message = format!("`{path}` must be {expected}");
-                self.report(span, message, format!("this is {}", found_words(found)));
+                self.report(span, message, format!("this is {}", found_kind(found)));
                 if schema["items"]["$ref"].is_string() && found.is_table() {
                     self.help(format!("write it with double brackets: [[{path}]]"));
                 }
@@ -145,7 +145,7 @@ impl<'a> Checker<'a> {
             let kind = section.kind();
             let label = format!("this bench has no such {kind}");
             self.report(key.span(), format!("unknown {kind} `{name}`"), label);
-            self.help(own::known(section, known.keys().map(String::as_str)));
+            self.help(custom::known(section, known.keys().map(String::as_str)));
             return None;
         }
         let label = match meant {
@@ -324,7 +324,7 @@ fn join(path: &str, name: &str) -> String {
     }
 }
 
-fn expected_words(schema_type: Option<&str>) -> &'static str {
+fn expected_kind(schema_type: Option<&str>) -> &'static str {
     match schema_type {
         Some("object") => "a table",
         Some("array") => "an array of tables",
@@ -336,7 +336,7 @@ fn expected_words(schema_type: Option<&str>) -> &'static str {
 }
 
 /// Describes the type of a value.
-pub(crate) fn found_words(value: &DeValue<'_>) -> &'static str {
+pub(crate) fn found_kind(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a string",
         DeValue::Integer(_) => "an integer",

@@ -219,7 +219,7 @@ impl Wiring {
     /// Returns the name, in its loop, of a signal that its own drive measures: with the name of the drive if the loop follows
     /// another one.
     #[must_use]
-    pub fn name_of_own(&self, measured: &str) -> String {
+    pub fn name_in_loop(&self, measured: &str) -> String {
         if self.follows_itself() {
             measured.to_owned()
         } else {

@@ -99,7 +99,7 @@ pub(crate) fn end_by_node(
             log,
             doing,
         } => Err(WorldError::Process {
-            name: seen.words(&name),
+            name: seen.text(&name),
             how,
             log,
             doing,
@@ -135,7 +135,7 @@ impl<'a> Seen<'a> {
     }
 
     /// Returns the name of a participant for a message: for a plant's emulator, with the drive that it plays.
-    fn words(&self, participant: &str) -> String {
+    fn text(&self, participant: &str) -> String {
         let drive = self.node(participant);
         if drive == participant {
             participant.to_owned()

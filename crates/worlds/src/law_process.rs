@@ -211,7 +211,7 @@ impl LawProcess {
         let wrong = |error: std::io::Error| format!("cannot be reached: {error}");
         if !self.program.accept().map_err(wrong)? {
             return Err(match self.program.ended(Duration::ZERO) {
-                Some(ended) => ended_words(&ended),
+                Some(ended) => end_text(&ended),
                 None => format!("did not come to its seat in {} s", START_PATIENCE.as_secs()),
             });
         }
@@ -242,7 +242,7 @@ impl LawProcess {
             Received::Message(length) => Ok(&self.answer[..length]),
             Received::Nothing => Err(format!("was not ready in {} s", START_PATIENCE.as_secs())),
             Received::Closed => Err(match self.program.ended(CLOSED_PATIENCE) {
-                Some(ended) => ended_words(&ended),
+                Some(ended) => end_text(&ended),
                 None => CLOSED.to_owned(),
             }),
         }
@@ -310,7 +310,7 @@ impl LawProcess {
             CLOSED_PATIENCE
         };
         match self.program.ended(patience) {
-            Some(ended) => self.fail(&ended_words(&ended)),
+            Some(ended) => self.fail(&end_text(&ended)),
             None if self.is_real_time => {}
             None => self.fail(CLOSED),
         }
@@ -343,7 +343,7 @@ impl LawProcess {
 }
 
 /// Describes the end of a process, with its last output.
-fn ended_words((how, output): &(String, String)) -> String {
+fn end_text((how, output): &(String, String)) -> String {
     match output.as_str() {
         "" => how.clone(),
         output => format!("{how}; the end of its output:\n{}", indented(output)),

@@ -10,7 +10,7 @@ use super::page;
 use super::play::{Play, PlayError, latest};
 use judge::verdict::Outcome;
 use recording::run_folder::file;
-use runner::console::{print, print_error};
+use runner::console::{print, print_error, print_text};
 use runner::exit::Exit;
 use runner::output::{link, write_page};
 use runner::recorded::{opened, refuse};
@@ -58,7 +58,7 @@ pub fn coverage(args: &CoverageArgs) -> Exit {
     if args.json {
         print(&serde_json::to_string_pretty(&requirements).expect("plain data"));
     } else {
-        print(&page::to_text(&requirements));
+        print_text(&page::to_text(&requirements));
     }
     if let Some(output) = &args.output {
         let link_to = |run: &Path| link(output, &run.join(file::REPORT));

@@ -3,11 +3,11 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use comfy_table::{Cell, Color};
 use maud::{Markup, html};
 
 use super::matrix::{Requirement, RequirementTest};
 use judge::verdict::Outcome;
+use report::table::{Cell, Table, Text};
 use report::{page, terminal};
 
 /// Result of a requirement without tests.
@@ -15,29 +15,31 @@ const NEVER_TESTED: &str = "never tested";
 
 /// Returns one line for each requirement and scenario, then the number of each kind.
 #[must_use]
-pub(super) fn to_text(requirements: &[Requirement]) -> String {
-    let mut table =
-        terminal::empty_table(["requirement", "scenario", "tested by", "played", "result"]);
+pub(super) fn to_text(requirements: &[Requirement]) -> Text {
+    let mut table = Table::new(["requirement", "scenario", "tested by", "played", "result"]);
     for requirement in requirements {
         let name = name(requirement);
         if requirement.tests.is_empty() {
-            let result = Cell::new(NEVER_TESTED).fg(Color::Red);
+            let result = Cell::new(NEVER_TESTED).bad();
             let [scenario, tested_by, played] = [(); 3].map(|()| Cell::new(""));
-            table.add_row([Cell::new(name), scenario, tested_by, played, result]);
+            table.add([Cell::new(name), scenario, tested_by, played, result]);
             continue;
         }
         for (place, test) in requirement.tests.iter().enumerate() {
             let name = if place == 0 { name.as_str() } else { "" };
-            table.add_row([
+            table.add([
                 Cell::new(name),
                 Cell::new(&test.scenario),
                 Cell::new(tested_by(test)),
                 Cell::new(played(test, "\n")),
-                result(test.outcome),
+                terminal::outcome(test.outcome),
             ]);
         }
     }
-    format!("{table}\n{}", summary(requirements))
+    let mut text = Text::default();
+    text.table(&table);
+    text.line(summary(requirements));
+    text
 }
 
 /// Returns the page. `page_of` gives the path to the page of a run.
@@ -128,15 +130,6 @@ fn played(test: &RequirementTest, between: &str) -> String {
     let plays = (test.plays > 1).then(|| format!("(the latest of {})", test.plays));
     let parts = [Some(at), version, plays].into_iter().flatten();
     parts.collect::<Vec<_>>().join(between)
-}
-
-fn result(outcome: Outcome) -> Cell {
-    let colour = match outcome {
-        Outcome::Pass => Color::Green,
-        Outcome::Fail => Color::Red,
-        Outcome::Inconclusive | Outcome::Incomplete => Color::Yellow,
-    };
-    Cell::new(outcome.word()).fg(colour)
 }
 
 fn overall(requirement: &Requirement) -> Markup {

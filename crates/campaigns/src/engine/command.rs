@@ -255,7 +255,7 @@ fn record(args: &SubmitArgs, campaign: &SharedCampaign<'_>) -> Result<Record, Su
             Some(_),
         ) if !args.dry_run => Err(SubmitError::Submitted {
             engine: format!("{engine:?}"),
-            cancel: (engine.engine()).cancel_words(&job.id, limits.queue.as_deref()),
+            cancel: (engine.engine()).cancel_command(&job.id, limits.queue.as_deref()),
             job: job.id,
         }),
         // The parts exist already, cut for that number.
@@ -336,7 +336,7 @@ fn play(
             Waited::Interrupted => {
                 let queue = record.limits.queue.as_deref();
                 return Err(SubmitError::Interrupted {
-                    cancel: engine.cancel_words(&submitted.id, queue),
+                    cancel: engine.cancel_command(&submitted.id, queue),
                 });
             }
             Waited::Over(failed) => {

@@ -64,7 +64,7 @@ impl Engine for Hyperqueue {
         parsed(&python(file, &["state", id])?)
     }
 
-    fn cancel_words(&self, id: &str, queue: Option<&str>) -> String {
+    fn cancel_command(&self, id: &str, queue: Option<&str>) -> String {
         let server = queue.map(|queue| format!(" --server-dir {}", quoted(queue)));
         format!("hq job cancel {id}{}", server.unwrap_or_default())
     }

@@ -79,7 +79,7 @@ impl Engine for Kubernetes {
         }
     }
 
-    fn cancel_words(&self, id: &str, queue: Option<&str>) -> String {
+    fn cancel_command(&self, id: &str, queue: Option<&str>) -> String {
         let namespace = queue.map(|queue| format!(" -n {}", quoted(queue)));
         format!("kubectl delete job {id}{}", namespace.unwrap_or_default())
     }

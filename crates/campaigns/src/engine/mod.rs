@@ -92,7 +92,7 @@ trait Engine: Sync {
     fn state(&self, id: &str, file: &Path, parts: &[usize]) -> Result<JobState, EngineError>;
 
     /// Returns the command with which the user cancels a job.
-    fn cancel_words(&self, id: &str, queue: Option<&str>) -> String;
+    fn cancel_command(&self, id: &str, queue: Option<&str>) -> String;
 }
 
 /// Quotes a word for a shell.

@@ -50,7 +50,7 @@ pub(super) fn wait(
             match engine.state(&submitted.id, &file, &submitted.parts) {
                 Ok(state) => {
                     silences = 0;
-                    bar.show(counter.rows(), &words(&state, &counter));
+                    bar.show(counter.rows(), &state_text(&state, &counter));
                     // Work of the engine on completed parts, such as a repetition, does not matter.
                     if state.is_over || counter.are_done(&submitted.parts, &state.failed) {
                         return Ok(Waited::Over(state.failed));
@@ -69,7 +69,7 @@ pub(super) fn wait(
 }
 
 /// Describes the state of the parts.
-fn words(state: &JobState, counter: &RowCounter) -> String {
+fn state_text(state: &JobState, counter: &RowCounter) -> String {
     let of = counter.0.len();
     let mut text = format!("{} of {of} parts", of - counter.missing().len());
     for (count, word) in [

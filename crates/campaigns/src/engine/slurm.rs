@@ -71,7 +71,7 @@ impl Engine for Slurm {
         }
     }
 
-    fn cancel_words(&self, id: &str, _: Option<&str>) -> String {
+    fn cancel_command(&self, id: &str, _: Option<&str>) -> String {
         format!("scancel {id}")
     }
 }

@@ -19,6 +19,9 @@ pub trait Cases: Sync {
     /// Hash of everything that decides the cases, and of the version of the program.
     fn id(&self) -> &str;
 
+    /// Seed of the drawn values.
+    fn seed(&self) -> u64;
+
     /// Number of cases, which are numbered from 1.
     fn runs(&self) -> usize;
 
@@ -26,7 +29,7 @@ pub trait Cases: Sync {
     fn keys(&self) -> Vec<&str>;
 
     /// Keys with descriptions of how they vary.
-    fn ways(&self) -> Vec<(String, String)>;
+    fn variations(&self) -> Vec<(String, String)>;
 
     /// Values of the keys in a case.
     fn values(&self, number: usize) -> Vec<f64>;
@@ -54,13 +57,13 @@ pub trait Cases: Sync {
     }
 
     /// Keys and values of a case, as a text.
-    fn words(&self, number: usize) -> String {
+    fn values_text(&self, number: usize) -> String {
         let values = self.keys().into_iter().zip(self.values(number));
         let values = values.map(|(key, value)| format!("{key} = {value}"));
         values.collect::<Vec<_>>().join(", ")
     }
     /// Keys and values of a case, as a text with four digits each, for a page.
-    fn short_words(&self, number: usize) -> String {
+    fn short_values_text(&self, number: usize) -> String {
         let values = self.keys().into_iter().zip(self.values(number));
         let values = values.map(|(key, value)| format!("{key} = {}", rounded(value)));
         values.collect::<Vec<_>>().join(", ")

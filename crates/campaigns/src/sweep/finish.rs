@@ -12,7 +12,7 @@ use super::tables::{self, Tables};
 use plan::Plan;
 use recording::run_folder::{RunFolder, WriteError, file, own_file};
 use recording::session::write_tables;
-use runner::console::print;
+use runner::console::{print, print_text};
 use runner::exit::Exit;
 
 /// Folder of the scenarios of cases that do not pass.
@@ -66,7 +66,7 @@ pub(crate) fn finish(
     folder.write(file::REPORT, page.as_bytes())?;
     let exit = summary.worst().exit();
     if shown == Shown::All || (shown == Shown::Failures && exit != Exit::Pass) {
-        print(&page::to_text(&summary));
+        print_text(&page::to_text(&summary));
         print_files(folder, &summary);
     }
     Ok(exit)
@@ -139,7 +139,7 @@ fn preamble(cases: &dyn Cases, failing: &Failing) -> String {
         failing.case,
         cases.kind(),
         one_line(cases.name()),
-        cases.words(failing.case),
+        cases.values_text(failing.case),
         failing.ended.word(),
         one_line(&failing.why),
     )

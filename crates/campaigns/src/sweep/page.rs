@@ -1,13 +1,14 @@
 //! Results of a sweep: as tables for the terminal and as a page.
 
-use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
 use super::drivers::{Driven, nearest_end};
 use super::row::Ended;
 use super::summary::{Failing, MetricSpread, Summary};
+use crate::torture::cases as torture;
 use judge::verdict::Identity;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
+use report::table::{Cell, Table, Text};
 use report::{page, terminal};
 use scenario::expect::Limit;
 
@@ -34,28 +35,33 @@ const OUTLIERS_FROM: f64 = 4.0;
 
 /// Returns the metrics with their limits, then the number of cases for each way to end.
 #[must_use]
-pub(crate) fn to_text(summary: &Summary) -> String {
-    let mut table = terminal::empty_table(HEADS);
+pub(crate) fn to_text(summary: &Summary) -> Text {
+    let mut table = Table::new(HEADS);
     for spread in &summary.spreads {
-        let right = |text: String| Cell::new(text).set_alignment(CellAlignment::Right);
-        let missed = right(missed(spread));
+        let missed = Cell::number(missed(spread));
         let missed = if spread.missed > 0 {
-            missed.fg(Color::Red)
+            missed.bad()
         } else {
             missed
         };
-        let numbers = spread.quantiles.map(|value| right(number(spread, value)));
-        let name = [Cell::new(&spread.name), right(spread.count.to_string())];
+        let numbers = spread
+            .quantiles
+            .map(|value| Cell::number(number(spread, value)));
+        let name = [
+            Cell::new(&spread.name),
+            Cell::number(spread.count.to_string()),
+        ];
         let limit = Cell::new(terminal::limit(&spread.name, spread.limit));
-        table.add_row(name.into_iter().chain(numbers).chain([limit, missed]));
+        table.add(name.into_iter().chain(numbers).chain([limit, missed]));
     }
-    let (name, counts) = (&summary.name, counts(summary));
+    let mut text = Text::default();
+    text.line(format!("\n{}", summary.name));
     // Torture has no metrics; its results are broken invariants.
-    if summary.spreads.is_empty() {
-        format!("\n{name}\n{counts}")
-    } else {
-        format!("\n{name}\n{table}\n{counts}")
+    if !summary.spreads.is_empty() {
+        text.table(&table);
     }
+    text.line(counts(summary));
+    text
 }
 
 /// Returns the page of a campaign of this kind. `place_of` gives the place of a case's scenario, `command_of` the command that
@@ -70,7 +76,8 @@ pub(crate) fn to_html(
     let worst = summary.worst();
     let body = html! {
         h1 { (summary.name) }
-        p { span.outcome.(class(worst)) { (words(worst)) } " " (page::sentence(&format!("{kind} of {}", counts(summary)))) }
+        p { span.outcome.(class(worst)) { (outcome_text(worst)) } " " (page::sentence(&format!("{kind} of {}", counts(summary)))) }
+        @if kind == torture::KIND { p { "The limits of the scenario are left out: each run is held against invariants, such as that no current flows once the SYNC is missing for longer than the drive waits for it." } }
         @if summary.runs != summary.runs_of_whole { p { "This is a part of " (summary.runs_of_whole) " runs." } }
         h2 { "Parameters" }
         (parameters(&summary.keys))
@@ -88,6 +95,7 @@ pub(crate) fn to_html(
         h2 { "Versions" }
         dl.facts.versions {
             div { dt { "program" } dd { "canrig " (env!("CARGO_PKG_VERSION")) } }
+            div { dt { "seed" } dd { (summary.seed) } }
             (page::identity(identity))
         }
         (page::undated())
@@ -97,12 +105,12 @@ pub(crate) fn to_html(
 
 fn parameters(keys: &[(String, String)]) -> Markup {
     html! { @match keys {
-        [(first, way), others @ .., (last, _)] if others.iter().all(|(_, other)| other == way) => p {
-            "Each is " (way) ": " (page::key(first)) @for (key, _) in others { ", " (page::key(key)) } ", " (page::key(last)) "."
+        [(first, variation), others @ .., (last, _)] if others.iter().all(|(_, other)| other == variation) => p {
+            "Each is " (variation) ": " (page::key(first)) @for (key, _) in others { ", " (page::key(key)) } ", " (page::key(last)) "."
         },
         _ => div.wide { table.stacked {
             thead { tr { th { "key" } th { "values" } } }
-            tbody { @for (key, way) in keys { tr { td.name { (page::key(key)) } td data-name="values" { (way) } } } }
+            tbody { @for (key, variation) in keys { tr { td.name { (page::key(key)) } td data-name="values" { (variation) } } } }
         } },
     } }
 }
@@ -345,7 +353,7 @@ fn failing(
             thead { tr { th { "case" } th { "result" } th { "why" } th { "values, and what plays it" } } }
             tbody { @for one in &summary.failing { tr {
                 td.case { a href=(place_of(one)) { "case " (one.case) } }
-                td.nowrap.(class(one.ended)) data-name="result" { (words(one.ended)) }
+                td.nowrap.(class(one.ended)) data-name="result" { (outcome_text(one.ended)) }
                 td.broken.words data-name="why" { (page::name(&one.why)) }
                 td.broken.words data-name="values" { div {
                     (one.values)
@@ -361,12 +369,12 @@ fn counts(summary: &Summary) -> String {
     let counts: Vec<String> = summary
         .ended
         .iter()
-        .map(|(ended, count)| format!("{count} {}", words(*ended)))
+        .map(|(ended, count)| format!("{count} {}", outcome_text(*ended)))
         .collect();
     format!("{} runs: {}", summary.runs, counts.join(", "))
 }
 
-fn words(ended: Ended) -> String {
+fn outcome_text(ended: Ended) -> String {
     ended.word().replace('_', " ")
 }
 

@@ -31,6 +31,8 @@ pub struct Summary {
     pub ended: BTreeMap<Ended, usize>,
     /// Keys with descriptions of how they vary.
     pub keys: Vec<(String, String)>,
+    /// Seed of the drawn values.
+    pub seed: u64,
     /// Distribution of each metric.
     pub spreads: Vec<MetricSpread>,
     /// Sensitivity of each metric with a limit, or of each broken invariant.
@@ -129,7 +131,7 @@ impl Survey {
                 case: row.case,
                 ended: row.ended,
                 why: (row.reason.clone()).unwrap_or_else(|| missed(&row, limits)),
-                values: cases.short_words(row.case),
+                values: cases.short_values_text(row.case),
                 id: row.id,
             });
         }
@@ -164,7 +166,8 @@ impl Summary {
             spreads: spreads(&survey, &limits, rows)?,
             driven: survey.sampler.driven(cases),
             ended: survey.ended,
-            keys: cases.ways(),
+            seed: cases.seed(),
+            keys: cases.variations(),
             failing: survey.failing,
         })
     }

@@ -115,13 +115,13 @@ impl SweepCases {
     }
 
     /// Returns the keys with descriptions of how they vary.
-    pub fn ways(&self) -> impl Iterator<Item = (&str, String)> {
+    pub fn variations(&self) -> impl Iterator<Item = (&str, String)> {
         let axes = self
             .axes
             .iter()
-            .map(|axis| (axis.key.as_str(), way_of(&axis.values)));
+            .map(|axis| (axis.key.as_str(), variation_of(&axis.values)));
         let drawn = self.drawn.iter();
-        axes.chain(drawn.map(|(key, one)| (key.as_str(), way_of_draws(*one))))
+        axes.chain(drawn.map(|(key, one)| (key.as_str(), variation_of_draws(*one))))
     }
 
     /// Returns the values of the keys in a case.
@@ -214,6 +214,10 @@ impl Cases for SweepCases {
         self.id()
     }
 
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+
     fn runs(&self) -> usize {
         self.runs()
     }
@@ -222,9 +226,11 @@ impl Cases for SweepCases {
         self.keys().collect()
     }
 
-    fn ways(&self) -> Vec<(String, String)> {
-        let ways = self.ways();
-        ways.map(|(key, way)| (key.to_owned(), way)).collect()
+    fn variations(&self) -> Vec<(String, String)> {
+        let variations = self.variations();
+        variations
+            .map(|(key, variation)| (key.to_owned(), variation))
+            .collect()
     }
 
     fn values(&self, number: usize) -> Vec<f64> {
@@ -290,7 +296,7 @@ pub(crate) fn case_name(name: &str, case: &str) -> String {
     format!("{name}, {case}")
 }
 
-fn way_of(values: &[f64]) -> String {
+fn variation_of(values: &[f64]) -> String {
     match values {
         [first, _, _, _, .., last] => {
             let [first, last] = [first, last].map(|value| as_written(*value));
@@ -303,7 +309,7 @@ fn way_of(values: &[f64]) -> String {
     }
 }
 
-fn way_of_draws(distribution: Distribution) -> String {
+fn variation_of_draws(distribution: Distribution) -> String {
     match distribution {
         Distribution::Uniform { from, to } => {
             format!("uniform from {} to {}", as_written(from), as_written(to))

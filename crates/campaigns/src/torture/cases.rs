@@ -18,6 +18,8 @@ use crate::sweep::cases::Cases;
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::sweep_cases::id;
 
+/// Kind of the campaign.
+pub(crate) const KIND: &str = "torture";
 /// Name of the file with the draws; a folder that has it is one of torture.
 const FILE: &str = "torture.json";
 /// Largest file that is read.
@@ -127,7 +129,7 @@ impl TortureCases {
 
 impl Cases for TortureCases {
     fn kind(&self) -> &'static str {
-        "torture"
+        KIND
     }
 
     fn name(&self) -> &str {
@@ -138,6 +140,10 @@ impl Cases for TortureCases {
         &self.id
     }
 
+    fn seed(&self) -> u64 {
+        self.draws.seed
+    }
+
     fn runs(&self) -> usize {
         self.draws.runs
     }
@@ -146,10 +152,11 @@ impl Cases for TortureCases {
         self.keys.iter().map(String::as_str).collect()
     }
 
-    fn ways(&self) -> Vec<(String, String)> {
-        let way = "how many of the mix are of this kind";
+    fn variations(&self) -> Vec<(String, String)> {
+        let variation = "the number of such faults in a mix";
         let keys = self.keys.iter();
-        keys.map(|key| (key.clone(), way.to_owned())).collect()
+        keys.map(|key| (key.clone(), variation.to_owned()))
+            .collect()
     }
 
     fn values(&self, number: usize) -> Vec<f64> {
@@ -168,7 +175,7 @@ impl Cases for TortureCases {
         self.keys.iter().map(count).collect()
     }
 
-    fn words(&self, number: usize) -> String {
+    fn values_text(&self, number: usize) -> String {
         let values = self.keys.iter().zip(self.values(number));
         let drawn = values.filter(|(_, count)| *count > 0.0);
         let drawn = drawn.map(|(key, count)| {
@@ -181,8 +188,8 @@ impl Cases for TortureCases {
         drawn.collect::<Vec<_>>().join(", ")
     }
 
-    fn short_words(&self, number: usize) -> String {
-        self.words(number)
+    fn short_values_text(&self, number: usize) -> String {
+        self.values_text(number)
     }
 
     fn text(&self, number: usize) -> String {
@@ -262,7 +269,7 @@ mod tests {
             assert!(
                 counted >= 1.0 && of_boot.abs() <= 1.0,
                 "{}",
-                cases.words(number)
+                cases.values_text(number)
             );
         }
     }

@@ -8,17 +8,17 @@ use clap::Args;
 
 use super::cases::{Draws, TortureCases};
 use super::shrink::TortureCase;
-use crate::campaign::{Campaign, NoResult, Stopped, caught};
+use crate::campaign::{Campaign, caught};
 use crate::sweep::Shard;
 use crate::sweep::cases::Cases;
 use crate::sweep::estimate::Estimate;
-use crate::sweep::finish::Shown;
-use crate::sweep::part::{PartArgs, PartPlay};
+use crate::sweep::finish::{FinishError, Shown, finish};
+use crate::sweep::part::{PartArgs, PartError, PartPlay};
 use crate::sweep::row::SweepRow;
 use crate::sweep::store::{Rows, StoreError};
 use plan::Plan;
 use recording::capture::Watch;
-use runner::console::{RunsBar, print, print_error};
+use runner::console::{print, print_error};
 use runner::exit::Exit;
 use runner::play::ValueArgs;
 use runner::run::RUNS;
@@ -30,6 +30,28 @@ use worlds::{Played, lockstep};
 
 /// Largest number of failing cases that are shrunk; more of them usually have the same cause.
 const SHRUNK_MAX: usize = 5;
+
+/// Reason why torture did not complete.
+#[derive(Debug, thiserror::Error)]
+enum TortureError {
+    #[error(transparent)]
+    Part(#[from] PartError),
+    #[error(transparent)]
+    Finish(#[from] FinishError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error("a broken invariant cannot be shown by a smaller scenario: {0}")]
+    Shrink(String),
+}
+
+impl TortureError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Part(error) => error.exit(),
+            _ => Exit::BenchFailed,
+        }
+    }
+}
 
 fn runs(text: &str) -> Result<usize, String> {
     match text.parse() {
@@ -50,7 +72,8 @@ pub struct TortureArgs {
     /// Seed of the random combinations
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed: u64,
-    /// Folder in which the folders of failing cases are made
+    /// Folder in which the folders of the torture and of shrunk cases are made; an interrupted torture that is there is
+    /// continued
     #[arg(long, short, value_name = "FOLDER", default_value = RUNS)]
     pub output: PathBuf,
     #[command(flatten)]
@@ -61,7 +84,7 @@ pub struct TortureArgs {
     /// Number of runs at a time; without it one for each core
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Show no progress
+    /// Print failures only, and the summary
     #[arg(long, short)]
     pub quiet: bool,
 }
@@ -87,16 +110,10 @@ pub fn torture(args: &TortureArgs) -> Exit {
     if args.plan {
         return print_estimate(args, &cases);
     }
-    let mut campaign = Campaign::on_all_cores(!args.quiet);
-    campaign.threads = args.threads.map_or(campaign.threads, usize::from);
-    match args.part.shard() {
-        Err(error) => {
-            print_error(&format!("canrig: {error}"));
-            Exit::CannotStart
-        }
-        Ok(Shard::WHOLE) if !args.part.is_for_engine() => whole(args, campaign, &cases),
-        Ok(shard) => part(args, campaign, &cases, &plan, shard),
-    }
+    play(args, &cases, &plan).unwrap_or_else(|error| {
+        print_error(&format!("canrig: {error}"));
+        error.exit()
+    })
 }
 
 /// Prints the estimate for all runs.
@@ -117,83 +134,46 @@ fn print_estimate(args: &TortureArgs, cases: &TortureCases) -> Exit {
     }
 }
 
-/// Plays a part and keeps its rows for `canrig merge`.
-fn part(
-    args: &TortureArgs,
-    campaign: Campaign,
-    cases: &TortureCases,
-    plan: &Plan,
-    shard: Shard,
-) -> Exit {
+/// Plays the mixes that have no row yet, and makes tables and page. Of all mixes together, it shrinks the first that broke each
+/// invariant; `canrig merge` does so for parts.
+fn play(args: &TortureArgs, cases: &TortureCases, plan: &Plan) -> Result<Exit, TortureError> {
+    let shard = args.part.shard().map_err(PartError::from)?;
+    let is_whole = shard == Shard::WHOLE && !args.part.is_for_engine();
     let shown = if args.quiet {
         Shown::Failures
     } else {
         Shown::All
     };
+    let mut campaign = Campaign::on_all_cores(!args.quiet);
+    campaign.threads = args.threads.map_or(campaign.threads, usize::from);
     let part = PartPlay {
         output: &args.output,
         shard,
-        is_shared: true,
+        is_shared: !is_whole,
         campaign,
         shown,
         lines: None,
         overrides: &[],
     };
-    let counted = part.play(cases, plan).map_err(|error| {
-        let text = error.to_string();
-        (text, error.exit())
-    });
-    let counted = counted.and_then(|(_, rows, _)| {
-        let broken = broken_in(&rows);
-        broken.map_err(|error| (error.to_string(), Exit::BenchFailed))
-    });
-    match counted {
-        Err((reason, exit)) => {
-            print_error(&format!("canrig: {reason}"));
-            exit
-        }
-        Ok(broken) => {
-            if !args.quiet {
-                let played = shard.cases(cases.runs()).len();
-                print(&summary(args.seed, played, &broken));
-            }
-            if broken.is_empty() || args.part.is_for_engine() {
-                Exit::Pass
-            } else {
-                Exit::VerdictFailed
-            }
-        }
-    }
-}
-
-/// Plays all mixes and shrinks those that broke an invariant.
-fn whole(args: &TortureArgs, campaign: Campaign, cases: &TortureCases) -> Exit {
-    let (played, broken) = match play(campaign, cases) {
-        Ok(played) => played,
-        Err(Stopped::Interrupted) => return Exit::Interrupted,
-        Err(Stopped::Refused((number, reason))) => {
-            print_error(&format!(
-                "canrig: run {number} could not be played on this machine: {reason}"
-            ));
-            return Exit::BenchFailed;
-        }
+    let (folder, rows, _writer) = part.play(cases, plan)?;
+    let exit = if args.part.is_for_engine() {
+        Exit::Pass
+    } else {
+        finish(&folder, plan, cases, &rows, shown)?
     };
-    let shown = shrink_all(&args.output, &broken, |number| cases.case(number));
-    print(&summary(args.seed, played, &broken));
-    match shown {
-        Err(reason) => {
-            print_error(&format!("canrig: {reason}"));
-            Exit::BenchFailed
-        }
-        Ok(()) if broken.is_empty() => Exit::Pass,
-        Ok(()) => Exit::VerdictFailed,
+    let broken = broken_in(&rows)?;
+    if is_whole {
+        let shrunk = shrink_all(&args.output, &broken, |number| cases.case(number));
+        shrunk.map_err(TortureError::Shrink)?;
     }
+    if is_whole || !args.quiet {
+        let played = shard.cases(cases.runs()).len();
+        print(&summary(args.seed, played, &broken));
+    }
+    Ok(exit)
 }
 
-/// Case that the machine could not play, and the reason.
-type NotPlayed = (usize, String);
-
-/// Broken invariants by name. Nothing more is kept of the runs, of which there may be millions.
+/// Broken invariants by name. No more is kept of the runs in memory, of which there may be millions.
 #[derive(Default)]
 struct Broken(BTreeMap<String, FirstBroken>);
 
@@ -217,30 +197,6 @@ impl Broken {
         });
         first.count += 1;
     }
-
-    fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-}
-
-/// Plays all mixes; returns their number and the broken invariants.
-fn play(campaign: Campaign, cases: &TortureCases) -> Result<(usize, Broken), Stopped<NotPlayed>> {
-    let bar = RunsBar::new(Some(cases.runs()), campaign.is_shown);
-    let (mut played, mut broken) = (0, Broken::default());
-    let work = |number: &usize, watch: &Watch| cases.play(*number, watch);
-    let keep = |number: usize, row: Result<SweepRow, NoResult>| {
-        let row = match row {
-            Ok(row) => row,
-            Err(NoResult::Fault(reason)) => cases.faulty(number, reason),
-            Err(NoResult::Machine(reason)) => return Err((number, reason)),
-        };
-        played += 1;
-        broken.add(row);
-        Ok(())
-    };
-    campaign.each(1..=cases.runs(), &bar, work, keep)?;
-    drop(bar);
-    Ok((played, broken))
 }
 
 /// Returns the invariants that the rows broke.
@@ -307,7 +263,7 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
 
 fn summary(seed: u64, played: usize, broken: &Broken) -> String {
     let mut text = format!("{played} runs with seed {seed}: ");
-    if broken.is_empty() {
+    if broken.0.is_empty() {
         return text + "all invariants held";
     }
     let times: usize = broken.0.values().map(|first| first.count).sum();

@@ -64,7 +64,7 @@ impl Nodes {
         self.nodes().into_iter().chain([BENCH]).collect()
     }
 
-    /// Returns the identifiers that matter: SYNC, TPDO1, RPDO1, heartbeats.
+    /// Returns the identifiers of the frames that a fault hits for preference: SYNC, TPDO1, RPDO1, heartbeats.
     fn identifiers(&self) -> Vec<u32> {
         let of = |base: u32| {
             self.drives

@@ -48,7 +48,7 @@ pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let loops = played.plan.loops.iter().zip(played.timelines);
     let mut broken = loops.filter_map(|(one, timeline)| {
         let of_loop = LoopRun {
-            own: one,
+            control_loop: one,
             timeline,
             frames: played.frames,
         };
@@ -64,7 +64,7 @@ pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
 
 /// Loop of a run.
 struct LoopRun<'a> {
-    own: &'a ControlLoop,
+    control_loop: &'a ControlLoop,
     timeline: &'a Timeline,
     frames: &'a Frames,
 }
@@ -79,8 +79,8 @@ fn violation_of_loop(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
         })
         .or_else(|| {
             let what = ("manager", "heartbeat of the manager");
-            let drive = played.own.place.drive_node_id;
-            let manager = played.own.nodes.controller.id;
+            let drive = played.control_loop.place.drive_node_id;
+            let manager = played.control_loop.nodes.controller.id;
             let is_it = |frame: &CanFrame| is_of_manager(frame, manager, drive);
             no_current_without(what, is_it, HEARTBEAT_SECONDS_MAX, played)
         })
@@ -114,7 +114,7 @@ fn truth_is_complete(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
 
 /// Checks the temperature of an SMA actuator; the bound of another plant is unknown.
 fn not_too_hot(played: &LoopRun<'_>) -> Option<BrokenInvariant> {
-    played.own.trial.plant.actuator()?;
+    played.control_loop.trial.plant.actuator()?;
     let is_hot = |truth: &PlantTruth| truth.peak_temperature_celsius > TEMPERATURE_CELSIUS_MAX;
     let hot = played.timeline.truth.iter().find(is_hot)?;
     let (celsius, time) = (hot.peak_temperature_celsius, hot.time_seconds);
@@ -167,13 +167,13 @@ fn no_current_without(
         while let Some(next) = times.next_if(|next| *next <= time) {
             last = f64::max(last, next);
         }
-        let is_over = time > played.own.trial.run.duration_seconds;
+        let is_over = time > played.control_loop.trial.run.duration_seconds;
         let silent = time - last;
         let heats = truth.current_amperes != 0.0;
         if heats
             && !is_over
             && silent > seconds_max
-            && !is_excused(&played.own.trial, time, seconds_max)
+            && !is_excused(&played.control_loop.trial, time, seconds_max)
         {
             let (milliseconds, amperes) = (silent * 1e3, truth.current_amperes);
             return violated(

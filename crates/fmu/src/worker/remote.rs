@@ -155,7 +155,7 @@ impl Remote {
             Some(&DONE) => Ok(()),
             Some(&CANNOT) => told(false),
             Some(&FAILED) => told(true),
-            _ => Err(strange()),
+            _ => Err(unexpected_answer()),
         }
     }
 
@@ -164,7 +164,7 @@ impl Remote {
         self.refused(length)?;
         let numbers = numbers(&self.answer[..length]);
         if numbers.len() != outputs.len() {
-            return Err(strange());
+            return Err(unexpected_answer());
         }
         for (output, number) in outputs.iter_mut().zip(numbers) {
             *output = number;
@@ -173,6 +173,6 @@ impl Remote {
     }
 }
 
-fn strange() -> Fault {
+fn unexpected_answer() -> Fault {
     Fault::Worker("answered what is no answer".to_owned())
 }

@@ -12,7 +12,7 @@ use super::result::ExperimentResult;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
 use campaigns::campaign::{Campaign, FailedRun, Interrupted, of_one_loop};
 use recording::run_folder::{RunFolder, WriteError, file};
-use runner::console::{Spinner, print, print_error};
+use runner::console::{Spinner, print, print_error, print_text};
 use runner::exit::Exit;
 use runner::observer::observed;
 use runner::run::RUNS;
@@ -180,7 +180,7 @@ fn report(
     if args.json {
         print(numbers.trim_end());
     } else if !args.quiet || !results.iter().all(ExperimentResult::holds) {
-        print(&page::to_text(results));
+        print_text(&page::to_text(results));
         print(&format!(
             "page  {}",
             folder.path().join(file::REPORT).display()

@@ -1,6 +1,5 @@
 //! The page of `canrig reproduce`: every figure redrawn, every number next to the paper's and its target.
 
-use comfy_table::{Cell, CellAlignment};
 use maud::{Markup, html};
 
 use super::experiment::{Effort, Figure, NumberTable};
@@ -9,7 +8,8 @@ use super::result::ExperimentResult;
 use judge::verdict::Outcome;
 use report::page;
 use report::plot::{Extent, Patch, Plot};
-use report::terminal::{self, empty_table, limit, measured};
+use report::table::{Cell, Table, Text};
+use report::terminal::{self, limit, measured};
 
 /// Introduction for the reader.
 const PREAMBLE: &str = "Experiments of Romano and Tannuri, \"New development on shape memory alloys actuators\", played on the emulated \
@@ -58,7 +58,7 @@ pub(crate) fn to_html(effort: Effort, results: &[ExperimentResult]) -> String {
 
 /// Returns the numbers of a reproduction that have a value in the paper or a target.
 #[must_use]
-pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
+pub(crate) fn to_text(results: &[ExperimentResult]) -> Text {
     let header = [
         "experiment",
         "quantity",
@@ -69,24 +69,27 @@ pub(crate) fn to_text(results: &[ExperimentResult]) -> String {
         "measured",
         "result",
     ];
-    let mut table = empty_table(header);
+    let mut table = Table::new(header);
     for result in results {
         for number in result.headline() {
-            table.add_row([
+            table.add([
                 Cell::new(result.experiment.id),
                 Cell::new(number.name()),
                 Cell::new(&number.of),
                 Cell::new(number.model.map_or("", Model::word)),
                 Cell::new(number.paper.unwrap_or_default()),
                 Cell::new(limit(number.name(), number.metric.limit)),
-                Cell::new(measured(&number.metric)).set_alignment(CellAlignment::Right),
+                Cell::number(measured(&number.metric)),
                 terminal::result(&number.metric, Outcome::Pass),
             ]);
         }
     }
     let holds = results.iter().all(ExperimentResult::holds);
     let outcome = if holds { Outcome::Pass } else { Outcome::Fail };
-    format!("{table}\n{}", outcome.word())
+    let mut text = Text::default();
+    text.table(&table);
+    text.line(outcome.word());
+    text
 }
 
 fn summary(results: &[ExperimentResult]) -> Markup {

@@ -328,7 +328,7 @@ impl TimelineReader {
             .last_frame
             .saturating_sub(zero.unwrap_or_default());
         let own_position = trial.wiring.sensor.measurand.rename(names::POSITION);
-        let own_position = trial.wiring.name_of_own(&own_position);
+        let own_position = trial.wiring.name_in_loop(&own_position);
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds,

@@ -27,7 +27,7 @@ struct Drawn<'a> {
 
 /// Returns a section with the plots; empty if no check names a signal.
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let own = run.own;
+    let own = run.control_loop;
     let checks = &own.trial.expect.signal;
     let drawn: Vec<Drawn<'_>> = (run.timeline)
         .traces

@@ -17,6 +17,7 @@ use crate::run::{Run, RunLoop};
 use crate::terminal;
 use judge::verdict::{Metric, Outcome, Verdict};
 use recording::events::{Events, Level};
+use recording::frames::Clock;
 use recording::run_folder::file;
 use recording::timeline::{Timeline, events_of};
 use scenario::node::Part;
@@ -58,7 +59,7 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
 fn contents(run: &Run<'_>) -> Markup {
     html! { nav.contents aria-label="Contents" {
         a href="#verdict" { "Verdict" }
-        @for (number, one) in run.loops().enumerate() { a href=(format!("#loop-{number}")) { "Loop " (one.own.name()) } }
+        @for (number, one) in run.loops().enumerate() { a href=(format!("#loop-{number}")) { "Loop " (one.control_loop.name()) } }
         @for (id, name) in [("bus", "Bus and timing"), ("events", "Events"), ("scenario", "Scenario"), ("again", "Again"), ("versions", "Versions")] {
             a href=(format!("#{id}")) { (name) }
         }
@@ -71,8 +72,11 @@ fn metrics(run: &Run<'_>) -> Markup {
     if verdict.metrics.is_empty() {
         return html! { p.soft { "Nothing was judged." } };
     }
-    let prefixes = run.loops().filter(|one| one.own.loop_name().is_some());
-    let prefixes = Vec::from_iter(prefixes.map(|one| (one.own.name(), one.own.prefix())));
+    let prefixes = run
+        .loops()
+        .filter(|one| one.control_loop.loop_name().is_some());
+    let prefixes =
+        Vec::from_iter(prefixes.map(|one| (one.control_loop.name(), one.control_loop.prefix())));
     let of_loop = |metric: &&Metric, prefix: &str| metric.name.starts_with(prefix);
     let shared = verdict.metrics.iter();
     let shared =
@@ -92,7 +96,7 @@ fn metrics(run: &Run<'_>) -> Markup {
 /// Returns the sections on a loop.
 fn of_loop(number: usize, run: &RunLoop<'_>) -> Markup {
     html! {
-        @if let Some(name) = run.own.loop_name() { h2 id=(format!("loop-{number}")) { "Loop " (name) } }
+        @if let Some(name) = run.control_loop.loop_name() { h2 id=(format!("loop-{number}")) { "Loop " (name) } }
         @if run.timeline.cycle.is_empty() { p { "The scenario never began, so there is nothing to plot." } }
         @else { (signals::section(run)) }
         (response::section(run))
@@ -102,7 +106,7 @@ fn of_loop(number: usize, run: &RunLoop<'_>) -> Markup {
 
 /// Returns the heading of a part of those sections.
 fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
-    match run.own.loop_name() {
+    match run.control_loop.loop_name() {
         None => html! { h2 { (text) } },
         Some(_) => html! { h3 { (text) } },
     }
@@ -110,7 +114,7 @@ fn heading(run: &RunLoop<'_>, text: &str) -> Markup {
 
 fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
-    let is_external = |one: RunLoop<'_>| one.own.is_external(Part::Drive);
+    let is_external = |one: RunLoop<'_>| one.control_loop.is_external(Part::Drive);
     html! {
         h1 { (shared.run.name) }
         p { (page::badge(verdict.outcome)) }
@@ -126,7 +130,7 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
         dl.facts {
             div { dt { "control law" } dd { (laws(run)) } }
             div { dt { "recorded" } dd { (recorded(run)) } }
-            div { dt { "clock" } dd { (page::clock(verdict)) } }
+            @if let Some(clock) = run.frames.clock() { div { dt { "clock" } dd { (page::time_by(clock)) } } }
             div { dt { "cycle" } dd { (shared.run.bus.sync_period_milliseconds) " ms" } }
             div { dt { "bus" } dd { (shared.run.bus.bitrate_kilobits_per_second) " kbit/s" } }
             div { dt { "frames" } dd { (run.frames.len()) } }
@@ -144,7 +148,7 @@ fn head(run: &Run<'_>, remarks: &[String]) -> Markup {
 fn laws(run: &Run<'_>) -> String {
     let laws = run.loops().filter_map(|one| Some((one, law_of(&one)?)));
     let laws = Vec::from_iter(laws);
-    let of_loop = |(one, law): &(RunLoop<'_>, &str)| match one.own.loop_name() {
+    let of_loop = |(one, law): &(RunLoop<'_>, &str)| match one.control_loop.loop_name() {
         Some(name) => format!("{law} ({name})"),
         None => (*law).to_owned(),
     };
@@ -158,7 +162,7 @@ fn laws(run: &Run<'_>) -> String {
 
 /// Returns the law of a loop; `None` if the law of another loop leads its drive.
 fn law_of<'a>(run: &RunLoop<'a>) -> Option<&'a str> {
-    let scenario = &run.own.trial;
+    let scenario = &run.control_loop.trial;
     let is_led = scenario.wiring.led_by.is_some();
     (!is_led).then(|| scenario.controller.law_name())
 }
@@ -276,7 +280,8 @@ fn again(is_long: bool) -> Markup {
 /// same page.
 fn foot(run: &Run<'_>) -> Markup {
     let (shared, verdict) = (&run.plan.shared, run.verdict);
-    let dated = run.played.filter(|_| verdict.timing.is_some());
+    let clock = run.frames.clock();
+    let dated = run.played.filter(|_| clock == Some(Clock::Wall));
     html! {
         h2 #versions { "Versions" }
         dl.facts.versions {
@@ -286,6 +291,6 @@ fn foot(run: &Run<'_>) -> Markup {
             div { dt { "seed" } dd { (verdict.seed) } }
             @if let Some(identity) = &verdict.identity { (page::identity(identity)) }
         }
-        @if dated.is_none() { (page::undated()) }
+        @if clock == Some(Clock::Virtual) { (page::undated()) }
     }
 }

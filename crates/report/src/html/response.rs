@@ -24,7 +24,7 @@ const CURVES: [Curve; 3] = [
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     let symbol = shown_unit(run.timeline.measurand.unit.symbol());
-    let responses = frequency_responses(run.timeline, run.own);
+    let responses = frequency_responses(run.timeline, run.control_loop);
     let points = || responses.iter().flatten();
     html! {
         @if points().next().is_some() {

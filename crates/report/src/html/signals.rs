@@ -23,7 +23,7 @@ const AFTER_STEP_SECONDS: f64 = 1.0;
 const AFTER_DISTURBANCE_SECONDS: f64 = 3.0;
 
 pub(super) fn section(run: &RunLoop<'_>) -> Markup {
-    let (timeline, own) = (run.timeline, run.own);
+    let (timeline, own) = (run.timeline, run.control_loop);
     let error: Series<f64> = timeline
         .set_point
         .iter()
@@ -60,14 +60,14 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
     } else {
         in_time.extend(of_another_plant(timeline, own));
     }
-    if run.own.trial.controller.own.is_some() {
+    if run.control_loop.trial.controller.own.is_some() {
         in_time.extend(of_own_terms(timeline, own));
     } else {
         in_time.extend(of_the_sliding_mode(timeline));
     }
     for plot in &mut in_time {
-        plot.patches.extend(disturbances(&run.own.trial));
-        plot.patches.extend(faults(run.own));
+        plot.patches.extend(disturbances(&run.control_loop.trial));
+        plot.patches.extend(faults(run.control_loop));
     }
     html! {
         (super::heading(run, &timeline.measurand.title()))
@@ -77,13 +77,13 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
-        @if let Some(words) = patches_in_words(run.own) { p.soft { (words) } }
+        @if let Some(words) = patches_text(run.control_loop) { p.soft { (words) } }
         @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
 }
 
 /// Describes the coloured patches behind the curves; `None` if there are none.
-fn patches_in_words(own: &ControlLoop) -> Option<String> {
+fn patches_text(own: &ControlLoop) -> Option<String> {
     let trial = &own.trial;
     let has_steps = !trial.judged_steps().is_empty();
     let has_disturbances = !trial.disturbance_windows().is_empty();
@@ -202,7 +202,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
         shown_unit(timeline.measurand.unit.symbol()),
     );
     plot.patches = run
-        .own
+        .control_loop
         .trial
         .judged_steps()
         .iter()
@@ -250,7 +250,11 @@ fn close_ups<'a>(run: &RunLoop<'a>) -> (Vec<Plot<'a>>, usize) {
         let reached = stretches.into_iter().filter(|(_, from, _)| *from < end);
         reached.collect::<Vec<_>>()
     };
-    let [sudden, sines] = [sudden(&run.own.trial), sines(&run.own.trial)].map(reached);
+    let [sudden, sines] = [
+        sudden(&run.control_loop.trial),
+        sines(&run.control_loop.trial),
+    ]
+    .map(reached);
     let left_out = [&sudden, &sines].map(|stretches| stretches.len().saturating_sub(CLOSE_UPS_MAX));
     let shown = [sudden, sines]
         .into_iter()

@@ -38,7 +38,7 @@ pub(crate) enum Play {
 
 /// Page of a loop in the layout.
 pub(crate) struct Page<'a> {
-    pub(super) own: &'a ControlLoop,
+    pub(super) control_loop: &'a ControlLoop,
     pub(super) groups: BTreeSet<&'a str>,
 }
 
@@ -90,7 +90,7 @@ impl<'a> Layout<'a> {
             tabs.push(self.drawing(&plane.title, &plane.group, plane.bounds, 1.0)?);
         }
         for page in pages {
-            self.folder = page.own.name();
+            self.folder = page.control_loop.name();
             tabs.push(self.page(page)?);
         }
         self.folder = "";
@@ -109,7 +109,7 @@ impl<'a> Layout<'a> {
     fn page(&mut self, page: &Page<'_>) -> Result<Place> {
         let groups = &page.groups;
         let has = |group| groups.contains(group);
-        let measurand = &page.own.trial.wiring.feedback.measurand;
+        let measurand = &page.control_loop.trial.wiring.feedback.measurand;
         let unit = shown_unit(measurand.unit.symbol());
         let mut left =
             vec![self.plot(&format!("{} ({unit})", measurand.title()), "position", 2.2)?];
@@ -145,14 +145,14 @@ impl<'a> Layout<'a> {
         if has(groups::HYSTERESIS) {
             middle.push(self.hysteresis(1.7)?);
         }
-        for view in groups::own_views(page.own) {
+        for view in groups::own_views(page.control_loop) {
             if has(view.style.group) {
                 middle.push(self.plot(&view.title, view.style.group, 1.0)?);
             }
         }
         let timing = self.plot("Timing (µs)", groups::TIMING, 1.0)?;
         let load = self.plot("Bus load (%)", "bus", 0.8)?;
-        let rig = match drawing::bounds(&page.own.trial) {
+        let rig = match drawing::bounds(&page.control_loop.trial) {
             Some(bounds) => Some(self.drawing("Rig", "rig", bounds, 2.0)?),
             None => None,
         };

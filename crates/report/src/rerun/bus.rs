@@ -72,15 +72,15 @@ impl BusReader {
     ///
     /// # Errors
     /// The database lacks a signal.
-    pub(crate) fn new(own: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
-        let trial = &own.trial;
+    pub(crate) fn new(control_loop: &ControlLoop, is_thinned: bool) -> Result<Self, SignalMissing> {
+        let trial = &control_loop.trial;
         let stretch_seconds = if is_thinned {
             stretch_seconds(trial)
         } else {
             STRETCH_SECONDS
         };
         Ok(Self {
-            cycle: CycleReader::new(own)?,
+            cycle: CycleReader::new(control_loop)?,
             period: Duration::from_secs_f64(trial.run.bus.sync_period_milliseconds / 1e3),
             end: Duration::from_secs_f64(trial.run.duration_seconds),
             bits_per_second: 1e3 * f64::from(trial.run.bus.bitrate_kilobits_per_second),

@@ -55,7 +55,7 @@ fn log_plane(
     let pause_rows = match (is_long, axes) {
         (false, _) => 0,
         (true, [(_, one), _]) => {
-            let cycles = x.cycles_in(stretch_seconds(&one.own.trial));
+            let cycles = x.cycles_in(stretch_seconds(&one.control_loop.trial));
             usize::try_from(cycles).unwrap_or(usize::MAX)
         }
     };

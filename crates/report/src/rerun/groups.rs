@@ -124,17 +124,17 @@ pub(super) struct OwnView<'a> {
 }
 
 /// Returns the signals of a scenario's plant and law that need views of their own.
-pub(super) fn own_views(own: &ControlLoop) -> Vec<OwnView<'_>> {
+pub(super) fn own_views(control_loop: &ControlLoop) -> Vec<OwnView<'_>> {
     let Trial {
         plant, controller, ..
-    } = &own.trial;
+    } = &control_loop.trial;
     let has_view = |name: &str| known(name).is_some_and(|style| style.group != POSITION);
-    let signals = own
+    let signals = control_loop
         .plant_signals()
         // A position that the loop does not follow is no second line next to the loop's own.
         .filter(|it| plant.own.is_some() || !has_view(&it.name))
         .map(|it| (it, "true", GREEN));
-    let terms = own
+    let terms = control_loop
         .terms()
         .filter(|_| controller.own.is_some())
         .map(|it| (it, "law", PINK));
@@ -180,14 +180,14 @@ pub(super) fn is_used(values: &Series<f64>) -> bool {
 }
 
 /// Returns the groups that a run will have, before its first frame.
-pub(super) fn expected(own: &ControlLoop) -> BTreeSet<&str> {
-    let scenario = &own.trial;
+pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
+    let scenario = &control_loop.trial;
     let mut groups = BTreeSet::new();
     if !scenario.reference.is_empty() {
         groups.insert("error");
     }
-    let views = own_views(own);
-    let signals = own.plant_signals();
+    let views = own_views(control_loop);
+    let signals = control_loop.plant_signals();
     groups.extend(signals.map(|signal| style(&signal.name, || true, &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
     if scenario.plant.actuator().is_some() {

@@ -46,7 +46,7 @@ pub(crate) enum Known {
 /// Log of a run for a file or a viewer.
 pub(crate) struct Recording<'o, 'a> {
     output: &'o mut dyn Output,
-    own: &'a ControlLoop,
+    control_loop: &'a ControlLoop,
     trial: &'a Trial,
     known: Known,
     hysteresis: Hysteresis,
@@ -67,12 +67,12 @@ impl<'o, 'a> Recording<'o, 'a> {
     /// Begins a recording with the constant properties.
     pub(crate) fn begin(
         output: &'o mut dyn Output,
-        own: &'a ControlLoop,
+        control_loop: &'a ControlLoop,
         known: Known,
     ) -> Result<Self, RerunError> {
         bus::log_styles(output)?;
         hysteresis::log_style(output)?;
-        let trial = &own.trial;
+        let trial = &control_loop.trial;
         let pause_seconds = match known {
             Known::Whole | Known::SoFar => 0.0,
             Known::Thinned => stretch_seconds(trial),
@@ -80,7 +80,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let drawing = Drawing::draw(output, trial, pause_seconds)?;
         Ok(Self {
             output,
-            own,
+            control_loop,
             trial,
             known,
             drawing,
@@ -88,7 +88,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             used: BTreeSet::new(),
             styled: BTreeSet::new(),
             groups: BTreeSet::new(),
-            own_views: groups::own_views(own),
+            own_views: groups::own_views(control_loop),
             end_seconds: 0.0,
         })
     }
@@ -121,7 +121,7 @@ impl<'o, 'a> Recording<'o, 'a> {
             self.groups.insert(groups::HYSTERESIS);
         }
         let page = Page {
-            own: self.own,
+            control_loop: self.control_loop,
             groups: self.groups,
         };
         Ok((page, self.end_seconds))
@@ -138,7 +138,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let grams = asked(trial, timeline, 0.0, |command| command.added_grams);
         let [set_point, error_name] =
             [SET_POINT, "error_millimetres"].map(|name| timeline.measurand.rename(name));
-        let own = [
+        let computed = [
             (set_point.as_str(), &timeline.set_point),
             (error_name.as_str(), &error),
             ("scenario_convection_factor", &factors),
@@ -152,7 +152,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let stretch = usize::try_from(stretch).unwrap_or(usize::MAX);
         // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
-        for (name, values) in own.into_iter().chain(columns) {
+        for (name, values) in computed.into_iter().chain(columns) {
             let style = self.style(timeline.measurand.as_position(name), values);
             let rows = match self.known {
                 Known::Thinned => Rows::extremes(values, stretch),

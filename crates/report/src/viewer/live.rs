@@ -101,13 +101,13 @@ impl<'o, 'a> Shown<'o, 'a> {
     fn new(
         output: &'o mut Folder<'_>,
         shared: &Shared,
-        own: &'a ControlLoop,
+        control_loop: &'a ControlLoop,
     ) -> Result<Self, LiveError> {
         Ok(Self {
-            trial: &own.trial,
-            reader: TimelineReader::new(shared, own)?,
-            bus: BusReader::new(own, false)?,
-            recording: Recording::begin(output, own, Known::SoFar)?,
+            trial: &control_loop.trial,
+            reader: TimelineReader::new(shared, control_loop)?,
+            bus: BusReader::new(control_loop, false)?,
+            recording: Recording::begin(output, control_loop, Known::SoFar)?,
         })
     }
 
@@ -137,9 +137,10 @@ fn follow(
     // The outputs are further handles of the same stream.
     let mut outputs = vec![stream.clone(); plan.loops.len()];
     let folders = outputs.iter_mut().zip(&plan.loops);
-    let mut folders = Vec::from_iter(folders.map(|(output, own)| Folder::of_loop(output, own)));
+    let mut folders =
+        Vec::from_iter(folders.map(|(output, control_loop)| Folder::of_loop(output, control_loop)));
     let shown = folders.iter_mut().zip(&plan.loops);
-    let shown = shown.map(|(folder, own)| Shown::new(folder, &plan.shared, own));
+    let shown = shown.map(|(folder, control_loop)| Shown::new(folder, &plan.shared, control_loop));
     let mut shown = shown.collect::<Result<Vec<_>, _>>()?;
     rerun::expect_all(&mut stream.clone(), plan)?;
     loop {

@@ -3,16 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use comfy_table::CellAlignment;
 use scenario::rig::nodes::Rig;
 
-use crate::console::{print, print_diagnostic, start_error};
+use crate::console::{print, print_diagnostic, print_text, start_error};
 use crate::exit::Exit;
 use crate::play::ValueArgs;
 use crate::scenarios::{read, rig_text, scenario_files};
 use plan::bus_budget::{BusBudget, Pace};
 use plan::{Shared, check_rig};
-use report::terminal::empty_table;
+use report::table::{Cell, Table, Text};
 use worlds::catalogue::catalogue;
 
 /// Arguments of `check`.
@@ -40,7 +39,7 @@ pub fn check(args: &CheckArgs) -> Exit {
                 notes
                     .iter()
                     .for_each(|note| print(&format!("note: {note}")));
-                bus.iter().for_each(|bus| print(&arithmetic(bus)));
+                bus.iter().for_each(|bus| print_text(&arithmetic(bus)));
             }
             Err(error) => {
                 print_diagnostic(error);
@@ -86,19 +85,21 @@ fn checked(path: &Path, values: &ValueArgs) -> miette::Result<Valid> {
 }
 
 /// Describes the traffic in a cycle, and whether it fits.
-fn arithmetic(bus: &BusBudget) -> String {
-    let mut table = empty_table(["node", "sends", "bits", "comes in"]);
+fn arithmetic(bus: &BusBudget) -> Text {
+    let mut table = Table::new(["node", "sends", "bits", "comes in"]);
     for share in &bus.shares {
-        let (node, what) = (share.node.as_str(), share.what.as_str());
         let comes = match share.pace {
             Pace::Cycles { every: 1, .. } => "every cycle".to_owned(),
             Pace::Cycles { every, .. } => format!("one cycle in {every}"),
             Pace::Milliseconds(period) => format!("every {period} ms, in gaps"),
         };
-        table.add_row([node, what, &format!("{:.0}", share.bits), &comes]);
+        table.add([
+            Cell::new(&share.node),
+            Cell::new(&share.what),
+            Cell::number(format!("{:.0}", share.bits)),
+            Cell::new(comes),
+        ]);
     }
-    let bits = table.column_mut(2).expect("it has four columns");
-    bits.set_cell_alignment(CellAlignment::Right);
     let (period, bitrate) = (bus.period_milliseconds, bus.bitrate_kilobits_per_second);
     let (available, load) = (bus.available_bits(), bus.load_percent());
     let needed = bus.needed_bits();
@@ -107,11 +108,13 @@ fn arithmetic(bus: &BusBudget) -> String {
         .map_or_else(String::new, |period| {
             format!("The shortest sync_period_milliseconds that fits is {period:.1}.\n")
         });
-    format!(
-        "{table}\n\
-         Bits are counted with as many stuff bits as a frame can have.\n\
+    let mut text = Text::default();
+    text.table(&table);
+    text.line(format!(
+        "Bits are counted with as many stuff bits as a frame can have.\n\
          {period} ms at {bitrate} kbit/s are {available:.0} bits between two SYNCs. The fullest cycle needs {needed:.0} of them; \
          over many cycles the load is {load:.0} %.\n\
          {shortest}"
-    )
+    ));
+    text
 }

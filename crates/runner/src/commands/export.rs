@@ -55,7 +55,7 @@ pub enum Format {
 
 impl Format {
     /// Returns the number of passes over frames or cycles: to read, and to decode or write them.
-    fn ways(self) -> u64 {
+    fn passes(self) -> u64 {
         match self {
             Self::Events | Self::Asc | Self::Frames => 2,
             Self::Blf | Self::Csv | Self::Parquet => 3,
@@ -71,7 +71,7 @@ pub fn export(args: &ExportArgs) -> Exit {
     if args.message.is_some() && args.format != Format::Frames {
         return usage_error("--message needs --format frames");
     }
-    let bar = WorkBar::new(args.format.ways(), is_silent(args));
+    let bar = WorkBar::new(args.format.passes(), is_silent(args));
     let recorded = match Recorded::load(&args.recording, None, catalogue()) {
         Ok(recorded) => recorded,
         Err(error) => return refuse(error),

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use platform::clock::{Clock, sleep};
 
-use crate::console::{WorkBar, print, print_error};
+use crate::console::{WorkBar, print, print_error, print_text};
 use crate::exit::Exit;
 use crate::play::ViewerArgs;
 use crate::recorded::{Recorded, RecordedError, refuse};
@@ -20,7 +20,7 @@ use worlds::catalogue::catalogue;
 const AHEAD_MAX: Duration = Duration::from_millis(10);
 
 /// Number of passes over the frames: to read, to decode and to judge them.
-const WAYS: u64 = 3;
+const PASSES: u64 = 3;
 
 /// Arguments of `replay`.
 #[derive(Args, Debug)]
@@ -57,7 +57,7 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Judges a recording again; the exit code is that of the verdict.
 #[must_use]
 pub fn replay(args: &ReplayArgs) -> Exit {
-    let bar = WorkBar::new(WAYS, true);
+    let bar = WorkBar::new(PASSES, true);
     let judged = judged(args, &bar);
     drop(bar);
     match judged {
@@ -79,7 +79,7 @@ fn judged(args: &ReplayArgs, bar: &WorkBar) -> Result<(Recorded, Verdict), Recor
     let limits = args.scenario.as_deref().filter(|_| path.is_dir());
     let played = args.scenario.as_deref().filter(|_| !path.is_dir());
     let mut recorded = Recorded::load(path, played, catalogue())?;
-    bar.expect(WAYS + recorded.ways_for_timing());
+    bar.expect(PASSES + recorded.passes_for_timing());
     if let Some(limits) = limits {
         let plan = with_limits(recorded.plan, path, limits, catalogue())?;
         recorded.plan = plan.ok_or_else(|| RecordedError::OtherLoops {
@@ -137,7 +137,7 @@ fn report(args: &ReplayArgs, recorded: &Recorded, verdict: &Verdict) {
         print(verdict.to_json().trim_end());
         return;
     }
-    print(&terminal::verdict(verdict));
+    print_text(&terminal::verdict(verdict));
     if let (Some(stored), None) = (&recorded.stored, &args.scenario) {
         print(&against(stored, verdict));
     }

@@ -17,7 +17,7 @@ use report::{Run, html, overview};
 use worlds::catalogue::catalogue;
 
 /// Number of passes over the frames: to read, to decode and to judge them, and for the page of a loop.
-const WAYS: u64 = 4;
+const PASSES: u64 = 4;
 
 /// Arguments of `report`.
 #[derive(Args, Debug)]
@@ -35,7 +35,7 @@ pub struct ReportArgs {
 pub fn report(args: &ReportArgs) -> Exit {
     let folders = opened(&args.runs);
     let paths = runs_among(&folders);
-    let bar = WorkBar::new(WAYS * paths.len() as u64, true);
+    let bar = WorkBar::new(PASSES * paths.len() as u64, true);
     let mut runs = Vec::new();
     for path in paths {
         match read(path) {
@@ -45,7 +45,7 @@ pub fn report(args: &ReportArgs) -> Exit {
     }
     let further_loops = |run: &Judged| run.recorded.plan.loops.len() as u64 - 1;
     let further = runs.iter().map(further_loops);
-    bar.expect(WAYS * runs.len() as u64 + further.sum::<u64>());
+    bar.expect(PASSES * runs.len() as u64 + further.sum::<u64>());
     let is_of_one = folders.len() == 1 && folders == args.runs;
     let pages = runs.iter().map(|judged| {
         let recorded = &judged.recorded;
@@ -132,6 +132,7 @@ fn together(runs: &[Judged], output: &Path) -> String {
         played: judged.record.as_ref().map(PlayRecord::date),
         set: judged.set().to_vec(),
         duration_seconds: judged.recorded.plan.shared.run.duration_seconds,
+        clock: judged.recorded.log.frames.clock(),
     });
     overview::to_html(&Vec::from_iter(listed))
 }

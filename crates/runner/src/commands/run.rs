@@ -53,7 +53,7 @@ pub struct RunArgs {
     pub require_vcan: bool,
 }
 
-/// Which time the processes live in.
+/// Time by which the processes play.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ClockChoice {
     /// The machine's clock

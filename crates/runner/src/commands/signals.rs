@@ -7,11 +7,11 @@ use clap::Args;
 use dbc::{Database, Message, Signal};
 use serde::Serialize;
 
-use crate::console::print;
+use crate::console::{print, print_text};
 use crate::exit::Exit;
 use crate::recorded::{RecordedError, read_played, refuse, require_run};
 use plan::{ControlLoop, Plan};
-use report::terminal;
+use report::table::{Table, Text};
 use worlds::catalogue::catalogue;
 
 /// Least limit that is shown with a power of ten.
@@ -101,7 +101,7 @@ impl<'a> ListedSignal<'a> {
         }
         match (self.minimum, self.maximum) {
             (Some(minimum), Some(maximum)) => {
-                format!("{} … {}", in_words(minimum), in_words(maximum))
+                format!("{} … {}", limit_text(minimum), limit_text(maximum))
             }
             _ => "–".to_owned(),
         }
@@ -109,7 +109,7 @@ impl<'a> ListedSignal<'a> {
 }
 
 /// Writes a limit. The range of floating-point numbers has ends with 39 digits, of which some suffice.
-fn in_words(limit: f64) -> String {
+fn limit_text(limit: f64) -> String {
     if limit.abs() < DIGITS_SHOWN_BELOW {
         limit.to_string()
     } else {
@@ -130,11 +130,11 @@ pub fn signals(args: &SignalsArgs) -> Exit {
             let loops = plan.as_ref().map_or(&[][..], |plan| &plan.loops);
             let mut signals = listed(database, loops);
             signals.retain(|signal| args.filter.iter().all(|text| signal.has(text)));
-            print(&if args.json {
-                serde_json::to_string_pretty(&signals).expect("plain data")
+            if args.json {
+                print(&serde_json::to_string_pretty(&signals).expect("plain data"));
             } else {
-                table(&signals)
-            });
+                print_text(&table(&signals));
+            }
             Exit::Pass
         }
     }
@@ -174,13 +174,13 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
     signals.collect()
 }
 
-fn table(signals: &[ListedSignal<'_>]) -> String {
+fn table(signals: &[ListedSignal<'_>]) -> Text {
     let has_loops = signals.iter().any(|signal| signal.of_loop.is_some());
     let columns = ["signal", "unit", "sender", "message", "range"];
     let mut table = if has_loops {
-        terminal::empty_table(["loop"].into_iter().chain(columns))
+        Table::new(["loop"].into_iter().chain(columns))
     } else {
-        terminal::empty_table(columns)
+        Table::new(columns)
     };
     for signal in signals {
         let range = signal.range();
@@ -193,16 +193,18 @@ fn table(signals: &[ListedSignal<'_>]) -> String {
             &range,
         ];
         let of_loop = has_loops.then(|| signal.of_loop.unwrap_or("all"));
-        table.add_row(of_loop.into_iter().chain(cells));
+        table.add(of_loop.into_iter().chain(cells));
     }
     let place = if has_loops {
         "[[expect.LOOP.signal]]"
     } else {
         "[[expect.signal]]"
     };
-    format!(
-        "{table}\n{} signals. In {place} write the name of one as `signal`, or as `message.signal` where several \
-         messages have it.",
+    let mut text = Text::default();
+    text.table(&table);
+    text.line(format!(
+        "{} signals. In {place} write the name of one as `signal`, or as `message.signal` where several messages have it.",
         signals.len()
-    )
+    ));
+    text
 }

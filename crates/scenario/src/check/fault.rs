@@ -90,7 +90,7 @@ pub(crate) fn faults_of_plants<'a>(
     faults: &Faults,
     plant_of: impl Fn(&Fault) -> Option<&'a PlantModel>,
 ) -> Vec<Problem> {
-    let strange = faults.in_group(Group::Plant).filter_map(|fault| {
+    let unknown = faults.in_group(Group::Plant).filter_map(|fault| {
         let plant = plant_of(fault)?;
         let (name, known) = (plant.name(), plant.faults());
         if known.contains(&fault.kind.name) {
@@ -106,5 +106,5 @@ pub(crate) fn faults_of_plants<'a>(
         let problem = (document.source).problem(span, message, "has no place here");
         Some(problem.with_help(help))
     });
-    strange.collect()
+    unknown.collect()
 }

@@ -150,7 +150,7 @@ impl SignalCheck {
     /// the name.
     #[must_use]
     pub fn row_name(&self, demand: &Demand<'_>) -> String {
-        let (name, window) = (&self.name, self.window_words());
+        let (name, window) = (&self.name, self.window_text());
         match demand {
             Demand::Stays(_) => format!("{name} stays{window}"),
             Demand::Reaches(limit) => format!("{name} reaches {limit}{window} within seconds"),
@@ -159,7 +159,7 @@ impl SignalCheck {
         }
     }
 
-    fn window_words(&self) -> String {
+    fn window_text(&self) -> String {
         match (self.from_seconds, self.until_seconds) {
             (None, None) => String::new(),
             (Some(from), None) => format!(" from {from} s"),

@@ -383,7 +383,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "babble",
         keys: &[FOREIGN],
-        text: "An unknown node sends without a pause. `bus.log` shows its frames.",
+        text: "A foreign node sends without a pause. `bus.log` shows its frames.",
         ..BUS
     },
     Kind {
@@ -401,7 +401,7 @@ pub static KINDS: &[Kind] = &[
                 "Time between two frames.",
             ),
         ],
-        text: "An unknown node sends at a constant rate. `bus.log` shows its frames.",
+        text: "A foreign node sends at a constant rate. `bus.log` shows its frames.",
         ..BUS
     },
     Kind {
@@ -477,7 +477,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "nmt_stop",
         time: Time::Instant,
-        text: "An unknown node sends the NMT command to stop the node; `bus.log` shows it.",
+        text: "A foreign node sends the NMT command to stop the node; `bus.log` shows it.",
         ..OF_NODE
     },
     Kind {

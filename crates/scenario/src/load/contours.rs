@@ -108,8 +108,8 @@ fn wrong_contour(
     rig: &Rig,
 ) -> Option<Problem> {
     let known = Vec::from_iter(rig.loops.keys().map(String::as_str));
-    let is_stranger = |(_, name): &(usize, &String)| !rig.loops.contains_key(*name);
-    if let Some((place, name)) = contour.loops.iter().enumerate().find(is_stranger) {
+    let is_unknown = |(_, name): &(usize, &String)| !rig.loops.contains_key(*name);
+    if let Some((place, name)) = contour.loops.iter().enumerate().find(is_unknown) {
         let message = format!("the rig has no loop `{name}`");
         let label = meant_or_known(name, &known);
         return Some(document.problem(&format!("{path}.loops.{place}"), message, label));

@@ -14,7 +14,7 @@ use crate::nearest::{meant_or_known, nearest};
 use crate::plant::FMU;
 use crate::rig::nodes::Rig;
 use crate::schema;
-use crate::structure::found_words;
+use crate::structure::found_kind;
 
 /// Tables of a rig file that a scenario may have, too.
 const SECTIONS: [&str; 3] = ["bus", "plant", "node"];
@@ -264,7 +264,7 @@ impl<'text> Overlay<'_, 'text> {
 
     fn no_table(&self, path: &str, value: &Spanned<DeValue<'text>>) -> Problem {
         let message = format!("`{path}` must be a table");
-        let label = format!("this is {}", found_words(value.get_ref()));
+        let label = format!("this is {}", found_kind(value.get_ref()));
         self.problem(value.span(), message, label)
     }
 

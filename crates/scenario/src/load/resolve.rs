@@ -213,9 +213,9 @@ fn resolve(
         rig: &rig,
     };
     // A misspelt table is one problem; the keys that are then missing are not further ones.
-    let strange = selector.strange_keys();
-    if !strange.is_empty() {
-        problems.extend(strange);
+    let unknown = selector.unknown_keys();
+    if !unknown.is_empty() {
+        problems.extend(unknown);
         return Err(fail(problems));
     }
     let (run, has_all_faults) = read_run(&selector, &mut problems);

@@ -7,10 +7,10 @@ use toml::de::{DeTable, DeValue};
 
 use super::expect;
 use super::{Factors, InUnit};
+use crate::custom::leads_all;
 use crate::document::Document;
 use crate::error::Problem;
 use crate::nearest::meant_or_known;
-use crate::own::leads_all;
 use crate::rig::nodes::{FAN_OUTPUT, LOAD_OUTPUT, Rig};
 use crate::schema;
 
@@ -72,10 +72,10 @@ impl<'text> Selector<'_, 'text> {
         let mut problems = if self.rig.is_led_by_program() {
             Vec::new()
         } else {
-            self.strange_tables(CONTROLLER, &loops)
+            self.unknown_tables(CONTROLLER, &loops)
         };
         let is_law_said = !problems.is_empty();
-        problems.extend(self.strangers(&loops));
+        problems.extend(self.unknown_names(&loops));
         let mut tables = Vec::new();
         for name in self.rig.loops.keys() {
             if is_law_said && self.law(name).is_err() {
@@ -129,7 +129,10 @@ impl<'text> Selector<'_, 'text> {
     fn tables_of(&self, name: &str) -> Result<OfLoop<'text>, Problem> {
         let mut tables = DeTable::new();
         let key = |name: &'static str| Spanned::new(self.scenario.key_span(name), name.into());
-        tables.insert(key(CONTROLLER), self.law(name)?);
+        let laws = [name, ALL].map(|table| format!("{CONTROLLER}.{table}"));
+        let table = laws.iter().find(|path| self.scenario.has(path));
+        let place = (self.scenario).key_span(table.map_or(CONTROLLER, String::as_str));
+        tables.insert(Spanned::new(place, CONTROLLER.into()), self.law(name)?);
         let sections = ["reference", "disturbance"].into_iter();
         for section in sections.filter(|_| !self.is_led(name)) {
             if let Some(value) = self.root().get(section) {
@@ -269,28 +272,37 @@ impl<'text> Selector<'_, 'text> {
     }
 
     /// Finds loops and nodes that the scenario names and the rig does not have.
-    fn strangers(&self, loops: &[&str]) -> Vec<Problem> {
+    fn unknown_names(&self, loops: &[&str]) -> Vec<Problem> {
         let mut problems = Vec::new();
         let nodes = Vec::from_iter(self.rig.node.keys().map(String::as_str));
         for (section, by, known) in [
             ("reference", "loop", loops),
             ("disturbance", "node", &nodes),
         ] {
-            if let Some(value) = self.root().get(section) {
-                self.look(value, section, by, known, &mut problems);
+            // The structure refuses other keys.
+            let kinds = self.scenario.keys(section).into_iter();
+            for kind in kinds.filter(|kind| schema::is_key(section, kind)) {
+                let path = format!("{section}.{kind}");
+                let entries = self.scenario.spanned(&path);
+                let entries = entries.and_then(|entries| entries.get_ref().as_array());
+                for (place, entry) in entries.into_iter().flatten().enumerate() {
+                    let path = format!("{path}.{place}");
+                    let unknown_name = |table| self.unknown_name(table, &path, by, known);
+                    problems.extend(self.table(entry).and_then(unknown_name));
+                }
             }
         }
-        problems.extend(self.strange_tables(EXPECT, loops));
+        problems.extend(self.unknown_tables(EXPECT, loops));
         problems.extend(self.misplaced(loops));
         problems
     }
 
     /// Finds keys that no scenario has.
-    pub(super) fn strange_keys(&self) -> Vec<Problem> {
+    pub(super) fn unknown_keys(&self) -> Vec<Problem> {
         let known = Vec::from_iter(SHARED.into_iter().chain(TABLES).chain([EXPECT]));
         let keys = self.root().keys();
-        let strange = keys.filter(|key| !known.contains(&key.get_ref().as_ref()));
-        let problems = strange.map(|key| {
+        let unknown = keys.filter(|key| !known.contains(&key.get_ref().as_ref()));
+        let problems = unknown.map(|key| {
             let name: &str = key.get_ref();
             let message = format!("unknown key `{name}` in the scenario");
             let label = if OF_RIG.contains(&name) {
@@ -304,7 +316,7 @@ impl<'text> Selector<'_, 'text> {
     }
 
     /// Finds `[controller.NAME]` and `[expect.NAME]` of an unknown loop.
-    fn strange_tables(&self, section: &str, loops: &[&str]) -> Vec<Problem> {
+    fn unknown_tables(&self, section: &str, loops: &[&str]) -> Vec<Problem> {
         if !self.is_by_loop(section) {
             return Vec::new();
         }
@@ -312,8 +324,8 @@ impl<'text> Selector<'_, 'text> {
             loops.contains(key) || *key == ALL || section == EXPECT && expect::is_of_all(key)
         };
         let keys = self.scenario.keys(section).into_iter();
-        let strange = keys.filter(|key| !is_known(key));
-        let problems = strange.map(|key| {
+        let unknown = keys.filter(|key| !is_known(key));
+        let problems = unknown.map(|key| {
             let span = self.scenario.key_span(&format!("{section}.{key}"));
             let problem = |message: String, label: String| {
                 (self.scenario.source).problem(span.clone(), message, label)
@@ -331,34 +343,7 @@ impl<'text> Selector<'_, 'text> {
         problems.collect()
     }
 
-    fn look(
-        &self,
-        value: &Spanned<DeValue<'text>>,
-        path: &str,
-        by: &str,
-        known: &[&str],
-        problems: &mut Vec<Problem>,
-    ) {
-        match value.get_ref() {
-            DeValue::Table(table) if is_entry(path) => {
-                problems.extend(self.stranger(table, path, by, known));
-            }
-            DeValue::Table(table) => {
-                for (key, below) in table {
-                    let path = format!("{path}.{}", key.get_ref());
-                    self.look(below, &path, by, known, problems);
-                }
-            }
-            DeValue::Array(array) => {
-                for (place, below) in array.iter().enumerate() {
-                    self.look(below, &format!("{path}.{place}"), by, known, problems);
-                }
-            }
-            _ => {}
-        }
-    }
-
-    fn stranger(
+    fn unknown_name(
         &self,
         table: &DeTable<'text>,
         path: &str,
@@ -399,10 +384,4 @@ fn output_of(path: &str, entry: &DeTable<'_>) -> String {
 /// Returns the path of an array, by that of one of its entries.
 fn parent(path: &str) -> &str {
     path.rsplit_once('.').map_or("", |(parent, _)| parent)
-}
-
-/// Checks whether a path ends in the index of an array.
-fn is_entry(path: &str) -> bool {
-    let last = path.rsplit('.').next().unwrap_or_default();
-    last.parse::<usize>().is_ok()
 }

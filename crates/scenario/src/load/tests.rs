@@ -196,6 +196,28 @@ fn what_a_scenario_names_wrongly_is_underlined_once() {
 }
 
 #[test]
+fn a_table_under_the_wrong_key_is_one_problem() {
+    for (right, wrong, said) in [
+        (
+            "[[reference.hold]]\nloop = \"y\"\n",
+            "[[reference.y.hold]]\n",
+            "unknown key `y` in [reference]",
+        ),
+        (
+            "[controller.all.pid]",
+            "[controller.x.pid]\n[controller.y]",
+            "name the law: [controller.y.pid]",
+        ),
+    ] {
+        let text = SCENARIO.replacen(right, wrong, 1);
+        let error = load_files(&text, RIG).unwrap_err();
+        let shown = crate::without_colours(&error);
+        assert_eq!(error.problems().len(), 1, "{shown}");
+        assert!(shown.contains(said), "{shown}");
+    }
+}
+
+#[test]
 fn what_is_wrong_with_a_rig_names_both_places() {
     for (right, wrong, said) in [
         (

@@ -4,9 +4,9 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 
 use crate::controller::is_process_law;
+use crate::custom::leads_all;
 use crate::error::{Problem, Source};
 use crate::metrics::METRICS;
-use crate::own::leads_all;
 use crate::port::{GAINS, Measurand, Unit, conversion, singular, unit_at_start};
 
 /// Sections in which names end in the unit of a position.

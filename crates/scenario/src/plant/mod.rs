@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::current::CurrentRange;
-use crate::own::{self, Own, Parameters, defaults};
+use crate::custom::{self, Own, Parameters, defaults};
 pub use dc_motor::DcMotor;
 pub(crate) use fmu::whole_names;
 pub use fmu::{Fmu, FmuPort};
@@ -114,7 +114,7 @@ impl PlantModel {
     #[must_use]
     pub fn faults(&self) -> &'static [&'static str] {
         match self.model() {
-            Model::Own(own) => own::faults_of(own.name()),
+            Model::Own(own) => custom::faults_of(own.name()),
             Model::DcMotor(_) => DcMotor::FAULTS,
             Model::SmaPair(_) => SmaPair::FAULTS,
             Model::Fmu(_) => &[],

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use serde_json::{Map, Value, json};
 
 use super::{CONTOURS, HEADER, RIG, SECTIONS, SWEPT, entries, part_of, schema_of};
+use crate::custom;
 use crate::fault;
-use crate::own;
 use crate::plant::PlantModel;
 use crate::port::{Command, Measurand, Unit, conversion, known_units};
 use crate::rig::nodes::{NodeKind, Rig, RigNode};
@@ -179,7 +179,7 @@ pub(crate) fn on_rig(rig: &Rig) -> Value {
             "sma" => reference("Sma"),
             "sma_pair" => reference("SmaPair"),
             "fmu" => fmu(&schema, plant),
-            own => own::schema_of_plant(own),
+            own => custom::schema_of_plant(own),
         };
         let parameters = json!({"allOf": [definition], "default": {}});
         (name.clone(), parameters)
@@ -399,7 +399,7 @@ fn with_contours(schema: &Value) -> Value {
 /// Returns the schema of a plant's parameters.
 fn models(schema: &mut Value) -> Value {
     let mut model = schema_of::<PlantModel>();
-    own::describe_plants(&mut model["properties"]);
+    custom::describe_plants(&mut model["properties"]);
     add_definitions(schema, &model);
     let models = model["properties"].as_object().into_iter().flatten();
     models.map(|(_, model)| values_of(model)).collect()

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::page::{self, Compared, ComparedRun, LETTERS};
-use crate::console::{WorkBar, print, print_error};
+use crate::console::{WorkBar, print, print_error, print_text};
 use crate::exit::Exit;
 use crate::output::{link, write};
 use crate::play_record::PlayRecord;
 use crate::recorded::{Recorded, RecordedError, refuse};
 use judge::comparison::{
-    Comparison, GivenTolerance, SIGNAL_WAYS, Scale, SignalDifference, Tolerances, UnknownName,
+    Comparison, GivenTolerance, SIGNAL_PASSES, Scale, SignalDifference, Tolerances, UnknownName,
     compare_runs,
 };
 use recording::run_folder::file;
@@ -19,7 +19,7 @@ use scenario::metrics::is_of_traffic;
 use worlds::catalogue::catalogue;
 
 /// Number of passes over the frames of a run: to read, to decode and to judge them.
-const WAYS: u64 = 3;
+const PASSES: u64 = 3;
 
 /// Arguments of `compare`.
 #[derive(Args, Debug)]
@@ -61,7 +61,7 @@ fn milliseconds(text: &str) -> Result<f64, String> {
 /// Compares two recordings; the exit code is 0 if they agree, 1 if they diverge.
 #[must_use]
 pub fn compare(args: &CompareArgs) -> Exit {
-    let bar = WorkBar::new(2 * WAYS + SIGNAL_WAYS, true);
+    let bar = WorkBar::new(2 * PASSES + SIGNAL_PASSES, true);
     let compared = compared(args, &bar);
     drop(bar);
     match compared {
@@ -69,7 +69,7 @@ pub fn compare(args: &CompareArgs) -> Exit {
             if args.json {
                 print(&serde_json::to_string_pretty(&comparison).expect("plain data"));
             } else {
-                print(&page::to_text(&comparison));
+                print_text(&page::to_text(&comparison));
             }
             if let Some((place, text)) = page
                 && let Err(exit) = write(place, text.as_bytes())
@@ -124,7 +124,7 @@ fn compared<'a>(
 ) -> Result<(Comparison, Page<'a>), CompareError> {
     let [a, b] = [&args.a, &args.b].map(|path| Recorded::load(path, None, catalogue()));
     let (a, b) = (a?, b?);
-    bar.expect(2 * WAYS + a.ways_for_timing() + b.ways_for_timing() + SIGNAL_WAYS);
+    bar.expect(2 * PASSES + a.passes_for_timing() + b.passes_for_timing() + SIGNAL_PASSES);
     let judged = |recorded: &Recorded| -> Result<_, RecordedError> {
         let timelines = recorded.timelines()?;
         let verdict = recorded.judge(&timelines)?;
@@ -142,7 +142,7 @@ fn compared<'a>(
         (&a_timelines, &a_verdict),
         (&b_timelines, &b_verdict),
     );
-    if !args.timing && a_verdict.timing.is_some() != b_verdict.timing.is_some() {
+    if !args.timing && a.log.frames.clock() != b.log.frames.clock() {
         leave_timing_out(&mut comparison);
     }
     for (letter, recorded) in LETTERS.iter().zip([&a, &b]) {
@@ -156,6 +156,7 @@ fn compared<'a>(
             page: link(place, &recorded.path.join(file::REPORT)),
             rig: recorded.plan.shared.rig.name.clone(),
             played: PlayRecord::read(&recorded.path).ok().flatten(),
+            clock: recorded.log.frames.clock(),
             verdict,
         };
         let compared = Compared {
@@ -169,7 +170,7 @@ fn compared<'a>(
     Ok((comparison, page))
 }
 
-/// Removes the metrics of the traffic, which depend on the clock: a run in virtual time misses nothing.
+/// Removes the metrics of the traffic, which depend on the clock: a run in virtual time misses no cycle.
 fn leave_timing_out(comparison: &mut Comparison) {
     let whole = comparison.remarks.is_empty();
     let own = |name: &str| name.rsplit('.').next().is_some_and(is_of_traffic);

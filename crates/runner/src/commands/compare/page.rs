@@ -2,29 +2,30 @@
 
 use std::collections::VecDeque;
 
-use comfy_table::{Cell, CellAlignment, Color};
 use maud::{Markup, html};
 
 use crate::play_record::PlayRecord;
 use judge::comparison::{Comparison, MetricDifference, SignalDifference, reach};
 use judge::verdict::Verdict;
 use platform::series::Series;
+use recording::frames::Clock;
 use recording::timeline::{self, Timeline};
 use report::page;
 use report::plot::{Colour, Patch, Plot, Shape};
+use report::table::{Cell, Table, Text};
 use report::{shown_unit, terminal};
 
 /// Largest number of signals on the terminal; the page shows all.
 const ROWS_MAX: usize = 8;
-/// Largest number of plotted signals, in addition to positions and currents.
+/// Largest number of signals with a plot that is not folded, in addition to positions and currents.
 const PLOTS_MAX: usize = 12;
 /// Largest number of marked stretches of one signal; more of them look like one.
 const MARKED_MAX: usize = 200;
 
 /// Returns the comparison as a text for the terminal.
 #[must_use]
-pub(super) fn to_text(comparison: &Comparison) -> String {
-    let mut signals = terminal::empty_table([
+pub(super) fn to_text(comparison: &Comparison) -> Text {
+    let mut signals = Table::new([
         "signal",
         "rms",
         "differs by",
@@ -33,42 +34,29 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
         "B later by",
         "result",
     ]);
-    let differing: Vec<_> = comparison
-        .signals
-        .iter()
-        .filter(|signal| signal.largest.is_some_and(|largest| largest > 0.0))
-        .collect();
+    let all = comparison.signals.iter();
+    let differing = Vec::from_iter(all.filter(|signal| differs(signal)));
     for signal in differing.iter().take(ROWS_MAX) {
-        signals.add_row([
+        signals.add([
             Cell::new(&signal.name),
-            number(optional(signal.rms)),
-            number(optional(signal.largest)),
-            number(tolerance(signal.tolerance)),
-            number(from(signal)),
-            number(lag(signal)),
+            Cell::number(optional(signal.rms)),
+            Cell::number(optional(signal.largest)),
+            Cell::number(tolerance(signal.tolerance)),
+            Cell::number(from(signal)),
+            Cell::number(lag(signal)),
             result(Standing::of_signal(signal)),
         ]);
     }
-    let mut metrics = terminal::empty_table(["metric", "A", "B", "tolerance", "result"]);
-    for metric in &comparison.metrics {
-        metrics.add_row([
-            Cell::new(&metric.name),
-            number(value(metric, metric.a)),
-            number(value(metric, metric.b)),
-            number(terminal::rounded(metric.tolerance)),
-            result(Standing::of_metric(metric)),
-        ]);
-    }
-    let mut text = String::new();
+    let mut text = Text::default();
     if !differing.is_empty() {
-        text += &format!("{signals}\n");
+        text.table(&signals);
     }
     if let Some(rest @ [_, ..]) = differing.get(ROWS_MAX..) {
         let worse = rest.iter().filter(|signal| !signal.agrees()).count();
-        text += &format!(
-            "{} more signals differ, {worse} by more than their tolerance\n",
+        text.line(format!(
+            "{} more signals differ, {worse} by more than their tolerance",
             rest.len()
-        );
+        ));
     }
     let absent = comparison
         .signals
@@ -76,18 +64,38 @@ pub(super) fn to_text(comparison: &Comparison) -> String {
         .filter(|signal| signal.largest.is_none())
         .count();
     let same = comparison.signals.len() - differing.len() - absent;
-    text += &format!("{same} signals are exactly the same");
+    let mut counts = format!("{same} signals are exactly the same");
     if absent > 0 {
-        text += &format!(", {absent} have no values that could be compared");
+        counts += &format!(", {absent} have no values that could be compared");
     }
-    text.push('\n');
+    text.line(counts);
     if !comparison.metrics.is_empty() {
-        text += &format!("{metrics}\n");
+        text.table(&metrics_table(&comparison.metrics));
     }
-    for remark in &comparison.remarks {
-        text += &format!("{remark}\n");
+    comparison
+        .remarks
+        .iter()
+        .for_each(|remark| text.line(remark));
+    text.line(summary(comparison));
+    text
+}
+
+fn metrics_table(metrics: &[MetricDifference]) -> Table {
+    let mut table = Table::new(["metric", "A", "B", "tolerance", "result"]);
+    for metric in metrics {
+        table.add([
+            Cell::new(&metric.name),
+            Cell::number(value(metric, metric.a)),
+            Cell::number(value(metric, metric.b)),
+            Cell::number(terminal::rounded(metric.tolerance)),
+            result(Standing::of_metric(metric)),
+        ]);
     }
-    text + summary(comparison).as_str()
+    table
+}
+
+fn differs(signal: &SignalDifference) -> bool {
+    signal.largest.is_some_and(|largest| largest > 0.0)
 }
 
 /// Returns the outcome in one line.
@@ -143,10 +151,6 @@ fn lag(signal: &SignalDifference) -> String {
     }
 }
 
-fn number(text: String) -> Cell {
-    Cell::new(text).set_alignment(CellAlignment::Right)
-}
-
 /// Result of the comparison of a signal or a metric.
 #[derive(Clone, Copy)]
 enum Standing {
@@ -179,7 +183,7 @@ impl Standing {
         }
     }
 
-    fn words(self) -> String {
+    fn text(self) -> String {
         match self {
             Self::Same => "same".to_owned(),
             Self::Diverges => "diverges".to_owned(),
@@ -201,11 +205,11 @@ impl Standing {
 }
 
 fn result(standing: Standing) -> Cell {
-    let cell = Cell::new(standing.words());
+    let cell = Cell::new(standing.text());
     match standing {
-        Standing::Same => cell.fg(Color::Green),
-        Standing::Diverges => cell.fg(Color::Red),
-        Standing::OnlyIn(_) => cell.fg(Color::Yellow),
+        Standing::Same => cell.good(),
+        Standing::Diverges => cell.bad(),
+        Standing::OnlyIn(_) => cell.unsure(),
         Standing::DoesNotCount | Standing::NoValues => cell,
     }
 }
@@ -230,6 +234,8 @@ pub(super) struct ComparedRun<'a> {
     /// Name of the rig.
     pub(super) rig: String,
     pub(super) played: Option<PlayRecord>,
+    /// Clock of the recording; `None` if it has no frames.
+    pub(super) clock: Option<Clock>,
     pub(super) verdict: &'a Verdict,
 }
 
@@ -251,7 +257,12 @@ pub(super) fn to_html(compared: &Compared<'_>) -> String {
              signal. Plots of a difference show 0 where a value of A in that time is near enough."
         }
         h2 { "Plots" }
-        div.plots.even { @for plot in plots(compared) { (plot) } }
+        @let plots = Plots::of(compared);
+        div.plots.even { @for plot in plots.open { (plot) } }
+        @if !plots.folded.is_empty() { details {
+            summary { "Other signals that count: " (plots.folded.len()) }
+            div.plots.even { @for plot in plots.folded { (plot) } }
+        } }
         @if comparison.signals.iter().any(|signal| !signal.agrees()) { p.soft { "Red: where a signal is beyond its tolerance." } }
         h2 { "Metrics" }
         (metrics(&comparison.metrics))
@@ -274,41 +285,68 @@ fn heads(runs: &[ComparedRun<'_>; 2]) -> Markup {
             (row("folder", |run| html! { @match &run.page { Some(page) => a href=(page) { (run.path) }, None => (run.path) } }))
             (row("scenario", |run| html! { (run.verdict.scenario) @for set in run.played.iter().flat_map(|play| &play.set) { div.soft { (page::set(set)) } } }))
             (row("rig", |run| html! { (run.rig) }))
+            (row("law", |run| html! { @if let Some(identity) = &run.verdict.identity { (identity.law) } }))
             (row("seed", |run| html! { (run.verdict.seed) }))
             (row("result", |run| html! { span.(page::class(run.verdict.outcome)) { (page::word(run.verdict.outcome)) } }))
-            (row("played", |run| html! { (run.played.as_ref().map(PlayRecord::place).unwrap_or_default()) div.soft { "in " (page::clock(run.verdict)) ", canrig " (run.verdict.version) } }))
+            (row("played", |run| html! { (run.played.as_ref().map(PlayRecord::place).unwrap_or_default()) div.soft { @if let Some(clock) = run.clock { "in " (page::time_by(clock)) ", " } "canrig " (run.verdict.version) @if let Some(identity) = &run.verdict.identity { ", program " code { (identity.program) } } } }))
         }
     } } }
 }
 
-/// Plots positions and currents first, then the signals that diverge most, and other judged signals that differ. Each signal is
-/// next to its difference.
-fn plots(compared: &Compared<'_>) -> Vec<Markup> {
-    let comparison = compared.comparison;
-    let names = compared.timelines[0].iter().flat_map(|timeline| {
-        let own = ["position_millimetres", "current_amperes"];
-        own.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.rename(name)))
-    });
-    let names = Vec::from_iter(names);
-    let is_first = |signal: &&SignalDifference| names.contains(&signal.name);
-    let first = names
-        .iter()
-        .filter_map(|name| comparison.signals.iter().find(|one| one.name == *name));
-    let others = comparison.signals.iter().filter(|signal| !is_first(signal));
-    let differs = |signal: &SignalDifference| signal.largest.is_some_and(|largest| largest > 0.0);
-    let counting = others.filter(|signal| signal.tolerance.is_some() && differs(signal));
-    let shown = first.chain(counting.take(PLOTS_MAX));
-    let plots = shown.flat_map(|signal| {
-        let difference = differs(signal).then(|| difference(signal, compared));
-        let marked = difference
+/// Plots of a comparison.
+struct Plots {
+    /// Positions and currents, then the judged signals that diverge most, each next to its difference.
+    open: Vec<Markup>,
+    /// Other judged signals, unless they keep one value throughout.
+    folded: Vec<Markup>,
+}
+
+impl Plots {
+    fn of(compared: &Compared<'_>) -> Self {
+        let comparison = compared.comparison;
+        let names = compared.timelines[0].iter().flat_map(|timeline| {
+            let own = ["position_millimetres", "current_amperes"];
+            own.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.rename(name)))
+        });
+        let names = Vec::from_iter(names);
+        let is_first = |signal: &&SignalDifference| names.contains(&signal.name);
+        let first = names
             .iter()
-            .flat_map(|(rows, difference)| stretches(signal, rows, difference));
-        let marked = Vec::from_iter(marked);
-        let drawn =
-            difference.map(|(rows, values)| difference_plot(signal, &rows, &values, &marked));
-        [Some(both(signal, compared.timelines, &marked)), drawn]
-    });
-    plots.flatten().collect()
+            .filter_map(|name| comparison.signals.iter().find(|one| one.name == *name));
+        let others = comparison.signals.iter().filter(|signal| !is_first(signal));
+        let judged = others.filter(|signal| signal.tolerance.is_some());
+        let (differing, same): (Vec<_>, Vec<_>) = judged.partition(|signal| differs(signal));
+        let (most, less) = differing.split_at(differing.len().min(PLOTS_MAX));
+        let same = same.into_iter().filter(|signal| changes(signal, compared));
+        let drawn = |signal| drawn(signal, compared);
+        Self {
+            open: first.chain(most.iter().copied()).flat_map(drawn).collect(),
+            folded: less.iter().copied().chain(same).flat_map(drawn).collect(),
+        }
+    }
+}
+
+/// Checks whether a signal has more than one value.
+fn changes(signal: &SignalDifference, compared: &Compared<'_>) -> bool {
+    compared.timelines.into_iter().any(|run| {
+        let values = values(run, signal);
+        let mut values = values.iter().filter(|value| value.is_finite());
+        let first = values.next();
+        values.any(|value| Some(value) != first)
+    })
+}
+
+/// Draws a signal, and its difference if there is one.
+fn drawn(signal: &SignalDifference, compared: &Compared<'_>) -> Vec<Markup> {
+    if !differs(signal) {
+        return vec![both(signal, compared.timelines, &[])];
+    }
+    let (rows, difference) = difference(signal, compared);
+    let marked = stretches(signal, &rows, &difference);
+    vec![
+        both(signal, compared.timelines, &marked),
+        difference_plot(signal, &rows, &difference, &marked),
+    ]
 }
 
 fn values(run: &[Timeline], signal: &SignalDifference) -> Series<f64> {
@@ -317,11 +355,16 @@ fn values(run: &[Timeline], signal: &SignalDifference) -> Series<f64> {
     found.map_or_else(Series::default, |rows| rows.values.clone())
 }
 
-fn both(signal: &SignalDifference, [a, b]: [&[Timeline]; 2], marked: &[Patch]) -> Markup {
+fn both(signal: &SignalDifference, runs: [&[Timeline]; 2], marked: &[Patch]) -> Markup {
     let mut plot = Plot::over_time(signal.name.as_str(), &signal.unit);
-    for (label, colour, run) in [("A", Colour::Run(0), a), ("B", Colour::Run(2), b)] {
-        let values = values(run, signal);
-        plot.draw(label, colour, Shape::Line, &run[0].time_seconds, values);
+    let [a, b] = runs.map(|run| values(run, signal));
+    let bits = |values: &Series<f64>| Vec::from_iter(values.iter().map(f64::to_bits));
+    let rows = runs.map(|run| &run[0].time_seconds);
+    if !differs(signal) && bits(&a) == bits(&b) {
+        plot.draw("A and B", Colour::Run(0), Shape::Line, rows[0], a);
+    } else {
+        plot.draw("A", Colour::Run(0), Shape::Line, rows[0], a);
+        plot.draw("B", Colour::Run(2), Shape::Line, rows[1], b);
     }
     plot.patches.extend(marked);
     plot.render()
@@ -441,5 +484,5 @@ fn signals(signals: &[SignalDifference]) -> Markup {
 }
 
 fn word(standing: Standing) -> Markup {
-    html! { span.nowrap.(standing.class()) { (standing.words()) } }
+    html! { span.nowrap.(standing.class()) { (standing.text()) } }
 }

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::Check;
+use crate::custom::is_name;
 use crate::error::Problem;
-use crate::own::is_name;
 use crate::rig::nodes::RigLoop;
 use crate::schema;
 

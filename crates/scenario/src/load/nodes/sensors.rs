@@ -1,8 +1,8 @@
 //! Checks the sensors, and the plausibility of their positions.
 
 use super::Check;
+use crate::custom::is_name;
 use crate::error::Problem;
-use crate::own::is_name;
 use crate::port::{Measurand, Unit};
 use crate::rig::nodes::{RigNode, Sensor};
 

@@ -1,8 +1,8 @@
 //! Finds rigs that the format can describe and this bench cannot serve.
 
 use super::Check;
+use crate::custom::is_name;
 use crate::error::Problem;
-use crate::own::is_name;
 use crate::rig::nodes::{NodeKind, Outputs};
 use crate::wiring::IO_OUTPUTS_MAX;
 

@@ -72,13 +72,13 @@ impl Section {
     }
 
     /// Sets the tables from outside once and for all; returns them if they have been set before.
-    pub(crate) fn set_tables(self, tables: Vec<OwnTable>) -> Result<(), Vec<OwnTable>> {
+    pub(crate) fn set_tables(self, tables: Vec<CustomTable>) -> Result<(), Vec<CustomTable>> {
         self.tables().set(tables)
     }
 
-    fn tables(self) -> &'static OnceLock<Vec<OwnTable>> {
-        static PLANTS: OnceLock<Vec<OwnTable>> = OnceLock::new();
-        static LAWS: OnceLock<Vec<OwnTable>> = OnceLock::new();
+    fn tables(self) -> &'static OnceLock<Vec<CustomTable>> {
+        static PLANTS: OnceLock<Vec<CustomTable>> = OnceLock::new();
+        static LAWS: OnceLock<Vec<CustomTable>> = OnceLock::new();
         match self {
             Self::Plant => &PLANTS,
             Self::Controller => &LAWS,
@@ -88,7 +88,7 @@ impl Section {
 
 /// Table of a plant or a law from outside.
 #[derive(Debug)]
-pub struct OwnTable {
+pub struct CustomTable {
     name: &'static str,
     /// Faults of `[[fault.plant.…]]` that have a meaning for the plant.
     faults: &'static [&'static str],
@@ -98,7 +98,7 @@ pub struct OwnTable {
     check: fn(Spanned<DeValue<'_>>) -> Result<(), toml::de::Error>,
 }
 
-impl OwnTable {
+impl CustomTable {
     /// Makes the table `name`, which holds these parameters.
     #[must_use]
     pub fn new<P: Parameters>(name: &'static str) -> Self {
@@ -163,11 +163,11 @@ pub fn is_name(text: &str) -> bool {
 }
 
 /// Returns the tables of a section that come from outside.
-pub(crate) fn tables(section: Section) -> &'static [OwnTable] {
+pub(crate) fn tables(section: Section) -> &'static [CustomTable] {
     section.tables().get().map_or(&[], Vec::as_slice)
 }
 
-fn find(section: Section, name: &str) -> Option<&'static OwnTable> {
+fn find(section: Section, name: &str) -> Option<&'static CustomTable> {
     tables(section).iter().find(|table| table.name == name)
 }
 

@@ -4,7 +4,7 @@
 use std::sync::Once;
 
 use scenario::Scenario;
-use scenario::own::{OwnTable, Section};
+use scenario::custom::{CustomTable, Section};
 use scenario::registration::{InvalidOwn, register};
 use scenario::{Beside, ControllerView, Trial};
 use schemars::JsonSchema;
@@ -55,9 +55,9 @@ struct Relay {
 fn register_once() {
     static REGISTERED: Once = Once::new();
     REGISTERED.call_once(|| {
-        let pendulum = OwnTable::new::<Pendulum>("pendulum").with_faults(&["jammed_pulley"]);
+        let pendulum = CustomTable::new::<Pendulum>("pendulum").with_faults(&["jammed_pulley"]);
         register(Section::Plant, vec![pendulum]).expect("a table of a plant");
-        let relay = OwnTable::new::<Relay>("relay");
+        let relay = CustomTable::new::<Relay>("relay");
         register(Section::Controller, vec![relay]).expect("a table of a law");
     });
 }
@@ -307,33 +307,33 @@ fn the_schema_describes_them() {
 fn what_cannot_be_a_table_is_refused_when_it_is_registered() {
     let plant = |table| register(Section::Plant, vec![table]).unwrap_err();
     assert!(matches!(
-        plant(OwnTable::new::<Pendulum>("heat")),
+        plant(CustomTable::new::<Pendulum>("heat")),
         InvalidOwn::Taken { .. }
     ));
     assert!(matches!(
-        plant(OwnTable::new::<Pendulum>("sma")),
+        plant(CustomTable::new::<Pendulum>("sma")),
         InvalidOwn::Taken { .. }
     ));
     assert!(matches!(
-        plant(OwnTable::new::<Pendulum>("sma_actuator")),
+        plant(CustomTable::new::<Pendulum>("sma_actuator")),
         InvalidOwn::Taken { .. }
     ));
     assert!(matches!(
-        plant(OwnTable::new::<Pendulum>("My Plant")),
+        plant(CustomTable::new::<Pendulum>("My Plant")),
         InvalidOwn::Name(_)
     ));
     assert!(matches!(
-        plant(OwnTable::new::<f64>("number")),
+        plant(CustomTable::new::<f64>("number")),
         InvalidOwn::NoTable(_)
     ));
-    let fault = OwnTable::new::<Pendulum>("swing").with_faults(&["rain"]);
+    let fault = CustomTable::new::<Pendulum>("swing").with_faults(&["rain"]);
     assert!(matches!(
         plant(fault),
         InvalidOwn::Fault { fault: "rain", .. }
     ));
     register_once();
     assert_eq!(
-        plant(OwnTable::new::<Pendulum>("swing")),
+        plant(CustomTable::new::<Pendulum>("swing")),
         InvalidOwn::RegisteredAlready
     );
 }
