@@ -100,7 +100,7 @@ pub struct LoopUnits<'a> {
 pub struct ExternalFrames<'a> {
     /// Identifiers of its feedback and of the command to it.
     pub identifiers: [u16; 2],
-    /// Lengths of both; `None` for those of the emulated drive.
+    /// Lengths of feedback and command; `None` for the lengths of the emulated drive.
     pub lengths_bytes: [Option<u8>; 2],
     /// Returns the coding of a signal of the feedback.
     pub feedback: &'a dyn Fn(&Signal) -> Coding,

@@ -160,7 +160,7 @@ fn push_hexadecimal(text: &mut String, number: u32, digits: u32) {
 pub struct Filter {
     /// Identifier with flags.
     pub id: u32,
-    /// Bits that must be equal.
+    /// Bits of the identifier that are compared.
     pub mask: u32,
 }
 

@@ -14,7 +14,7 @@ const AFTER_SETTLING_SECONDS: f64 = 1.0;
 const HOLD_SECONDS_MIN: f64 = 2.0;
 /// Time before the end over which hunting is measured.
 const HUNTING_SECONDS: f64 = 1.0;
-/// Length of the parts whose means show hunting: a loop with a noisy sensor need not hunt.
+/// Length of the stretches whose mean positions show hunting; a mean leaves out the noise of the sensor.
 const MEAN_SECONDS: f64 = 0.01;
 
 /// Returns the standard deviation of the commanded current in the last hold.

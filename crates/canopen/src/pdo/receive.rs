@@ -95,7 +95,7 @@ impl Rpdo {
         self.is_synchronous() && !self.is_timed()
     }
 
-    /// Checks whether it may have a deadline.
+    /// Checks whether the PDO has an event timer, which may run out.
     pub(crate) fn is_timed(&self) -> bool {
         self.parameters.event_timer.is_some()
     }

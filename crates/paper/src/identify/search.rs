@@ -7,8 +7,9 @@ use super::statistics::{FitStatistics, sensor_metres_rms};
 
 /// Ratio of the residual to the sensor's from which a second attempt from another start is made.
 const POOR_MISFIT: f64 = 3.0;
-/// Largest distance of two optima that agree, in standard errors; below it in ranges, for very small errors.
+/// Largest distance between two optima that count as the same, in standard errors.
 const AGREEMENT_STANDARD_ERRORS: f64 = 0.1;
+/// The same in parts of a parameter's range, for very small standard errors.
 const AGREEMENT_RANGES: f64 = 1e-4;
 /// Ratio of two mean squares above which the optimisers ended in different valleys.
 const LOST: f64 = 1.01;

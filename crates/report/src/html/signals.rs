@@ -274,7 +274,8 @@ fn sudden(trial: &Trial) -> Vec<Stretch> {
     let steps = trial.judged_steps().into_iter().map(|step| {
         let from = step.window.from_seconds;
         let until = step.window.until_seconds.min(from + AFTER_STEP_SECONDS);
-        (format!("Step to {} {symbol}", step.to), from, until)
+        let title = format!("Step to {} {symbol} at {from} s", step.to);
+        (title, from, until)
     });
     let disturbances = trial.disturbance_windows().into_iter().map(|disturbance| {
         let title = format!("Disturbance: {}", disturbance.text);

@@ -189,7 +189,7 @@ fn default_places(document: &Document<'_>) -> BTreeSet<usize> {
     places
 }
 
-/// Keeps the first problem at a default and drops those of its further copies.
+/// Keeps one problem for each place in the defaults, since each drive that takes a wrong default has the same problem.
 fn say_once(problems: &mut Vec<Problem>, places: &BTreeSet<usize>) {
     let mut said = BTreeSet::new();
     problems.retain(|problem| {
