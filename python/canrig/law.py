@@ -174,8 +174,8 @@ def _values(returned: Any, outputs: List[str]) -> List[float]:
         missing = _missing(returned, outputs)
         raise ValueError(f"step() is to return a dictionary with {', '.join(outputs)}{missing}") from error
     if len(returned) != len(outputs):
-        strange = ", ".join(name for name in returned if name not in outputs)
-        raise ValueError(f"step() returned {strange}, which stands neither in `writes` nor in `terms`")
+        unknown = ", ".join(name for name in returned if name not in outputs)
+        raise ValueError(f"step() returned {unknown}, which is neither in `writes` nor in `terms`")
     return values
 
 

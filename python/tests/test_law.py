@@ -65,7 +65,7 @@ def test_a_class_plays_and_its_parameters_are_set(law, output):
         ("1 / 0", "ZeroDivisionError: division by zero (law.py, line 11)"),
         ("x.speed", "there is no `speed`; known here: position_millimetres, set_point_millimetres"),
         ('{"current_amperes": 0.0}', "it lacks error_of_position"),
-        ('{"current_amperes": 0.0, "error_of_position": 0.0, "b": 1.0}', "returned b, which stands neither"),
+        ('{"current_amperes": 0.0, "error_of_position": 0.0, "b": 1.0}', "returned b, which is neither"),
         ("0.5", "step() is to return a dictionary with current_amperes, error_of_position, not float"),
     ],
 )
