@@ -311,11 +311,11 @@ fn conversion_of(
     let base = description.base_of(variable);
     let conversion = base.and_then(|base| base.to(&known.base));
     conversion.ok_or_else(|| {
-        let words = known.words;
+        let word = known.word;
         Fault::variable(
             &variable.name,
             format!(
-                "is in {unit}, and the port `{name}` would be in {words}; let the name end in its unit, or write factor and offset"
+                "is in {unit}, and the port `{name}` would be in {word}; let the name end in its unit, or write factor and offset"
             ),
         )
     })
@@ -354,8 +354,8 @@ fn start_text(variable: &Variable, start: &str) -> String {
 /// Returns unit and description, as a comment at the end of a line.
 fn comment(variable: &Variable) -> String {
     let unit = variable.unit.as_deref().unwrap_or("no unit");
-    let words = Vec::from_iter(variable.description.split_whitespace()).join(" ");
-    let text = format!("{unit}: {words}");
+    let description = Vec::from_iter(variable.description.split_whitespace()).join(" ");
+    let text = format!("{unit}: {description}");
     let text = text.trim_end_matches(": ");
     let clean = String::from_iter(text.chars().filter(|character| !character.is_control()));
     format!("  # {clean}\n")
@@ -367,12 +367,12 @@ fn unique(taken: &mut Vec<String>, variable: &Variable, description: &Descriptio
     let by_symbol = unit.and_then(of_symbol);
     let base = || description.base_of(variable);
     let known = by_symbol.or_else(|| base().as_ref().and_then(of_base));
-    let words = known
-        .map(|known| known.words)
-        .filter(|words| *words != "factor");
+    let word = known
+        .map(|known| known.word)
+        .filter(|word| *word != "factor");
     let mut stem = snake(&variable.name);
-    if let Some(words) = words {
-        let without = stem.strip_suffix(words).map(str::to_owned);
+    if let Some(word) = word {
+        let without = stem.strip_suffix(word).map(str::to_owned);
         stem = without.unwrap_or(stem);
     }
     let stem = stem.trim_end_matches('_');
@@ -382,7 +382,7 @@ fn unique(taken: &mut Vec<String>, variable: &Variable, description: &Descriptio
         } else {
             String::new()
         };
-        let parts = [stem, &number, words.unwrap_or_default()];
+        let parts = [stem, &number, word.unwrap_or_default()];
         let parts = parts.into_iter().filter(|part| !part.is_empty());
         Vec::from_iter(parts).join("_")
     };

@@ -74,7 +74,7 @@ impl Base {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Known {
     /// Name of the unit, such as `metres_per_second`; empty for a number without a unit.
-    pub words: &'static str,
+    pub word: &'static str,
     /// Symbol of the unit in FMUs and tables.
     pub symbol: &'static str,
     /// Definition by the base units.
@@ -82,13 +82,13 @@ pub struct Known {
 }
 
 const fn known(
-    words: &'static str,
+    word: &'static str,
     symbol: &'static str,
     exponents: Exponents,
     factor: f64,
 ) -> Known {
     Known {
-        words,
+        word,
         symbol,
         base: Base {
             exponents,
@@ -99,7 +99,7 @@ const fn known(
 }
 
 const CELSIUS: Known = Known {
-    words: "celsius",
+    word: "celsius",
     symbol: "degC",
     base: Base {
         exponents: [0, 0, 0, 0, 1, 0, 0, 0],
@@ -170,13 +170,13 @@ pub const KNOWN: [Known; 53] = [
 #[must_use]
 pub fn of_name(name: &str) -> Option<&'static Known> {
     let fits = |known: &&Known| {
-        let head = name.strip_suffix(known.words);
+        let head = name.strip_suffix(known.word);
         head.is_some_and(|head| head.is_empty() || head.ends_with('_'))
     };
     KNOWN
         .iter()
         .filter(fits)
-        .max_by_key(|known| known.words.len())
+        .max_by_key(|known| known.word.len())
 }
 
 /// Returns the unit of a symbol, in the spellings of different tools.
@@ -221,7 +221,7 @@ mod tests {
     fn no_two_units_share_words_or_symbol() {
         for (place, one) in KNOWN.iter().enumerate() {
             for other in &KNOWN[..place] {
-                assert_ne!(one.words, other.words);
+                assert_ne!(one.word, other.word);
                 assert_ne!(one.symbol, other.symbol);
             }
         }

@@ -79,33 +79,33 @@ fn describe(frame: &CanFrame) -> ErrorMessage {
     let class = frame.raw_id();
     let [_, controller, protocol, _, _, node, ..] = frame.buffer();
     let has = |class_bit: u32| class & class_bit != 0;
-    let of_bits = |bits: u8, words: &[(u8, &'static str)]| {
-        let set = words.iter().filter(move |(mask, _)| bits & mask != 0);
-        set.map(|(_, word)| *word).collect::<Vec<_>>()
+    let of_bits = |bits: u8, names: &[(u8, &'static str)]| {
+        let set = names.iter().filter(move |(mask, _)| bits & mask != 0);
+        set.map(|(_, name)| *name).collect::<Vec<_>>()
     };
-    let of_class = |words: &[(u32, &'static str)]| {
-        let set = words.iter().filter(|(bit, _)| has(*bit));
-        set.map(|(_, word)| *word).collect::<Vec<_>>()
+    let of_class = |names: &[(u32, &'static str)]| {
+        let set = names.iter().filter(|(bit, _)| has(*bit));
+        set.map(|(_, name)| *name).collect::<Vec<_>>()
     };
-    let mut words = of_class(&[(BUS_OFF, "bus-off"), (RESTARTED, "back from bus-off")]);
+    let mut details = of_class(&[(BUS_OFF, "bus-off"), (RESTARTED, "back from bus-off")]);
     if has(CONTROLLER) {
-        words.extend(of_bits(controller, &STATES));
+        details.extend(of_bits(controller, &STATES));
     }
-    let is_state = !words.is_empty();
-    words.extend(of_class(&ERRORS));
+    let is_state = !details.is_empty();
+    details.extend(of_class(&ERRORS));
     if has(PROTOCOL) {
-        words.extend(of_bits(protocol, &VIOLATIONS));
+        details.extend(of_bits(protocol, &VIOLATIONS));
     }
     let is_good = matches!(
-        words.as_slice(),
+        details.as_slice(),
         ["back from bus-off" | "error active" | "arbitration lost"]
     );
-    if words.is_empty() {
-        words.push("error without details");
+    if details.is_empty() {
+        details.push("error without details");
     }
     ErrorMessage {
         node,
-        text: words.join(", "),
+        text: details.join(", "),
         is_good,
         is_state,
     }

@@ -12,7 +12,7 @@ use scenario::expect::Emergency;
 
 use crate::identifiers::ByIdentifier;
 use crate::log::Stamped;
-use crate::node_words::NodeWords;
+use crate::node_names::NodeNames;
 use crate::occurrences::{Notes, Occurrences};
 
 /// Silence after which an error of the bus makes a new event.
@@ -100,7 +100,7 @@ impl EventSignal {
 
     /// Returns the label of the signal that explains an emergency further. With several drives it names the node concerned, whose
     /// number is the lowest byte.
-    fn cause(&self, stamped: &Stamped, words: &NodeWords) -> Option<String> {
+    fn cause(&self, stamped: &Stamped, node_names: &NodeNames) -> Option<String> {
         let (signal, definition) = self.cause.as_ref()?;
         let value = signal.decode(&stamped.frame)?;
         let node = value % 256.0;
@@ -108,7 +108,7 @@ impl EventSignal {
             let label = definition.label(value - node)?;
             let mut ids = 0..=u8::MAX;
             let name = ids.find(|id| f64::from(*id) == node);
-            let name = name.and_then(|id| words.of_node(id));
+            let name = name.and_then(|id| node_names.of_node(id));
             Some(match name {
                 Some(name) => format!("{label} ({name})"),
                 None => format!("{label} (node {node})"),
@@ -120,7 +120,7 @@ impl EventSignal {
 
 /// Reader of events from frames: every change of a state, every NMT command, every emergency.
 pub(crate) struct EventReader {
-    words: NodeWords,
+    node_names: NodeNames,
     signals: ByIdentifier<EventSignal>,
     /// Events with recording times, like the emergencies.
     events: Notes<Event>,
@@ -132,14 +132,14 @@ pub(crate) struct EventReader {
 
 impl EventReader {
     /// Makes the reader of one loop.
-    pub(crate) fn new(database: &Database, words: NodeWords) -> Self {
-        let signals = event_signals(database, &words);
+    pub(crate) fn new(database: &Database, node_names: NodeNames) -> Self {
+        let signals = event_signals(database, &node_names);
         Self {
             signals: signals
                 .into_iter()
                 .map(|signal| (signal.signal.raw_id(), signal))
                 .collect(),
-            words,
+            node_names,
             events: Notes::default(),
             emergencies: Notes::default(),
             bus_errors: BTreeMap::new(),
@@ -166,12 +166,12 @@ impl EventReader {
         };
         let (level, mut text) = describe(signal.kind, &signal.node, value, &label);
         if signal.kind == EventKind::Command {
-            text += &addressee(&stamped.frame, &self.words);
+            text += &addressee(&stamped.frame, &self.node_names);
         }
         if signal.kind == EventKind::Emergency && value != 0.0 {
             let emergency = emergency(&signal.node, value);
             self.emergencies.add(stamped.time.as_secs_f64(), emergency);
-            if let Some(cause) = signal.cause(stamped, &self.words) {
+            if let Some(cause) = signal.cause(stamped, &self.node_names) {
                 text += &format!(": {cause}");
             }
         }
@@ -188,7 +188,7 @@ impl EventReader {
             is_good,
             is_state,
         } = message;
-        let text = format!("{}: {text}", controller_of(node, &self.words));
+        let text = format!("{}: {text}", controller_of(node, &self.node_names));
         let before = self.bus_errors.insert(text.clone(), time);
         let goes_on = before.is_some_and(|before| time.saturating_sub(before) < BUS_ERROR_PAUSE);
         if goes_on && !is_state {
@@ -218,7 +218,7 @@ impl EventReader {
         }
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
         let planned = trial
-            .events(self.words.of_loop())
+            .events(self.node_names.of_loop())
             .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
             .map(|event| {
@@ -253,7 +253,7 @@ fn emergency(node: &str, value: f64) -> Emergency {
 }
 
 /// Returns the signals that make events: commands of NMT, and for each node its state, its statusword and its emergencies.
-fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
+fn event_signals(database: &Database, node_names: &NodeNames) -> Vec<EventSignal> {
     let make = |message: &str, name: &str, kind, node: &str| {
         let message = database.message(message)?;
         let definition = message.signal(name)?;
@@ -267,7 +267,7 @@ fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
             cause: cause(database, &message.name),
         })
     };
-    let of_nodes = words.nodes().flat_map(|node| {
+    let of_nodes = node_names.nodes().flat_map(|node| {
         let services = [
             (names::HEARTBEAT, names::NMT_STATE, EventKind::State),
             (names::TPDO1, names::STATUSWORD, EventKind::State),
@@ -281,15 +281,15 @@ fn event_signals(database: &Database, words: &NodeWords) -> Vec<EventSignal> {
 }
 
 /// Returns the name of the node with this number, or `bench` for an unknown one.
-fn controller_of(node: u8, words: &NodeWords) -> &str {
-    words.of_node(node).unwrap_or("bench")
+fn controller_of(node: u8, node_names: &NodeNames) -> &str {
+    node_names.of_node(node).unwrap_or("bench")
 }
 
 /// Describes the addressee of a command, if there are several drives.
-fn addressee(frame: &CanFrame, words: &NodeWords) -> String {
-    match (words.of_loop(), frame.data()) {
+fn addressee(frame: &CanFrame, node_names: &NodeNames) -> String {
+    match (node_names.of_loop(), frame.data()) {
         (Some(_), [_, 0, ..]) => " to all nodes".to_owned(),
-        (Some(_), [_, node, ..]) => match words.of_node(*node) {
+        (Some(_), [_, node, ..]) => match node_names.of_node(*node) {
             Some(name) => format!(" to {name}"),
             None => format!(" to node {node}"),
         },
@@ -318,7 +318,7 @@ fn describe(kind: EventKind, node: &str, value: f64, label: &str) -> (Level, Str
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node_words::tests::of_two_loops;
+    use crate::node_names::tests::of_two_loops;
 
     #[test]
     fn no_event_steers_a_terminal() {
@@ -328,18 +328,18 @@ mod tests {
 
     #[test]
     fn among_several_loops_an_event_names_its_node() {
-        let words = of_two_loops("y");
-        let to = |node| addressee(&CanFrame::new(0, &[1, node]), &words);
+        let node_names = of_two_loops("y");
+        let to = |node| addressee(&CanFrame::new(0, &[1, node]), &node_names);
         assert_eq!(
             [0x13, 0, 0x14].map(to),
             [" to right", " to all nodes", " to node 20"]
         );
         assert_eq!(
-            addressee(&CanFrame::new(0, &[1, 0x10]), &NodeWords::default()),
+            addressee(&CanFrame::new(0, &[1, 0x10]), &NodeNames::default()),
             ""
         );
         assert_eq!(
-            [0x01, 0x13, 0x7F].map(|node| controller_of(node, &words)),
+            [0x01, 0x13, 0x7F].map(|node| controller_of(node, &node_names)),
             ["controller", "right", "bench"]
         );
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
@@ -347,7 +347,7 @@ mod tests {
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\n[[fault.node.hang]]\nnode = \"drive\"\nfrom_seconds = 6.0\n\
             [[fault.node.hang]]\nnode = \"controller\"\nfrom_seconds = 7.0\n[[fault.bus.load]]\nidentifier = 1000\nperiod_milliseconds = 5.0\nfrom_seconds = 8.0\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut reader = EventReader::new(Database::shipped(), words);
+        let mut reader = EventReader::new(Database::shipped(), node_names);
         let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
         let texts = Vec::from_iter(events.iter().map(|event| event.what.text.as_str()));
         assert_eq!(
@@ -370,7 +370,7 @@ mod tests {
             [[disturbance.load]]\nat_seconds = 4.0\nadded_grams = 10.0\n\
             [[fault.sensor.stuck]]\nfrom_seconds = 5.0\nuntil_seconds = 6.0\n";
         let trial = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let mut reader = EventReader::new(Database::shipped(), NodeWords::default());
+        let mut reader = EventReader::new(Database::shipped(), NodeNames::default());
         let events = reader.take_until(f64::INFINITY, &trial, Some(Duration::ZERO));
         let levels = events.iter().map(|event| (event.time_seconds, event.level));
         let expected = [

@@ -21,7 +21,7 @@ mod identifiers;
 pub mod latency;
 pub mod log;
 pub mod losses;
-mod node_words;
+mod node_names;
 pub mod occurrences;
 mod pieces;
 pub mod progress;

@@ -9,7 +9,7 @@ use scenario::node::{LoopNodes, Part};
 
 use crate::events::{Event, Events, Level};
 use crate::identifiers::ByIdentifier;
-use crate::node_words::NodeWords;
+use crate::node_names::NodeNames;
 use crate::occurrences::Notes;
 
 /// Number of periods without a cyclic frame that count as a loss, as for the controller.
@@ -70,9 +70,9 @@ pub(crate) struct LossReader {
 }
 
 impl LossReader {
-    pub(crate) fn new(one: &ControlLoop, words: &NodeWords) -> Self {
+    pub(crate) fn new(one: &ControlLoop, node_names: &NodeNames) -> Self {
         let scenario = &one.trial;
-        let (controller, drive) = (words.controller(), words.drive());
+        let (controller, drive) = (node_names.controller(), node_names.drive());
         let LoopNodes {
             controller: leader,
             drive: led,
@@ -96,7 +96,7 @@ impl LossReader {
             (heartbeat(leader), controller, Some(Part::Controller)),
             (heartbeat(led), drive, Some(Part::Drive)),
         ];
-        let io_nodes = io.iter().map(|io| (heartbeat(io), io.in_words(), None));
+        let io_nodes = io.iter().map(|io| (heartbeat(io), io.in_sentence(), None));
         let heartbeats = heartbeats
             .into_iter()
             .chain(io_nodes)

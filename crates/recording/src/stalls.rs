@@ -61,7 +61,7 @@ impl What {
     const ALL: [Self; 3] = [Self::StoodStill, Self::Waited, Self::WokeLate];
 
     /// Returns its text in the file.
-    fn words(self) -> &'static str {
+    fn label(self) -> &'static str {
         match self {
             Self::StoodStill => "stood still",
             Self::Waited => "waited for a processor",
@@ -102,7 +102,7 @@ impl Stall {
 /// Writes a text such as `the machine stood still for 45.0 ms`.
 impl fmt::Display for Stall {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (who, what) = (self.who.name(), self.what.words());
+        let (who, what) = (self.who.name(), self.what.label());
         let milliseconds = 1e3 * self.length().as_secs_f64();
         let verb = match self.what {
             What::StoodStill | What::Waited => format!("{what} for {milliseconds:.1} ms"),
@@ -121,7 +121,7 @@ pub fn to_csv(stalls: &[Stall]) -> String {
         format!(
             "{from},{until},{},{}\n",
             stall.who.name(),
-            stall.what.words()
+            stall.what.label()
         )
     };
     let rows: String = stalls.iter().map(row).collect();
@@ -164,7 +164,7 @@ impl FromStr for Stall {
             return Err("four columns are expected");
         };
         let who = Who::ALL.into_iter().find(|known| known.name() == who);
-        let what = What::ALL.into_iter().find(|known| known.words() == what);
+        let what = What::ALL.into_iter().find(|known| known.label() == what);
         let (from, until) = (seconds(from), seconds(until));
         let (Some(from), Some(until)) = (from, until) else {
             return Err("seconds with six decimals are expected");

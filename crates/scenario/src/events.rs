@@ -68,7 +68,7 @@ pub struct Event {
 
 /// Names of a loop and its nodes, where a run has several loops.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LoopWords {
+pub struct LoopNames {
     /// Name of the loop.
     pub name: String,
     /// Name of its controller.
@@ -232,18 +232,18 @@ impl Trial {
         of_disturbances.chain(of_faults).flatten().collect()
     }
 
-    /// Returns the steps, disturbances and faults for plots, in the order of time; `words` names the loop, where there are
+    /// Returns the steps, disturbances and faults for plots, in the order of time; `names` name the loop, where there are
     /// several.
     #[must_use]
-    pub fn events(&self, words: Option<&LoopWords>) -> Vec<Event> {
+    pub fn events(&self, names: Option<&LoopNames>) -> Vec<Event> {
         let event = |at_seconds, text| Event {
             at_seconds,
             text,
             is_fault: false,
         };
-        let named = |at_seconds, text: String| match words {
+        let named = |at_seconds, text: String| match names {
             None => event(at_seconds, text),
-            Some(words) => event(at_seconds, format!("{}: {text}", words.name)),
+            Some(names) => event(at_seconds, format!("{}: {text}", names.name)),
         };
         let unit = self.wiring.feedback.measurand.unit.symbol();
         let steps = self.reference.step.iter().map(|step| {
@@ -270,7 +270,7 @@ impl Trial {
         let faults = self.own_faults().flat_map(|fault| {
             let is_instant = fault.from_seconds == fault.until_seconds;
             let until_seconds = fault.until_seconds.filter(|_| !is_instant);
-            let text = fault.text(words.is_some());
+            let text = fault.text(names.is_some());
             let end = until_seconds.map(|end| event(end, format!("{text} over")));
             let begin = Event {
                 is_fault: true,

@@ -54,7 +54,7 @@ impl Node {
 
     /// Returns its name within a sentence: `the drive` for a node with the name of its part, else the name.
     #[must_use]
-    pub fn in_words(&self) -> Cow<'_, str> {
+    pub fn in_sentence(&self) -> Cow<'_, str> {
         if self.name == self.part.word() {
             format!("the {}", self.name).into()
         } else {

@@ -88,16 +88,16 @@ fn ports_of(wiring: &table::Wiring) -> Ports {
 
 /// Adds the unit from which the FMU's values are converted, and the FMU's description.
 fn described(port: Port, of: &table::Port) -> Port {
-    let words = of.unit.map(|known| (known.words, known.symbol));
-    let port = match words {
-        Some((words, symbol)) if unit_in(&port.name) != words && words != "factor" => {
-            let known = symbol_of(words);
-            port.with_unit(words, if known == words { symbol } else { known })
+    let unit = of.unit.map(|known| (known.word, known.symbol));
+    let port = match unit {
+        Some((word, symbol)) if unit_in(&port.name) != word && word != "factor" => {
+            let known = symbol_of(word);
+            port.with_unit(word, if known == word { symbol } else { known })
         }
         _ => port,
     };
-    let words = Vec::from_iter(of.description.split_whitespace()).join(" ");
-    port.with_comment(&words)
+    let description = Vec::from_iter(of.description.split_whitespace()).join(" ");
+    port.with_comment(&description)
 }
 
 /// Plant that an FMU in a worker process computes.

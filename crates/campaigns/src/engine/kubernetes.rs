@@ -71,7 +71,7 @@ impl Engine for Kubernetes {
     fn state(&self, _: &str, file: &Path, parts: &[usize]) -> Result<JobState, EngineError> {
         let file = file.to_string_lossy();
         match run("kubectl", &["get", "-f", &file, "-o", "json"], HELP) {
-            Err(EngineError::Refused { words, .. }) if words.contains(FORGOTTEN) => Ok(JobState {
+            Err(EngineError::Refused { said, .. }) if said.contains(FORGOTTEN) => Ok(JobState {
                 is_over: true,
                 ..JobState::default()
             }),

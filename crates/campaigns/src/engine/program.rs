@@ -4,7 +4,7 @@ use std::io;
 use std::process::{Command, Stdio};
 
 /// Largest part of a program's error output that a message repeats.
-const WORDS_CHARACTERS_MAX: usize = 600;
+const SAID_CHARACTERS_MAX: usize = 600;
 
 /// Reason why an engine did not do its task.
 #[derive(Debug, thiserror::Error)]
@@ -15,21 +15,21 @@ pub(crate) enum EngineError {
         source: io::Error,
         help: &'static str,
     },
-    #[error("{program} refuses ({how}): {words}")]
+    #[error("{program} refuses ({how}): {said}")]
     Refused {
         program: String,
         how: String,
-        words: String,
+        said: String,
     },
-    #[error("{program} said what canrig does not understand: {words}")]
-    Unclear { program: String, words: String },
+    #[error("{program} said what canrig does not understand: {said}")]
+    Unclear { program: String, said: String },
 }
 
 impl EngineError {
-    pub(super) fn unclear(program: &str, words: &str) -> Self {
+    pub(super) fn unclear(program: &str, said: &str) -> Self {
         Self::Unclear {
             program: program.to_owned(),
-            words: shortened(words),
+            said: shortened(said),
         }
     }
 }
@@ -51,24 +51,24 @@ pub(super) fn run(
         .output()
         .map_err(absent)?;
     if !output.status.success() {
-        let words = String::from_utf8_lossy(&output.stderr);
-        let words = match words.trim() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        let said = match said.trim() {
             "" => String::from_utf8_lossy(&output.stdout),
-            _ => words,
+            _ => said,
         };
         return Err(EngineError::Refused {
             program: program.to_owned(),
             how: output.status.to_string(),
-            words: shortened(words.trim()),
+            said: shortened(said.trim()),
         });
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 /// Returns the end of a text, where programs say what is wrong.
-fn shortened(words: &str) -> String {
-    let skipped = words.chars().count().saturating_sub(WORDS_CHARACTERS_MAX);
-    let end: String = words.chars().skip(skipped).collect();
+fn shortened(said: &str) -> String {
+    let skipped = said.chars().count().saturating_sub(SAID_CHARACTERS_MAX);
+    let end: String = said.chars().skip(skipped).collect();
     match skipped {
         0 => end,
         _ => format!("… {end}"),

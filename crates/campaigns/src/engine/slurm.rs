@@ -63,7 +63,7 @@ impl Engine for Slurm {
         let job = format!("--jobs={id}");
         let asked = ["--noheader", "--array", "--states=all", &job, FORMAT];
         match run("squeue", &asked, HELP) {
-            Err(EngineError::Refused { words, .. }) if words.contains(FORGOTTEN) => Ok(JobState {
+            Err(EngineError::Refused { said, .. }) if said.contains(FORGOTTEN) => Ok(JobState {
                 is_over: true,
                 ..JobState::default()
             }),

@@ -9,7 +9,7 @@ use platform::series::{Series, SeriesWriter};
 
 use crate::events::{Event, Events, Level};
 use crate::losses::PERIODS_MAX;
-use crate::node_words::NodeWords;
+use crate::node_names::NodeNames;
 
 /// Cycles in a row without their command.
 #[derive(Clone, Copy)]
@@ -46,17 +46,19 @@ pub(super) struct CommandReader {
 impl CommandReader {
     pub(super) fn new(
         one: &ControlLoop,
-        words: &NodeWords,
+        node_names: &NodeNames,
         period: Duration,
     ) -> Result<Self, SignalMissing> {
-        let to = words.of_loop().map(|_| format!(" to {}", words.drive()));
+        let to = node_names
+            .of_loop()
+            .map(|_| format!(" to {}", node_names.drive()));
         Ok(Self {
             position_id: one.position()?.raw_id(),
             command: one.target_current()?,
             period,
             what: format!(
                 "command from {}{}",
-                words.controller(),
+                node_names.controller(),
                 to.unwrap_or_default()
             ),
             cycle: None,
@@ -172,8 +174,9 @@ mod tests {
     fn found(cycles: &[&str]) -> (Vec<u64>, Vec<(f64, String)>) {
         let micros = |cycle: u64| Duration::from_micros(cycle * PERIOD_MICROS);
         let plan = plan();
-        let words = NodeWords::default();
-        let mut reader = CommandReader::new(plan.only_loop().unwrap(), &words, micros(1)).unwrap();
+        let node_names = NodeNames::default();
+        let mut reader =
+            CommandReader::new(plan.only_loop().unwrap(), &node_names, micros(1)).unwrap();
         for (number, frames) in (0..).zip(cycles) {
             for (place, letter) in (0..).zip(frames.chars()) {
                 let time = micros(number) + Duration::from_micros(100 * place);

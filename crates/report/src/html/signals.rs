@@ -77,7 +77,7 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
             @for plot in &in_time[1..] { (plot.render()) }
             @if has_wire { (hysteresis(timeline).render()) }
         }
-        @if let Some(words) = patches_text(run.control_loop) { p.soft { (words) } }
+        @if let Some(text) = patches_text(run.control_loop) { p.soft { (text) } }
         @if left_out > 0 { p.soft { (left_out) " more judged steps, disturbances or sines are not drawn by themselves; the Rerun viewer shows each in " code { "run.rrd" } "." } }
     }
 }
@@ -87,7 +87,7 @@ fn patches_text(own: &ControlLoop) -> Option<String> {
     let trial = &own.trial;
     let has_steps = !trial.judged_steps().is_empty();
     let has_disturbances = !trial.disturbance_windows().is_empty();
-    let words = [
+    let sentences = [
         (has_steps, "Green: settling band of a step."),
         (has_disturbances, "Yellow: a disturbance acts."),
         (
@@ -95,9 +95,9 @@ fn patches_text(own: &ControlLoop) -> Option<String> {
             "Violet: a fault acts, here or elsewhere on the bus.",
         ),
     ];
-    let words = words.into_iter().filter(|(is_there, _)| *is_there);
-    let words = Vec::from_iter(words.map(|(_, words)| words));
-    (!words.is_empty()).then(|| words.join(" "))
+    let sentences = sentences.into_iter().filter(|(is_there, _)| *is_there);
+    let sentences = Vec::from_iter(sentences.map(|(_, sentence)| sentence));
+    (!sentences.is_empty()).then(|| sentences.join(" "))
 }
 
 /// Plots the terms of the sliding-mode laws; the other shipped laws have none of them.

@@ -4,23 +4,23 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use plan::{ControlLoop, Shared};
-use scenario::events::LoopWords;
+use scenario::events::LoopNames;
 use scenario::node::LoopNodes;
 
 /// Names of the nodes on a bus, as one loop sees them.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct NodeWords {
+pub(crate) struct NodeNames {
     /// Own loop, if there are several.
-    own: Option<LoopWords>,
+    own: Option<LoopNames>,
     nodes: LoopNodes,
     /// Names of all nodes of the run by node-ID.
     by_id: BTreeMap<u8, String>,
 }
 
-impl NodeWords {
+impl NodeNames {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
         let nodes = &one.nodes;
-        let own = one.loop_name().map(|name| LoopWords {
+        let own = one.loop_name().map(|name| LoopNames {
             name: name.to_owned(),
             controller: nodes.controller.name.clone(),
             drive: nodes.drive.name.clone(),
@@ -35,18 +35,18 @@ impl NodeWords {
     }
 
     /// Returns the own loop, if there are several.
-    pub(crate) fn of_loop(&self) -> Option<&LoopWords> {
+    pub(crate) fn of_loop(&self) -> Option<&LoopNames> {
         self.own.as_ref()
     }
 
     /// Returns the name of the controller, within a sentence.
     pub(crate) fn controller(&self) -> Cow<'_, str> {
-        self.nodes.controller.in_words()
+        self.nodes.controller.in_sentence()
     }
 
     /// Returns the name of the own drive, within a sentence.
     pub(crate) fn drive(&self) -> Cow<'_, str> {
-        self.nodes.drive.in_words()
+        self.nodes.drive.in_sentence()
     }
 
     /// Returns the name of a node.
@@ -70,7 +70,7 @@ pub(crate) mod tests {
     use super::*;
 
     /// Returns the names for two loops with a drive each, as one of them sees the bus.
-    pub(crate) fn of_two_loops(own: &str) -> NodeWords {
+    pub(crate) fn of_two_loops(own: &str) -> NodeNames {
         let nodes = |drive: &str, id| LoopNodes {
             controller: Node::new("controller", 1, Part::Controller),
             drive: Node::new(drive, id, Part::Drive),
@@ -80,8 +80,8 @@ pub(crate) mod tests {
         let all = [("x_1", nodes("left", 0x12)), ("y", nodes("right", 0x13))];
         let (_, of_own) = all.iter().find(|(name, _)| *name == own).unwrap();
         let by_id = all.iter().flat_map(|(_, nodes)| nodes.all());
-        NodeWords {
-            own: Some(LoopWords {
+        NodeNames {
+            own: Some(LoopNames {
                 name: own.to_owned(),
                 controller: "controller".to_owned(),
                 drive: of_own.drive.name.clone(),
@@ -96,7 +96,7 @@ pub(crate) mod tests {
         let y = of_two_loops("y");
         assert_eq!(y.drive(), "right");
         assert_eq!((y.of_node(0x13), y.of_node(0x14)), (Some("right"), None));
-        assert_eq!(NodeWords::default().drive(), "the drive");
+        assert_eq!(NodeNames::default().drive(), "the drive");
         let names = Vec::from_iter(y.nodes());
         let expected = ["controller", "right", "right_io", "left", "left_io"];
         assert_eq!(names, expected);
