@@ -40,17 +40,11 @@ const SIMULATED: &[&str] = &["simulate", "--quiet"];
 const IN_LOCKSTEP: &[&str] = &["run", "--quiet", "--clock", "lockstep"];
 const IN_REAL_TIME: &[&str] = &["run", "--bus", "embedded"];
 
-/// Returns whether a current was commanded.
-pub(crate) fn has_current(run: &Path) -> bool {
-    let log = fs::read_to_string(run.join("bus.log")).unwrap();
-    let is_current = |line: &str| line.contains(" 210#0F00") && !line.ends_with("0000");
-    log.lines().any(is_current)
-}
-
 /// Asserts that a current was commanded, and that the last command removed it.
 pub(crate) fn is_without_current(run: &Path) {
-    assert!(has_current(run), "there was no current");
     let log = fs::read_to_string(run.join("bus.log")).unwrap();
+    let is_current = |line: &str| line.contains(" 210#0F00") && !line.ends_with("0000");
+    assert!(log.lines().any(is_current), "there was no current");
     let last = last_command(&log);
     assert!(last.ends_with("0000"), "{last}");
 }
