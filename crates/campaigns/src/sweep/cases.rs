@@ -51,6 +51,11 @@ pub trait Cases: Sync {
         judge::limits(plan)
     }
 
+    /// Criterion of the runs in place of the limits of the scenario, in sentences.
+    fn criterion(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Files, by name and text, that a folder of the campaign has in addition to the scenario.
     fn files(&self) -> Vec<(&'static str, String)> {
         Vec::new()

@@ -5,7 +5,6 @@ use maud::{Markup, html};
 use super::drivers::{Driven, nearest_end};
 use super::row::Ended;
 use super::summary::{Failing, MetricSpread, Summary};
-use crate::torture::cases as torture;
 use judge::verdict::Identity;
 use report::plot::{Colour, Extent, Patch, Plot, Shape};
 use report::table::{Cell, Table, Text};
@@ -77,7 +76,7 @@ pub(crate) fn to_html(
     let body = html! {
         h1 { (summary.name) }
         p { span.outcome.(class(worst)) { (outcome_text(worst)) } " " (page::sentence(&format!("{kind} of {}", counts(summary)))) }
-        @if kind == torture::KIND { p { "The limits of the scenario are left out: each run is held against invariants, such as that no current flows once the SYNC is missing for longer than the drive waits for it." } }
+        @if let Some(criterion) = summary.criterion { p { (criterion) } }
         @if summary.runs != summary.runs_of_whole { p { "This is a part of " (summary.runs_of_whole) " runs." } }
         h2 { "Parameters" }
         (parameters(&summary.keys))

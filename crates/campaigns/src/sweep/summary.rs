@@ -33,6 +33,8 @@ pub struct Summary {
     pub keys: Vec<(String, String)>,
     /// Seed of the drawn values.
     pub seed: u64,
+    /// Criterion of a run in place of the limits of the scenario, in sentences.
+    pub criterion: Option<&'static str>,
     /// Distribution of each metric.
     pub spreads: Vec<MetricSpread>,
     /// Sensitivity of each metric with a limit, or of each broken invariant.
@@ -167,6 +169,7 @@ impl Summary {
             driven: survey.sampler.driven(cases),
             ended: survey.ended,
             seed: cases.seed(),
+            criterion: cases.criterion(),
             keys: cases.variations(),
             failing: survey.failing,
         })

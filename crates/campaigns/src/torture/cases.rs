@@ -18,8 +18,6 @@ use crate::sweep::cases::Cases;
 use crate::sweep::row::{Ended, SweepRow};
 use crate::sweep::sweep_cases::id;
 
-/// Kind of the campaign.
-pub(crate) const KIND: &str = "torture";
 /// Name of the file with the draws; a folder that has it is one of torture.
 const FILE: &str = "torture.json";
 /// Largest file that is read.
@@ -129,7 +127,14 @@ impl TortureCases {
 
 impl Cases for TortureCases {
     fn kind(&self) -> &'static str {
-        KIND
+        "torture"
+    }
+
+    fn criterion(&self) -> Option<&'static str> {
+        Some(
+            "The limits of the scenario are left out: each run is held against invariants, such as that no current flows once \
+             the SYNC is missing for longer than the drive waits for it.",
+        )
     }
 
     fn name(&self) -> &str {
