@@ -151,7 +151,7 @@ pub(crate) fn scenario(draw: &mut Draw, axes: &[Axis], rig_file: &str) -> String
     if let [one, other, ..] = axes
         && one.measurand.unit == other.measurand.unit
     {
-        let limit = (one.measurand.unit).rename("contour_error_millimetres_max = { max = 3 }");
+        let limit = (one.measurand).name("contour_error_{unit}_max = { max = 3 }");
         let loops = [&one.name, &other.name];
         text += &format!("[[expect.contour]]\nloops = {loops:?}\n{limit}\n");
     }
@@ -245,10 +245,9 @@ impl Axis {
     }
 
     fn law(&self, draw: &mut Draw, below: &str) -> String {
-        let Measurand { unit, command, .. } = &self.measurand;
+        let unit = &self.measurand.unit;
         if draw.below(4) == 0 {
-            let of_current = "at_seconds = 0.5\ncurrent_amperes = 0.4\n";
-            let step = command.rename(of_current);
+            let step = (self.measurand).name("at_seconds = 0.5\n{command}_{command_unit} = 0.4\n");
             return format!("[[controller{below}.open_loop.step]]\n{step}");
         }
         if self.plant.name == "sma" && self.measurand == Measurand::default() {
@@ -262,13 +261,14 @@ impl Axis {
             ..self.measurand.clone()
         };
         let (law, more) = match self.inputs.len() {
-            2 => ("pid_pair", draw.maybe("co_contraction_amperes = 0.4\n")),
+            2 => (
+                "pid_pair",
+                draw.maybe("co_contraction_{command_unit} = 0.4\n"),
+            ),
             _ => ("pid", draw.maybe("set_point_weight = 1\n")),
         };
-        let gains = by.as_in_files(
-            "proportional_amperes_per_metre = 2\nintegral_amperes_per_metre_second = 0.5\nderivative_ampere_seconds_per_metre = 0.1\n",
-        );
-        format!("[controller{below}.{law}]\n{gains}{more}")
+        let gains = "proportional_{gain} = 2\nintegral_{gain}_second = 0.5\nderivative_{gain_seconds} = 0.1\n";
+        by.name(&format!("[controller{below}.{law}]\n{gains}{more}"))
     }
 
     fn set_points(&self, draw: &mut Draw, is_named: bool) -> String {
@@ -277,16 +277,16 @@ impl Axis {
             let until = at + 3;
             let position = draw.one_of(&["12", "7.5"]);
             let harmonic = format!(
-                "from_seconds = {at}\ncentre_millimetres = {position}\namplitude_millimetres = 2"
+                "from_seconds = {at}\ncentre_{{unit}} = {position}\namplitude_{{unit}} = 2"
             );
             let (kind, keys) = draw.one_of(&[
-                ("hold", format!("at_seconds = {at}\nposition_millimetres = {position}")),
-                ("step", format!("at_seconds = {at}\nposition_millimetres = {position}")),
-                ("ramp", format!("from_seconds = {at}\nuntil_seconds = {until}\nposition_millimetres = {position}")),
+                ("hold", format!("at_seconds = {at}\n{{signal}}_{{unit}} = {position}")),
+                ("step", format!("at_seconds = {at}\n{{signal}}_{{unit}} = {position}")),
+                ("ramp", format!("from_seconds = {at}\nuntil_seconds = {until}\n{{signal}}_{{unit}} = {position}")),
                 ("sine", format!("{harmonic}\nperiod_seconds = 0.5")),
                 ("chirp", format!("{harmonic}\nuntil_seconds = {until}\nfrom_hertz = 0.5\nuntil_hertz = 4")),
             ]);
-            let keys = self.measurand.rename(&keys);
+            let keys = self.measurand.name(&keys);
             text += &format!("[[reference.{kind}]]\n{keys}\n");
             if is_named {
                 text += &format!("loop = \"{}\"\n", self.name);
@@ -305,7 +305,7 @@ impl Axis {
         };
         let list = format!("[\"{} 0x5000\"]", self.drive(0));
         let mut text = format!("[expect{below}]\n");
-        text += draw.maybe(&self.measurand.rename("recovery_band_millimetres = 0.5\n"));
+        text += draw.maybe(&self.measurand.name("recovery_band_{unit} = 0.5\n"));
         for metric in METRICS.iter().filter(is_possible) {
             let limit = match metric.form {
                 Limit::TwoSided => draw.one_of(&["{ max = 90 }", "{ min = -1, max = 2.5 }"]),
@@ -313,7 +313,7 @@ impl Axis {
                 Limit::Answer => "true",
                 Limit::List => &list,
             };
-            let name = self.measurand.rename(metric.name);
+            let name = self.measurand.name(metric.name);
             text += draw.maybe(&format!("{name} = {limit}\n"));
         }
         text
@@ -342,7 +342,7 @@ impl Axis {
                 _ => draw.maybe(&line),
             };
         }
-        self.measurand.rename(&text)
+        self.measurand.name(&text)
     }
 
     fn value(&self, draw: &mut Draw, key: &Key) -> String {

@@ -9,6 +9,7 @@ use controller::laws::pid::Pid;
 use fmu::description::Version;
 use fmu::export::{Model, ModelVariable, Role, write_fmu};
 use rustix::process::{Pid as Process, Signal, kill_process};
+use scenario::port::Measurand;
 use scenario::reference::SetPoint;
 use serde_json::json;
 
@@ -141,7 +142,16 @@ fn a_pid_in_python_plays_in_real_time() {
 fn gains() -> scenario::controller::Pid {
     let text = fs::read_to_string(example("pid_in_python.toml")).unwrap();
     let scenario: toml::Table = text.parse().unwrap();
-    let gains = scenario["controller"]["program"]["parameters"].clone();
+    let mut gains = scenario["controller"]["program"]["parameters"].clone();
+    let table = gains.as_table_mut().unwrap();
+    for pattern in [
+        "proportional_{gain}",
+        "integral_{gain}_second",
+        "derivative_{gain_seconds}",
+    ] {
+        let gain = table.remove(&Measurand::default().name(pattern)).unwrap();
+        table.insert(pattern.to_owned(), gain);
+    }
     gains.try_into().unwrap()
 }
 
@@ -236,7 +246,9 @@ fn each_pid_computes_what_the_one_in_rust_does() {
         .for_each(|row| row[0] = f64::NAN);
     let expected = by_rust(&rows);
     assert!(expected.iter().any(|it| it.abs() > RANGE[1]));
-    let gains = serde_json::to_value(gains()).unwrap();
+    let gains = serde_json::to_string(&gains()).unwrap();
+    let gains: serde_json::Value =
+        serde_json::from_str(&Measurand::default().name(&gains)).unwrap();
     let scenario: toml::Table = GAINS_OF_FMU.replace("1.5", "0.4").parse().unwrap();
     let of_fmu = &scenario["controller"]["fmu"]["parameters"];
     let canrig = env!("CARGO_BIN_EXE_canrig").to_owned();

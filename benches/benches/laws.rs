@@ -31,7 +31,7 @@ fn open_loop() -> Box<HeldLaw> {
     let ramp = CurrentRamp {
         from_seconds: 0.0,
         until_seconds: 10.0,
-        current_amperes: 1.0,
+        current: 1.0,
     };
     law_in_a_hold(&Controller {
         open_loop: Some(OpenLoop {

@@ -8,7 +8,7 @@ use scenario::Objection;
 use scenario::controller::{Controller, is_of_format};
 use scenario::custom::{CustomTable, Section, defaults, is_name};
 use scenario::law_ports::{LawWires, WrongPort, terms_of_one};
-use scenario::port::{Ports, Unit};
+use scenario::port::{Measurand, Ports, Unit};
 use scenario::registration::{InvalidOwn, register};
 use scenario::wiring::{LoopOfRig, Wiring};
 
@@ -101,6 +101,7 @@ fn check(row: &LawRow) -> Result<(), InvalidOwnLaw> {
         return Ok(());
     };
     let wires = LawWires::of_one(&ports, &Unit::Millimetres);
+    let described = |(name, port)| described(name, port, &Measurand::default());
     let terms = || Vec::from_iter(terms_of_one(&ports).map(described));
     let checked = wires.and_then(|_| check_terms(&terms()));
     let law = row.name;
@@ -264,7 +265,7 @@ mod tests {
                 .starts_with("the law `talkative`: 9 terms of one loop")
         );
         for name in ["µ", "A", ""] {
-            let term = described((name, &Port::term("x")));
+            let term = described(name, &Port::term("x"), &Measurand::default());
             assert!(check_terms(&[term]).is_err(), "{name}");
         }
         // The law is registered already.
@@ -284,7 +285,7 @@ mod tests {
         let shipped = dbc::Database::shipped();
         let composer = dbc::Composer::new("controller", 1);
         let composed = composer
-            .with_terms("", Identifiers::default().terms, Some(&terms), None)
+            .with_terms("", Identifiers::default().terms, Some(&terms))
             .finish();
         let ours = Vec::from_iter(composed.term_messages("controller", ""));
         let theirs = Vec::from_iter(shipped.term_messages("controller", ""));

@@ -227,8 +227,14 @@ impl AnyLaw {
     /// Returns the terms that it publishes for the loop of a drive.
     #[must_use]
     pub fn terms(&self, wiring: &Wiring) -> Vec<LawTerm> {
+        let measurand = &wiring.feedback.measurand;
         match (self.names_loops, wiring.own_loop()) {
-            (false, _) => terms_of_one(&self.ports).map(described).collect(),
+            (false, _) => {
+                let terms = terms_of_one(&self.ports);
+                terms
+                    .map(|(name, port)| described(name, port, measurand))
+                    .collect()
+            }
             (true, Some(own)) => self.terms_of(own),
             (true, None) => Vec::new(),
         }
@@ -236,7 +242,10 @@ impl AnyLaw {
 
     /// Returns the terms that a law of all loops publishes for one loop.
     pub(crate) fn terms_of(&self, of_loop: &LoopOfRig) -> Vec<LawTerm> {
-        terms_of(&self.ports, of_loop).map(described).collect()
+        let terms = terms_of(&self.ports, of_loop);
+        terms
+            .map(|(name, port)| described(name, port, &of_loop.measurand))
+            .collect()
     }
 
     /// Computes the outputs that act from the next cycle on. Returns false if there is no answer in time. Does not

@@ -201,7 +201,7 @@ fn wrong_output(port: &Port, loops: &[LoopOfRig], is_command: bool) -> Option<Wr
             "what the law commands stands in `writes`".to_owned(),
         ),
         (Writing::Term { of_loop, .. }, true) => {
-            let right = loops[of_loop].measurand.command.rename("current_amperes");
+            let right = loops[of_loop].measurand.name("{command}_{command_unit}");
             (
                 format!("`{name}` is no command of a drive"),
                 format!("a command is `{right}`; what else the law writes stands in `terms`"),

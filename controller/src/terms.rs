@@ -3,7 +3,7 @@
 use canopen::object_dictionary::{Access, DataType, Entry, Handle};
 use canopen::{ObjectDictionary, add_half};
 use dbc::{Kind, LAW_TERMS_OBJECT, LawTerm, Range, layout};
-use scenario::port::{Port, Width};
+use scenario::port::{Measurand, Port, Width};
 
 use crate::error::ControllerError;
 
@@ -28,16 +28,17 @@ pub(crate) fn is_of_law(index: u16) -> bool {
 }
 
 /// Returns the term of a port, with its name in its loop.
-pub(crate) fn described((name, port): (&str, &Port)) -> LawTerm {
+pub(crate) fn described(name: &str, port: &Port, measurand: &Measurand) -> LawTerm {
     let (bits, kind, counts_per_unit) = match port.width {
         Width::Real32 => (32, Kind::Float32, 1.0),
         Width::Signed(bits) => (bits, Kind::Signed, port.steps_per_unit),
         Width::Unsigned(bits) => (bits, Kind::Unsigned, port.steps_per_unit),
     };
     let [minimum, maximum] = port.range;
+    let (name, unit) = measurand.term(name, port);
     LawTerm {
-        name: name.to_owned(),
-        unit: port.symbol.clone(),
+        name,
+        unit,
         comment: port.comment.clone(),
         bits,
         kind,
@@ -198,7 +199,7 @@ impl TermObjects {
         let terms = Vec::from_iter(terms);
         let described = terms
             .iter()
-            .map(|(_, port, _)| described((&port.name, port)));
+            .map(|(_, port, _)| described(&port.name, port, &Measurand::default()));
         let layout = layout(&Vec::from_iter(described)).unwrap_or_default();
         let first = usize::from(LAW_TERMS_OBJECT) + usize::from(TERMS_OF_LOOP) * of_loop;
         let mut objects = Vec::new();
@@ -243,7 +244,9 @@ mod tests {
     use canopen::eds;
 
     fn dictionary(ports: &[Port]) -> ObjectDictionary {
-        let terms = ports.iter().map(|port| described((&port.name, port)));
+        let terms = ports
+            .iter()
+            .map(|port| described(&port.name, port, &Measurand::default()));
         let shipped = eds::parse(dbc::CONTROLLER_EDS, 1).unwrap().dictionary;
         let mut dictionary = ObjectDictionary::new();
         let terms = Vec::from_iter(terms);
@@ -282,7 +285,7 @@ mod tests {
             Port::output("celsius", [-100.0, 100.0]).counted(Width::Signed(16), 100.0),
             Port::flag("hot"),
             Port::output("level", [0.0, 31.0]).counted(Width::Unsigned(5), 1.0),
-            Port::position_term("reference_millimetres"),
+            Port::position_term("reference_{unit}"),
         ];
         let mut dictionary = dictionary(&ports);
         let terms = ports.iter().zip([1.0, 1.0, 1.0, 1e3]).enumerate();

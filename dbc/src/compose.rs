@@ -50,8 +50,6 @@ const PLANT_SIGNALS: &str = "drive_tpdo2";
 const SIGNALS_IN_TPDO2: usize = 2;
 const BITS: u8 = 16;
 const FLOAT_BITS: u8 = 32;
-const MILLIMETRES: &str = "mm";
-const AMPERES: &str = "A";
 /// Count of a current of the shipped drive, whose rated current is 1 A, and the mention of that current in the comments.
 const CURRENT_FACTOR: f64 = 0.001;
 const RATED: &str = "of 1 A";
@@ -82,7 +80,7 @@ pub struct PlantSignal {
     pub range: Range,
 }
 
-/// Units of a loop that has others than millimetres and amperes.
+/// Quantities of a loop that has others than a position in millimetres and a current in amperes.
 pub struct LoopUnits<'a> {
     /// Unit of positions as a DBC writes it.
     pub symbol: &'a str,
@@ -92,8 +90,8 @@ pub struct LoopUnits<'a> {
     pub resolution: Option<f64>,
     /// Whether the true position is a float in place of an integer.
     pub is_true_float: bool,
-    /// Returns the name in these units for a signal in millimetres or amperes.
-    pub rename: &'a dyn Fn(&str) -> String,
+    /// Returns the name of a signal by its pattern.
+    pub name: &'a dyn Fn(&str) -> String,
 }
 
 /// Frames of an external drive as far as they differ from those of the emulated one.
@@ -205,17 +203,17 @@ impl Composer {
     }
 
     /// Puts the currents of a drive, or another quantity of its amplifier, in thousandths of the rated one, up to the largest.
-    /// `rename` gives the names.
+    /// `name` gives the names by their patterns.
     #[must_use]
     pub fn with_currents(
         mut self,
         drive: &str,
         [rated, largest]: [f64; 2],
-        rename: &dyn Fn(&str) -> String,
+        name: &dyn Fn(&str) -> String,
     ) -> Self {
         let factor = CURRENT_FACTOR * rated;
         let most = largest.max(rated);
-        for (service, name, ends) in [
+        for (service, pattern, ends) in [
             (
                 names::TPDO1,
                 names::CURRENT,
@@ -226,7 +224,7 @@ impl Composer {
         ] {
             let message = self.message_mut(drive, service).into_iter();
             let mut signals = message.flat_map(|message| &mut message.signals);
-            let name = rename(name);
+            let name = name(pattern);
             if let Some(signal) = signals.find(|signal| signal.name == name) {
                 let [minimum, maximum] = ends;
                 signal.coding.factor = factor;
@@ -333,7 +331,6 @@ impl Composer {
         loop_name: &str,
         identifiers: [u16; TERMS_MAX],
         terms: Option<&[LawTerm]>,
-        unit: Option<&LoopUnits<'_>>,
     ) -> Self {
         let messages = match terms {
             Some(terms) => law::messages(terms),
@@ -344,9 +341,6 @@ impl Composer {
             message.name = names::terms(&self.controller, loop_name, place);
             message.raw_id = identifier.into();
             message.sender = Some(self.controller.clone());
-            if let Some(unit) = unit {
-                unit.apply(&mut message, false, |_| true);
-            }
             self.messages.push(message);
         }
         self
@@ -439,24 +433,25 @@ impl LoopUnits<'_> {
         let signals = message.signals.iter_mut();
         for signal in signals.filter(|signal| is_own(signal)) {
             let coding = &mut signal.coding;
+            let Some(pattern) = names::pattern(&signal.name) else {
+                continue;
+            };
             if let Some(resolution) = self.resolution.filter(|_| is_feedback)
-                && signal.name == names::POSITION
+                && pattern == names::POSITION
             {
                 (coding.factor, coding.scale) = (resolution, Scale::new(resolution));
                 coding.range = None;
             }
-            if self.is_true_float && signal.name == names::TRUE_POSITION {
+            if self.is_true_float && pattern == names::TRUE_POSITION {
                 (coding.factor, coding.scale) = (1.0, Scale::new(1.0));
                 (coding.kind, coding.range) = (Kind::Float32, None);
             }
-            let name = (self.rename)(&signal.name);
-            let of_unit = [(MILLIMETRES, self.symbol), (AMPERES, self.command_symbol)];
-            let of_unit = of_unit.into_iter();
-            let mut unit = of_unit.filter(|(shipped, _)| signal.unit.starts_with(shipped));
-            if let Some((shipped, own)) = unit.next().filter(|_| name != signal.name) {
-                signal.unit = signal.unit.replacen(shipped, own, 1);
-                signal.name = name;
-            }
+            signal.name = (self.name)(pattern);
+            let unit = match pattern {
+                names::POSITION | names::TRUE_POSITION => self.symbol,
+                _ => self.command_symbol,
+            };
+            unit.clone_into(&mut signal.unit);
         }
     }
 }
@@ -537,9 +532,9 @@ mod tests {
         Composer::new("hand", 1)
             .with_drive(("left", 0x10), Some(&[]), None, None)
             .with_io(("fan", 0x11), &[], 0)
-            .with_terms("x", TERMS, None, None)
+            .with_terms("x", TERMS, None)
             .with_drive(("right", 0x12), Some(&[]), None, None)
-            .with_terms("y", TERMS.map(|id| id + 0x20), None, None)
+            .with_terms("y", TERMS.map(|id| id + 0x20), None)
             .finish()
     }
 
@@ -548,7 +543,8 @@ mod tests {
         let shipped = Database::shipped();
         let messages = shipped.plant_messages("drive");
         let signals = messages.flat_map(|message| &message.signals);
-        let signals = signals.filter(|signal| signal.name != names::TRUE_POSITION);
+        let signals =
+            signals.filter(|signal| names::pattern(&signal.name) != Some(names::TRUE_POSITION));
         let signals = signals.map(|signal| PlantSignal {
             name: signal.name.clone(),
             unit: signal.unit.clone(),
@@ -559,7 +555,7 @@ mod tests {
         let composed = Composer::new("controller", 1)
             .with_drive(("drive", 0x10), Some(&Vec::from_iter(signals)), None, None)
             .with_io(("disturbance", 0x11), &[], 0)
-            .with_terms("", TERMS, None, None)
+            .with_terms("", TERMS, None)
             .finish();
         for (ours, theirs) in composed.messages().iter().zip(shipped.messages()) {
             assert_eq!(ours, theirs);

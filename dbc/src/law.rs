@@ -160,7 +160,7 @@ mod tests {
     fn with_terms(terms: &[LawTerm]) -> Database {
         let composer = Composer::new("controller", 1);
         composer
-            .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms), None)
+            .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
             .finish()
     }
 

@@ -1,14 +1,15 @@
 //! The names of messages and signals that the bench itself reads or writes.
 //!
 //! A message is named by its node and its service, the terms of a law by controller and loop. Names are built here and looked up
-//! as a whole.
+//! as a whole. A signal whose name follows from the quantities of a loop has a pattern, such as `{signal}_{unit}`, which the loop
+//! fills.
 
 use crate::{Database, Message, SignalHandle, SignalMissing};
 
 /// Name of canrig's own node.
 pub const BENCH: &str = "bench";
-/// Set-point of a loop, in millimetres.
-pub const SET_POINT: &str = "set_point_millimetres";
+/// Set-point of a loop.
+pub const SET_POINT: &str = "set_point_{unit}";
 /// Emergencies of a node.
 pub const EMERGENCY: &str = "emergency";
 /// Heartbeats of a node.
@@ -56,16 +57,16 @@ pub const SYNC: &str = "sync";
 
 /// State bits of a drive's statusword.
 pub const STATUSWORD: &str = "statusword_state";
-/// Position that a drive measures, in millimetres.
-pub const POSITION: &str = "position_millimetres";
-/// Position before the sensor, in millimetres.
-pub const TRUE_POSITION: &str = "true_position_millimetres";
+/// Position that a drive measures.
+pub const POSITION: &str = "{signal}_{unit}";
+/// Position before the sensor.
+pub const TRUE_POSITION: &str = "true_{signal}_{unit}";
 /// Current that a drive measures.
-pub const CURRENT: &str = "current_amperes";
+pub const CURRENT: &str = "{command}_{command_unit}";
 /// Current that the controller commands.
-pub const TARGET_CURRENT: &str = "target_current_amperes";
+pub const TARGET_CURRENT: &str = "target_{command}_{command_unit}";
 /// Current that really flows, in the report of an emulated plant about itself.
-pub const PLANT_CURRENT: &str = "plant_current_amperes";
+pub const PLANT_CURRENT: &str = "plant_{command}_{command_unit}";
 /// State of a node, in its heartbeat.
 pub const NMT_STATE: &str = "nmt_state";
 /// Factor on the convection coefficient, an output of an io node.
@@ -74,6 +75,22 @@ pub const CONVECTION_FACTOR: &str = "convection_factor";
 pub const ADDED_LOAD: &str = "added_load_grams";
 /// Temperature of the SMA actuator's wire.
 pub const WIRE_TEMPERATURE: &str = "wire_temperature_celsius";
+
+/// Names of the shipped DBC that follow from the quantities of its loop.
+const SHIPPED: [(&str, &str); 5] = [
+    ("position_millimetres", POSITION),
+    ("true_position_millimetres", TRUE_POSITION),
+    ("current_amperes", CURRENT),
+    ("target_current_amperes", TARGET_CURRENT),
+    ("plant_current_amperes", PLANT_CURRENT),
+];
+
+/// Returns the pattern of a name of the shipped DBC; `None` if the name is the same in each loop.
+#[must_use]
+pub fn pattern(shipped: &str) -> Option<&'static str> {
+    let mut names = SHIPPED.into_iter();
+    names.find_map(|(name, pattern)| (name == shipped).then_some(pattern))
+}
 
 /// Returns the name of a message of a node.
 #[must_use]

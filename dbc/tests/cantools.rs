@@ -67,7 +67,7 @@ fn composed(plant: &[PlantSignal], terms: &[LawTerm]) -> Database {
     Composer::new("controller", 1)
         .with_drive(("drive", 0x10), Some(plant), None, None)
         .with_io(("disturbance", 0x11), &[], 0)
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms), None)
+        .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
         .finish()
 }
 
@@ -111,7 +111,7 @@ fn of_rig() -> Database {
     Composer::new("controller", 1)
         .with_drive(("drive", 0x10), None, Some(&external), None)
         .with_io(("disturbance", 0x11), &[], 0)
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], None, None)
+        .with_terms("", [0x181, 0x281, 0x381, 0x481], None)
         .finish()
 }
 

@@ -127,7 +127,7 @@ fn rig(
     Composer::new("controller", 1)
         .with_drive(("drive", 0x20), plant, layout, None)
         .with_io(("fan", 0x21), &[], 0)
-        .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms), None)
+        .with_terms("", [0x181, 0x281, 0x381, 0x481], Some(terms))
         .finish()
 }
 

@@ -29,7 +29,7 @@ impl Truth {
     pub(crate) fn new(database: &Database, wiring: &Wiring) -> Result<Self, SignalMissing> {
         let message = names::message(&wiring.nodes.drive.name, names::TRUTH);
         let measurand = &wiring.sensor.measurand;
-        let signal = |name: &str| database.signal_of(&message, &measurand.rename(name));
+        let signal = |pattern: &str| database.signal_of(&message, &measurand.name(pattern));
         Ok(Self {
             message: database
                 .builder(&message)

@@ -44,9 +44,9 @@ mod tests {
 
     #[test]
     fn profile_is_played_by_time_and_limited() {
-        let step = |at_seconds, current_amperes| CurrentStep {
+        let step = |at_seconds, current| CurrentStep {
             at_seconds,
-            current_amperes,
+            current,
         };
         let config = Config {
             step: vec![step(1.0, 0.62), step(2.0, 1.7)],

@@ -24,7 +24,7 @@ impl Pid {
     /// Returns `Kp (b r − y)`.
     fn proportional(&self, state: &State, set_point: &SetPoint) -> f64 {
         let weighted = self.config.set_point_weight * set_point.position;
-        self.config.proportional_amperes_per_metre * (weighted - state.position.latest())
+        self.config.proportional * (weighted - state.position.latest())
     }
 
     /// Returns the current before its limitation to the drive's range, and the velocity of the filtered position.
@@ -43,7 +43,7 @@ impl Pid {
         let velocity = state.position.velocity(pole, cycle.period_seconds);
         let error = set_point.position - state.position.latest();
         let current = self.proportional(state, set_point) + state.integral_amperes
-            - self.config.derivative_ampere_seconds_per_metre * velocity;
+            - self.config.derivative * velocity;
         self.integrate(state, error, current, cycle.period_seconds);
         (current, velocity)
     }
@@ -53,8 +53,7 @@ impl Pid {
         let CurrentRange { min, max, .. } = self.current;
         let winds_up = (command >= max && error > 0.0) || (command <= min && error < 0.0);
         if !winds_up && error.is_finite() {
-            state.integral_amperes +=
-                self.config.integral_amperes_per_metre_second * error * period_seconds;
+            state.integral_amperes += self.config.integral * error * period_seconds;
         }
     }
 }
@@ -99,11 +98,11 @@ impl Law for Pid {
 /// Returns the terms of the PID laws.
 pub(super) fn terms() -> [Port; 5] {
     [
-        Port::position_term("reference_position_millimetres")
+        Port::position_term("reference_{signal}_{unit}")
             .with_comment("Set-point that the law follows."),
-        Port::position_term("reference_velocity_millimetres_per_second")
+        Port::position_term("reference_velocity_{unit}_per_second")
             .with_comment("Velocity of the set-point."),
-        Port::position_term("estimated_velocity_millimetres_per_second")
+        Port::position_term("estimated_velocity_{unit}_per_second")
             .with_comment("Velocity of the filtered position."),
         Port::flag("saturation_upper_limit").with_comment("The law wants more than there is."),
         Port::flag("saturation_lower_limit").with_comment("The law wants less than there is."),
@@ -117,9 +116,9 @@ mod tests {
 
     fn law(proportional: f64, integral: f64, derivative: f64) -> Pid {
         let config = Config {
-            proportional_amperes_per_metre: proportional,
-            integral_amperes_per_metre_second: integral,
-            derivative_ampere_seconds_per_metre: derivative,
+            proportional,
+            integral,
+            derivative,
             set_point_weight: 1.0,
             derivative_filter_radians_per_second: 100.0,
         };

@@ -25,7 +25,7 @@ impl PidPair {
     /// Returns the output at which a drive reaches the smaller one of the two largest currents.
     fn output_max(&self) -> f64 {
         let [first, second] = self.currents;
-        first.max.min(second.max) - self.config.co_contraction_amperes
+        first.max.min(second.max) - self.config.co_contraction
     }
 }
 
@@ -59,15 +59,15 @@ impl Law for PidPair {
         let pole = self.config.derivative_filter_radians_per_second;
         let velocity = state.position.velocity(pole, cycle.period_seconds);
         let error = set_point.position - state.position.latest();
-        let output = self.config.proportional_amperes_per_metre * error + state.integral_amperes
-            - self.config.derivative_ampere_seconds_per_metre * velocity;
+        let output = self.config.proportional * error + state.integral_amperes
+            - self.config.derivative * velocity;
         let max = self.output_max();
         let winds_up = (output >= max && error > 0.0) || (output <= -max && error < 0.0);
         if !winds_up && error.is_finite() {
-            let gain = self.config.integral_amperes_per_metre_second;
+            let gain = self.config.integral;
             state.integral_amperes += gain * error * cycle.period_seconds;
         }
-        let both = self.config.co_contraction_amperes;
+        let both = self.config.co_contraction;
         writes.copy_from_slice(&[
             self.currents[0].limited(both + output),
             self.currents[1].limited(both - output),

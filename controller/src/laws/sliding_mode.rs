@@ -289,9 +289,9 @@ fn point_of(model: &NominalModel, state: &ModelState) -> Point {
 pub(crate) fn terms() -> [Port; 10] {
     let term = Port::term;
     [
-        Port::position_term("reference_position_millimetres")
+        Port::position_term("reference_{signal}_{unit}")
             .with_comment("Filtered reference position."),
-        Port::position_term("reference_velocity_millimetres_per_second")
+        Port::position_term("reference_velocity_{unit}_per_second")
             .with_comment("Velocity of the filtered reference."),
         Port::output("estimated_temperature_celsius", [-273.15, 327.67])
             .counted(Width::Signed(16), 100.0)
@@ -299,7 +299,7 @@ pub(crate) fn terms() -> [Port; 10] {
         Port::output("estimated_martensite_fraction", [0.0, 1.0])
             .counted(Width::Unsigned(16), 50_000.0)
             .with_comment("Estimated martensite fraction."),
-        Port::position_term("estimated_velocity_millimetres_per_second")
+        Port::position_term("estimated_velocity_{unit}_per_second")
             .with_comment("Estimated velocity of the load."),
         term("sliding_variable_metres_per_second_squared")
             .with_unit("metres_per_second_squared", "m/s^2")

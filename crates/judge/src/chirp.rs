@@ -60,10 +60,7 @@ fn lowest(evidence: &Evidence<'_>, offset_of_amplitude: f64) -> Measurement {
     let chirps = evidence.trial.judged_chirps();
     let bandwidths = chirps.iter().map(|chirp| {
         let points = response(evidence, chirp).collect::<Result<Vec<_>, _>>()?;
-        last_followed(
-            &sorted(points),
-            offset_of_amplitude * chirp.amplitude_millimetres,
-        )
+        last_followed(&sorted(points), offset_of_amplitude * chirp.amplitude)
     });
     let lowest = bandwidths.reduce(|left, right| Ok(left?.min(right?)));
     lowest.map_or_else(
@@ -124,9 +121,9 @@ fn point(
     let middle = chirp.sweep.seconds_at(0.5 * (first + end));
     Ok(FrequencyPoint {
         hertz: chirp.sweep.at(middle).hertz(),
-        gain: position.amplitude() / chirp.amplitude_millimetres,
+        gain: position.amplitude() / chirp.amplitude,
         phase_degrees: phase_between(0.0, position.phase_degrees()),
-        offset: position.mean - chirp.centre_millimetres,
+        offset: position.mean - chirp.centre,
     })
 }
 

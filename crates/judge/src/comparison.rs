@@ -97,7 +97,7 @@ fn signals_of_loop(
 ) -> Vec<SignalDifference> {
     let prefix = &a.prefix();
     let (a_set_point, b_set_point) = (&a.set_point, &b.set_point);
-    let set_point_name = a.measurand.rename(SET_POINT);
+    let set_point_name = a.measurand.name(SET_POINT);
     let set_point = signal(
         tolerances,
         (

@@ -22,7 +22,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
     if evidence
         .trial
         .expect
-        .of("current_ripple_amperes_rms")
+        .of("{command}_ripple_{command_unit}_rms")
         .is_none()
     {
         return Measurement::NotAsked;
@@ -32,7 +32,7 @@ pub(crate) fn current_ripple(evidence: &Evidence<'_>) -> Measurement {
 
 /// Returns the distance between the highest and the lowest short mean of the position in the last second.
 pub(crate) fn hunting(evidence: &Evidence<'_>) -> Measurement {
-    if evidence.trial.expect.of("hunting_millimetres").is_none() {
+    if evidence.trial.expect.of("hunting_{unit}").is_none() {
         return Measurement::NotAsked;
     }
     position_range(evidence).into()

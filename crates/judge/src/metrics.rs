@@ -22,26 +22,23 @@ type Measure = fn(&Evidence<'_>) -> Measurement;
 static MEASURES: &[(&str, Measure)] = &[
     ("settling_time_seconds", steps::settling_time),
     ("overshoot_percent", steps::overshoot),
-    ("steady_state_error_millimetres", steady_state_error),
-    ("tracking_error_millimetres_rms", tracking_error),
+    ("steady_state_error_{unit}", steady_state_error),
+    ("tracking_error_{unit}_rms", tracking_error),
     ("sine_gain", sine::gain),
     ("sine_phase_degrees", sine::phase_degrees),
-    ("sine_offset_millimetres", sine::offset),
+    ("sine_offset_{unit}", sine::offset),
     ("bandwidth_hertz", chirp::bandwidth),
     ("bandwidth_with_mean_hertz", chirp::bandwidth_with_mean),
-    (
-        "maximum_deviation_millimetres",
-        disturbances::maximum_deviation,
-    ),
+    ("maximum_deviation_{unit}", disturbances::maximum_deviation),
     ("recovery_time_seconds", disturbances::recovery_time),
-    ("position_millimetres_max", |evidence| {
+    ("{signal}_{unit}_max", |evidence| {
         position_max(evidence).into()
     }),
-    ("current_amperes_rms", |evidence| {
+    ("{command}_{command_unit}_rms", |evidence| {
         current_rms(evidence).into()
     }),
-    ("current_ripple_amperes_rms", holds::current_ripple),
-    ("hunting_millimetres", holds::hunting),
+    ("{command}_ripple_{command_unit}_rms", holds::current_ripple),
+    ("hunting_{unit}", holds::hunting),
     ("missed_cycles_percent", duties::missed_cycles),
     ("missed_commands_percent", duties::missed_commands),
     ("late_commands_percent", duties::late_commands),
@@ -70,9 +67,9 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let requirements = expect.requirements_of_rows();
     let measurand = &evidence.trial.wiring.feedback.measurand;
     for row in &mut rows {
+        row.name = measurand.name(&row.name);
         let own = requirements.get(&row.name);
         row.requirements = own.cloned().unwrap_or_default();
-        row.name = measurand.rename(&row.name);
     }
     rows.extend(contour::metrics(evidence));
     rows
@@ -83,7 +80,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 pub(crate) fn limits(trial: &Trial) -> Vec<(String, Limit)> {
     let limited = METRICS.iter().filter_map(|metric| {
         let limit = metric.limit(&trial.expect)?;
-        Some((trial.wiring.feedback.measurand.rename(metric.name), limit))
+        Some((trial.wiring.feedback.measurand.name(metric.name), limit))
     });
     limited
         .chain(signals::limits(trial))

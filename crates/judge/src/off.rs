@@ -41,7 +41,7 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     let own = evidence.own;
     let measurand = &own.trial.wiring.sensor.measurand;
     let feedback = own.message(&own.nodes.drive, names::TPDO1).ok()?;
-    let step = feedback.signal(&measurand.rename(CURRENT))?.coding.factor;
+    let step = feedback.signal(&measurand.name(CURRENT))?.coding.factor;
     let flows = flowing.abs() > CURRENT_STEPS_MAX * step.abs();
     let on_at = match (is_enabled, flows) {
         (false, false) => return Some(Metric::new(DRIVE_OFF, Ok(1.0), OFF).at(Some(state_at))),

@@ -46,7 +46,7 @@ pub(crate) fn offset(evidence: &Evidence<'_>) -> Measurement {
     let offset = OfSine {
         value: |wanted, measured| measured.mean - wanted.mean,
         ideal: 0.0,
-        metric: "sine_offset_millimetres",
+        metric: "sine_offset_{unit}",
     };
     offset.worst(evidence)
 }

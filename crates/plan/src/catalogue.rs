@@ -317,8 +317,8 @@ pub(crate) fn name_in_loop(signal: &Signal, wiring: &Wiring) -> String {
 
 /// Checks whether a signal is the measured or the true value of a sensor.
 fn is_measured(signal: &Signal, by: &Measured) -> bool {
-    let mut names = [POSITION, TRUE_POSITION].iter();
-    names.any(|name| by.measurand.rename(name) == signal.name)
+    let mut patterns = [POSITION, TRUE_POSITION].iter();
+    patterns.any(|pattern| by.measurand.name(pattern) == signal.name)
 }
 
 /// Frames of a loop that is alone on its bus.
@@ -387,13 +387,12 @@ impl Published {
         let Wiring {
             nodes,
             sensor,
-            feedback,
             identifiers,
             ..
         } = wiring;
         let is_emulated = matches!(player, Player::Emulator);
-        let rename = |name: &str| sensor.measurand.rename(name);
-        let unit = unit_of(sensor, &rename, !matches!(player, Player::Real(_)));
+        let name = |pattern: &str| sensor.measurand.name(pattern);
+        let unit = unit_of(sensor, &name, !matches!(player, Player::Real(_)));
         let unit = unit.as_ref();
         let drive = (nodes.drive.name.as_str(), nodes.drive.id);
         let signals = is_emulated.then_some(self.signals.as_slice());
@@ -402,7 +401,7 @@ impl Published {
             _ => {
                 let current = wiring.current();
                 let composer = composer.with_drive(drive, signals, None, unit);
-                composer.with_currents(drive.0, [current.rated, current.largest()], &rename)
+                composer.with_currents(drive.0, [current.rated, current.largest()], &name)
             }
         };
         let io = wiring.io.iter().zip(&self.outputs);
@@ -417,10 +416,8 @@ impl Published {
             ..
         } = *identifiers;
         let composer = composer.with_identifiers(&nodes.drive.name, second_sdo, truth);
-        let rename = |name: &str| feedback.measurand.rename(name);
-        let unit = unit_of(feedback, &rename, false);
         let of_loop = wiring.loop_among_several();
-        composer.with_terms(of_loop, terms, self.terms.as_deref(), unit.as_ref())
+        composer.with_terms(of_loop, terms, self.terms.as_deref())
     }
 }
 
@@ -443,8 +440,8 @@ fn with_io(composer: Composer, io: &Node, outputs: &[IoOutput]) -> Composer {
 /// Adds the frames of the drive that a loop follows and that belongs to another loop: the measured and the true value there.
 fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
     let (followed, feedback) = (&wiring.nodes.followed, &wiring.feedback);
-    let rename = |name: &str| feedback.measurand.rename(name);
-    let unit = unit_of(feedback, &rename, true);
+    let name = |pattern: &str| feedback.measurand.name(pattern);
+    let unit = unit_of(feedback, &name, true);
     let node = (followed.name.as_str(), followed.id);
     composer.with_drive(node, Some(&[]), None, unit.as_ref())
 }
@@ -452,7 +449,7 @@ fn with_followed(composer: Composer, wiring: &Wiring) -> Composer {
 /// Returns the unit of a sensor's values, if it is not that of the shipped DBC.
 fn unit_of<'a>(
     measured: &'a Measured,
-    rename: &'a dyn Fn(&str) -> String,
+    name: &'a dyn Fn(&str) -> String,
     is_emulated: bool,
 ) -> Option<LoopUnits<'a>> {
     let unit = &measured.measurand.unit;
@@ -464,7 +461,7 @@ fn unit_of<'a>(
         command_symbol: measured.measurand.command.symbol(),
         resolution: is_emulated.then(|| 1.0 / measured.counts_per_unit()),
         is_true_float: measured.is_true_float(),
-        rename,
+        name,
     })
 }
 
@@ -472,7 +469,7 @@ fn unit_of<'a>(
 fn signals_of_the_wire() -> Vec<PlantSignal> {
     let messages = Database::shipped().plant_messages("drive");
     let signals = messages.flat_map(|message| &message.signals);
-    let own = signals.filter(|signal| signal.name != TRUE_POSITION);
+    let own = signals.filter(|signal| names::pattern(&signal.name) != Some(TRUE_POSITION));
     let wire = own.map(|signal| PlantSignal {
         name: signal.name.clone(),
         unit: signal.unit.clone(),

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use dbc::names::{CURRENT, POSITION, TARGET_CURRENT};
+use dbc::names::{self, CURRENT, POSITION, TARGET_CURRENT};
 use dbc::{Coding, Composer, ExternalFrames, Kind, LoopUnits, Signal};
 use scenario::Trial;
 use scenario::reference::Trajectory;
@@ -44,13 +44,13 @@ impl LoadedDrive {
     ) -> Composer {
         let drive = &self.layout;
         let [statusword, controlword] = drive.words();
-        let feedback = |signal: &Signal| match signal.name.as_str() {
-            POSITION => scaled(drive.position()),
-            CURRENT => drive.current().map_or(signal.coding.absent(), scaled),
+        let feedback = |signal: &Signal| match names::pattern(&signal.name) {
+            Some(POSITION) => scaled(drive.position()),
+            Some(CURRENT) => drive.current().map_or(signal.coding.absent(), scaled),
             _ => in_word(signal, statusword),
         };
-        let command = |signal: &Signal| match signal.name.as_str() {
-            TARGET_CURRENT => scaled(drive.target()),
+        let command = |signal: &Signal| match names::pattern(&signal.name) {
+            Some(TARGET_CURRENT) => scaled(drive.target()),
             _ => in_word(signal, controlword),
         };
         let frames = ExternalFrames {

@@ -363,7 +363,7 @@ fn compose(plan: &Plan) -> Database {
         composer.with_set_point(
             one.name(),
             wiring.identifiers.set_point,
-            &measurand.rename(names::SET_POINT),
+            &measurand.name(names::SET_POINT),
             [symbol, &format!("{symbol}/s")],
         )
     });
@@ -542,7 +542,7 @@ impl ControlLoop {
 
     fn measured_by(&self, drive: &Node, by: &Measured) -> Result<SignalHandle, SignalMissing> {
         let message = names::message(&drive.name, names::TPDO1);
-        let measured = by.measurand.rename(names::POSITION);
+        let measured = by.measurand.name(names::POSITION);
         self.database.signal_of(&message, &measured)
     }
 
@@ -554,7 +554,7 @@ impl ControlLoop {
         let command = names::message(&self.nodes.drive.name, names::RPDO1);
         let measurand = &self.trial.wiring.sensor.measurand;
         self.database
-            .signal_of(&command, &measurand.rename(names::TARGET_CURRENT))
+            .signal_of(&command, &measurand.name(names::TARGET_CURRENT))
     }
 
     /// Returns the messages whose signals become columns, in their order.
@@ -586,7 +586,7 @@ impl ControlLoop {
             .wiring
             .sensor
             .measurand
-            .rename(names::TRUE_POSITION);
+            .name(names::TRUE_POSITION);
         signals.filter(move |signal| signal.name != measured)
     }
 

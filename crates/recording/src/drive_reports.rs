@@ -49,7 +49,7 @@ pub fn requests(one: &ControlLoop) -> [Option<CanFrame>; 2] {
 /// Returns the object of the measured current, with the coding of its value.
 fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
-    let signal = feedback.signal(&one.trial.wiring.sensor.measurand.rename(names::CURRENT))?;
+    let signal = feedback.signal(&one.trial.wiring.sensor.measurand.name(names::CURRENT))?;
     let real = one.real_drive.as_ref();
     let object = real.map(|drive| &drive.real.drive.current.object);
     let object = object.unwrap_or(&signal.object).parse().ok()?;

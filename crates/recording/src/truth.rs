@@ -40,9 +40,9 @@ impl TruthReader {
         let message = one.message(&one.nodes.drive, names::TRUTH).ok();
         let signals = message.map(|message| {
             let measurand = &one.trial.wiring.sensor.measurand;
-            let signal = |name| {
+            let signal = |pattern| {
                 one.database
-                    .signal_of(&message.name, &measurand.rename(name))
+                    .signal_of(&message.name, &measurand.name(pattern))
             };
             Ok(TruthSignals {
                 current: signal(names::PLANT_CURRENT)?,

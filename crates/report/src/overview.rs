@@ -13,6 +13,7 @@ use judge::verdict::{Metric, Outcome, Verdict};
 use recording::frames::Clock;
 use recording::timeline::Timeline;
 use scenario::metrics::METRICS;
+use scenario::port::Measurand;
 
 /// Largest number of runs whose positions share a plot; more cannot be distinguished.
 const RUNS_IN_A_PLOT: usize = 7;
@@ -145,7 +146,10 @@ fn columns<'a>(runs: &[&'a ListedRun<'_>]) -> (Vec<&'a str>, Vec<&'a str>) {
     // With several loops, the name of a metric begins with that of its loop.
     let place = |name: &str| {
         let own = name.rsplit_once('.').map_or(name, |(_, own)| own);
-        METRICS.iter().position(|metric| metric.name == own)
+        let shipped = Measurand::default();
+        METRICS
+            .iter()
+            .position(|metric| shipped.name(metric.name) == own)
     };
     names.sort_by_key(|name| place(name).unwrap_or(usize::MAX));
     names.into_iter().partition(|name| limited.contains(name))

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use crate::console::BufferedLines;
 use crate::event::{Listener, RunEvent};
+use dbc::names;
 use plan::prefix_of;
 use recording::progress::RunProgress;
 use worlds::preflight::PreflightEvent;
@@ -54,7 +55,7 @@ fn reached(reading: &RunProgress) -> Value {
     });
     for one in &reading.loops {
         let prefix = prefix_of(one.name.as_deref().unwrap_or_default());
-        let position = one.measurand.rename("position_millimetres");
+        let position = one.measurand.name(names::POSITION);
         line[prefix + &position] = one.position.into();
     }
     line

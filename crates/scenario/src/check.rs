@@ -165,9 +165,9 @@ fn law_of_a_current(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
 /// Demands the gains of `pid` in a loop whose position is no length: the default gains are those of a wire, by the metre.
 fn gains_of_another_quantity(document: &Document<'_>, trial: &Trial) -> Option<Problem> {
     const GAINS: [&str; 3] = [
-        "proportional_amperes_per_metre",
-        "integral_amperes_per_metre_second",
-        "derivative_ampere_seconds_per_metre",
+        "proportional_{gain}",
+        "integral_{gain}_second",
+        "derivative_{gain_seconds}",
     ];
     let unit = &trial.wiring.feedback.measurand.unit;
     let is_length = conversion(unit.word(), "metres").is_some();
@@ -189,18 +189,18 @@ fn travel(document: &Document<'_>, reference: &Reference, wiring: &Wiring) -> Ve
     );
     let sines = reference.sine.iter().enumerate();
     let sines = sines.map(|(index, sine)| {
-        let (centre, amplitude) = (sine.centre_millimetres, sine.amplitude_millimetres);
+        let (centre, amplitude) = (sine.centre, sine.amplitude);
         ("sine", index, centre, amplitude)
     });
     let chirps = reference.chirp.iter().enumerate();
     let chirps = chirps.map(|(index, chirp)| {
-        let (centre, amplitude) = (chirp.centre_millimetres, chirp.amplitude_millimetres);
+        let (centre, amplitude) = (chirp.centre, chirp.amplitude);
         ("chirp", index, centre, amplitude)
     });
     let problem = |(kind, index, centre, amplitude): (&str, usize, f64, f64)| {
         let (lowest, highest) = (centre - amplitude, centre + amplitude);
         (lowest < min || highest > max).then(|| {
-            let path = format!("reference.{kind}.{index}.amplitude_millimetres");
+            let path = format!("reference.{kind}.{index}.amplitude_{{unit}}");
             let label = format!("goes from {lowest} to {highest} {symbol}");
             let message = format!("the {kind} leaves the travel of {min} to {max} {symbol}");
             document.problem(&path, message, label)

@@ -4,7 +4,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::expect::{Limit, Requirements};
-use crate::port::Unit;
+use crate::port::{Measurand, Unit};
+
+/// Keys of a contour's limits.
+pub(crate) const LIMITS: [&str; 2] = ["contour_error_{unit}_max", "contour_error_{unit}_rms"];
 
 /// Limits on the distance of several loops together from the path of their set-points.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq, Serialize)]
@@ -23,10 +26,12 @@ pub struct Contour {
     pub until_seconds: Option<f64>,
     /// Longest distance from the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub contour_error_millimetres_max: Option<Limit>,
+    #[serde(rename = "contour_error_{unit}_max")]
+    pub error_max: Option<Limit>,
     /// RMS of the distance from the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub contour_error_millimetres_rms: Option<Limit>,
+    #[serde(rename = "contour_error_{unit}_rms")]
+    pub error_rms: Option<Limit>,
     /// Unit of the loops, put in by the loader.
     #[serde(skip)]
     pub unit: Unit,
@@ -41,14 +46,10 @@ impl Contour {
     #[must_use]
     pub fn rows(&self) -> [(String, Option<Limit>); 2] {
         let name = self.loops.join("_");
-        let row = |end| {
-            let metric = format!("contour_error_millimetres_{end}");
-            format!("{name}.{}", self.unit.rename(&metric))
-        };
-        [
-            (row("max"), self.contour_error_millimetres_max),
-            (row("rms"), self.contour_error_millimetres_rms),
-        ]
+        let measurand = Measurand::position(self.unit.clone());
+        let row = |limit| format!("{name}.{}", measurand.name(limit));
+        let [max, rms] = LIMITS.map(row);
+        [(max, self.error_max), (rms, self.error_rms)]
     }
 }
 

@@ -95,7 +95,7 @@ impl Controller {
         }
     }
 
-    /// Multiplies parameters of the law by factors; each has its path, such as `pid.proportional_amperes_per_metre`.
+    /// Multiplies parameters of the law by factors; each has its path, such as `controller.pid.proportional_{gain}`.
     pub(crate) fn scale(&mut self, factors: &[(String, f64)]) {
         if factors.is_empty() {
             return;
@@ -133,7 +133,7 @@ impl Controller {
 
 fn scale(tables: &mut toml::Table, factors: &[(String, f64)]) {
     for (path, factor) in factors {
-        let mut keys = path.split('.');
+        let mut keys = path.split('.').skip(1);
         let first = keys.next().and_then(|key| tables.get_mut(key));
         let value = keys.try_fold(first, |value, key| Some(value?.get_mut(key)));
         if let Some(value) = value.flatten() {
@@ -275,13 +275,16 @@ impl Default for SlidingModePaper {
 pub struct Pid {
     /// Proportional gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub proportional_amperes_per_metre: f64,
+    #[serde(rename = "proportional_{gain}")]
+    pub proportional: f64,
     /// Integral gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub integral_amperes_per_metre_second: f64,
+    #[serde(rename = "integral_{gain}_second")]
+    pub integral: f64,
     /// Derivative gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub derivative_ampere_seconds_per_metre: f64,
+    #[serde(rename = "derivative_{gain_seconds}")]
+    pub derivative: f64,
     /// Share of the set-point in the proportional part: 1 for the plain error, less against overshoot.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub set_point_weight: f64,
@@ -295,9 +298,9 @@ impl Default for Pid {
     /// overshoot stays below 10 % in each of its steps: random search with 3000 draws, then a random descent.
     fn default() -> Self {
         Self {
-            proportional_amperes_per_metre: 22.8,
-            integral_amperes_per_metre_second: 37.9,
-            derivative_ampere_seconds_per_metre: 3.59,
+            proportional: 22.8,
+            integral: 37.9,
+            derivative: 3.59,
             set_point_weight: 0.77,
             derivative_filter_radians_per_second: 300.0,
         }
@@ -311,29 +314,33 @@ impl Default for Pid {
 pub struct PidPair {
     /// Proportional gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub proportional_amperes_per_metre: f64,
+    #[serde(rename = "proportional_{gain}")]
+    pub proportional: f64,
     /// Integral gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub integral_amperes_per_metre_second: f64,
+    #[serde(rename = "integral_{gain}_second")]
+    pub integral: f64,
     /// Derivative gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub derivative_ampere_seconds_per_metre: f64,
+    #[serde(rename = "derivative_{gain_seconds}")]
+    pub derivative: f64,
     /// Pole of the derivative's filter.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 10_000.0))]
     pub derivative_filter_radians_per_second: f64,
     /// Current of both while the output is 0: how stiff they hold.
     #[schemars(range(min = 0.0, max = 32_767_000.0))]
-    pub co_contraction_amperes: f64,
+    #[serde(rename = "co_contraction_{command_unit}")]
+    pub co_contraction: f64,
 }
 
 impl Default for PidPair {
     fn default() -> Self {
         Self {
-            proportional_amperes_per_metre: 0.02,
-            integral_amperes_per_metre_second: 0.04,
-            derivative_ampere_seconds_per_metre: 0.004,
+            proportional: 0.02,
+            integral: 0.04,
+            derivative: 0.004,
             derivative_filter_radians_per_second: 100.0,
-            co_contraction_amperes: 0.5,
+            co_contraction: 0.5,
         }
     }
 }
@@ -349,11 +356,6 @@ const LAWS: [(&str, Option<usize>); 8] = [
     ("library", None),
     ("fmu", None),
 ];
-
-/// Checks, by the name of its table, whether a process of its own plays a law.
-pub(crate) fn is_process_law(law: &str) -> bool {
-    ["program", "library", "fmu"].contains(&law)
-}
 
 /// Checks whether the format has the table of a law; tables from outside are registered.
 #[must_use]
@@ -397,7 +399,8 @@ pub struct CurrentStep {
     pub at_seconds: f64,
     /// Current after the jump, within the range of the amplifier.
     #[schemars(range(min = -32_767_000.0, max = 32_767_000.0))]
-    pub current_amperes: f64,
+    #[serde(rename = "{command}_{command_unit}")]
+    pub current: f64,
 }
 
 /// Current moves linearly from its present value.
@@ -412,7 +415,8 @@ pub struct CurrentRamp {
     pub until_seconds: f64,
     /// Current at the end, within the range of the amplifier.
     #[schemars(range(min = -32_767_000.0, max = 32_767_000.0))]
-    pub current_amperes: f64,
+    #[serde(rename = "{command}_{command_unit}")]
+    pub current: f64,
 }
 
 /// Straight lines through the rows of a CSV file: its columns `time_seconds` and that of the current, from 0 to 1 A. Other

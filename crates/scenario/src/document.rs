@@ -9,6 +9,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::error::{Problem, Source};
 use crate::outside::Outside;
+use crate::port::Measurand;
 
 /// Message of the parser on a key that it has read before.
 const DUPLICATE: &str = "duplicate key";
@@ -17,13 +18,19 @@ const DUPLICATE: &str = "duplicate key";
 pub(crate) struct Document<'text> {
     pub(crate) source: Source,
     root: Spanned<DeTable<'text>>,
+    /// Quantities of the loop whose tables these are; the keys are patterns.
+    pub(crate) measurand: Measurand,
 }
 
 impl<'text> Document<'text> {
     /// Parses the text; only syntax errors are errors.
     pub(crate) fn parse(source: Source, text: &'text str) -> Result<Self, Vec<Problem>> {
         let (root, errors) = DeTable::parse_recoverable(text);
-        let document = Self { source, root };
+        let document = Self {
+            source,
+            root,
+            measurand: Measurand::default(),
+        };
         match errors.as_slice() {
             [] => Ok(document),
             errors => Err(document.syntax_problems(text, errors)),
@@ -85,6 +92,15 @@ impl<'text> Document<'text> {
         Self {
             source: self.source.clone(),
             root: Spanned::new(self.root.span(), root),
+            measurand: self.measurand.clone(),
+        }
+    }
+
+    /// Makes a document of the tables of a loop, as [`Document::with_root`].
+    pub(crate) fn of_loop(&self, root: DeTable<'text>, measurand: Measurand) -> Self {
+        Self {
+            measurand,
+            ..self.with_root(root)
         }
     }
 

@@ -41,9 +41,9 @@ pub struct JudgedChirp {
     /// Whole turns up to its end, the next piece or the end of the judgement; at least four.
     pub turns: f64,
     /// Mean of the set-point.
-    pub centre_millimetres: f64,
+    pub centre: f64,
     /// Amplitude of the set-point.
-    pub amplitude_millimetres: f64,
+    pub amplitude: f64,
 }
 
 /// A disturbance that the metrics judge.
@@ -105,7 +105,7 @@ impl Trial {
             Unit::Millimetres => RECOVERY_BAND_MILLIMETRES,
             _ => (max - min) * RECOVERY_BAND_SHARE,
         };
-        self.expect.recovery_band_millimetres.unwrap_or(of_unit)
+        self.expect.recovery_band.unwrap_or(of_unit)
     }
 
     /// Returns the steps that the metrics judge, in the order of time.
@@ -133,7 +133,7 @@ impl Trial {
                         until_seconds: next.min(end_seconds),
                     },
                     from,
-                    to: step.position_millimetres,
+                    to: step.position,
                 }
             });
         judged.collect()
@@ -175,8 +175,8 @@ impl Trial {
                 from_seconds: chirp.from_seconds,
                 sweep,
                 turns,
-                centre_millimetres: chirp.centre_millimetres,
-                amplitude_millimetres: chirp.amplitude_millimetres,
+                centre: chirp.centre,
+                amplitude: chirp.amplitude,
             })
         });
         judged.collect()
@@ -247,7 +247,7 @@ impl Trial {
         };
         let unit = self.wiring.feedback.measurand.unit.symbol();
         let steps = self.reference.step.iter().map(|step| {
-            let text = format!("step to {} {unit}", step.position_millimetres);
+            let text = format!("step to {} {unit}", step.position);
             named(step.at_seconds, text)
         });
         let disturbances = self

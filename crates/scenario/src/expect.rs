@@ -49,7 +49,8 @@ pub struct Expect {
     /// 60 mm.
     #[schemars(extend("exclusiveMinimum" = 0), range(max = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub recovery_band_millimetres: Option<f64>,
+    #[serde(rename = "recovery_band_{unit}")]
+    pub recovery_band: Option<f64>,
     /// Requirements that single limits test, by the limit's key, `overshoot_percent = ["REQ-12"]`; for limits of
     /// `[expect.timing]` by key and quantile, `round_trip_microseconds_p99 = ["REQ-13"]`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]

@@ -9,12 +9,12 @@ mod fmus;
 mod kind;
 mod nodes;
 mod overlay;
+mod patterns;
 mod resolve;
 mod sections;
 mod sweep;
 #[cfg(test)]
 mod tests;
-mod units;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -26,7 +26,7 @@ use serde_json::Value;
 use toml::de::ValueDeserializer;
 
 pub(crate) use kind::is_scenario;
-pub(crate) use units::{Factors, InUnit};
+pub(crate) use patterns::{Factors, Naming};
 
 use crate::beside::Beside;
 use crate::custom::{Own, Section};
@@ -156,10 +156,10 @@ pub fn text_of(path: &Path) -> Result<String, ScenarioError> {
     read_text(path, SCENARIO_BYTES_MAX).map_err(|error| ScenarioError::unreadable(path, &error))
 }
 
-/// Gives the problems of a loop the names that its positions have in the file.
+/// Writes out the names of a loop's keys in its problems.
 pub(crate) fn in_unit(problems: Vec<Problem>, measurand: &Measurand) -> Vec<Problem> {
     let problems = problems.into_iter();
-    let problems = problems.map(|problem| problem.renamed(|text| measurand.as_in_files(text)));
+    let problems = problems.map(|problem| problem.renamed(|text| measurand.name(text)));
     problems.collect()
 }
 

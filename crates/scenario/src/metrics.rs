@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use crate::expect::{Expect, Expectation};
 use crate::limit::Limit;
+use crate::port::{COMMAND_UNIT, UNIT};
 use crate::trial::Trial;
 
 /// Metric of a run.
@@ -114,14 +115,14 @@ pub static METRICS: &[Metric] = &[
         ..POSITION
     },
     Metric {
-        name: "steady_state_error_millimetres",
-        unit: "millimetres",
+        name: "steady_state_error_{unit}",
+        unit: UNIT,
         text: "Mean absolute error over the last 0.5 s of the scenario, in which the set-point must not move.",
         ..POSITION
     },
     Metric {
-        name: "tracking_error_millimetres_rms",
-        unit: "millimetres",
+        name: "tracking_error_{unit}_rms",
+        unit: UNIT,
         text: "RMS of set-point minus position: over the last three periods of a sine, else over the whole run.",
         ..POSITION
     },
@@ -139,8 +140,8 @@ pub static METRICS: &[Metric] = &[
         ..POSITION
     },
     Metric {
-        name: "sine_offset_millimetres",
-        unit: "millimetres",
+        name: "sine_offset_{unit}",
+        unit: UNIT,
         needs: Needs::Sine,
         text: "Mean of the position minus that of the set-point, measured as `sine_gain`.",
         ..POSITION
@@ -160,8 +161,8 @@ pub static METRICS: &[Metric] = &[
         ..POSITION
     },
     Metric {
-        name: "maximum_deviation_millimetres",
-        unit: "millimetres",
+        name: "maximum_deviation_{unit}",
+        unit: UNIT,
         needs: Needs::Disturbance,
         pieces: Pieces::Event,
         text: "Largest deviation from the set-point, from the start of a disturbance until the next change of the set-point, a disturbance or a fault, for at least 3 s after its end.",
@@ -176,29 +177,29 @@ pub static METRICS: &[Metric] = &[
         ..POSITION
     },
     Metric {
-        name: "position_millimetres_max",
-        unit: "millimetres",
+        name: "{signal}_{unit}_max",
+        unit: UNIT,
         needs: Needs::Nothing,
         pieces: Pieces::Sample,
         text: "Largest position over the run.",
         ..POSITION
     },
     Metric {
-        name: "current_amperes_rms",
-        unit: "amperes",
+        name: "{command}_{command_unit}_rms",
+        unit: COMMAND_UNIT,
         text: "RMS of the current over the run.",
         ..CURRENT
     },
     Metric {
-        name: "current_ripple_amperes_rms",
-        unit: "amperes",
+        name: "{command}_ripple_{command_unit}_rms",
+        unit: COMMAND_UNIT,
         needs: Needs::SetPoint,
         text: "Standard deviation of the commanded current in the last hold, from 1 s after the position last entered the recovery band, for at least 2 s.",
         ..CURRENT
     },
     Metric {
-        name: "hunting_millimetres",
-        unit: "millimetres",
+        name: "hunting_{unit}",
+        unit: UNIT,
         text: "Highest minus lowest mean position over 10 ms in the last second, in which the set-point must not move. Above 0.25 mm the loop hunts.",
         ..POSITION
     },
@@ -348,10 +349,10 @@ impl Metric {
         matches!(self.subject, Subject::Cycles | Subject::Bus)
     }
 
-    /// Checks whether it has the unit of the loop's position.
+    /// Checks whether it is in the unit of what its loop measures.
     #[must_use]
-    pub fn is_in_unit_of_position(&self) -> bool {
-        self.unit == "millimetres"
+    pub fn is_in_unit_of_loop(&self) -> bool {
+        self.unit == UNIT
     }
 
     /// Checks whether it measures a reaction to a fault.
@@ -435,9 +436,11 @@ pub fn answer(name: &str, value: f64) -> Option<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::port::Measurand;
 
     fn given(metric: &Metric) -> String {
-        let name = metric.name;
+        // A pattern is a name of its own for TOML.
+        let name = format!("\"{}\"", metric.name);
         match metric.form {
             TwoSided => format!("{name} = {{ max = 1.0 }}"),
             AtMost(_) => format!("{name} = 1.0"),
@@ -480,7 +483,7 @@ mod tests {
         let keys = schema["properties"].as_object().unwrap().keys();
         let others = [
             "judged_until_seconds",
-            "recovery_band_millimetres",
+            "recovery_band_{unit}",
             "requirements",
             "sequence",
             "signal",
@@ -495,8 +498,8 @@ mod tests {
     #[test]
     fn a_name_has_its_unit() {
         for metric in METRICS {
-            let words: Vec<&str> = metric.name.split('_').collect();
-            assert!(metric.unit.is_empty() || words.contains(&metric.unit));
+            let [name, unit] = [metric.name, metric.unit].map(|one| Measurand::default().name(one));
+            assert!(unit.is_empty() || name.split('_').any(|word| word == unit));
         }
     }
 }

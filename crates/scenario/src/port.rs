@@ -5,7 +5,6 @@ use std::fmt;
 use canopen::object_dictionary::Preset;
 
 use crate::custom::is_name;
-use crate::metrics::METRICS;
 
 /// Largest number of steps that 16 bits hold.
 const STEPS_MAX: f64 = 32_767.0;
@@ -43,6 +42,8 @@ pub enum Width {
 const REAL_MAX: f64 = 3.402_823_5e38;
 /// Name of the signal of a sensor without a name.
 const POSITION: &str = "position";
+/// Names of values that are computed for each loop.
+const COMPUTED: [&str; 2] = ["set_point", "error"];
 /// Steps of a position on the bus, which has 32 bits, for one of its unit.
 const POSITION_STEPS: f64 = 1e3;
 const POSITION_RANGE: [f64; 2] = [-2_147_483.648, 2_147_483.647];
@@ -117,7 +118,8 @@ impl Port {
     }
 
     /// Makes a term of a law that is a position of its loop, or a derivative of one. The law writes it in the unit in which it
-    /// reads the position. The name says millimetres, and in a loop of another unit that unit.
+    /// reads the position. The name is a pattern with the loop's unit, as `reference_{signal}_{unit}` or
+    /// `reference_velocity_{unit}_per_second`.
     #[must_use]
     pub fn position_term(name: &str) -> Self {
         let port = Self::output(name, POSITION_RANGE).counted(Width::Signed(32), POSITION_STEPS);
@@ -392,16 +394,6 @@ pub fn singular(word: &str) -> String {
     format!("{one}{per}")
 }
 
-/// Returns the unit at the start of a text, there in the singular, and the rest of the text.
-#[must_use]
-pub fn unit_at_start(text: &str) -> Option<(&'static str, &str)> {
-    let found = KNOWN.iter().filter_map(|known| {
-        let rest = text.strip_prefix(&singular(known.word))?;
-        (rest.is_empty() || rest.starts_with('_')).then_some((known.word, rest))
-    });
-    found.min_by_key(|(_, rest)| rest.len())
-}
-
 /// Returns a unit as the DBC writes it; the word itself if it has no other form.
 #[must_use]
 pub fn symbol_of(word: &str) -> &str {
@@ -425,32 +417,11 @@ pub fn conversion(from: &str, to: &str) -> Option<f64> {
     }
 }
 
-/// Keys other than those of metrics that have the unit of a position.
-const KEYS_OF_POSITIONS: [&str; 8] = [
-    "recovery_band_millimetres",
-    "position_millimetres",
-    "centre_millimetres",
-    "amplitude_millimetres",
-    "offset_millimetres",
-    "rate_millimetres_per_second",
-    "noise_millimetres_rms",
-    "height_millimetres",
-];
-
-/// Further names with this unit, of values computed from a set-point.
-const NAMES_OF_SET_POINTS: [&str; 2] = ["set_point_millimetres", "error_millimetres"];
-
-/// Beginnings of the names of gains; the unit by which they are follows.
-pub(crate) const GAINS: [&str; 2] = ["amperes_per_", "ampere_seconds_per_"];
-
-/// Names of the recorded signals of a position and a current.
-const NAMES_ON_THE_BUS: [&str; 5] = [
-    "current_amperes",
-    "target_current_amperes",
-    "position_millimetres",
-    "true_position_millimetres",
-    "reference_position_millimetres",
-];
+/// Places in the names of keys, metrics and signals, which each loop fills with its own quantities: see [`Measurand::name`].
+pub(crate) const UNIT: &str = "{unit}";
+pub(crate) const COMMAND_UNIT: &str = "{command_unit}";
+const GAIN: &str = "{gain}";
+const GAIN_SECONDS: &str = "{gain_seconds}";
 
 /// Unit in which a loop counts its position: in its set-points, its limits, and its recorded signals.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
@@ -562,12 +533,6 @@ impl Unit {
             Preset::new(SI_UNIT_VELOCITY, 0, velocity.into()),
         ]
     }
-
-    /// Returns a name of the bench, which has the unit of a position, with this unit.
-    #[must_use]
-    pub fn rename(&self, name: &str) -> String {
-        exchanged(name, Self::Millimetres.word(), self.word())
-    }
 }
 
 /// Objects of a drive (CiA 402-2).
@@ -633,42 +598,6 @@ impl Command {
         let mut all = Self::ALL.into_iter();
         all.find(|command| conversion(command.word(), unit).is_some())
     }
-
-    /// Replaces names of the bench, which are those of a current, by the names of this command: `current_amperes` by
-    /// `voltage_volts`.
-    #[must_use]
-    pub fn rename(self, word: &str) -> String {
-        Self::exchange(word, Self::Current, self)
-    }
-
-    /// Replaces the names of this command by those of the bench, as the reverse of [`Command::rename`].
-    #[must_use]
-    pub fn canonical(self, word: &str) -> String {
-        Self::exchange(word, self, Self::Current)
-    }
-
-    /// Returns the correct form of a name that belongs to another command.
-    pub(crate) fn corrected(self, name: &str) -> Option<String> {
-        let has = |word: &str| exchanged(name, word, "") != name;
-        let mut others = Self::ALL.into_iter().filter(|other| *other != self);
-        let other = others.find(|other| has(other.signal()) && has(other.word()))?;
-        Some(self.rename(&other.canonical(name)))
-    }
-
-    fn exchange(word: &str, from: Self, to: Self) -> String {
-        if from == to {
-            return word.to_owned();
-        }
-        let units = exchanged(word, from.word(), to.word());
-        // The name of a unit such as the newton metre contains that of another one.
-        let [one, other] = [from, to].map(|command| singular(command.word()) + "_seconds");
-        let units = exchanged(&units, &one, &other);
-        if units == word {
-            units
-        } else {
-            exchanged(&units, from.signal(), to.signal())
-        }
-    }
 }
 
 /// Signal that a loop measures and controls, with its unit, and the quantity that it commands.
@@ -705,27 +634,49 @@ impl Measurand {
         Self { command, ..self }
     }
 
-    /// Replaces names of the bench, which have the unit of a position, by those of this signal: `position_millimetres` by
-    /// `speed_revolutions_per_minute`.
+    /// Fills the places of a pattern, or of a text with patterns: `{signal}_{unit}` becomes `speed_revolutions_per_minute`, and
+    /// `{command}_{command_unit}` becomes `voltage_volts`. In names of gains, `{gain}` is one unit of the command by one of the
+    /// position as laws read it, as `amperes_per_metre`, and `{gain_seconds}` the same times a second.
     #[must_use]
-    pub fn rename(&self, text: &str) -> String {
-        if self.is_canonical() {
-            return text.to_owned();
+    pub fn name(&self, pattern: &str) -> String {
+        if !is_pattern(pattern) {
+            return pattern.to_owned();
         }
-        let words = text.split_inclusive(|c: char| !c.is_alphanumeric() && c != '_');
-        words.map(|word| self.rename_word(word)).collect()
+        let (command, by) = (self.command.word(), singular(self.unit.of_laws()));
+        let places = [
+            ("{signal}", self.signal.clone()),
+            (UNIT, self.unit.word().to_owned()),
+            ("{command}", self.command.signal().to_owned()),
+            (COMMAND_UNIT, command.to_owned()),
+            (GAIN, format!("{command}_per_{by}")),
+            (
+                GAIN_SECONDS,
+                format!("{}_seconds_per_{by}", singular(command)),
+            ),
+        ];
+        let mut name = pattern.to_owned();
+        for (place, word) in &places {
+            if name.contains(place) {
+                name = name.replace(place, word);
+            }
+        }
+        name
     }
 
-    /// Checks whether the names of the bench need no replacement.
-    fn is_canonical(&self) -> bool {
-        *self == Self::default()
-    }
-
-    /// Checks whether its name is also that of a key or a column of another meaning.
+    /// Checks whether its name is also that of a value that is computed.
     pub(crate) fn is_ambiguous(&self) -> bool {
-        let names = KEYS_OF_POSITIONS.into_iter().chain(NAMES_OF_SET_POINTS);
-        let mut beginnings = names.filter_map(|name| name.strip_suffix("_millimetres"));
-        self.signal != POSITION && beginnings.any(|beginning| beginning == self.signal)
+        COMPUTED.contains(&&*self.signal)
+    }
+
+    /// Returns name and symbol of a term of a law in this loop.
+    #[must_use]
+    pub fn term(&self, name: &str, port: &Port) -> (String, String) {
+        let symbol = match name.split_once(UNIT) {
+            Some((_, "_per_second")) => format!("{}/s", self.unit.symbol()),
+            Some(_) => self.unit.symbol().to_owned(),
+            None => port.symbol.clone(),
+        };
+        (self.name(name), symbol)
     }
 
     /// Returns the signal in words, as the title of a plot.
@@ -733,66 +684,17 @@ impl Measurand {
     pub fn title(&self) -> String {
         title(&self.signal)
     }
+}
 
-    /// Returns the name that a recorded signal has for a position and a current; other names stay.
-    #[must_use]
-    pub fn as_position<'n>(&self, name: &'n str) -> &'n str {
-        let mut known = NAMES_ON_THE_BUS.into_iter();
-        known
-            .find(|known| self.rename(known) == name)
-            .unwrap_or(name)
-    }
+/// Checks whether a name has places for the quantities of a loop.
+#[must_use]
+pub fn is_pattern(name: &str) -> bool {
+    name.contains('{')
+}
 
-    fn rename_word(&self, word: &str) -> String {
-        let millimetres = Unit::Millimetres;
-        let marked = exchanged(word, millimetres.word(), "{unit}");
-        if marked == word {
-            return self.command.rename(word);
-        }
-        let named = exchanged(&marked, POSITION, &self.signal);
-        named.replace("{unit}", self.unit.word())
-    }
-
-    /// Returns a text with its names as the files of this loop have them: as [`Measurand::rename`], and gains of laws by one of the
-    /// unit.
-    #[must_use]
-    pub fn as_in_files(&self, text: &str) -> String {
-        self.rename(&self.by_own_unit(text))
-    }
-
-    /// Returns the name of a law's parameter in this loop: gains are by one of its unit, and currents are its command.
-    pub(crate) fn rename_of_law(&self, key: &str) -> String {
-        self.command.rename(&self.by_own_unit(key))
-    }
-
-    /// Replaces gains by the metre by gains by one of this unit.
-    fn by_own_unit(&self, text: &str) -> String {
-        GAINS.into_iter().fold(text.to_owned(), |text, gain| {
-            let own = format!("{gain}{}", singular(self.unit.of_laws()));
-            text.replace(&format!("{gain}metre"), &own)
-        })
-    }
-
-    /// Returns the name of the bench, as the reverse of [`Measurand::rename`]. A name that is not of the signal stays as it is,
-    /// whatever its unit.
-    #[must_use]
-    pub fn canonical(&self, name: &str) -> String {
-        let of_position = self.position_of(name).map(str::to_owned);
-        of_position.unwrap_or_else(|| self.command.canonical(name))
-    }
-
-    /// Returns the name of the bench for a name of the signal; `None` if it is no such name.
-    pub(crate) fn position_of(&self, name: &str) -> Option<&'static str> {
-        if !name.contains(self.unit.word()) {
-            return None;
-        }
-        let metrics = METRICS
-            .iter()
-            .filter(|metric| metric.is_in_unit_of_position());
-        let metrics = metrics.map(|metric| metric.name);
-        let mut names = KEYS_OF_POSITIONS.into_iter().chain(metrics);
-        names.find(|known| self.rename(known) == name)
-    }
+/// Checks whether a name is that of a gain, which may be by another unit of the loop's quantity.
+pub(crate) fn is_gain(name: &str) -> bool {
+    name.contains(GAIN) || name.contains(GAIN_SECONDS)
 }
 
 impl fmt::Display for Unit {
@@ -807,21 +709,6 @@ fn title(signal: &str) -> String {
     let mut letters = words.chars();
     let first = letters.next().into_iter().flat_map(char::to_uppercase);
     first.chain(letters).collect()
-}
-
-/// Replaces a word in a name by another.
-fn exchanged(name: &str, word: &str, by: &str) -> String {
-    let is_end = |rest: &str| !rest.starts_with(char::is_alphanumeric);
-    let mut found = String::with_capacity(name.len());
-    let mut rest = name;
-    while let Some(place) = rest.find(word) {
-        let (before, behind) = (&rest[..place], &rest[place + word.len()..]);
-        found += before;
-        let is_start = !found.ends_with(char::is_alphanumeric);
-        found += if is_start && is_end(behind) { by } else { word };
-        rest = behind;
-    }
-    found + rest
 }
 
 #[cfg(test)]
@@ -852,18 +739,6 @@ mod tests {
         assert_eq!(conversion("degrees", "revolutions"), Some(1.0 / 360.0));
         assert_eq!(conversion("degrees", "millimetres"), None);
         assert_eq!(conversion("bogus", "bogus"), Some(1.0));
-        for (text, found) in [
-            ("metre", Some(("metres", ""))),
-            ("metre_second", Some(("metres", "_second"))),
-            (
-                "revolution_per_minute_second",
-                Some(("revolutions_per_minute", "_second")),
-            ),
-            ("celsius", Some(("celsius", ""))),
-            ("metrestick", None),
-        ] {
-            assert_eq!(unit_at_start(text), found, "{text}");
-        }
         assert_eq!(Unit::of_port("radians"), [Unit::Degrees, Unit::Revolutions]);
         let celsius = Unit::Own("celsius".to_owned());
         assert_eq!(Unit::of_port("celsius"), [celsius]);
@@ -876,91 +751,83 @@ mod tests {
     }
 
     #[test]
-    fn names_take_the_command_of_their_loop() {
-        let turned = Measurand::position(Unit::Degrees).commanding(Command::Torque);
-        for (name, of_torque) in [
-            ("current_amperes_rms", "torque_newton_metres_rms"),
-            ("target_current_amperes", "target_torque_newton_metres"),
+    fn names_have_the_quantities_of_their_loop() {
+        let shipped = Measurand::default();
+        let torque_of_a_joint = Measurand::position(Unit::Degrees).commanding(Command::Torque);
+        let force_of_a_torque = Measurand::position(Unit::Own("newton_metres".to_owned()));
+        let force_of_a_torque = force_of_a_torque.commanding(Command::Force);
+        let oven = Measurand {
+            signal: "temperature".to_owned(),
+            unit: Unit::Own("celsius".to_owned()),
+            command: Command::Voltage,
+        };
+        for (pattern, names) in [
             (
-                "current_ripple_amperes_rms",
-                "torque_ripple_newton_metres_rms",
+                "{signal}_{unit}_max",
+                [
+                    "position_millimetres_max",
+                    "position_degrees_max",
+                    "position_newton_metres_max",
+                    "temperature_celsius_max",
+                ],
             ),
+            (
+                "{command}_ripple_{command_unit}_rms",
+                [
+                    "current_ripple_amperes_rms",
+                    "torque_ripple_newton_metres_rms",
+                    "force_ripple_newtons_rms",
+                    "voltage_ripple_volts_rms",
+                ],
+            ),
+            (
+                "integral_{gain}_second",
+                [
+                    "integral_amperes_per_metre_second",
+                    "integral_newton_metres_per_degree_second",
+                    "integral_newtons_per_newton_metre_second",
+                    "integral_volts_per_celsius_second",
+                ],
+            ),
+            (
+                "`derivative_{gain_seconds}` is missing",
+                [
+                    "`derivative_ampere_seconds_per_metre` is missing",
+                    "`derivative_newton_metre_seconds_per_degree` is missing",
+                    "`derivative_newton_seconds_per_newton_metre` is missing",
+                    "`derivative_volt_seconds_per_celsius` is missing",
+                ],
+            ),
+            ("overshoot_percent", ["overshoot_percent"; 4]),
         ] {
-            assert_eq!(turned.rename(name), of_torque);
-            assert_eq!(turned.canonical(of_torque), name);
-            assert_eq!(Command::Torque.corrected(name).unwrap(), of_torque);
-            assert_eq!(Command::Torque.corrected(of_torque), None);
-            assert_eq!(Command::Current.corrected(of_torque).unwrap(), name);
-            assert_eq!(Command::Current.corrected(name), None);
+            let loops = [&shipped, &torque_of_a_joint, &force_of_a_torque, &oven];
+            assert_eq!(loops.map(|one| one.name(pattern)), names);
         }
-        assert_eq!(
-            turned.as_in_files("`derivative_ampere_seconds_per_metre`"),
-            "`derivative_newton_metre_seconds_per_degree`"
-        );
-        let torque_by_force = Measurand::position(Unit::Own("newton_metres".to_owned()));
-        let torque_by_force = torque_by_force.commanding(Command::Force);
-        assert_eq!(
-            torque_by_force.canonical("position_newton_metres"),
-            "position_millimetres"
-        );
-        assert_eq!(
-            torque_by_force.as_in_files("proportional_amperes_per_metre"),
-            "proportional_newtons_per_newton_metre"
-        );
-        assert_eq!(
-            Command::Force.canonical("proportional_newtons_per_newton_metre"),
-            "proportional_amperes_per_newton_metre"
-        );
         assert_eq!(Command::of_port("milliamperes"), Some(Command::Current));
         assert_eq!(Command::of_port("newton_metres"), Some(Command::Torque));
         assert_eq!(Command::of_port("kilograms"), None);
     }
 
     #[test]
-    fn names_take_the_unit_of_their_loop() {
-        let degrees = Measurand::position(Unit::Degrees);
-        let millimetres = Measurand::default();
-        for (name, of_degrees) in [
-            ("position_millimetres", "position_degrees"),
-            (
-                "tracking_error_millimetres_rms",
-                "tracking_error_degrees_rms",
-            ),
-            ("rate_millimetres_per_second", "rate_degrees_per_second"),
-            ("overshoot_percent", "overshoot_percent"),
-            ("sine_phase_degrees", "sine_phase_degrees"),
-        ] {
-            assert_eq!(degrees.rename(name), of_degrees);
-            assert_eq!(degrees.canonical(of_degrees), name);
-            assert_eq!(millimetres.rename(name), name);
-        }
-        assert_eq!(degrees.rename("kilomillimetres"), "kilomillimetres");
-        let path = degrees.rename("drive_tpdo1.position_millimetres");
-        assert_eq!(path, "drive_tpdo1.position_degrees");
-        assert_eq!(
-            degrees.as_in_files("`proportional_amperes_per_metre` of position_millimetres"),
-            "`proportional_amperes_per_degree` of position_degrees"
-        );
-        let temperature = Measurand {
-            signal: "temperature".to_owned(),
-            unit: Unit::Own("celsius".to_owned()),
-            ..Measurand::default()
+    fn a_term_that_is_a_position_has_the_unit_of_its_loop() {
+        let term = |pattern: &str, unit: Unit| {
+            Measurand::position(unit).term(pattern, &Port::position_term(pattern))
         };
-        for (name, of_temperature) in [
-            ("position_millimetres", "temperature_celsius"),
-            ("position_millimetres_max", "temperature_celsius_max"),
-            ("centre_millimetres", "centre_celsius"),
-            (
-                "drive_tpdo2.true_position_millimetres",
-                "drive_tpdo2.true_temperature_celsius",
-            ),
-            (
-                "a position of the position_filter_hertz",
-                "a position of the position_filter_hertz",
-            ),
-        ] {
-            assert_eq!(temperature.rename(name), of_temperature);
-        }
+        let named = |name: &str, symbol: &str| (name.to_owned(), symbol.to_owned());
+        let velocity = "reference_velocity_{unit}_per_second";
+        assert_eq!(
+            term(velocity, Unit::Millimetres),
+            named("reference_velocity_millimetres_per_second", "mm/s")
+        );
+        assert_eq!(
+            term("reference_{signal}_{unit}", Unit::Degrees),
+            named("reference_position_degrees", "deg")
+        );
+        let plain = Port::term("sum_amperes");
+        assert_eq!(
+            Measurand::default().term("sum_amperes", &plain),
+            named("sum_amperes", "A")
+        );
     }
 
     #[test]

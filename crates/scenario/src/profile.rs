@@ -20,11 +20,11 @@ impl OpenLoop {
     #[must_use]
     pub fn profile(&self) -> Profile {
         let steps = self.step.iter().map(|step| {
-            let value = step.current_amperes;
+            let value = step.current;
             (step.at_seconds, Piece::Constant { value })
         });
         let ramps = self.ramp.iter().map(|ramp| {
-            let (until_seconds, end) = (ramp.until_seconds, ramp.current_amperes);
+            let (until_seconds, end) = (ramp.until_seconds, ramp.current);
             (ramp.from_seconds, Piece::Line { until_seconds, end })
         });
         let tables = self.table.iter().map(|table| {
@@ -49,10 +49,10 @@ mod tests {
 
     #[test]
     fn up_and_down_in_forty_seconds() {
-        let ramp = |from_seconds, until_seconds, current_amperes| CurrentRamp {
+        let ramp = |from_seconds, until_seconds, current| CurrentRamp {
             from_seconds,
             until_seconds,
-            current_amperes,
+            current,
         };
         let mut open_loop = OpenLoop {
             ramp: vec![ramp(0.0, 20.0, 1.0), ramp(20.0, 40.0, 0.0)],
@@ -69,7 +69,7 @@ mod tests {
         }
         open_loop.step.push(CurrentStep {
             at_seconds: 42.0,
-            current_amperes: 0.6,
+            current: 0.6,
         });
         assert_eq!(open_loop.current_at(42.0), 0.6);
     }

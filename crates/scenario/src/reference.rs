@@ -41,7 +41,8 @@ pub struct Hold {
     pub at_seconds: f64,
     /// Position that is held.
     #[schemars(range(min = 0.0, max = 60.0))]
-    pub position_millimetres: f64,
+    #[serde(rename = "{signal}_{unit}")]
+    pub position: f64,
 }
 
 /// A jump.
@@ -53,7 +54,8 @@ pub struct Step {
     pub at_seconds: f64,
     /// Position after the jump.
     #[schemars(range(min = 0.0, max = 60.0))]
-    pub position_millimetres: f64,
+    #[serde(rename = "{signal}_{unit}")]
+    pub position: f64,
 }
 
 /// A linear move from the present value; the end value holds.
@@ -68,7 +70,8 @@ pub struct Ramp {
     pub until_seconds: f64,
     /// Position at the end.
     #[schemars(range(min = 0.0, max = 60.0))]
-    pub position_millimetres: f64,
+    #[serde(rename = "{signal}_{unit}")]
+    pub position: f64,
 }
 
 /// A harmonic `centre + amplitude sin(2π (t − from) / period)`.
@@ -80,10 +83,12 @@ pub struct Sine {
     pub from_seconds: f64,
     /// Mean of the sine.
     #[schemars(range(min = 0.0, max = 60.0))]
-    pub centre_millimetres: f64,
+    #[serde(rename = "centre_{unit}")]
+    pub centre: f64,
     /// Amplitude of the sine.
     #[schemars(range(min = 0.0, max = 30.0))]
-    pub amplitude_millimetres: f64,
+    #[serde(rename = "amplitude_{unit}")]
+    pub amplitude: f64,
     /// Period of the sine.
     #[schemars(range(min = 0.01, max = 3_600.0))]
     pub period_seconds: f64,
@@ -101,10 +106,12 @@ pub struct Chirp {
     pub until_seconds: f64,
     /// Mean of the chirp.
     #[schemars(range(min = 0.0, max = 60.0))]
-    pub centre_millimetres: f64,
+    #[serde(rename = "centre_{unit}")]
+    pub centre: f64,
     /// Amplitude of the chirp.
     #[schemars(range(min = 0.0, max = 30.0))]
-    pub amplitude_millimetres: f64,
+    #[serde(rename = "amplitude_{unit}")]
+    pub amplitude: f64,
     /// Frequency at its start.
     #[schemars(range(min = 0.000_1, max = 100.0))]
     pub from_hertz: f64,
@@ -169,7 +176,7 @@ impl Trajectory {
     ///
     /// ```
     /// use scenario::reference::{Reference, Step};
-    /// let step = vec![Step { at_seconds: 10.0, position_millimetres: 35.0 }];
+    /// let step = vec![Step { at_seconds: 10.0, position: 35.0 }];
     /// let trajectory = Reference { step, ..Reference::default() }.trajectory();
     /// assert_eq!(trajectory.at(9.999).position, 0.0);
     /// assert_eq!(trajectory.at(10.0).position, 35.0);
@@ -212,18 +219,16 @@ impl Reference {
     #[must_use]
     pub fn trajectory(&self) -> Trajectory {
         let constant = |at_seconds: f64, value: f64| (at_seconds, Piece::Constant { value });
-        let holds =
-            (self.hold.iter()).map(|hold| constant(hold.at_seconds, hold.position_millimetres));
-        let steps =
-            (self.step.iter()).map(|step| constant(step.at_seconds, step.position_millimetres));
+        let holds = (self.hold.iter()).map(|hold| constant(hold.at_seconds, hold.position));
+        let steps = (self.step.iter()).map(|step| constant(step.at_seconds, step.position));
         let ramps = self.ramp.iter().map(|ramp| {
-            let (until_seconds, end) = (ramp.until_seconds, ramp.position_millimetres);
+            let (until_seconds, end) = (ramp.until_seconds, ramp.position);
             (ramp.from_seconds, Piece::Line { until_seconds, end })
         });
         let sines = self.sine.iter().map(|sine| {
             let piece = Piece::Sine {
-                centre: sine.centre_millimetres,
-                amplitude: sine.amplitude_millimetres,
+                centre: sine.centre,
+                amplitude: sine.amplitude,
                 radians_per_second: std::f64::consts::TAU / sine.period_seconds,
             };
             (sine.from_seconds, piece)
@@ -234,8 +239,8 @@ impl Reference {
         });
         let chirps = self.chirp.iter().map(|chirp| {
             let piece = Piece::Chirp {
-                centre: chirp.centre_millimetres,
-                amplitude: chirp.amplitude_millimetres,
+                centre: chirp.centre,
+                amplitude: chirp.amplitude,
                 until_seconds: chirp.until_seconds,
                 sweep: chirp.sweep(),
             };
@@ -273,21 +278,21 @@ mod tests {
         Reference {
             hold: vec![Hold {
                 at_seconds: 0.0,
-                position_millimetres: 10.0,
+                position: 10.0,
             }],
             step: vec![Step {
                 at_seconds: 1.0,
-                position_millimetres: 30.0,
+                position: 30.0,
             }],
             ramp: vec![Ramp {
                 from_seconds: 2.0,
                 until_seconds: 4.0,
-                position_millimetres: 20.0,
+                position: 20.0,
             }],
             sine: vec![Sine {
                 from_seconds: 5.0,
-                centre_millimetres: 25.0,
-                amplitude_millimetres: 10.0,
+                centre: 25.0,
+                amplitude: 10.0,
                 period_seconds: 4.0,
             }],
             table: vec![Table {
@@ -299,8 +304,8 @@ mod tests {
             chirp: vec![Chirp {
                 from_seconds: 10.0,
                 until_seconds: 12.0,
-                centre_millimetres: 30.0,
-                amplitude_millimetres: 5.0,
+                centre: 30.0,
+                amplitude: 5.0,
                 from_hertz: 0.25,
                 until_hertz: 0.75,
                 spacing: Spacing::Linear,

@@ -10,12 +10,14 @@ use crate::custom::{self, Section};
 use crate::document::Document;
 use crate::error::{Problem, Source};
 use crate::nearest::{nearest, suggestion};
+use crate::port::Measurand;
 use crate::schema::{MULTIPLE_OF, resolve};
 
 /// Finds everything in the document that the schema does not admit; `what` names the whole in messages.
 pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<Problem> {
     let mut checker = Checker {
         source: &document.source,
+        measurand: &document.measurand,
         schema,
         problems: Vec::new(),
     };
@@ -28,6 +30,8 @@ pub(crate) fn check(document: &Document<'_>, what: &str, schema: &Value) -> Vec<
 
 struct Checker<'a> {
     source: &'a Source,
+    /// Quantities that the patterns of the schema's keys have here.
+    measurand: &'a Measurand,
     schema: &'a Value,
     problems: Vec<Problem>,
 }
@@ -118,7 +122,8 @@ impl<'a> Checker<'a> {
         let required = schema["required"].as_array().into_iter().flatten();
         for name in required.filter_map(Value::as_str) {
             // A misspelt key is one problem, not two.
-            if !table.contains_key(name) && !meant.iter().any(|meant| meant == name) {
+            let is_meant = || meant.contains(&self.measurand.name(name));
+            if !table.contains_key(name) && !is_meant() {
                 let message = format!("{place} lacks the key `{name}`");
                 self.report(span.clone(), message, format!("`{name}` is missing"));
                 if let Some(text) = schema["properties"][name]["description"].as_str() {
@@ -137,7 +142,9 @@ impl<'a> Checker<'a> {
         known: &Map<String, Value>,
     ) -> Option<String> {
         let name = key.get_ref().as_ref();
-        let meant = nearest(name, known.keys().map(String::as_str));
+        let mut named = Vec::from_iter(known.keys().map(|key| self.measurand.name(key)));
+        named.sort_unstable();
+        let meant = nearest(name, named.iter().map(String::as_str));
         let section = Section::ALL
             .into_iter()
             .find(|section| section.is_place(place));
@@ -145,7 +152,7 @@ impl<'a> Checker<'a> {
             let kind = section.kind();
             let label = format!("this bench has no such {kind}");
             self.report(key.span(), format!("unknown {kind} `{name}`"), label);
-            self.help(custom::known(section, known.keys().map(String::as_str)));
+            self.help(custom::known(section, named.iter().map(String::as_str)));
             return None;
         }
         let label = match meant {
@@ -154,8 +161,7 @@ impl<'a> Checker<'a> {
         };
         let message = format!("unknown key `{name}` in {place}");
         self.report(key.span(), message, label);
-        let names: Vec<&str> = known.keys().map(String::as_str).collect();
-        self.help(format!("known here: {}", names.join(", ")));
+        self.help(format!("known here: {}", named.join(", ")));
         meant.map(str::to_owned)
     }
 

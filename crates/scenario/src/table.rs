@@ -11,7 +11,7 @@ use crate::nearest::nearest;
 use crate::wiring::Wiring;
 
 /// Required header of a set-point; its second name has the unit of its loop.
-const HEADER: [&str; 2] = ["time_seconds", "position_millimetres"];
+const HEADER: [&str; 2] = ["time_seconds", "{signal}_{unit}"];
 const ROWS_MAX: usize = 1_000_000;
 /// Largest number of columns that are listed if a column is missing.
 const COLUMNS_LISTED_MAX: usize = 50;
@@ -50,7 +50,7 @@ pub(crate) fn is_inside_folder(path: &str) -> bool {
 /// The first problem ends the reading: most problems of a table repeat in every row.
 pub(crate) fn parse(name: &str, text: &str, wiring: &Wiring) -> Result<Rows, Problem> {
     let reader = Reader::new(name, text);
-    let position = wiring.feedback.measurand.rename(HEADER[1]);
+    let position = wiring.feedback.measurand.name(HEADER[1]);
     let names = [HEADER[0], position.as_str()];
     if reader.columns() != names {
         let label = format!("expected `{}`", names.join(","));

@@ -49,7 +49,8 @@ impl Default for Pendulum {
 #[serde(deny_unknown_fields)]
 struct Relay {
     /// How much.
-    current_amperes: f64,
+    #[serde(rename = "{command}_{command_unit}")]
+    _command: f64,
 }
 
 fn register_once() {

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
 
-use scenario::port::{Command, Measurand, Unit, known_units};
+use scenario::port::{known_units, singular};
 use serde_json::{Map, Value};
 
 /// Largest number of references to a table that is repeated below each of them; other tables appear once, after all others.
@@ -209,8 +209,9 @@ fn is_required(table: &Value, key: &str) -> bool {
 
 /// Checks whether a key has other names in other loops.
 fn is_of_loop(key: &str) -> bool {
-    let other = Measurand::position(Unit::Degrees).commanding(Command::Voltage);
-    other.rename(key) != key
+    ["millimetres", "amperes"]
+        .iter()
+        .any(|unit| key.contains(unit))
 }
 
 /// Returns the definition to which a schema refers.
@@ -276,10 +277,14 @@ fn range(property: &Value) -> String {
 
 /// Checks whether a key of a table is another key in another unit.
 fn is_of_other_unit(key: &str, properties: &Map<String, Value>) -> bool {
-    let units = known_units().map(|unit| Measurand::position(Unit::Own(unit.to_owned())));
-    let units = Vec::from_iter(units);
-    let is_key = |own: &String| units.iter().any(|unit| unit.as_in_files(own) == key);
-    properties.keys().any(|own| own != key && is_key(own))
+    let is_same = |shipped: &String, unit: &str| {
+        shipped.replace("millimetres", unit) == key
+            || shipped.replace("per_metre", &format!("per_{}", singular(unit))) == key
+    };
+    let is_key = |shipped: &String| known_units().any(|unit| is_same(shipped, unit));
+    properties
+        .keys()
+        .any(|shipped| shipped != key && is_key(shipped))
 }
 
 #[track_caller]

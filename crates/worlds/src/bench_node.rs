@@ -140,7 +140,7 @@ impl SetPoints {
 impl SentSetPoint {
     fn new(one: &ControlLoop) -> Result<Self, SignalMissing> {
         let message = set_point(one.name());
-        let value = one.trial.wiring.feedback.measurand.rename(SET_POINT);
+        let value = one.trial.wiring.feedback.measurand.name(SET_POINT);
         let database = &one.database;
         let frame = database.builder(&message);
         Ok(Self {

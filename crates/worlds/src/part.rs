@@ -41,7 +41,7 @@ fn of_loop(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
         "name": one.name(),
         "drive": {"name": drive.name, "node_id": drive.id},
         "io": Vec::from_iter(one.nodes.io.iter().map(|io| json!({"name": io.name, "node_id": io.id}))),
-        "signal": wiring.feedback.measurand.rename("position_millimetres"),
+        "signal": wiring.feedback.measurand.name(names::POSITION),
         "range": wiring.feedback.range(),
         "command_range": [current.min, current.max],
         "reads": frame(plan, one.position().ok()),

@@ -9,13 +9,13 @@ pub(super) fn current_amperes(faults: &Faults, time_seconds: f64, commanded_ampe
     }
     let mut stuck = faults.of("stuck_on");
     if let Some(stuck) = stuck.find(|fault| fault.acts_at(time_seconds)) {
-        return stuck.number("current_amperes");
+        return stuck.number("{command}_{command_unit}");
     }
     let saturated = faults
         .of("saturated")
         .filter(|fault| fault.acts_at(time_seconds));
     saturated
-        .map(|fault| fault.number("current_amperes_max"))
+        .map(|fault| fault.number("{command}_{command_unit}_max"))
         .fold(commanded_amperes, f64::min)
 }
 

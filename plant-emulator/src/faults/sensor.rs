@@ -56,15 +56,15 @@ impl SensorFaults {
 /// Returns the error that a fault adds to the position before its conversion.
 fn error(fault: &Fault, stream: &mut Stream, time_seconds: f64) -> f64 {
     match fault.kind.name {
-        "offset" => fault.number("offset_millimetres"),
+        "offset" => fault.number("offset_{unit}"),
         "drift" => {
             let elapsed = time_seconds - fault.from_seconds.unwrap_or_default();
-            fault.number("rate_millimetres_per_second") * elapsed
+            fault.number("rate_{unit}_per_second") * elapsed
         }
-        "noise" => fault.number("noise_millimetres_rms") * stream.normal(),
+        "noise" => fault.number("noise_{unit}_rms") * stream.normal(),
         "spikes" if stream.happens(fault.number("probability")) => {
             let sign = if stream.happens(0.5) { 1.0 } else { -1.0 };
-            sign * fault.number("height_millimetres")
+            sign * fault.number("height_{unit}")
         }
         _ => 0.0,
     }

@@ -10,17 +10,19 @@ use serde::Deserialize;
 pub struct Config {
     /// Proportional gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub proportional_amperes_per_metre: f64,
+    #[serde(rename = "proportional_{gain}")]
+    pub proportional: f64,
     /// Integral gain.
     #[schemars(range(min = 0.0, max = 100_000.0))]
-    pub integral_amperes_per_metre_second: f64,
+    #[serde(rename = "integral_{gain}_second")]
+    pub integral: f64,
 }
 
 impl Default for Config {
     fn default() -> Self {
         Self {
-            proportional_amperes_per_metre: 3.0,
-            integral_amperes_per_metre_second: 30.0,
+            proportional: 3.0,
+            integral: 30.0,
         }
     }
 }
@@ -75,8 +77,8 @@ impl Law for MyLaw {
             state.position = position;
         }
         let error = set_point.position - state.position;
-        let proportional = self.config.proportional_amperes_per_metre * error;
-        let step = self.config.integral_amperes_per_metre_second * error * cycle.period_seconds;
+        let proportional = self.config.proportional * error;
+        let step = self.config.integral * error * cycle.period_seconds;
         // The integral goes no further than a current can, so it does not wind up.
         let CurrentRange { min, max, .. } = self.current;
         state.integral_amperes = (state.integral_amperes + step).clamp(min, max);

@@ -383,7 +383,7 @@ mod tests {
         let case = cases.case(11);
         let scenario = &case.plan().unwrap().only_loop().unwrap().trial.clone();
         assert_eq!(scenario.run.name, "s, case 11");
-        assert_eq!(scenario.reference.hold[0].position_millimetres, 15.0);
+        assert_eq!(scenario.reference.hold[0].position, 15.0);
         assert_eq!(scenario.sensor.resolution_bits, 10);
         assert_eq!(
             scenario.plant.load_kilograms().unwrap(),

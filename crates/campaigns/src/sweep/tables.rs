@@ -194,7 +194,7 @@ mod tests {
             .clone();
         let hold = &scenario.reference.hold[0];
         let load = scenario.plant.load_kilograms().unwrap();
-        [hold.position_millimetres, load]
+        [hold.position, load]
     }
 
     #[test]

@@ -114,12 +114,12 @@ impl Nodes {
         });
         let travels = travel / shipped;
         let of_drive = |(key, value): (String, Value)| match value {
-            Value::Float(height) if key.contains("millimetres") => (
-                wiring.sensor.measurand.rename(&key),
+            Value::Float(height) if key.contains("{unit}") => (
+                wiring.sensor.measurand.name(&key),
                 (height * travels).into(),
             ),
-            Value::Float(current) if key.contains("amperes") => {
-                let key = wiring.sensor.measurand.rename(&key);
+            Value::Float(current) if key.contains("{command_unit}") => {
+                let key = wiring.sensor.measurand.name(&key);
                 (key, (current * wiring.current().max).into())
             }
             value => (key, value),

@@ -6,6 +6,7 @@ use crate::verdict::Verdict;
 use dbc::names::SET_POINT;
 use plan::ControlLoop;
 use recording::timeline::Timeline;
+use scenario::metrics::METRICS;
 use scenario::port::{Measurand, symbol_of};
 
 /// Relative tolerance of a metric, if that is more than the tolerance of its unit.
@@ -29,8 +30,6 @@ const SATURATION: &str = "saturation_";
 const CONTOUR: &str = "contour_error_";
 /// Prefix of the names of metrics of the true position.
 const TRUE: &str = "true_";
-/// Part of the canonical names of values in a loop's unit.
-const MILLIMETRES: &str = "millimetres";
 
 /// Tolerance of numbers without a unit.
 const PLAIN_TOLERANCE: f64 = 0.02;
@@ -93,6 +92,12 @@ impl Scale {
     }
 }
 
+/// Checks whether a row of a verdict is a metric in the unit of what its loop measures.
+fn is_in_unit_of_loop(row: &str, measurand: &Measurand) -> bool {
+    let mut metrics = METRICS.iter().filter(|metric| metric.is_in_unit_of_loop());
+    metrics.any(|metric| measurand.name(metric.name) == row)
+}
+
 /// Tolerances of a comparison.
 pub struct Tolerances<'a> {
     /// Tolerances that the user gave; the last one for the same name counts.
@@ -117,7 +122,7 @@ impl Tolerances<'_> {
             let own = name.strip_prefix(&timeline.prefix()).unwrap_or(name);
             let unit = symbol_of(name);
             let mut columns = timeline.columns.iter();
-            own == timeline.measurand.rename(SET_POINT)
+            own == timeline.measurand.name(SET_POINT)
                 || columns.any(|column| column.name == own || column.unit == unit)
         };
         let is_known = |name: &str| {
@@ -154,7 +159,7 @@ impl Tolerances<'_> {
     fn default_of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
         let scale = self.scales.iter().find(|scale| scale.prefix == prefix);
         match scale {
-            Some(scale) if name == scale.measurand.rename(SET_POINT) => SET_POINT_TOLERANCE,
+            Some(scale) if name == scale.measurand.name(SET_POINT) => SET_POINT_TOLERANCE,
             _ if name.starts_with(SATURATION) => f64::INFINITY,
             Some(scale) if unit == scale.measurand.unit.symbol() => SHARE_OF_RANGE * scale.range,
             _ => {
@@ -173,7 +178,7 @@ impl Tolerances<'_> {
             let own = own.map(|own| own.strip_prefix(TRUE).unwrap_or(own));
             let is_contour = name.contains(CONTOUR);
             is_contour && name.contains(scale.measurand.unit.word())
-                || own.is_some_and(|own| scale.measurand.canonical(own).contains(MILLIMETRES))
+                || own.is_some_and(|own| is_in_unit_of_loop(own, &scale.measurand))
         });
         let range = ranges.map(|scale| scale.range).reduce(f64::max);
         range.map(|range| METRIC_SHARE_OF_RANGE * range)

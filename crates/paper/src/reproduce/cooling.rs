@@ -43,8 +43,8 @@ fn down() -> Trial {
     let mut scenario = bases::step();
     scenario.run_mut().name = "25 mm down from a warm hold".to_owned();
     let reference = &mut scenario.reference;
-    reference.hold[0].position_millimetres = 35.0;
-    reference.step[0].position_millimetres = 10.0;
+    reference.hold[0].position = 35.0;
+    reference.step[0].position = 10.0;
     scenario.expect = Expect::default()
         .with_max("settling_time_seconds", DOWN_SECONDS)
         .with_max("overshoot_percent", DOWN_PERCENT);
@@ -171,7 +171,7 @@ fn seconds_down(run: &Kept) -> Option<f64> {
         .time_seconds
         .iter()
         .zip(&signals.position_millimetres);
-    let band = step.position_millimetres + BAND_MILLIMETRES;
+    let band = step.position + BAND_MILLIMETRES;
     let (time, _) =
         samples.find(|(time, position)| **time > step.at_seconds && **position <= band)?;
     Some(time - step.at_seconds)

@@ -15,9 +15,10 @@ pub(super) fn experiment() -> Experiment {
     let runs = HEIGHTS_MILLIMETRES.into_iter().flat_map(|height| {
         let mut scenario = bases::step();
         scenario.run_mut().name = format!("hold of {height} mm");
-        scenario.reference.hold[0].position_millimetres = height;
+        scenario.reference.hold[0].position = height;
         scenario.reference.step.clear();
-        scenario.expect = Expect::default().with_max("current_ripple_amperes_rms", RIPPLE_AMPERES);
+        scenario.expect =
+            Expect::default().with_max("{command}_ripple_{command_unit}_rms", RIPPLE_AMPERES);
         let expect = scenario.expect.clone();
         PlannedRun::with_twin(&scenario, Keep::Verdict)
             .into_iter()

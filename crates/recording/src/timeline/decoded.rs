@@ -118,11 +118,11 @@ impl Timeline {
         prefix_of(&self.loop_name)
     }
 
-    /// Returns a column by its signal's name; a position may also be asked for by its name in millimetres.
+    /// Returns a column by its signal's name; or by the pattern of that name.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<&Column> {
         let by = |name: &str| self.columns.iter().find(|column| column.name == name);
-        by(name).or_else(|| by(&self.measurand.rename(name)))
+        by(name).or_else(|| by(&self.measurand.name(name)))
     }
 
     /// Returns the measured position that the loop follows, in its unit.
@@ -249,7 +249,7 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
     for timeline in timelines {
         let prefix = timeline.prefix();
         let set_point = (
-            timeline.measurand.rename(SET_POINT),
+            timeline.measurand.name(SET_POINT),
             timeline.measurand.unit.symbol(),
             &timeline.set_point,
         );

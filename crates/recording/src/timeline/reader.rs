@@ -327,7 +327,7 @@ impl TimelineReader {
             .passing
             .last_frame
             .saturating_sub(zero.unwrap_or_default());
-        let own_position = trial.wiring.sensor.measurand.rename(names::POSITION);
+        let own_position = trial.wiring.sensor.measurand.name(names::POSITION);
         let own_position = trial.wiring.name_in_loop(&own_position);
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
@@ -344,12 +344,12 @@ impl TimelineReader {
             temperature_silence: None,
             position: place(
                 &columns,
-                &trial.wiring.feedback.measurand.rename(names::POSITION),
+                &trial.wiring.feedback.measurand.name(names::POSITION),
             )?,
             own_position: place(&columns, &own_position)?,
             current: place(
                 &columns,
-                &trial.wiring.sensor.measurand.rename(names::CURRENT),
+                &trial.wiring.sensor.measurand.name(names::CURRENT),
             )?,
             columns,
             events: Events::default(),

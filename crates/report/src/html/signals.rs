@@ -1,6 +1,6 @@
 //! The section with the plots over time: the position first, then all others.
 
-use dbc::names::WIRE_TEMPERATURE;
+use dbc::names::{self, WIRE_TEMPERATURE};
 use maud::{Markup, html};
 use plan::ControlLoop;
 use scenario::Trial;
@@ -49,8 +49,8 @@ pub(super) fn section(run: &RunLoop<'_>) -> Markup {
         &command.title(),
         command.symbol(),
         &[
-            ("target_current_amperes", "commanded", Colour::Wanted),
-            ("current_amperes", "measured", Colour::Measured),
+            (names::TARGET_CURRENT, "commanded", Colour::Wanted),
+            (names::CURRENT, "measured", Colour::Measured),
         ],
     ));
     let mut of_plant = own.plant_signals();
@@ -208,7 +208,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
         .iter()
         .map(settling_band)
         .collect();
-    if let Some(column) = timeline.column("true_position_millimetres") {
+    if let Some(column) = timeline.column(names::TRUE_POSITION) {
         draw(
             &mut plot,
             timeline,
@@ -219,7 +219,7 @@ fn position<'a>(run: &RunLoop<'a>) -> Plot<'a> {
     }
     let measured = (0, timeline.position());
     draw(&mut plot, timeline, "measured", Colour::Measured, measured);
-    if let Some(column) = used(timeline, "reference_position_millimetres") {
+    if let Some(column) = used(timeline, "reference_{signal}_{unit}") {
         let label = "filtered reference";
         draw(
             &mut plot,

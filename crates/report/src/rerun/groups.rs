@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use dbc::Database;
 use platform::series::Series;
 use scenario::Trial;
+use scenario::port::Measurand;
 
 use crate::{shown_unit, title};
 use plan::ControlLoop;
@@ -45,18 +46,18 @@ pub(super) const PINK: [u8; 3] = [204, 121, 167];
 const YELLOW: [u8; 3] = [240, 228, 66];
 pub(super) const GREY: [u8; 3] = [128, 128, 128];
 
-/// Styles of signals, by the beginning of their names.
+/// Styles of signals, by the beginnings of their names or of the patterns of these.
 const STYLES: [(&str, Style<'static>); 21] = [
     ("set_point_", always(POSITION, "set-point", ORANGE)),
-    ("position_", always(POSITION, "measured", SKY)),
-    ("true_position_", always(POSITION, "true", GREEN)),
+    ("{signal}_", always(POSITION, "measured", SKY)),
+    ("true_{signal}_", always(POSITION, "true", GREEN)),
     (
-        "reference_position_",
+        "reference_{signal}_",
         if_used(POSITION, "filtered reference", PINK),
     ),
     ("error_", always("error", "set-point − measured", SKY)),
-    ("target_current_", always("current", "commanded", ORANGE)),
-    ("current_", always("current", "measured", SKY)),
+    ("target_{command}_", always("current", "commanded", ORANGE)),
+    ("{command}_", always("current", "measured", SKY)),
     ("wire_temperature_", always("temperature", "true", GREEN)),
     ("winding_temperature_", always("temperature", "true", GREEN)),
     ("motor_speed_", always(MOTOR_SPEED, "true", GREEN)),
@@ -126,9 +127,13 @@ pub(super) struct OwnView<'a> {
 /// Returns the signals of a scenario's plant and law that need views of their own.
 pub(super) fn own_views(control_loop: &ControlLoop) -> Vec<OwnView<'_>> {
     let Trial {
-        plant, controller, ..
+        plant,
+        controller,
+        wiring,
+        ..
     } = &control_loop.trial;
-    let has_view = |name: &str| known(name).is_some_and(|style| style.group != POSITION);
+    let measurand = &wiring.feedback.measurand;
+    let has_view = |name: &str| known(name, measurand).is_some_and(|style| style.group != POSITION);
     let signals = control_loop
         .plant_signals()
         // A position that the loop does not follow is no second line next to the loop's own.
@@ -156,21 +161,23 @@ pub(super) fn own_views(control_loop: &ControlLoop) -> Vec<OwnView<'_>> {
     view.collect()
 }
 
-fn known(name: &str) -> Option<Style<'static>> {
-    let known = STYLES.iter().find(|(start, _)| name.starts_with(start));
+fn known(name: &str, measurand: &Measurand) -> Option<Style<'static>> {
+    let is_start = |start: &str| name.starts_with(&measurand.name(start));
+    let known = STYLES.iter().find(|(start, _)| is_start(start));
     known.map(|(_, style)| *style)
 }
 
 /// Returns the style of a signal; signals that no view shows are in the group [`OTHER`].
 pub(super) fn style<'a>(
     name: &str,
+    measurand: &Measurand,
     is_used: impl FnOnce() -> bool,
     own: &[OwnView<'a>],
 ) -> Style<'a> {
     if let Some(view) = own.iter().find(|view| view.style.group == name) {
         return view.style;
     }
-    let drawn = known(name).filter(|style| style.is_drawn_when_zero || is_used());
+    let drawn = known(name, measurand).filter(|style| style.is_drawn_when_zero || is_used());
     drawn.unwrap_or(always(OTHER, "", GREY))
 }
 
@@ -188,7 +195,8 @@ pub(super) fn expected(control_loop: &ControlLoop) -> BTreeSet<&str> {
     }
     let views = own_views(control_loop);
     let signals = control_loop.plant_signals();
-    groups.extend(signals.map(|signal| style(&signal.name, || true, &views).group));
+    let measurand = &scenario.wiring.feedback.measurand;
+    groups.extend(signals.map(|signal| style(&signal.name, measurand, || true, &views).group));
     groups.extend(views.iter().map(|view| view.style.group));
     if scenario.plant.actuator().is_some() {
         groups.insert(HYSTERESIS);
@@ -246,7 +254,8 @@ mod tests {
             titles,
             ["Height of the load (m)", "flexor_tension_newtons (N)"]
         );
-        let group = |name| style(name, || true, &views).group;
+        let measurand = Measurand::default();
+        let group = |name| style(name, &measurand, || true, &views).group;
         assert_eq!(group("height_metres"), "height_metres");
         assert_eq!(group("position_millimetres"), POSITION);
         assert_eq!(group("winding_temperature_celsius"), "temperature");

@@ -137,7 +137,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         let factors = asked(trial, timeline, 1.0, |command| command.convection_factor);
         let grams = asked(trial, timeline, 0.0, |command| command.added_grams);
         let [set_point, error_name] =
-            [SET_POINT, "error_millimetres"].map(|name| timeline.measurand.rename(name));
+            [SET_POINT, "error_{unit}"].map(|name| timeline.measurand.name(name));
         let computed = [
             (set_point.as_str(), &timeline.set_point),
             (error_name.as_str(), &error),
@@ -153,7 +153,7 @@ impl<'o, 'a> Recording<'o, 'a> {
         // Most signals have the same rows, so the times are computed once.
         let mut times = (Vec::new(), times::at_rows(timeline, &[]));
         for (name, values) in computed.into_iter().chain(columns) {
-            let style = self.style(timeline.measurand.as_position(name), values);
+            let style = self.style(timeline, name, values);
             let rows = match self.known {
                 Known::Thinned => Rows::extremes(values, stretch),
                 known => Rows::new(values, style.group, known),
@@ -170,11 +170,11 @@ impl<'o, 'a> Recording<'o, 'a> {
         Ok(())
     }
 
-    fn style(&mut self, name: &str, values: &Series<f64>) -> Style<'a> {
+    fn style(&mut self, timeline: &Timeline, name: &str, values: &Series<f64>) -> Style<'a> {
         let used = &mut self.used;
         let is_used =
             || used.contains(name) || groups::is_used(values) && used.insert(name.to_owned());
-        groups::style(name, is_used, &self.own_views)
+        groups::style(name, &timeline.measurand, is_used, &self.own_views)
     }
 
     /// Logs a signal as an entity of its group.

@@ -171,7 +171,7 @@ fn every_value_of_the_timeline_is_in_the_file() {
     let mut compared = 0;
     for column in &timeline.columns {
         let is_used = || groups::is_used(&column.values);
-        let Style { group, .. } = groups::style(&column.name, is_used, &[]);
+        let Style { group, .. } = groups::style(&column.name, &timeline.measurand, is_used, &[]);
         let rows = series
             .get(&format!("/{group}/{}", column.name))
             .cloned()

@@ -14,12 +14,12 @@ pub(super) fn of_law(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
     let mut problems = Vec::new();
     if let Some(OpenLoop { step, ramp, .. }) = &trial.controller.open_loop {
         let path = |piece: &str, index: usize| {
-            format!("controller.open_loop.{piece}.{index}.current_amperes")
+            format!("controller.open_loop.{piece}.{index}.{{command}}_{{command_unit}}")
         };
         let steps = step.iter().enumerate();
-        let steps = steps.map(|(index, step)| (path("step", index), step.current_amperes));
+        let steps = steps.map(|(index, step)| (path("step", index), step.current));
         let ramps = ramp.iter().enumerate();
-        let ramps = ramps.map(|(index, ramp)| (path("ramp", index), ramp.current_amperes));
+        let ramps = ramps.map(|(index, ramp)| (path("ramp", index), ramp.current));
         let within = [range.min, range.max];
         problems.extend(
             steps
@@ -28,8 +28,8 @@ pub(super) fn of_law(document: &Document<'_>, trial: &Trial) -> Vec<Problem> {
         );
     }
     if let Some(pair) = &trial.controller.pid_pair {
-        let path = "controller.pid_pair.co_contraction_amperes";
-        let both = pair.co_contraction_amperes;
+        let path = "controller.pid_pair.co_contraction_{command_unit}";
+        let both = pair.co_contraction;
         problems.extend(outside(document, path, both, [0.0, range.max]));
     }
     problems

@@ -33,12 +33,9 @@ pub(super) fn of_limits(document: &Document<'_>, trial: &Trial) -> Vec<Problem> 
 /// Refuses a key without a limit, which tests nothing.
 fn undemanded(document: &Document<'_>, path: &str, key: &str, trial: &Trial) -> Option<Problem> {
     let timing = trial.expect.timing.rows();
-    let given: Vec<String> = trial
-        .expect
-        .keys()
-        .map(str::to_owned)
-        .chain(timing)
-        .collect();
+    let measurand = &trial.wiring.feedback.measurand;
+    let limits = trial.expect.keys().map(|key| measurand.name(key));
+    let given: Vec<String> = limits.chain(timing).collect();
     if given.iter().any(|given| given == key) {
         return None;
     }

@@ -524,7 +524,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "offset",
         keys: &[number(
-            "offset_millimetres",
+            "offset_{unit}",
             (-1e6, 1e6),
             (-60.0, 60.0),
             "Offset that is added to the position.",
@@ -535,7 +535,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "drift",
         keys: &[number(
-            "rate_millimetres_per_second",
+            "rate_{unit}_per_second",
             (-1e6, 1e6),
             (-50.0, 50.0),
             "Rate of the drift.",
@@ -546,7 +546,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "noise",
         keys: &[number(
-            "noise_millimetres_rms",
+            "noise_{unit}_rms",
             (0.0, 1e6),
             (0.01, 5.0),
             "Standard deviation of the noise.",
@@ -558,7 +558,7 @@ pub static KINDS: &[Kind] = &[
         name: "spikes",
         keys: &[
             number(
-                "height_millimetres",
+                "height_{unit}",
                 (0.0, 1e6),
                 (0.5, 60.0),
                 "Height of a spike.",
@@ -591,7 +591,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "saturated",
         keys: &[number(
-            "current_amperes_max",
+            "{command}_{command_unit}_max",
             (0.0, 32_767_000.0),
             (0.01, 1.0),
             "Largest current that it still gives.",
@@ -602,7 +602,7 @@ pub static KINDS: &[Kind] = &[
     Kind {
         name: "stuck_on",
         keys: &[number(
-            "current_amperes",
+            "{command}_{command_unit}",
             (-32_767_000.0, 32_767_000.0),
             (0.01, 1.0),
             "Current that flows, within the range of the amplifier.",

@@ -9,7 +9,7 @@ use super::{Fault, Faults, Form, Group, KINDS, Key, Kind, Need, Time, Value};
 use crate::check::outside;
 use crate::document::Document;
 use crate::error::Problem;
-use crate::load::{InUnit, in_unit};
+use crate::load::{Naming, in_unit};
 use crate::nearest::meant_or_known;
 use crate::node::{Node, Part};
 use crate::rig::nodes::{NodeKind, Rig};
@@ -236,7 +236,7 @@ impl<'text> Reader<'_, 'text> {
         )
     }
 
-    /// Returns an entry with its positions named in millimetres, after a check of these names.
+    /// Returns an entry with the patterns of its keys, after a check of their names.
     fn in_own_unit(
         &self,
         kind: &Kind,
@@ -256,14 +256,17 @@ impl<'text> Reader<'_, 'text> {
         let measurand = wiring.as_ref().map(|one| one.sensor.measurand.clone());
         let measurand = measurand.unwrap_or_default();
         if let Some(wiring) = &wiring {
-            let units = InUnit {
+            let naming = Naming {
                 source: &self.document.source,
                 measurand: &measurand,
-                of_loop: &wiring.of_loop,
+                loop_name: &wiring.of_loop,
+                schema: &schema::FAULTS,
             };
-            units.rename(&mut tree).map_err(one)?;
+            naming.apply(&mut tree).map_err(one)?;
         }
-        let problems = in_unit(self.check(tree.clone()), &measurand);
+        let document = self.document.of_loop(tree.clone(), measurand.clone());
+        let problems = structure::check(&document, "the scenario", &schema::FAULTS);
+        let problems = in_unit(problems, &measurand);
         if !problems.is_empty() {
             return Err(problems);
         }
@@ -278,7 +281,7 @@ impl<'text> Reader<'_, 'text> {
 }
 
 /// Name of a current of the amplifier, and beginning of the name of its limit.
-const CURRENT: &str = "current_amperes";
+const CURRENT: &str = "{command}_{command_unit}";
 
 fn one(problem: Problem) -> Vec<Problem> {
     vec![problem]

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::*;
 use crate::Trial;
+use crate::port::Measurand;
 
 fn parse(tables: &str) -> Result<Trial, Vec<String>> {
     let text = format!(
@@ -30,7 +31,8 @@ fn least(kind: &Kind) -> String {
         Form::Word(words) => format!("{} = \"{}\"\n", key.name, words[0].0),
         Form::Node | Form::Station => format!("{} = \"controller\"\n", key.name),
     });
-    format!("{}\n{times}{}", kind.heading(), values.collect::<String>())
+    let values = Measurand::default().name(&values.collect::<String>());
+    format!("{}\n{times}{values}", kind.heading())
 }
 
 #[test]

@@ -3,22 +3,17 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::patterns::UNITS;
 use super::sections::{CONTOUR, EXPECT};
-use crate::contour::{Contour, Contours};
+use crate::contour::{Contour, Contours, LIMITS};
 use crate::document::Document;
 use crate::error::Problem;
 use crate::load::{build, none_of};
 use crate::nearest::meant_or_known;
 use crate::outside::Outside;
-use crate::port::Unit;
+use crate::port::{Measurand, Unit};
 use crate::rig::nodes::Rig;
 use crate::schema;
-
-/// Keys of a contour's limits.
-const LIMITS: [&str; 2] = [
-    "contour_error_millimetres_max",
-    "contour_error_millimetres_rms",
-];
 
 /// Reads `[[expect.contour]]`.
 pub(super) fn read_contours(
@@ -33,7 +28,7 @@ pub(super) fn read_contours(
     let entries = tree.get_mut(CONTOUR).map(Spanned::get_mut);
     if let Some(DeValue::Array(entries)) = entries {
         for entry in entries.iter_mut() {
-            in_millimetres(scenario, entry.get_mut(), rig).map_err(|problem| vec![problem])?;
+            to_patterns(scenario, entry.get_mut(), rig).map_err(|problem| vec![problem])?;
         }
     }
     let document = scenario.with_root(tree);
@@ -59,12 +54,8 @@ fn unit_of(name: &str, rig: &Rig) -> Unit {
         .unit
 }
 
-/// Renames the limits of a contour to their names in millimetres. All loops of a contour have one unit.
-fn in_millimetres(
-    scenario: &Document<'_>,
-    entry: &mut DeValue<'_>,
-    rig: &Rig,
-) -> Result<(), Problem> {
+/// Replaces the names of a contour's limits by their patterns. All loops of a contour have one unit.
+fn to_patterns(scenario: &Document<'_>, entry: &mut DeValue<'_>, rig: &Rig) -> Result<(), Problem> {
     let DeValue::Table(entry) = entry else {
         return Ok(());
     };
@@ -86,14 +77,18 @@ fn in_millimetres(
         let label = format!("a contour is of loops of one unit, here {unit}");
         return Err((scenario.source).problem(span.clone(), message, label));
     }
+    let measurand = Measurand::position(unit.clone());
     for (mut key, value) in std::mem::take(entry) {
-        let name: &str = key.get_ref();
-        let mut limits = LIMITS.into_iter();
-        if let Some(limit) = limits.find(|limit| unit.rename(limit) == name) {
+        let named = |by: &Measurand| {
+            let mut limits = LIMITS.into_iter();
+            limits.find(|limit| by.name(limit) == **key.get_ref())
+        };
+        let mut others = UNITS.map(Measurand::position).into_iter();
+        if let Some(limit) = named(&measurand) {
             *key.get_mut() = limit.into();
-        } else if LIMITS.contains(&name) {
+        } else if let Some(limit) = others.find_map(|other| named(&other)) {
             let message = format!("the loops of this contour are in {unit}");
-            let label = format!("write `{}`", unit.rename(name));
+            let label = format!("write `{}`", measurand.name(limit));
             return Err((scenario.source).problem(key.span(), message, label));
         }
         entry.insert(key, value);
@@ -120,14 +115,11 @@ fn wrong_contour(
         let path = format!("{path}.loops.{place}");
         return Some(document.problem(&path, message, "each loop is one axis"));
     }
-    let limits = [
-        contour.contour_error_millimetres_max,
-        contour.contour_error_millimetres_rms,
-    ];
+    let limits = [contour.error_max, contour.error_rms];
     if limits.iter().all(Option::is_none) {
         let label = format!(
             "{} = {{ max = … }} is missing",
-            contour.unit.rename(LIMITS[0])
+            Measurand::position(contour.unit.clone()).name(LIMITS[0])
         );
         return Some(document.problem(path, "nothing is expected of this contour", label));
     }

@@ -279,7 +279,7 @@ fn read_loops(
         let wiring = rig.wiring_of(rig.drive_of_loop(&one.name));
         let measurand = wiring.feedback.measurand.clone();
         let mut reader = TrialReader {
-            document: scenario.with_root(one.tree),
+            document: scenario.of_loop(one.tree, measurand.clone()),
             factors: &one.factors,
             rig,
             rig_path: &files.path,
@@ -349,7 +349,7 @@ fn read_header(selector: &Selector<'_, '_>, problems: &mut Vec<Problem>) -> Opti
 
 /// Reads the trial of one loop.
 struct TrialReader<'a, 'text> {
-    /// Tables of the loop; problems have the names of positions in millimetres.
+    /// Tables of the loop; their keys, and the names in problems, are patterns.
     document: Document<'text>,
     factors: &'a [(String, f64)],
     rig: &'a Rig,

@@ -6,7 +6,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::expect;
-use super::{Factors, InUnit};
+use super::{Factors, Naming};
 use crate::custom::leads_all;
 use crate::document::Document;
 use crate::error::Problem;
@@ -145,12 +145,13 @@ impl<'text> Selector<'_, 'text> {
             tables.insert(key(EXPECT), expect);
         }
         let wiring = self.rig.wiring_of(self.drive(name));
-        let units = InUnit {
+        let naming = Naming {
             source: &self.scenario.source,
             measurand: &wiring.feedback.measurand,
-            of_loop: name,
+            loop_name: name,
+            schema: &schema::SECTIONS,
         };
-        let factors = units.rename(&mut tables)?;
+        let factors = naming.apply(&mut tables)?;
         Ok(OfLoop {
             name: name.to_owned(),
             tree: tables,

@@ -121,8 +121,8 @@ fn each_loop_has_what_the_scenario_and_the_rig_say_of_it() {
     // A fault of the controller belongs to all loops.
     assert_eq!(own(x, "hang"), 2);
     assert_eq!(own(y, "hang"), 1);
-    assert!(x.expect.of("tracking_error_millimetres_rms").is_some());
-    assert!(y.expect.of("tracking_error_millimetres_rms").is_none());
+    assert!(x.expect.of("tracking_error_{unit}_rms").is_some());
+    assert!(y.expect.of("tracking_error_{unit}_rms").is_none());
 }
 
 #[test]
@@ -457,7 +457,7 @@ fn what_is_expected_of_the_bus_stands_beside_the_loops() {
     assert!(x.of("bus_load_percent").is_some() && !x.timing.is_empty());
     assert!(y.of("bus_load_percent").is_none() && y.timing.is_empty());
     let rms = |expect: &crate::expect::Expect| {
-        let limit = expect.limit("tracking_error_millimetres_rms").unwrap();
+        let limit = expect.limit("tracking_error_{unit}_rms").unwrap();
         (limit.min, limit.max)
     };
     // A limit of the loop itself replaces the whole limit.
@@ -795,11 +795,11 @@ fn gains_and_names_are_those_of_the_loop() {
     );
     let converted = load_text(&by_revolution, JOINT_RIG).unwrap();
     let gains = converted.loops[0].controller.pid_pair.as_ref().unwrap();
-    assert!((gains.proportional_amperes_per_metre - 0.03).abs() < 1e-12);
+    assert!((gains.proportional - 0.03).abs() < 1e-12);
     let said = |from: &str, to: &str| load_text(&tilted, &spindle.replace(from, to)).unwrap_err();
     let error = said("flexor.tilt", "flexor.position");
     assert!(error.contains("write \"flexor.tilt\""), "{error}");
-    for ambiguous in ["set_point", "error", "amplitude"] {
+    for ambiguous in ["set_point", "error"] {
         let error = said("\"tilt\"", &format!("\"{ambiguous}\""));
         assert!(error.contains("the name of something else"), "{error}");
     }
@@ -812,9 +812,9 @@ fn a_loop_in_degrees_is_as_one_in_millimetres_under_its_own_names() {
     assert_eq!(angle.wiring.feedback.measurand.unit.word(), "degrees");
     assert_eq!(angle.wiring.feedback.range(), [-60.0, 60.0]);
     let law = angle.controller.pid_pair.as_ref().unwrap();
-    assert!((law.proportional_amperes_per_metre - 0.03).abs() < 1e-12);
-    assert!((angle.reference.step[0].position_millimetres + 20.0).abs() < 1e-12);
-    assert!(angle.expect.of("steady_state_error_millimetres").is_some());
+    assert!((law.proportional - 0.03).abs() < 1e-12);
+    assert!((angle.reference.step[0].position + 20.0).abs() < 1e-12);
+    assert!(angle.expect.of("steady_state_error_{unit}").is_some());
     assert!((angle.sensor.span - 120.0).abs() < 1e-12);
     for (right, wrong, said) in [
         (

@@ -8,16 +8,12 @@ use super::{CONTOURS, HEADER, RIG, SECTIONS, SWEPT, entries, part_of, schema_of}
 use crate::custom;
 use crate::fault;
 use crate::plant::PlantModel;
-use crate::port::{Command, Measurand, Unit, conversion, known_units};
+use crate::port::{Command, Measurand, UNIT, Unit, conversion, is_gain, is_pattern, known_units};
 use crate::rig::nodes::{NodeKind, Rig, RigNode};
 
 /// Tables whose entries name their loop, and tables whose entries name their node.
 const OF_LOOPS: &str = "Reference";
 const OF_NODES: &str = "Disturbance";
-/// Tables whose entries have names that depend on the signal and the command of a loop.
-const NAMED: [&str; 4] = [OF_LOOPS, "OpenLoop", "SensorFaults", "AmplifierFaults"];
-/// Tables that have such names themselves.
-const LIMITS: [&str; 2] = ["Expect", "Contour"];
 /// Units of loops that are proposed if no rig defines them.
 const PROPOSED: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
 /// Pattern of a unit or a signal.
@@ -247,7 +243,7 @@ pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
             let Some(keywords) = property.as_object_mut() else {
                 continue;
             };
-            if !key.ends_with(Unit::Millimetres.word()) {
+            if !key.ends_with(UNIT) {
                 continue;
             }
             keywords.retain(|keyword, _| keyword != "minimum" && keyword != "maximum");
@@ -264,19 +260,11 @@ pub(super) fn put_travel(schema: &mut Value, travel: Option<[f64; 2]>) {
     }
 }
 
-/// Gives keys the names that they have in these loops.
+/// Writes out all keys that are patterns, as these loops have them.
 fn name_keys(schema: &mut Value, measurands: &[Measurand]) {
-    let entries = NAMED.iter().flat_map(|table| entries(schema, table));
-    for definition in Vec::from_iter(entries.chain(LIMITS.map(str::to_owned))) {
-        let table = &mut schema["definitions"][definition];
-        name_keys_of(table, measurands, Measurand::rename);
-    }
-    let measurands = by_any_unit(measurands);
-    // Laws from outside are in the table of the controller itself.
-    let laws = references(&schema["definitions"]["Controller"]).into_iter();
-    for definition in laws.chain(["Controller".to_owned()]) {
-        let table = &mut schema["definitions"][definition];
-        name_keys_of(table, &measurands, Measurand::rename_of_law);
+    let definitions = schema["definitions"].as_object_mut();
+    for (_, table) in definitions.into_iter().flatten() {
+        name_keys_of(table, measurands);
     }
 }
 
@@ -295,13 +283,9 @@ fn by_any_unit(measurands: &[Measurand]) -> Vec<Measurand> {
     by_units.collect()
 }
 
-/// Gives the keys of a table, and of its tables, the names that they have in these loops. Names in other loops match patterns:
-/// the rig file decides which of them is right.
-fn name_keys_of(
-    table: &mut Value,
-    measurands: &[Measurand],
-    rename: fn(&Measurand, &str) -> String,
-) {
+/// Writes out the keys of a table, and of its tables, as these loops have them. Names in other loops match patterns: the rig file
+/// decides which of them is right.
+fn name_keys_of(table: &mut Value, measurands: &[Measurand]) {
     let Some(properties) = table.get_mut("properties").and_then(Value::as_object_mut) else {
         return;
     };
@@ -310,27 +294,32 @@ fn name_keys_of(
         unit: Unit::Own(ANY_WORD.to_owned()),
         command,
     });
+    let shipped = Measurand::default();
     let mut patterns = Map::new();
-    let mut renamed = BTreeSet::new();
     for (key, mut property) in std::mem::take(properties) {
-        name_keys_of(&mut property, measurands, rename);
-        let any_name = BTreeSet::from_iter(any_loop.iter().map(|any| rename(any, &key)));
-        if any_name.iter().all(|name| *name == key) {
+        name_keys_of(&mut property, measurands);
+        if !is_pattern(&key) {
             properties.insert(key, property);
             continue;
         }
         let mut other = property.clone();
-        // A default is in the unit of its own name.
+        // A default is in the unit of the shipped rig.
         other
             .as_object_mut()
             .and_then(|keywords| keywords.remove("default"));
-        for name in measurands.iter().map(|measurand| rename(measurand, &key)) {
-            let property = if name == key { &property } else { &other };
+        let loops = if is_gain(&key) {
+            by_any_unit(measurands)
+        } else {
+            measurands.to_vec()
+        };
+        for name in loops.iter().map(|measurand| measurand.name(&key)) {
+            let is_shipped = name == shipped.name(&key);
+            let property = if is_shipped { &property } else { &other };
             properties.insert(name, property.clone());
         }
+        let any_name = BTreeSet::from_iter(any_loop.iter().map(|any| any.name(&key)));
         let any_name = Vec::from_iter(any_name).join("|");
         patterns.insert(format!("^({any_name})$"), other);
-        renamed.insert(key);
     }
     if patterns.is_empty() {
         return;
@@ -338,7 +327,7 @@ fn name_keys_of(
     table["patternProperties"] = patterns.into();
     if let Some(required) = table.get_mut("required").and_then(Value::as_array_mut) {
         let count = required.len();
-        required.retain(|key| !key.as_str().is_some_and(|key| renamed.contains(key)));
+        required.retain(|key| !key.as_str().is_some_and(is_pattern));
         // The count requires as many keys, whatever their names.
         if required.len() < count {
             table["minProperties"] = count.into();

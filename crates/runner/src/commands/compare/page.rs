@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use maud::{Markup, html};
 
 use crate::play_record::PlayRecord;
+use dbc::names;
 use judge::comparison::{Comparison, MetricDifference, SignalDifference, reach};
 use judge::verdict::Verdict;
 use platform::series::Series;
@@ -305,8 +306,8 @@ impl Plots {
     fn of(compared: &Compared<'_>) -> Self {
         let comparison = compared.comparison;
         let names = compared.timelines[0].iter().flat_map(|timeline| {
-            let own = ["position_millimetres", "current_amperes"];
-            own.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.rename(name)))
+            let own = [names::POSITION, names::CURRENT];
+            own.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.name(name)))
         });
         let names = Vec::from_iter(names);
         let is_first = |signal: &&SignalDifference| names.contains(&signal.name);

@@ -1,0 +1,167 @@
+//! Keys whose names follow from the quantities of a loop: a file has the names, the types have their patterns.
+
+use serde_json::Value;
+use toml::Spanned;
+use toml::de::{DeString, DeTable, DeValue};
+
+use crate::error::{Problem, Source};
+use crate::port::{
+    Command, Measurand, Unit, conversion, is_gain, is_pattern, known_units, singular,
+};
+use crate::schema::resolve;
+
+/// Units that a name might have by mistake.
+pub(super) const UNITS: [Unit; 3] = [Unit::Millimetres, Unit::Degrees, Unit::Revolutions];
+
+/// Factors for gains that are by another unit than the loop's, each with its path.
+pub(crate) type Factors = Vec<(String, f64)>;
+
+type Key<'text> = Spanned<DeString<'text>>;
+
+/// Finds the patterns of the keys of one loop.
+pub(crate) struct Naming<'a> {
+    pub(crate) source: &'a Source,
+    pub(crate) measurand: &'a Measurand,
+    pub(crate) loop_name: &'a str,
+    /// Schema whose keys are patterns.
+    pub(crate) schema: &'a Value,
+}
+
+impl<'a> Naming<'a> {
+    /// Replaces the names of a tree by their patterns. Returns the factors for gains by another unit of the loop's quantity, with
+    /// their paths.
+    ///
+    /// # Errors
+    /// The first name that another loop would have, with the right name.
+    pub(crate) fn apply(&self, tree: &mut DeTable<'_>) -> Result<Factors, Problem> {
+        let mut factors = Factors::new();
+        self.table("", tree, self.schema, &mut factors)?;
+        Ok(factors)
+    }
+
+    fn table(
+        &self,
+        path: &str,
+        table: &mut DeTable<'_>,
+        schema: &'a Value,
+        factors: &mut Factors,
+    ) -> Result<(), Problem> {
+        let Some(properties) = resolve(self.schema, schema)["properties"].as_object() else {
+            return Ok(());
+        };
+        let patterns = properties.keys().map(String::as_str);
+        let patterns = patterns.filter(|key| is_pattern(key));
+        let patterns = patterns.map(|pattern| (pattern, self.measurand.name(pattern)));
+        let patterns = Vec::from_iter(patterns);
+        for (mut key, mut value) in std::mem::take(table) {
+            let written = key.span();
+            let pattern = if properties.contains_key(&**key.get_ref()) {
+                None
+            } else {
+                self.pattern(&key, &patterns)?
+            };
+            if let Some((pattern, factor)) = pattern {
+                *key.get_mut() = pattern.to_owned().into();
+                factors.extend((factor != 1.0).then(|| (format!("{path}{pattern}"), factor)));
+                if let Some((first, _)) = table.get_key_value(pattern) {
+                    let message = "one gain by two units";
+                    let problem = self.source.problem(written, message, "and this one");
+                    return Err(problem.with_place(first.span(), "this one"));
+                }
+            }
+            let name: &str = key.get_ref();
+            if let Some(below) = properties.get(name) {
+                self.value(&format!("{path}{name}."), value.get_mut(), below, factors)?;
+            }
+            table.insert(key, value);
+        }
+        Ok(())
+    }
+
+    fn value(
+        &self,
+        path: &str,
+        value: &mut DeValue<'_>,
+        schema: &'a Value,
+        factors: &mut Factors,
+    ) -> Result<(), Problem> {
+        match value {
+            DeValue::Table(table) => self.table(path, table, schema, factors),
+            DeValue::Array(array) => {
+                let items = &resolve(self.schema, schema)["items"];
+                let mut below = array.iter_mut();
+                below.try_for_each(|one| self.value(path, one.get_mut(), items, factors))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Returns the pattern of a key, and the factor from its unit to the loop's; `None` for a key without a pattern, which may be
+    /// unknown.
+    fn pattern(
+        &self,
+        key: &Key<'_>,
+        patterns: &[(&'a str, String)],
+    ) -> Result<Option<(&'a str, f64)>, Problem> {
+        let name: &str = key.get_ref();
+        if let Some((pattern, _)) = patterns.iter().find(|(_, own)| own == name) {
+            return Ok(Some((pattern, 1.0)));
+        }
+        let mut patterns = patterns.iter().map(|(pattern, _)| *pattern);
+        for pattern in patterns.clone().filter(|pattern| is_gain(pattern)) {
+            let mut units = known_units();
+            if let Some(unit) = units.find(|unit| self.by(unit).name(pattern) == name) {
+                let factor = conversion(self.measurand.unit.of_laws(), unit);
+                let factor = factor.ok_or_else(|| self.wrong_gain(key, pattern))?;
+                return Ok(Some((pattern, factor)));
+            }
+        }
+        match patterns.find_map(|pattern| self.wrong(key, pattern)) {
+            Some(problem) => Err(problem),
+            None => Ok(None),
+        }
+    }
+
+    /// Returns the loop's quantities with another unit.
+    fn by(&self, unit: &str) -> Measurand {
+        Measurand {
+            unit: Unit::Own(unit.to_owned()),
+            ..self.measurand.clone()
+        }
+    }
+
+    /// Refuses a name that a pattern has in a loop of other quantities.
+    fn wrong(&self, key: &Key<'_>, pattern: &str) -> Option<Problem> {
+        let name: &str = key.get_ref();
+        let unit = &self.measurand.unit;
+        let right = self.measurand.name(pattern);
+        let has = |other: Measurand| other.name(pattern) == name;
+        let mut commands = Command::ALL.into_iter();
+        let message = if commands.any(|command| has(self.measurand.clone().commanding(command))) {
+            let command = self.measurand.command.signal();
+            format!("the loop `{}` commands a {command}", self.loop_name)
+        } else if has(Measurand::position(unit.clone())) {
+            format!(
+                "the loop `{}` measures `{}`",
+                self.loop_name, self.measurand.signal
+            )
+        } else {
+            let mut others = UNITS
+                .into_iter()
+                .flat_map(|unit| [self.by(unit.word()), Measurand::position(unit)]);
+            others
+                .any(has)
+                .then(|| format!("the loop `{}` is in {unit}", self.loop_name))?
+        };
+        let label = format!("write `{right}`");
+        Some(self.source.problem(key.span(), message, label))
+    }
+
+    /// Makes the problem of a gain by a unit of another quantity, with the right name.
+    fn wrong_gain(&self, key: &Key<'_>, pattern: &str) -> Problem {
+        let by = singular(self.measurand.unit.of_laws()).replace('_', " ");
+        let message = format!("the gains of the loop `{}` are by the {by}", self.loop_name);
+        let label = format!("write `{}`", self.measurand.name(pattern));
+        self.source.problem(key.span(), message, label)
+    }
+}
