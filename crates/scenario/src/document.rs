@@ -11,6 +11,8 @@ use crate::error::{Problem, Source};
 use crate::outside::Outside;
 use crate::port::Measurand;
 
+/// Largest number of syntax errors that are shown; more follow from the first one, or the file is no TOML.
+const SYNTAX_ERRORS_MAX: usize = 3;
 /// Message of the parser on a key that it has read before.
 const DUPLICATE: &str = "duplicate key";
 
@@ -52,7 +54,13 @@ impl<'text> Document<'text> {
         }
         let mut second_table = 0..0;
         let mut problems = Vec::new();
-        for error in errors {
+        let others = errors.iter().filter(|error| error.message() != DUPLICATE);
+        let others = others.skip(1).count();
+        let is_shown = others < SYNTAX_ERRORS_MAX;
+        let shown = errors
+            .iter()
+            .filter(|error| is_shown || error.message() != DUPLICATE);
+        for error in shown.take(if is_shown { usize::MAX } else { 1 }) {
             let span = error
                 .span()
                 .filter(|span| span.start <= last)
@@ -66,7 +74,14 @@ impl<'text> Document<'text> {
             let is_heading = |(heading, _): &&(Range<usize>, _)| heading.contains(&span.start);
             let Some((heading, path)) = heading.filter(is_heading).filter(|_| is_duplicate) else {
                 let message = error.message();
-                problems.push((self.source).problem(span, "TOML syntax error", message));
+                let problem = (self.source).problem(span, "TOML syntax error", message);
+                problems.push(if is_shown {
+                    problem
+                } else {
+                    let help =
+                        format!("{others} more lines are no TOML, perhaps because of this one");
+                    problem.with_help(help)
+                });
                 continue;
             };
             let end = headings

@@ -141,6 +141,25 @@ fn a_syntax_error_underlines_where_the_reading_stopped() {
 }
 
 #[test]
+fn a_file_that_is_no_toml_is_one_problem() {
+    let text = "# A page\n\nIt has words.\nAnd more of them.\n- and a list\n- of two\n";
+    let error = Trial::parse(text, "page.md", no_tables).unwrap_err();
+    assert_eq!(error.problems().len(), 1, "{:?}", error.problems());
+    assert_eq!(error.problems()[0].line_and_column(), Some((3, 4)));
+    assert!(render(&error).contains("3 more lines are no TOML"));
+}
+
+#[test]
+fn a_loop_that_the_rig_lacks_is_one_problem() {
+    let hold = "[[reference.hold]]\n";
+    let text = with(CLOSED).replace(hold, &format!("{hold}loop = \"z\"\n"));
+    let text = format!("{text}[expect]\novershoot_percent = {{ max = 3 }}\n");
+    let error = Trial::parse(&text, "x.toml", no_tables).unwrap_err();
+    let problems = Vec::from_iter(error.problems().iter().map(ToString::to_string));
+    assert_eq!(problems, ["the rig has no loop `z`"]);
+}
+
+#[test]
 fn an_array_of_tables_written_as_a_table_says_how_to_write_it() {
     check(
         &with(CLOSED).replace("[[reference.hold]]", "[reference.hold]"),

@@ -75,7 +75,12 @@ impl<'text> Selector<'_, 'text> {
             self.unknown_tables(CONTROLLER, &loops)
         };
         let is_law_said = !problems.is_empty();
-        problems.extend(self.unknown_names(&loops));
+        let unknown = self.unknown_names(&loops);
+        // What such an entry says is missing in the loop that it means.
+        if !unknown.is_empty() {
+            problems.extend(unknown);
+            return (Vec::new(), problems);
+        }
         let mut tables = Vec::new();
         for name in self.rig.loops.keys() {
             if is_law_said && self.law(name).is_err() {
