@@ -320,7 +320,7 @@ mod tests {
 
     /// `linux/can.h`: a mask with `CAN_ERR_FLAG` makes a filter for error messages, so no data filter may carry it.
     #[test]
-    fn error_messages_pass_their_own_filter_only() {
+    fn error_messages_pass_only_the_filter_for_them() {
         let error = raw(ERROR_FLAG | 0x40);
         assert!(Filter::ERRORS.accepts(&error));
         assert!(!Filter::ALL.accepts(&error));

@@ -382,7 +382,7 @@ fn integer_at<T: Copy + Into<i128> + TryFrom<i128>>(
 
 /// Reads `AccessType`.
 fn access(item: &Item<'_>) -> Result<Access, EdsError> {
-    let mut words = [
+    let mut known = [
         ("ro", Access::ReadOnly),
         ("wo", Access::WriteOnly),
         ("rw", Access::ReadWrite),
@@ -391,7 +391,7 @@ fn access(item: &Item<'_>) -> Result<Access, EdsError> {
         ("const", Access::Constant),
     ]
     .into_iter();
-    let found = words.find(|(word, _)| item.value.eq_ignore_ascii_case(word));
+    let found = known.find(|(word, _)| item.value.eq_ignore_ascii_case(word));
     found
         .map(|(_, access)| access)
         .ok_or_else(|| item.error("expected ro, wo, rw, rwr, rww or const"))

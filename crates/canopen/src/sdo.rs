@@ -62,7 +62,7 @@ impl Multiplexer {
 }
 
 /// Returns the payload of an SDO frame with this identifier; `None` for other identifiers and lengths.
-pub(crate) fn payload_of(frame: &CanFrame, id: u16) -> Option<Payload> {
+pub(crate) fn payload_with_id(frame: &CanFrame, id: u16) -> Option<Payload> {
     if frame.standard_id() != Some(id) {
         return None;
     }
@@ -70,13 +70,13 @@ pub(crate) fn payload_of(frame: &CanFrame, id: u16) -> Option<Payload> {
 }
 
 /// Returns bytes 4 to 7.
-pub(crate) fn data_of(payload: &Payload) -> [u8; 4] {
+pub(crate) fn data_bytes(payload: &Payload) -> [u8; 4] {
     [payload[4], payload[5], payload[6], payload[7]]
 }
 
 /// Returns bytes 4 to 7 as a length; `None` if it exceeds [`MAX_TRANSFER_BYTES`].
-pub(crate) fn length_of(payload: &Payload) -> Option<usize> {
-    usize::try_from(u32::from_le_bytes(data_of(payload)))
+pub(crate) fn announced_bytes(payload: &Payload) -> Option<usize> {
+    usize::try_from(u32::from_le_bytes(data_bytes(payload)))
         .ok()
         .filter(|&length| length <= MAX_TRANSFER_BYTES)
 }

@@ -6,8 +6,8 @@ use std::time::Duration;
 use crate::object_dictionary::AbortCode;
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, append_segment, check_length, check_toggle, data_of, expedited,
-    expedited_length, length_of, payload_of, segment,
+    Payload, SEGMENT_BYTES, announced_bytes, append_segment, check_length, check_toggle,
+    data_bytes, expedited, expedited_length, payload_with_id, segment,
 };
 use crate::sdo_block::{
     BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
@@ -260,7 +260,7 @@ impl SdoClient {
 
     /// Handles a frame; frames that are no answer to this transfer are ignored.
     pub fn on_frame(&mut self, now: Duration, frame: &CanFrame) {
-        let Some(answer) = payload_of(frame, self.response_id) else {
+        let Some(answer) = payload_with_id(frame, self.response_id) else {
             return;
         };
         match self.handle(&answer) {
@@ -391,7 +391,7 @@ impl SdoClient {
     /// Handles the server's abort of this object.
     fn aborted(&mut self, answer: &Payload) -> Step {
         if self.is_busy() && Multiplexer::from_payload(answer) == self.object {
-            let code = AbortCode(u32::from_le_bytes(data_of(answer)));
+            let code = AbortCode(u32::from_le_bytes(data_bytes(answer)));
             self.finish(Err(SdoFailure::Aborted(code)));
         }
         Step::Stale
@@ -411,7 +411,7 @@ impl SdoClient {
         match answer[0] >> 5 {
             2 if answer[0] & 0b10 != 0 => {
                 let length = expedited_length(answer[0]).unwrap_or(4);
-                self.buffer.extend_from_slice(&data_of(answer)[..length]);
+                self.buffer.extend_from_slice(&data_bytes(answer)[..length]);
                 Ok(Step::Done)
             }
             2 => {
@@ -569,7 +569,7 @@ impl SdoClient {
 /// Returns the length that an initiating answer announces.
 fn announced_length(answer: &Payload, is_announced: bool) -> Result<Option<usize>, AbortCode> {
     is_announced
-        .then(|| length_of(answer).ok_or(AbortCode::OUT_OF_MEMORY))
+        .then(|| announced_bytes(answer).ok_or(AbortCode::OUT_OF_MEMORY))
         .transpose()
 }
 
@@ -902,8 +902,8 @@ mod tests {
         let mut client = client();
         let mut requests = VecDeque::new();
         for line in transcript.lines().filter(|line| !line.starts_with(';')) {
-            let words: Vec<_> = line.split([' ', '#']).collect();
-            match words[..] {
+            let parts: Vec<_> = line.split([' ', '#']).collect();
+            match parts[..] {
                 [">", ref command @ ..] => start(&mut client, command),
                 ["610", request] => assert_eq!(requests.pop_front(), Some(bytes(request))),
                 ["590", payload] => answer(&mut client, &bytes(payload)),

@@ -6,8 +6,8 @@ use std::time::Duration;
 use crate::object_dictionary::{AbortCode, ObjectDictionary};
 use crate::sdo::{
     DEFAULT_REQUEST_ID, DEFAULT_RESPONSE_ID, DEFAULT_TIMEOUT, MAX_TRANSFER_BYTES, Multiplexer,
-    Payload, SEGMENT_BYTES, append_segment, check_length, check_toggle, data_of, expedited,
-    expedited_length, length_of, payload_of, segment,
+    Payload, SEGMENT_BYTES, announced_bytes, append_segment, check_length, check_toggle,
+    data_bytes, expedited, expedited_length, payload_with_id, segment,
 };
 use crate::sdo_block::{
     BLOCK_SIZE, BlockReceiver, BlockSender, Received, check_block_size, check_end, end,
@@ -195,7 +195,7 @@ impl SdoServer {
 
     /// Handles a frame; frames with another COB-ID, not of 8 bytes, or other than plain data frames are ignored.
     pub fn on_frame(&mut self, now: Duration, frame: &CanFrame, objects: &mut dyn Access) {
-        let Some(request) = payload_of(frame, self.request_id) else {
+        let Some(request) = payload_with_id(frame, self.request_id) else {
             return;
         };
         match self.handle(&request, objects) {
@@ -291,9 +291,9 @@ impl SdoServer {
         let Multiplexer { index, sub_index } = self.begin(request);
         let command = request[0];
         if command & 0b10 != 0 {
-            let of_type = || objects.size_bytes(index, sub_index).unwrap_or(4).min(4);
-            let length = expedited_length(command).unwrap_or_else(of_type);
-            objects.write(index, sub_index, &data_of(request)[..length])?;
+            let type_bytes = || objects.size_bytes(index, sub_index).unwrap_or(4).min(4);
+            let length = expedited_length(command).unwrap_or_else(type_bytes);
+            objects.write(index, sub_index, &data_bytes(request)[..length])?;
         } else {
             let announced = self.announced_length(request, command & 1 != 0, objects)?;
             self.buffer.clear();
@@ -314,7 +314,7 @@ impl SdoServer {
         objects: &mut dyn Access,
     ) -> Result<Option<usize>, AbortCode> {
         let Multiplexer { index, sub_index } = self.object;
-        let length = is_announced.then(|| length_of(request));
+        let length = is_announced.then(|| announced_bytes(request));
         // A length beyond the limit may also be beyond the object's, which is the better answer.
         let asked = length.map(|length| length.unwrap_or(usize::MAX));
         objects.prepare_write(index, sub_index, asked)?;
@@ -482,7 +482,7 @@ impl SdoServer {
         objects: &mut dyn Access,
     ) -> Result<(), AbortCode> {
         let Multiplexer { index, sub_index } = self.begin(request);
-        let [block_size, threshold, ..] = data_of(request);
+        let [block_size, threshold, ..] = data_bytes(request);
         let value = objects.read(index, sub_index)?;
         if value.len() <= usize::from(threshold) {
             return self.answer_upload(&value);
@@ -604,7 +604,7 @@ mod tests {
         #[track_caller]
         fn check_abort(&mut self, request: &[u8], code: AbortCode) {
             let answers = self.ask(request);
-            assert_eq!(abort_of(&answers), code);
+            assert_eq!(only_abort(&answers), code);
             assert!(!self.server.is_busy());
             assert_eq!(self.server.next_deadline(), None);
         }
@@ -616,7 +616,7 @@ mod tests {
     }
 
     #[track_caller]
-    fn abort_of(answers: &[Vec<u8>]) -> AbortCode {
+    fn only_abort(answers: &[Vec<u8>]) -> AbortCode {
         assert_eq!(answers.len(), 1, "{answers:?}");
         assert_eq!(answers[0][0], 0x80, "{answers:?}");
         AbortCode(u32::from_le_bytes(answers[0][4..8].try_into().unwrap()))
@@ -844,7 +844,7 @@ mod tests {
                     server.on_frame(NOW, &frame, &mut Refusing(code));
                 }
                 let answer = server.next_frame().unwrap().data().to_vec();
-                assert_eq!(abort_of(std::slice::from_ref(&answer)), code, "{end}");
+                assert_eq!(only_abort(std::slice::from_ref(&answer)), code, "{end}");
                 assert_eq!(answer[1..4], [0, 0x16, 0], "{end}");
                 assert!(!server.is_busy(), "{end}");
             }
@@ -888,7 +888,7 @@ mod tests {
             bench.server.on_tick(deadline - Duration::from_nanos(1));
             assert!(bench.drain().is_empty());
             bench.server.on_tick(deadline);
-            assert_eq!(abort_of(&bench.drain()), AbortCode::PROTOCOL_TIMED_OUT);
+            assert_eq!(only_abort(&bench.drain()), AbortCode::PROTOCOL_TIMED_OUT);
             assert_eq!(bench.server.next_deadline(), None);
             bench.check(b"\x40\x17\x10\0\0\0\0\0", b"\x4B\x17\x10\0\0\0\0\0");
         }
@@ -972,12 +972,12 @@ mod tests {
         let end = (0..=MAX_TRANSFER_BYTES / SEGMENT_BYTES)
             .map(|number| bench.ask(&[if number % 2 == 0 { 0 } else { 0x10 }; 8]))
             .find(|answers| answers[0][0] == 0x80);
-        assert_eq!(abort_of(&end.unwrap()), AbortCode::OUT_OF_MEMORY);
+        assert_eq!(only_abort(&end.unwrap()), AbortCode::OUT_OF_MEMORY);
         bench.ask(b"\xC0\x03\x20\0\0\0\0\0");
         let end = (0..=MAX_TRANSFER_BYTES / SEGMENT_BYTES + 1)
             .map(|number| bench.ask(&[u8::try_from(number % 127 + 1).unwrap(); 8]))
             .find(|answers| answers.first().is_some_and(|answer| answer[0] == 0x80));
-        assert_eq!(abort_of(&end.unwrap()), AbortCode::OUT_OF_MEMORY);
+        assert_eq!(only_abort(&end.unwrap()), AbortCode::OUT_OF_MEMORY);
     }
 
     #[test]

@@ -300,13 +300,13 @@ impl<N: Node> Node for Faulty<N> {
     }
 
     fn next_deadline(&self) -> Option<Duration> {
-        let of_node = match self.condition {
+        let node_deadline = match self.condition {
             Condition::Working => self.node.next_deadline(),
             _ => None,
         };
-        let own = of_node.map(|deadline| self.clock.true_time(deadline));
+        let deadline = node_deadline.map(|deadline| self.clock.true_time(deadline));
         let leaves = self.outbox.front().map(|(leaves, _)| *leaves);
-        [own, leaves, self.next_change()]
+        [deadline, leaves, self.next_change()]
             .into_iter()
             .flatten()
             .min()

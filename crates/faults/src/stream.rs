@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_fault_has_a_stream_of_its_own() {
+    fn each_fault_has_another_stream() {
         let noise = "[[fault.sensor.noise]]\nfrom_seconds = 1.0\nnoise_millimetres_rms = 0.1\n";
         let text = format!(
             "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.open_loop]\n{noise}{noise}"

@@ -160,40 +160,40 @@ fn dictionary() -> ObjectDictionary {
     use DataType::{Integer16, Integer32, Unsigned8, Unsigned16, Unsigned32};
     let (ro, rw) = (Rights::ReadOnly, Rights::ReadWrite);
     let mut all = ObjectDictionary::new();
-    let own = &mut all;
-    add(own, 0x1000, 0, Unsigned32, ro, 0x0002_0192);
-    add(own, 0x1001, 0, Unsigned8, ro, 0);
-    add(own, 0x1003, 0, Unsigned8, rw, 0);
+    let objects = &mut all;
+    add(objects, 0x1000, 0, Unsigned32, ro, 0x0002_0192);
+    add(objects, 0x1001, 0, Unsigned8, ro, 0);
+    add(objects, 0x1003, 0, Unsigned8, rw, 0);
     for sub_index in 1..=4 {
-        add(own, 0x1003, sub_index, Unsigned32, ro, 0);
+        add(objects, 0x1003, sub_index, Unsigned32, ro, 0);
     }
-    add(own, 0x1005, 0, Unsigned32, rw, 0x80);
-    add(own, 0x1006, 0, Unsigned32, rw, 0);
-    add(own, 0x1007, 0, Unsigned32, rw, 0);
-    add(own, 0x1014, 0, Unsigned32, rw, 0x80 + i128::from(ID));
-    add(own, 0x1015, 0, Unsigned16, rw, 0);
-    add(own, 0x1016, 0, Unsigned8, Rights::Constant, 3);
+    add(objects, 0x1005, 0, Unsigned32, rw, 0x80);
+    add(objects, 0x1006, 0, Unsigned32, rw, 0);
+    add(objects, 0x1007, 0, Unsigned32, rw, 0);
+    add(objects, 0x1014, 0, Unsigned32, rw, 0x80 + i128::from(ID));
+    add(objects, 0x1015, 0, Unsigned16, rw, 0);
+    add(objects, 0x1016, 0, Unsigned8, Rights::Constant, 3);
     for sub_index in 1..=3 {
-        add(own, 0x1016, sub_index, Unsigned32, rw, 0);
+        add(objects, 0x1016, sub_index, Unsigned32, rw, 0);
     }
-    add(own, 0x1017, 0, Unsigned16, rw, 0);
-    add(own, 0x1019, 0, Unsigned8, rw, 240);
-    add(own, 0x1029, 0, Unsigned8, Rights::Constant, 1);
-    add(own, 0x1029, 1, Unsigned8, rw, 0);
-    add(own, 0x1201, 0, Unsigned8, Rights::Constant, 2);
-    add(own, 0x1201, 1, Unsigned32, rw, 0x8000_0000);
-    add(own, 0x1201, 2, Unsigned32, rw, 0x8000_0000);
-    add_pdo(own, 0x1400, 0x210, 1, &[0x6040_0010, 0x6071_0010]);
-    add_pdo(own, 0x1401, 0x310, 255, &[0x2301_0020]);
-    add_pdo(own, 0x1800, 0x4000_0190, 1, &[0x6041_0010, 0x2300_0020]);
-    add_pdo(own, 0x1801, 0xC000_0290, 255, &[0x2301_0020]);
-    add(own, 0x2300, 0, Integer32, ro, 0);
-    add(own, 0x2301, 0, Integer32, rw, 0);
-    add(own, 0x2302, 0, Integer32, Rights::WriteOnly, 0);
-    add(own, 0x603F, 0, Unsigned16, ro, 0);
-    add(own, CONTROLWORD, 0, Unsigned16, rw, 0);
-    add(own, STATUSWORD, 0, Unsigned16, ro, 0);
-    add(own, TARGET, 0, Integer16, rw, 0);
+    add(objects, 0x1017, 0, Unsigned16, rw, 0);
+    add(objects, 0x1019, 0, Unsigned8, rw, 240);
+    add(objects, 0x1029, 0, Unsigned8, Rights::Constant, 1);
+    add(objects, 0x1029, 1, Unsigned8, rw, 0);
+    add(objects, 0x1201, 0, Unsigned8, Rights::Constant, 2);
+    add(objects, 0x1201, 1, Unsigned32, rw, 0x8000_0000);
+    add(objects, 0x1201, 2, Unsigned32, rw, 0x8000_0000);
+    add_pdo(objects, 0x1400, 0x210, 1, &[0x6040_0010, 0x6071_0010]);
+    add_pdo(objects, 0x1401, 0x310, 255, &[0x2301_0020]);
+    add_pdo(objects, 0x1800, 0x4000_0190, 1, &[0x6041_0010, 0x2300_0020]);
+    add_pdo(objects, 0x1801, 0xC000_0290, 255, &[0x2301_0020]);
+    add(objects, 0x2300, 0, Integer32, ro, 0);
+    add(objects, 0x2301, 0, Integer32, rw, 0);
+    add(objects, 0x2302, 0, Integer32, Rights::WriteOnly, 0);
+    add(objects, 0x603F, 0, Unsigned16, ro, 0);
+    add(objects, CONTROLWORD, 0, Unsigned16, rw, 0);
+    add(objects, STATUSWORD, 0, Unsigned16, ro, 0);
+    add(objects, TARGET, 0, Integer16, rw, 0);
     all
 }
 

@@ -94,7 +94,7 @@ fn heartbeats_in_time_raise_nothing() {
 }
 
 #[test]
-fn several_nodes_are_watched_each_by_its_own_time() {
+fn several_nodes_are_watched_each_by_its_time() {
     let mut bench = Bench::new();
     for (sub_index, node_id, time) in [(1, 1, 50), (2, 2, 30), (3, 127, 90)] {
         let entry = consumer_time(node_id, time);

@@ -348,7 +348,7 @@ fn the_application_hears_of_a_waiting_controlword_before_it_is_valid() {
 }
 
 #[test]
-fn of_two_synchronous_rpdos_before_a_sync_the_last_counts() {
+fn the_last_of_two_synchronous_rpdos_before_a_sync_counts() {
     let mut bench = Bench::operational();
     bench.send(0x210, &[0, 0, 1, 0]);
     bench.send(0x210, &[0, 0, 2, 0]);
@@ -431,7 +431,7 @@ fn identifiers_in_use_are_refused_until_they_are_free() {
     let mut bench = Bench::new();
     bench.write(0x1201, 1, &u32_bytes(0x690)).unwrap();
     bench.write(0x1201, 2, &u32_bytes(0x6D0)).unwrap();
-    for (index, sub_index, own) in [
+    for (index, sub_index, id_in_use) in [
         (0x1400, 1, 0x210),
         (0x1401, 1, 0x310),
         (0x1800, 1, 0x190),
@@ -440,10 +440,10 @@ fn identifiers_in_use_are_refused_until_they_are_free() {
         (0x1201, 1, 0x690),
     ] {
         bench
-            .write(index, sub_index, &u32_bytes(own | DISABLED))
+            .write(index, sub_index, &u32_bytes(id_in_use | DISABLED))
             .unwrap();
         let used = [0x080, 0x090, 0x210, 0x310, 0x190, 0x690, 0x6D0];
-        for id in used.into_iter().filter(|id| *id != own) {
+        for id in used.into_iter().filter(|id| *id != id_in_use) {
             let at = format!("{id:#x} into {index:#06x}");
             assert_eq!(
                 bench.write(index, sub_index, &u32_bytes(id)),
@@ -453,7 +453,9 @@ fn identifiers_in_use_are_refused_until_they_are_free() {
             let disabled = bench.write(index, sub_index, &u32_bytes(id | DISABLED));
             assert_eq!(disabled, Ok(()), "{at}: out of use it harms nobody");
         }
-        bench.write(index, sub_index, &u32_bytes(own)).unwrap();
+        bench
+            .write(index, sub_index, &u32_bytes(id_in_use))
+            .unwrap();
     }
     for id in [0x090, 0x210, 0x190, 0x690] {
         let refused = bench.write(0x1005, 0, &u32_bytes(id));

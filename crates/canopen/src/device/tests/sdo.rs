@@ -105,7 +105,7 @@ fn channels_serve_two_clients_at_the_same_time() {
 }
 
 #[test]
-fn a_half_open_transfer_times_out_by_the_devices_own_deadline() {
+fn a_half_open_transfer_times_out_by_the_devices_deadline() {
     let mut dictionary = dictionary();
     let rights = Rights::ReadWrite;
     let text = b"a text of more than seven bytes".to_vec();

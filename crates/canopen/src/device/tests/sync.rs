@@ -229,7 +229,7 @@ fn overruns_are_skipped_and_counted_not_stretched() {
 }
 
 #[test]
-fn the_producers_own_sync_drives_its_application_and_its_tpdos() {
+fn the_sync_of_a_producer_drives_its_application_and_its_tpdos() {
     let mut bench = producer(1000);
     bench.write(0x1800, 2, &[10]).unwrap();
     bench.send(0, &[1, ID]);
