@@ -96,30 +96,30 @@ fn with_clients_listed(text: &str, count: usize) -> String {
 
 /// Returns an EDS for one node of a rig, with the node's name and number, and with the values that depend on the rig.
 #[must_use]
-pub fn of_node(eds: &str, name: &str, node_id: u8, own: &OwnValues) -> String {
-    let OwnValues { presets, unit } = own;
+pub fn of_node(eds: &str, name: &str, node_id: u8, values: &OwnValues) -> String {
+    let OwnValues { presets, unit } = values;
     let mut preset = None;
-    let mut text = String::with_capacity(eds.len());
+    let mut sheet = String::with_capacity(eds.len());
     for line in eds.lines() {
         if line.starts_with('[') {
-            preset = presets.iter().find(|preset| section_of(preset) == line);
+            preset = presets.iter().find(|preset| section(preset) == line);
         }
         match (preset.and_then(|preset| preset_line(preset, line)), unit) {
-            (Some(line), _) => text += &line,
+            (Some(line), _) => sheet += &line,
             (None, Some(unit)) if line.ends_with(MICROMETRES) => {
-                let words = format!("Positions are in {unit} as 0x60A8 says.");
-                text += &line.replace(MICROMETRES, &words);
+                let text = format!("Positions are in {unit} as 0x60A8 says.");
+                sheet += &line.replace(MICROMETRES, &text);
             }
-            _ if line.starts_with("FileName=") => text += &format!("FileName={name}.eds"),
-            _ => text += line,
+            _ if line.starts_with("FileName=") => sheet += &format!("FileName={name}.eds"),
+            _ => sheet += line,
         }
-        text.push('\n');
+        sheet.push('\n');
     }
     // The standard's spelling (CiA 306-1, DCF).
-    text + &format!("\n[DeviceComissioning]\nNodeID=0x{node_id:02X}\nNodeName={name}\n")
+    sheet + &format!("\n[DeviceComissioning]\nNodeID=0x{node_id:02X}\nNodeName={name}\n")
 }
 
-fn section_of(preset: &Preset) -> String {
+fn section(preset: &Preset) -> String {
     let Preset {
         index, sub_index, ..
     } = preset;
@@ -199,14 +199,14 @@ pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
         if is_stale || is_replaced(&section) {
             continue;
         }
-        text += &own_line(&section, line, count);
+        text += &adapted_line(&section, line, count);
         text.push('\n');
     }
     text
 }
 
 /// Returns a line of the shipped EDS for this number of outputs.
-fn own_line(section: &str, line: &str, count: usize) -> String {
+fn adapted_line(section: &str, line: &str, count: usize) -> String {
     let is_default = line.starts_with("DefaultValue=");
     let mut objects = OUTPUT_OBJECTS.iter().map(|(object, ..)| *object);
     if objects.clone().any(|object| section == object) && line.starts_with("SubNumber=") {

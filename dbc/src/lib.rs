@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_s_own_sheet_says_its_number_and_its_pace() {
+    fn the_sheet_of_a_node_says_its_number_and_its_pace() {
         let target = Preset {
             limits: Some([-2000, 2000]),
             ..Preset::new(0x6071, 0, 0)
@@ -150,19 +150,19 @@ mod tests {
                 unit: Some("degrees".to_owned()),
             },
         );
-        let [own, shipped] = [&*text, DRIVE_EDS].map(|text| dictionary(text, 0x12).unwrap());
+        let [rewritten, shipped] = [&*text, DRIVE_EDS].map(|text| dictionary(text, 0x12).unwrap());
         let mut preset = shipped.clone();
         presets.iter().for_each(|one| preset.preset(one));
-        assert_eq!(own, preset, "as an emulated drive has it");
-        assert_eq!(own.unsigned(0x1801, 2), Some(5));
-        assert_eq!(own.unsigned(0x1801, 6), Some(3));
-        assert_eq!(own.unsigned(0x60A8, 0), Some(0xFD41_0000));
+        assert_eq!(rewritten, preset, "as an emulated drive has it");
+        assert_eq!(rewritten.unsigned(0x1801, 2), Some(5));
+        assert_eq!(rewritten.unsigned(0x1801, 6), Some(3));
+        assert_eq!(rewritten.unsigned(0x60A8, 0), Some(0xFD41_0000));
         assert_eq!(shipped.unsigned(0x60A8, 0), Some(0xFA01_0000));
-        assert_eq!(own.unsigned(0x60A9, 0), Some(0xFD41_0300));
+        assert_eq!(rewritten.unsigned(0x60A9, 0), Some(0xFD41_0300));
         assert_eq!(shipped.unsigned(0x60A9, 0), Some(0xFA01_0300));
         assert!(text.contains("Positions are in degrees as 0x60A8 says."));
-        assert_eq!(own.unsigned(0x1800, 2), shipped.unsigned(0x1800, 2));
-        assert_eq!(own.entries().len(), shipped.entries().len());
+        assert_eq!(rewritten.unsigned(0x1800, 2), shipped.unsigned(0x1800, 2));
+        assert_eq!(rewritten.entries().len(), shipped.entries().len());
         assert!(text.contains("\nNodeID=0x12\n") && text.contains("\nFileName=y.eds\n"));
     }
 

@@ -28,8 +28,8 @@ fn written() -> [(&'static str, Database); 4] {
     [
         ("shipped.dbc", shipped.clone()),
         ("dc_motor.dbc", with_dc_motor()),
-        ("own_law.dbc", composed(&[], &own_terms())),
-        ("rig.dbc", of_rig()),
+        ("own_law.dbc", composed(&[], &long_terms())),
+        ("rig.dbc", real_drive()),
     ]
 }
 
@@ -72,7 +72,7 @@ fn composed(plant: &[PlantSignal], terms: &[LawTerm]) -> Database {
 }
 
 /// Returns names that a DBC does not allow, and the same within its limits.
-fn own_terms() -> Vec<LawTerm> {
+fn long_terms() -> Vec<LawTerm> {
     let names = [
         "derivative_part_of_the_current_amperes_squared",
         "derivative_part_of_the_current_amperes",
@@ -94,7 +94,7 @@ fn own_terms() -> Vec<LawTerm> {
 }
 
 /// Returns a drive that is not the emulator: other identifiers, another layout and scale, no current, no truth.
-fn of_rig() -> Database {
+fn real_drive() -> Database {
     let feedback = |signal: &Signal| match &signal.name[..] {
         "position_millimetres" => Coding::integer(0, 24, Kind::Signed, -12.5, 5000.0),
         // A signal with labels and one without.

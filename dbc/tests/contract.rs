@@ -542,7 +542,7 @@ fn names_end_in_their_units() {
     ];
     for message in Database::shipped().messages() {
         for signal in &message.signals {
-            let found = units.iter().find(|(words, _)| signal.name.ends_with(words));
+            let found = units.iter().find(|(word, _)| signal.name.ends_with(word));
             let unit = found.map_or("", |(_, unit)| unit);
             assert_eq!(signal.unit, unit, "{}.{}", message.name, signal.name);
             assert!(

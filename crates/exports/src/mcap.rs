@@ -173,7 +173,7 @@ fn topics(
         let kind = schema::kind(&message.name);
         let name = format!("/{}", message.name);
         let topic = Topic {
-            id: file.topic(&name, &kind, &schema::of_message(message))?,
+            id: file.topic(&name, &kind, &schema::definition(message))?,
             signals: signals(database, message),
             cdr: Cdr::new(),
         };

@@ -58,7 +58,7 @@ pub(super) fn kind(message: &str) -> String {
 }
 
 /// Returns one field for each signal, with its unit in brackets, its meaning and the labels of its values as a comment.
-pub(super) fn of_message(message: &Message) -> String {
+pub(super) fn definition(message: &Message) -> String {
     let mut text = String::new();
     if !message.comment.is_empty() {
         let _ = writeln!(text, "# {}", one_line(&message.comment));
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn a_field_has_its_unit_and_the_labels_of_its_values() {
         let message = Database::shipped().message("drive_tpdo1").unwrap();
-        let text = of_message(message);
+        let text = definition(message);
         let line = |name: &str| {
             let start = format!("float64 {name} ");
             text.lines().find(|line| line.starts_with(&start)).unwrap()
