@@ -28,9 +28,9 @@ struct Case {
 impl Case {
     /// Parses `NAME OUTCOME NODE DUTY`.
     fn parse(line: &str) -> Self {
-        let words = Vec::from_iter(line.split_whitespace().map(str::to_owned));
+        let fields = Vec::from_iter(line.split_whitespace().map(str::to_owned));
         let [name, outcome, node, duty] =
-            <[String; 4]>::try_from(words).unwrap_or_else(|_| panic!("four words: {line}"));
+            <[String; 4]>::try_from(fields).unwrap_or_else(|_| panic!("four words: {line}"));
         Self {
             name,
             expected: [outcome, node, duty],

@@ -349,7 +349,7 @@ fn every_scenario_loads() {
         );
         fs::copy(example, folder.path().join(name)).unwrap();
     }
-    let (mut whole, mut parts, mut own) = (0, 0, 0);
+    let (mut whole, mut parts, mut custom) = (0, 0, 0);
     for page in pages() {
         for block in page.blocks() {
             let text = match block.info {
@@ -378,7 +378,7 @@ fn every_scenario_loads() {
                     merged("docs/examples/pid_in_python.toml", &block.text)
                 }
                 "toml,fragment,own" => {
-                    own += 1;
+                    custom += 1;
                     continue;
                 }
                 info => {
@@ -394,7 +394,7 @@ fn every_scenario_loads() {
         whole >= 3 && parts >= 10,
         "{whole} scenarios, {parts} parts"
     );
-    assert_eq!(own, OWN_BLOCKS);
+    assert_eq!(custom, OWN_BLOCKS);
 }
 
 /// Returns the commands of canrig on a page: in shell blocks, after the prompt if the block has output, and in README's
@@ -436,13 +436,13 @@ fn every_command_parses() {
     let mut count = 0;
     for page in pages() {
         for command in commands(&page) {
-            let Some(words) =
+            let Some(arguments) =
                 arguments(&command).filter(|_| !has_placeholder(&command.replace("/*", "")))
             else {
                 continue;
             };
             count += 1;
-            let parsed = canrig::command().try_get_matches_from(words);
+            let parsed = canrig::command().try_get_matches_from(arguments);
             let place = page.path.display();
             parsed.unwrap_or_else(|error| panic!("{place}: {command}\n{error}"));
         }

@@ -181,9 +181,9 @@ fn the_signals_of_several_loops_are_listed_by_loop() {
         let same = listed.iter().filter(|signal| signal["path"] == path);
         Vec::from_iter(same.map(|signal| signal["loop"].as_str()))
     };
-    for of_loop in ["x", "y"] {
-        let sample = loops_of(&format!("{of_loop}_tpdo1.position_millimetres"));
-        assert_eq!(sample, [Some(of_loop)]);
+    for name in ["x", "y"] {
+        let sample = loops_of(&format!("{name}_tpdo1.position_millimetres"));
+        assert_eq!(sample, [Some(name)]);
     }
     assert_eq!(loops_of("controller_heartbeat.nmt_state"), [None]);
     let (_, table, _) = signals(&[], Some(&scenario));
@@ -210,12 +210,9 @@ fn the_signals_of_a_scenario_and_of_a_run_are_listed() {
     let text = fs::read_to_string(scenario("two_axes_circle.toml")).unwrap();
     let wrong = wrong.replace("expect", "expect.x");
     fs::write(&circle, format!("{text}\n{wrong}")).unwrap();
-    let (code, of_loops, stderr) = signals(&[], Some(&circle));
+    let (code, listed, stderr) = signals(&[], Some(&circle));
     assert_eq!(code, Some(0), "{stderr}");
-    assert!(
-        of_loops.contains("winding_temperature_celsius"),
-        "{of_loops}"
-    );
+    assert!(listed.contains("winding_temperature_celsius"), "{listed}");
 
     let runs = folder.path().join("runs");
     output(canrig(&runs, "simulate").arg(write(folder.path(), "", None)));

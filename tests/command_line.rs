@@ -24,7 +24,7 @@ fn a_broken_scenario_is_underlined_and_ends_in_3() {
 
 /// `script` of util-linux runs a command on a terminal.
 #[test]
-fn a_terminal_gets_colours_and_never_their_escapes_in_words() {
+fn a_terminal_gets_colours_and_no_escape_sequence_is_text() {
     let folder = tempfile::tempdir().unwrap();
     let path = short_scenario(folder.path(), 1.0);
     let on_terminal = |arguments: &str| {
@@ -204,10 +204,11 @@ fn all_shipped_scenarios_are_valid() {
 fn limits_on_time_are_kept_apart() {
     let has_timing = |path: &std::path::Path| {
         let scenario: toml::Table = fs::read_to_string(path).unwrap().parse().unwrap();
-        let of_one_loop = |table: &toml::Value| table.get("timing").is_some();
+        let has_timing_table = |table: &toml::Value| table.get("timing").is_some();
         let expect = scenario.get("expect").and_then(toml::Value::as_table);
-        expect
-            .is_some_and(|expect| expect.contains_key("timing") || expect.values().any(of_one_loop))
+        expect.is_some_and(|expect| {
+            expect.contains_key("timing") || expect.values().any(has_timing_table)
+        })
     };
     let scenarios_in = |folder: std::path::PathBuf| {
         let paths = fs::read_dir(folder)

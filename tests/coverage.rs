@@ -214,9 +214,9 @@ fn a_folder_of_run_folders_stands_for_them() {
     let second = played(&runs, "simulate", &["--set", "seed=2"], &scenario);
     let mut both = [&*first, &*second];
     both.sort();
-    let of_both = coverage(&[], &both);
-    assert_eq!(coverage(&[], &[&runs]), of_both);
-    assert!(of_both.1.contains("seed=1") && of_both.1.contains("seed=2"));
+    let expected = coverage(&[], &both);
+    assert_eq!(coverage(&[], &[&runs]), expected);
+    assert!(expected.1.contains("seed=1") && expected.1.contains("seed=2"));
     let page = folder.path().join("page.html");
     let mut report = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let (code, _, stderr) = output(report.arg("report").arg(&runs).arg("-o").arg(&page));

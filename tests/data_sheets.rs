@@ -89,11 +89,11 @@ impl Sheet {
     fn comment(&self, entry: &Entry) -> String {
         let comments = comments(self.text);
         let (index, sub_index) = (entry.index, entry.sub_index);
-        let own = comments.get(&format!("{index:04X}sub{sub_index:X}"));
-        let of_object = comments.get(&format!("{index:04X}"));
+        let sub_comment = comments.get(&format!("{index:04X}sub{sub_index:X}"));
+        let object_comment = comments.get(&format!("{index:04X}"));
         // A comment on an ARRAY or RECORD does not describe the number of its entries.
         let is_count = sub_index == 0 && self.dictionary.find(index, 1).is_ok();
-        let found = own.or(of_object.filter(|_| !is_count));
+        let found = sub_comment.or(object_comment.filter(|_| !is_count));
         found.cloned().unwrap_or_default()
     }
 
@@ -109,8 +109,8 @@ fn comments(text: &str) -> BTreeMap<String, String> {
     let mut comments = BTreeMap::new();
     let mut comment = String::new();
     for line in text.lines() {
-        if let Some(words) = line.strip_prefix(';') {
-            comment += words;
+        if let Some(text) = line.strip_prefix(';') {
+            comment += text;
         } else {
             let name = line
                 .strip_prefix('[')
@@ -469,11 +469,11 @@ fn every_object_is_mapped_where_its_data_sheet_says_so() {
                 [Access::ReadOnly, Access::ReadWriteRead],
             ),
         ];
-        for (parameters, own) in directions {
+        for (parameters, accesses) in directions {
             let Some(parameters) = sheet.first_pdo(parameters) else {
                 continue;
             };
-            let is_for_it = own.contains(&entry.access)
+            let is_for_it = accesses.contains(&entry.access)
                 || entry.access == Access::ReadWrite
                 || (entry.access == Access::Constant && parameters >= 0x1800);
             let expected = if entry.is_pdo_mappable && is_for_it {

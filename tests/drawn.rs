@@ -22,13 +22,13 @@ impl Draw {
         usize::try_from((mixed ^ (mixed >> 31)) % end).unwrap()
     }
 
-    fn one_of<T: Clone>(&mut self, all: &[T]) -> T {
+    fn choose<T: Clone>(&mut self, all: &[T]) -> T {
         all[self.below(all.len())].clone()
     }
 
     /// Returns the text in half of the cases, else an empty one.
     fn maybe<'t>(&mut self, text: &'t str) -> &'t str {
-        self.one_of(&[text, ""])
+        self.choose(&[text, ""])
     }
 }
 
@@ -118,7 +118,7 @@ pub(crate) struct Axis {
 /// Draws a rig file; returns its text and its contents.
 pub(crate) fn rig(draw: &mut Draw) -> (String, Vec<Axis>) {
     let axes = Vec::from_iter((0..=draw.below(3)).map(|number| Axis::new(draw, number)));
-    let period = draw.one_of(&["10", "10.3", "12.7", "6.6"]);
+    let period = draw.choose(&["10", "10.3", "12.7", "6.6"]);
     let head = format!(
         "schema = 1\nname = \"drawn\"\n\
          [bus]\nsync_period_milliseconds = {period}\n\
@@ -165,25 +165,25 @@ impl Axis {
         let commands = units.iter().filter(|unit| Command::of_port(unit).is_some());
         let (inputs, output) = match plant.name {
             "fmu" => {
-                let input = draw.one_of(&Vec::from_iter(commands));
-                let output = draw.one_of(&units);
+                let input = draw.choose(&Vec::from_iter(commands));
+                let output = draw.choose(&units);
                 (vec![format!("in_{input}")], format!("out_{output}"))
             }
             _ => {
                 let inputs = plant.inputs.iter().map(|&input| input.to_owned());
-                (inputs.collect(), draw.one_of(plant.outputs).to_owned())
+                (inputs.collect(), draw.choose(plant.outputs).to_owned())
             }
         };
         let measurand = Measurand {
             signal: draw
-                .one_of(&["position", "speed", "valve_opening", "force"])
+                .choose(&["position", "speed", "valve_opening", "force"])
                 .to_owned(),
-            unit: draw.one_of(&Unit::of_port(unit_in(&output))),
+            unit: draw.choose(&Unit::of_port(unit_in(&output))),
             command: Command::of_port(unit_in(&inputs[0])).unwrap(),
         };
         let can_be_external = inputs.len() == 1 && measurand.command == Command::Current;
         // Some names begin or end like limits.
-        let name = draw.one_of(&["loop_N", "hunting_N", "axis_N_max"]);
+        let name = draw.choose(&["loop_N", "hunting_N", "axis_N_max"]);
         Self {
             number,
             plant,
@@ -207,7 +207,7 @@ impl Axis {
             unit,
             command,
         } = &self.measurand;
-        let parameter = draw.one_of(self.plant.parameters);
+        let parameter = draw.choose(self.plant.parameters);
         let mut text = format!("[plant.p{number}.{}]\n", self.plant.name);
         text = text + draw.maybe(parameter) + "\n";
         if self.plant.name == "fmu" {
@@ -251,13 +251,13 @@ impl Axis {
             return format!("[[controller{below}.open_loop.step]]\n{step}");
         }
         if self.plant.name == "sma" && self.measurand == Measurand::default() {
-            let law = draw.one_of(&["sliding_mode", "sliding_mode_paper"]);
+            let law = draw.choose(&["sliding_mode", "sliding_mode_paper"]);
             return format!("[controller{below}.{law}.nominal_model]\nload_kilograms = 0.05\n");
         }
         // Gains may be per any unit of the quantity.
         let units = known_units().filter(|by| conversion(unit.of_laws(), by).is_some());
         let by = Measurand {
-            unit: Unit::Own(draw.one_of(&Vec::from_iter(units)).to_owned()),
+            unit: Unit::Own(draw.choose(&Vec::from_iter(units)).to_owned()),
             ..self.measurand.clone()
         };
         let (law, more) = match self.inputs.len() {
@@ -275,11 +275,11 @@ impl Axis {
         let mut text = String::new();
         for at in [0, 4] {
             let until = at + 3;
-            let position = draw.one_of(&["12", "7.5"]);
+            let position = draw.choose(&["12", "7.5"]);
             let harmonic = format!(
                 "from_seconds = {at}\ncentre_{{unit}} = {position}\namplitude_{{unit}} = 2"
             );
-            let (kind, keys) = draw.one_of(&[
+            let (kind, keys) = draw.choose(&[
                 ("hold", format!("at_seconds = {at}\n{{signal}}_{{unit}} = {position}")),
                 ("step", format!("at_seconds = {at}\n{{signal}}_{{unit}} = {position}")),
                 ("ramp", format!("from_seconds = {at}\nuntil_seconds = {until}\n{{signal}}_{{unit}} = {position}")),
@@ -308,7 +308,7 @@ impl Axis {
         text += draw.maybe(&self.measurand.name("recovery_band_{unit} = 0.5\n"));
         for metric in METRICS.iter().filter(is_possible) {
             let limit = match metric.form {
-                Limit::TwoSided => draw.one_of(&["{ max = 90 }", "{ min = -1, max = 2.5 }"]),
+                Limit::TwoSided => draw.choose(&["{ max = 90 }", "{ min = -1, max = 2.5 }"]),
                 Limit::AtMost(_) => "900.5",
                 Limit::Answer => "true",
                 Limit::List => &list,
@@ -325,7 +325,7 @@ impl Axis {
             Group::Sensor | Group::Amplifier => !self.is_external,
             Group::Bus | Group::Node => true,
         };
-        let kind = draw.one_of(&Vec::from_iter(KINDS.iter().filter(is_possible)));
+        let kind = draw.choose(&Vec::from_iter(KINDS.iter().filter(is_possible)));
         let mut text = kind.heading() + "\n";
         text += match kind.time {
             Time::Lasts | Time::Ends => "from_seconds = 2\nuntil_seconds = 2.5\n",
@@ -350,7 +350,7 @@ impl Axis {
             Form::Number(min, max) => format!("{:?}", 0.5_f64.clamp(min, max)),
             Form::Whole(..) if key.name == "node_id" => "0x60".to_owned(),
             Form::Whole(min, _) => min.to_string(),
-            Form::Word(words) => format!("\"{}\"", draw.one_of(words).0),
+            Form::Word(words) => format!("\"{}\"", draw.choose(words).0),
             Form::Node | Form::Station => format!("\"{}\"", self.drive(0)),
         }
     }
@@ -358,7 +358,7 @@ impl Axis {
     /// Draws other values for the axis.
     fn values(&self, draw: &mut Draw) -> String {
         let (number, drive) = (self.number, self.drive(0));
-        let parameter = draw.one_of(self.plant.parameters);
+        let parameter = draw.choose(self.plant.parameters);
         let mut text = draw
             .maybe(&format!("[plant.p{number}]\n{parameter}\n"))
             .to_owned();

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::fs;
 use std::path::PathBuf;
 
-use campaigns::campaign::{Campaign, CampaignRun, of_one_loop};
+use campaigns::campaign::{Campaign, CampaignRun, one_loop_plan};
 use judge::verdict::Outcome;
 use scenario::Trial;
 use scenario::expect::Expectation;
@@ -69,7 +69,7 @@ fn a_reaction_that_does_not_come_fails() {
         is_safe_wanted(&scenario).then_some(scenario)
     }).collect();
     assert!(scenarios.len() >= 10);
-    let outcomes = campaign().play(scenarios.into_iter().map(of_one_loop), |played| {
+    let outcomes = campaign().play(scenarios.into_iter().map(one_loop_plan), |played| {
         (played.plan.shared.run.name.clone(), played.verdict.outcome)
     });
     for (name, outcome) in outcomes.unwrap().into_iter().map(Result::unwrap) {
@@ -118,7 +118,7 @@ fn each_law_meets_each_fault_as_in_the_table() {
     let played = campaign().play(
         scenarios
             .into_iter()
-            .map(|(.., scenario)| of_one_loop(scenario)),
+            .map(|(.., scenario)| one_loop_plan(scenario)),
         cells,
     );
     let mut rows: BTreeMap<String, Vec<String>> = BTreeMap::new();

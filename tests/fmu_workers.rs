@@ -46,7 +46,7 @@ fn child(of: Pid) -> Option<Pid> {
 }
 
 /// Returns the process with the FMU of another process.
-fn worker_of(process: Pid) -> Pid {
+fn worker(process: Pid) -> Pid {
     wait_for("the worker", || child(process).is_some());
     child(process).unwrap()
 }
@@ -73,7 +73,7 @@ fn flat(text: &str) -> String {
 fn emulator_and_worker(run: &Run) -> (Pid, Pid) {
     wait_for("the emulator", || run.find_node("plant-emulator").is_some());
     let emulator = run.node("plant-emulator");
-    (emulator, worker_of(emulator))
+    (emulator, worker(emulator))
 }
 
 /// Asserts that the run names the FMU, its plant and its end, and leaves no process, no current and no file.
@@ -136,7 +136,10 @@ fn an_fmu_that_is_too_slow_in_real_time_fails_its_run_and_its_drive_is_named() {
         let flat = flat(&(stdout + &stderr));
         assert_eq!(code, Some(1), "{flat}");
         let is_named = ["lift: no position in ", "from the drive (node 16)"];
-        assert!(is_named.iter().any(|words| flat.contains(words)), "{flat}");
+        assert!(
+            is_named.iter().any(|message| flat.contains(message)),
+            "{flat}"
+        );
     });
 }
 
@@ -153,7 +156,7 @@ fn hanging(folder: &Path, name: &str) -> (Started, Pid) {
         .stderr(Stdio::piped());
     let canrig = Started::new(canrig.spawn().unwrap());
     let bench = Pid::from_raw(canrig.id().cast_signed()).unwrap();
-    let worker = worker_of(bench);
+    let worker = worker(bench);
     (canrig, worker)
 }
 

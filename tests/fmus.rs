@@ -37,7 +37,7 @@ fn an_fmu_is_listed_and_proposed_without_being_loaded() {
         motor(folder.path(), version);
         let (code, told, error) = fmu(folder.path(), &["motor.fmu"]);
         assert_eq!(code, Some(0), "{error}");
-        for words in [
+        for expected in [
             &format!("motor.fmu: dc_motor, FMI {}", version.name()),
             "made by canrig",
             "(this machine)",
@@ -45,7 +45,7 @@ fn an_fmu_is_listed_and_proposed_without_being_loaded() {
             "current_amperes",
             "start 0.0235",
         ] {
-            assert!(told.contains(words), "{words}: {told}");
+            assert!(told.contains(expected), "{expected}: {told}");
         }
         let (code, table, _) = fmu(folder.path(), &["motor.fmu", "--rig"]);
         assert_eq!(code, Some(0));
@@ -286,18 +286,18 @@ fn an_amplifier_of_48_volts_moves_a_plant_as_one_of_an_ampere_does() {
     let fault = "[[fault.amplifier.saturated]]\nfrom_seconds = 2.0\nuntil_seconds = 2.05\n";
     let limits = "[[expect.signal]]\n";
     let in_amperes = format!("{fault}current_amperes_max = 0.9\n{limits}");
-    let of_current = "[expect]\ncurrent_amperes_rms = { min = 0.01, max = 0.9 }\n";
+    let amperes_limit = "[expect]\ncurrent_amperes_rms = { min = 0.01, max = 0.9 }\n";
     let amperes = played(
         folder.path(),
         "amperes",
         &[],
         &[
             ("[[expect.signal]]\n", &in_amperes),
-            ("[expect]\n", of_current),
+            ("[expect]\n", amperes_limit),
         ],
     );
     let in_volts = format!("{fault}voltage_volts_max = 43.2\n{limits}");
-    let of_voltage = "[expect]\nvoltage_volts_rms = { min = 0.48, max = 43.2 }\n";
+    let volts_limit = "[expect]\nvoltage_volts_rms = { min = 0.48, max = 43.2 }\n";
     let volts = played(
         folder.path(),
         "volts",
@@ -314,7 +314,7 @@ fn an_amplifier_of_48_volts_moves_a_plant_as_one_of_an_ampere_does() {
         ],
         &[
             ("[[expect.signal]]\n", &in_volts),
-            ("[expect]\n", of_voltage),
+            ("[expect]\n", volts_limit),
             (
                 "proportional_amperes_per_metre = 64.8",
                 "proportional_volts_per_metre = 3110.4",
@@ -370,10 +370,10 @@ fn names_of_a_current_are_refused(folder: &Path) {
     ] {
         let step = folder.join("step.toml");
         let text = read("step.toml");
-        let of_current = wrong
+        let for_current = wrong
             .replace("voltage", "current")
             .replace("volts", "amperes");
-        fs::write(&step, text.replace(wrong, &of_current)).unwrap();
+        fs::write(&step, text.replace(wrong, &for_current)).unwrap();
         let (code, _, stderr) = output(
             Command::new(env!("CARGO_BIN_EXE_canrig"))
                 .arg("check")
@@ -505,17 +505,20 @@ fn a_swept_value_that_the_fmu_does_not_take_is_found_before_any_run() {
     ] {
         swept(sweep);
         let mut check = Command::new(env!("CARGO_BIN_EXE_canrig"));
-        let (code, _, of_check) = output(check.arg("check").arg(&step).env("NO_COLOR", "1"));
-        assert_eq!(code, Some(3), "{sweep}: {of_check}");
-        let (code, _, of_sweep) = output(canrig(&runs, "sweep").arg(&step));
-        assert_eq!(code, Some(3), "{sweep}: {of_sweep}");
-        for stderr in [of_check, of_sweep] {
+        let (code, _, check_error) = output(check.arg("check").arg(&step).env("NO_COLOR", "1"));
+        assert_eq!(code, Some(3), "{sweep}: {check_error}");
+        let (code, _, sweep_error) = output(canrig(&runs, "sweep").arg(&step));
+        assert_eq!(code, Some(3), "{sweep}: {sweep_error}");
+        for stderr in [check_error, sweep_error] {
             let flat = without_layout(&stderr);
-            let words = format!(
+            let message = format!(
                 "variable `mass_kilograms` cannot start with {said}, it must be from 0.1 to 10"
             );
-            for words in [&words, "step.toml:", "by what the FMU says of itself"] {
-                assert!(flat.contains(&without_layout(words)), "{words}: {stderr}");
+            for message in [&message, "step.toml:", "by what the FMU says of itself"] {
+                assert!(
+                    flat.contains(&without_layout(message)),
+                    "{message}: {stderr}"
+                );
             }
         }
         assert!(!runs.exists(), "{sweep}");
@@ -536,15 +539,15 @@ fn a_swept_value_that_the_fmu_does_not_take_is_found_before_any_run() {
 fn a_library_for_another_platform_or_machine_is_refused_before_anything_moves() {
     let folder = tempfile::tempdir().unwrap();
     let step = cart(folder.path(), "");
-    let refused = |words: &[&str], said: &str, more: &str| {
+    let refused = |arguments: &[&str], said: &str, more: &str| {
         let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
-        canrig.args(words).arg(&step).env("NO_COLOR", "1");
+        canrig.args(arguments).arg(&step).env("NO_COLOR", "1");
         let (code, stdout, stderr) = output(canrig.current_dir(folder.path()));
-        assert_eq!(code, Some(3), "{words:?}: {stdout}{stderr}");
+        assert_eq!(code, Some(3), "{arguments:?}: {stdout}{stderr}");
         let flat = without_layout(&format!("{stdout}{stderr}"));
         for said in ["cart.fmu", said, more] {
             let is_said = flat.contains(&without_layout(said));
-            assert!(is_said, "{words:?}, {said}: {stdout}{stderr}");
+            assert!(is_said, "{arguments:?}, {said}: {stdout}{stderr}");
         }
     };
     let lockstep = [&["run"][..], &LOCKSTEP[..]].concat();
@@ -698,13 +701,13 @@ fn a_parameter_of_an_fmu_is_swept_and_no_row_of_another_fmu_counts() {
     let step = cart(folder.path(), "");
     let sweep = "[sweep]\n[[sweep.list]]\nkey = \"plant.cart.start.mass_kilograms\"\nvalues = [1.8, 2.1, 2.4, 2.7]\n[expect]\n";
     fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
-    let folder_of = |name: &str| folder.path().join(name);
+    let below = |name: &str| folder.path().join(name);
     let play = |name: &str| {
-        let (code, stdout, stderr) = output(canrig(&folder_of(name), "sweep").arg(&step));
+        let (code, stdout, stderr) = output(canrig(&below(name), "sweep").arg(&step));
         assert_eq!(code, Some(0), "{stdout}{stderr}");
     };
     play("runs");
-    let table = fs::read_to_string(only_run(&folder_of("runs")).join("runs.csv")).unwrap();
+    let table = fs::read_to_string(only_run(&below("runs")).join("runs.csv")).unwrap();
     assert_eq!(table.lines().count(), 5, "{table}");
     let overshoots = table
         .lines()
@@ -716,14 +719,14 @@ fn a_parameter_of_an_fmu_is_swept_and_no_row_of_another_fmu_counts() {
     assert_eq!(different.len(), 4, "{table}");
     // With the same FMU all rows are reused. Another FMU has another folder.
     play("runs");
-    assert_eq!(runs(&folder_of("runs")).len(), 1);
+    assert_eq!(runs(&below("runs")).len(), 1);
     cart(folder.path(), "another one");
     fs::write(&step, STEP.replacen("[expect]\n", sweep, 1)).unwrap();
     play("runs");
-    assert_eq!(runs(&folder_of("runs")).len(), 2);
+    assert_eq!(runs(&below("runs")).len(), 2);
     let misspelt = sweep.replace("mass_kilograms", "mass_kilogram");
     fs::write(&step, STEP.replacen("[expect]\n", &misspelt, 1)).unwrap();
-    let (code, _, stderr) = output(canrig(&folder_of("wrong"), "sweep").arg(&step));
+    let (code, _, stderr) = output(canrig(&below("wrong"), "sweep").arg(&step));
     assert_eq!(code, Some(3), "{stderr}");
     assert!(
         stderr.contains("did you mean `plant.cart.start.mass_kilograms`?"),

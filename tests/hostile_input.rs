@@ -13,9 +13,9 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::real_time::soon;
 use crate::support::{canrig, only_run, output, short_scenario};
 
-fn bare(words: &[&str]) -> Command {
+fn bare(arguments: &[&str]) -> Command {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
-    canrig.args(words).env("NO_COLOR", "1");
+    canrig.args(arguments).env("NO_COLOR", "1");
     canrig
 }
 
@@ -82,11 +82,8 @@ fn what_is_no_file_is_refused_wherever_a_file_is_read() {
         let (code, _, stderr) = soon(&mut bare(command));
         assert_eq!(code, Some(expected), "{command:?}: {stderr}");
         let words = stderr.split_whitespace().filter(|word| *word != "│");
-        let words_wrapped = words.collect::<Vec<_>>().join(" ");
-        assert!(
-            words_wrapped.contains("not a file"),
-            "{command:?}: {stderr}"
-        );
+        let one_line = words.collect::<Vec<_>>().join(" ");
+        assert!(one_line.contains("not a file"), "{command:?}: {stderr}");
     }
 }
 
@@ -121,33 +118,33 @@ fn what_a_folder_from_elsewhere_links_to_is_neither_quoted_nor_judged() {
         &["identify", path],
     ];
     // A command need not refuse a file that it does not read.
-    let of_all = ["scenario.toml", "frames.dbc"];
-    let of_some = ["verdict.json", "bus.log", "stalls.csv", "played.json"];
-    for name in of_all.into_iter().chain(of_some) {
+    let needed = ["scenario.toml", "frames.dbc"];
+    let optional = ["verdict.json", "bus.log", "stalls.csv", "played.json"];
+    for name in needed.into_iter().chain(optional) {
         let was_there = run.join(name).exists();
         let theirs = link_out(&run.join(name), &elsewhere);
         let theirs_name = theirs.display();
         let reason = format!("it is a link that leads out of its folder, to {theirs_name}");
         let mut refused = 0;
-        for words in commands {
-            let (code, stdout, stderr) = output(&mut bare(words));
+        for arguments in commands {
+            let (code, stdout, stderr) = output(&mut bare(arguments));
             let is_refused = stderr.contains(&reason);
             let is_named = ["` cannot be ", " cannot be "]
                 .iter()
                 .any(|end| stderr.contains(&format!("{name}{end}")));
             assert!(
                 !is_refused || is_named && code == Some(3) && stdout.is_empty(),
-                "{name} {words:?}: {code:?} {stdout}{stderr}"
+                "{name} {arguments:?}: {code:?} {stdout}{stderr}"
             );
             refused += usize::from(is_refused);
             assert!(
-                is_refused || !of_all.contains(&name),
-                "{name} {words:?}: {stderr}"
+                is_refused || !needed.contains(&name),
+                "{name} {arguments:?}: {stderr}"
             );
         }
         assert!(refused > 0, "{name}");
         assert!(
-            !Path::new(page).exists() || !of_all.contains(&name),
+            !Path::new(page).exists() || !needed.contains(&name),
             "{name}"
         );
         fs::remove_file(run.join(name)).unwrap();
@@ -250,14 +247,14 @@ fn a_damaged_verdict_is_named_by_every_command_that_reads_it() {
     for damaged in [&whole[..whole.len() / 2], b"{}", b"", &flipped] {
         fs::write(&path, damaged).unwrap();
         for command in ["replay", "report", "coverage", "export", "compare"] {
-            let mut words = bare(&[command]);
-            words.arg(&run);
+            let mut arguments = bare(&[command]);
+            arguments.arg(&run);
             match command {
-                "compare" => words.arg(&run),
-                "export" => words.args(["--format", "csv"]),
-                _ => &mut words,
+                "compare" => arguments.arg(&run),
+                "export" => arguments.args(["--format", "csv"]),
+                _ => &mut arguments,
             };
-            let (code, _, stderr) = output(&mut words);
+            let (code, _, stderr) = output(&mut arguments);
             assert_eq!(code, Some(3), "{command}: {stderr}");
             assert!(
                 stderr.contains("verdict.json` is damaged"),
@@ -283,14 +280,14 @@ fn output_that_cannot_be_written_is_no_success() {
         &["export", run, "--format", "csv"],
         &["completions", "bash"],
     ];
-    for words in commands {
+    for arguments in commands {
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let output = bare(words).stdout(full).output().unwrap();
+        let output = bare(arguments).stdout(full).output().unwrap();
         let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(4), "{words:?}: {stderr}");
+        assert_eq!(output.status.code(), Some(4), "{arguments:?}: {stderr}");
         assert!(
             stderr.contains("No space left on device"),
-            "{words:?}: {stderr}"
+            "{arguments:?}: {stderr}"
         );
     }
     let export = |place: &str| {
@@ -316,14 +313,18 @@ fn output_that_cannot_be_written_is_no_success() {
 }
 
 /// Returns the program with a limit on the size of files, in kilobytes.
-fn limited(kilobytes: u32, words: &[&str]) -> Command {
-    limited_program(Path::new(env!("CARGO_BIN_EXE_canrig")), kilobytes, words)
+fn limited(kilobytes: u32, arguments: &[&str]) -> Command {
+    limited_program(
+        Path::new(env!("CARGO_BIN_EXE_canrig")),
+        kilobytes,
+        arguments,
+    )
 }
 
-fn limited_program(program: &Path, kilobytes: u32, words: &[&str]) -> Command {
+fn limited_program(program: &Path, kilobytes: u32, arguments: &[&str]) -> Command {
     let mut bash = Command::new("bash");
     bash.args(["-c", &format!("ulimit -f {kilobytes}; exec \"$@\""), "-"]);
-    bash.arg(program).args(words);
+    bash.arg(program).args(arguments);
     bash
 }
 
@@ -408,8 +409,8 @@ fn an_fmu_that_the_disk_does_not_take_is_named_and_nothing_else_is_printed() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("sma.fmu");
     let program = with_library(folder.path());
-    let words = ["fmu", "--export", "sma", "--output"];
-    let mut export = limited_program(&program, 10, &words);
+    let arguments = ["fmu", "--export", "sma", "--output"];
+    let mut export = limited_program(&program, 10, &arguments);
     let (code, stdout, stderr) = output(export.arg(&place));
     assert_eq!(code, Some(4), "{stderr}");
     assert_eq!(

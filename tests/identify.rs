@@ -75,12 +75,12 @@ fn fit<'a>(measurements: &'a [IdentificationData], parameters: &str) -> Fit<'a> 
 }
 
 fn search_from(fit: &Fit<'_>, start: &Sma) -> Solution {
-    search::search(fit, &fit.values_of(start), &|_, _| {}).unwrap()
+    search::search(fit, &fit.values_in(start), &|_, _| {}).unwrap()
 }
 
 /// Returns relative errors against a plant, by parameter.
 fn errors(fit: &Fit<'_>, values: &[f64], truth: &Sma) -> Vec<(&'static Parameter, f64)> {
-    let truth = fit.values_of(truth);
+    let truth = fit.values_in(truth);
     let errors = values
         .iter()
         .zip(truth)
@@ -119,7 +119,7 @@ fn the_six_are_found_from_section_3_and_the_result_can_be_played() {
     let plant = start::read_plant(&result.join("plant.toml")).unwrap();
     let measurements = [];
     let fit = fit(&measurements, SIX);
-    assert_on_target(&fit, &fit.values_of(&plant), 0.05);
+    assert_on_target(&fit, &fit.values_in(&plant), 0.05);
     let report = fs::read_to_string(result.join("report.md")).unwrap();
     assert!(
         report.contains("fit-1.svg") && report.contains("## Correlations"),
@@ -255,7 +255,7 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
         "{summary}"
     );
     // With the right law the same recording identifies the plant.
-    let known = measurements[0].own.trial.plant.actuator().unwrap();
+    let known = measurements[0].control_loop.trial.plant.actuator().unwrap();
     let right = Fit::new(&measurements, parameter::parse_list(SIX).unwrap(), known).coarse();
     let found = search_from(&right, &start);
     assert_on_target(&right, &found.statistics.values(), 0.05);
@@ -263,16 +263,16 @@ fn a_truth_with_the_full_law_shows_as_a_model_error() {
 }
 
 /// Plays the excitation of another plant, measured with noise.
-fn excitation_of(plant: &Sma, seed: u64) -> Recording {
+fn noisy_excitation(plant: &Sma, seed: u64) -> Recording {
     let noise = "\n[node.drive.sensor]\nnoise_rms = 0.03\n";
     Recording::of(&format!(
         "seed = {seed}\n{}{noise}",
-        text_of(&excitation_text(), plant)
+        text_on(&excitation_text(), plant)
     ))
 }
 
 /// Returns a scenario on another plant.
-fn text_of(text: &str, plant: &Sma) -> String {
+fn text_on(text: &str, plant: &Sma) -> String {
     format!("{text}\n{}", plant.to_file_text("wire").unwrap())
 }
 
@@ -281,7 +281,7 @@ fn a_truth_with_twice_the_damping_ends_in_1_and_damping_and_stiffness_can_be_sou
     let mut truth = Sma::default();
     truth.mechanics.damping_newton_seconds_per_metre *= 2.0;
     truth.mechanics.austenite_modulus_pascals *= 1.1;
-    let recording = excitation_of(&truth, 7);
+    let recording = noisy_excitation(&truth, 7);
     let identify = |parameters: &str| {
         let folder = tempfile::tempdir().unwrap();
         let mut command = canrig(folder.path(), "identify");
@@ -312,13 +312,13 @@ fn a_truth_with_twice_the_damping_ends_in_1_and_damping_and_stiffness_can_be_sou
 
 /// Returns whether the model with the best values near the truth explains the data.
 fn is_explained(known: &Sma, truth: &Sma, seed: u64) -> bool {
-    let measurements = [excitation_of(truth, seed).measurement()];
+    let measurements = [noisy_excitation(truth, seed).measurement()];
     let fit = Fit::new(
         &measurements,
         parameter::parse_list(SIX).unwrap(),
         known.clone(),
     );
-    let near = fit.values_of(truth);
+    let near = fit.values_in(truth);
     let optimum = optimiser::sequential_quadratic_programming(&fit, &near, &|_, _| {}).unwrap();
     FitStatistics::new(&fit, &optimum.values)
         .unwrap()
@@ -366,7 +366,7 @@ fn flags(true_models: u64, damped_models: u64) {
 /// Returns settling time in seconds and overshoot in per cent of the warm step on a plant.
 fn warm_step(folder: &Path, truth: &Sma, model: Option<&str>) -> (f64, f64) {
     let text = fs::read_to_string(scenario("step.toml")).unwrap();
-    let text = text_of(&text, truth);
+    let text = text_on(&text, truth);
     let calibrated = |file| {
         // The head of the file has the table of the law.
         let text = fs::read_to_string(folder.join(file)).unwrap();
@@ -410,7 +410,7 @@ fn the_controller_takes_the_model_that_identification_found() {
     ] {
         parameter::parse_list(symbol).unwrap()[0].set(&mut truth, value);
     }
-    let recording = Recording::of(&text_of(&excitation_text(), &truth));
+    let recording = Recording::of(&text_on(&excitation_text(), &truth));
     let folder = tempfile::tempdir().unwrap();
     let results = folder.path().join("identified");
     let mut command = canrig(&results, "identify");
@@ -435,7 +435,7 @@ fn a_round_that_goes_nowhere_keeps_what_was_found() {
     let recording = Recording::of(&step_text(0.7, 4.0));
     let measurements = [recording.measurement()];
     let fit = fit(&measurements, "C,As,Af");
-    let start = fit.values_of(&Start::Section3.plant().unwrap());
+    let start = fit.values_in(&Start::Section3.plant().unwrap());
     assert!(!start::lifts(&fit, &start));
     let kept = optimiser::sequential_quadratic_programming(&fit, &start, &|_, _| {}).unwrap();
     assert_eq!(kept.values, start);
@@ -451,7 +451,7 @@ fn a_start_that_never_lifts_is_reported_and_replaced() {
     let measurements = [Recording::of(text).measurement()];
     let fit = fit(&measurements, "C,As,Af");
     let start = Start::Section3.plant().unwrap();
-    assert!(!start::lifts(&fit, &fit.values_of(&start)));
+    assert!(!start::lifts(&fit, &fit.values_in(&start)));
     let found = search_from(&fit, &start);
     assert_eq!(found.descent.detour.as_ref().unwrap().0, Detour::NeverLifts);
     assert!(report::summary(&fit, &found).contains("the load never lifts"));
@@ -510,7 +510,7 @@ fn a_recording_without_motion_is_refused() {
 }
 
 #[test]
-fn of_a_run_on_a_rig_sensor_and_current_are_the_rigs() {
+fn a_run_on_a_rig_has_sensor_and_current_of_the_rig() {
     let recording = Recording::of(&step_text(0.8, 4.0));
     let emulated = recording.measurement();
     // The same drive without a measured current and with another kind of sensor.

@@ -18,7 +18,7 @@ fn limits(kinetics: &str) -> [[f64; 2]; 2] {
 }
 
 /// Returns whether a run with one kinetics is within the limits of one.
-fn passes(folder: &Path, kinetics: &str, limits_of: &str) -> bool {
+fn passes(folder: &Path, kinetics: &str, judged_as: &str) -> bool {
     let recorded = "[node.drive]\nrecord = [\"martensite_fraction\", \"turns_not_remembered\"]";
     let rig = fs::read_to_string(scenario("rigs/sma_actuator.toml")).unwrap();
     let rig = rig.replace("[node.drive]", recorded);
@@ -33,7 +33,7 @@ fn passes(folder: &Path, kinetics: &str, limits_of: &str) -> bool {
             "[[controller.open_loop.step]]\nat_seconds = {at}.0\ncurrent_amperes = {current}\n"
         );
     }
-    for ([min, max], from) in limits(limits_of).into_iter().zip([17.0, 29.0]) {
+    for ([min, max], from) in limits(judged_as).into_iter().zip([17.0, 29.0]) {
         let until = from + 0.9;
         text += &format!(
             "[[expect.signal]]\nname = \"martensite_fraction\"\nfrom_seconds = {from:?}\nuntil_seconds = {until:?}\n\
@@ -41,7 +41,7 @@ fn passes(folder: &Path, kinetics: &str, limits_of: &str) -> bool {
         );
     }
     text += "[[expect.signal]]\nname = \"turns_not_remembered\"\nstays = { max = 0.0 }\n";
-    let path = folder.join(format!("{kinetics}_by_{limits_of}.toml"));
+    let path = folder.join(format!("{kinetics}_by_{judged_as}.toml"));
     fs::write(&path, text).unwrap();
     let (code, stdout, stderr) = output(canrig(&folder.join("runs"), "simulate").arg(&path));
     assert!(matches!(code, Some(0 | 1)), "{stdout}{stderr}");
@@ -49,14 +49,14 @@ fn passes(folder: &Path, kinetics: &str, limits_of: &str) -> bool {
 }
 
 #[test]
-fn each_kinetics_is_judged_by_its_own_loops() {
+fn each_kinetics_passes_by_the_limits_for_its_loops_only() {
     let folder = tempfile::tempdir().unwrap();
     let all = ["paper", "nested", "preisach"];
     for kinetics in all {
-        for limits_of in all {
-            let is_own = kinetics == limits_of;
-            let passes = passes(folder.path(), kinetics, limits_of);
-            assert_eq!(passes, is_own, "{kinetics} by the limits of {limits_of}");
+        for judged_as in all {
+            let is_same = kinetics == judged_as;
+            let passes = passes(folder.path(), kinetics, judged_as);
+            assert_eq!(passes, is_same, "{kinetics} by the limits of {judged_as}");
         }
     }
 }

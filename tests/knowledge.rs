@@ -92,11 +92,11 @@ fn plant(folder: &Path, text: &str) -> Table {
         let bits = ("resolution_bits".to_owned(), Value::from(resolution_bits));
         Value::from(Table::from_iter(numbers.chain([bits])))
     };
-    let of_sensor = [("max", sensor.span), ("noise_rms", sensor.noise_rms)];
-    let mut drive = part("sensor", numbers(&of_sensor, sensor.resolution_bits));
+    let sensor_numbers = [("max", sensor.span), ("noise_rms", sensor.noise_rms)];
+    let mut drive = part("sensor", numbers(&sensor_numbers, sensor.resolution_bits));
     // The command range of the drive is known to the controller.
-    let of_amplifier = numbers(&[], amplifier.resolution_bits);
-    drive.extend(part("amplifier", of_amplifier));
+    let amplifier_numbers = numbers(&[], amplifier.resolution_bits);
+    drive.extend(part("amplifier", amplifier_numbers));
     let plants = match &scenario.plant.dc_motor {
         Some(motor) => part("motor", Value::try_from(motor).unwrap()),
         None => part("wire", Value::try_from(scenario.plant.actuator()).unwrap()),
@@ -114,14 +114,14 @@ fn text_on(document: &Table, plant: &Table) -> String {
 
 /// Returns all numbers of a table, by their paths.
 fn parameters(table: &Table, before: &str) -> BTreeMap<String, Value> {
-    let of_value = |(key, value): (&String, &Value)| match value {
+    let numbers_below = |(key, value): (&String, &Value)| match value {
         Value::Table(below) => parameters(below, &format!("{before}{key}.")),
         Value::Float(_) | Value::Integer(_) => {
             BTreeMap::from([(format!("{before}{key}"), value.clone())])
         }
         _ => BTreeMap::new(),
     };
-    table.iter().flat_map(of_value).collect()
+    table.iter().flat_map(numbers_below).collect()
 }
 
 fn at<'a>(table: &'a mut Table, path: &str) -> &'a mut Value {

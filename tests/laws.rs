@@ -250,7 +250,7 @@ fn each_pid_computes_what_the_one_in_rust_does() {
     let gains: serde_json::Value =
         serde_json::from_str(&Measurand::default().name(&gains)).unwrap();
     let scenario: toml::Table = GAINS_OF_FMU.replace("1.5", "0.4").parse().unwrap();
-    let of_fmu = &scenario["controller"]["fmu"]["parameters"];
+    let parameters = &scenario["controller"]["fmu"]["parameters"];
     let canrig = env!("CARGO_BIN_EXE_canrig").to_owned();
     let path = |name: &str| place(name).to_string_lossy().into_owned();
     let worker = |file: &str| vec![canrig.clone(), "law-worker".to_owned(), path(file)];
@@ -272,8 +272,8 @@ fn each_pid_computes_what_the_one_in_rust_does() {
     for (command, parameters) in [
         (python, gains.clone()),
         (worker("pid.so"), gains),
-        (fmu("two"), serde_json::to_value(of_fmu).unwrap()),
-        (fmu("three"), serde_json::to_value(of_fmu).unwrap()),
+        (fmu("two"), serde_json::to_value(parameters).unwrap()),
+        (fmu("three"), serde_json::to_value(parameters).unwrap()),
     ] {
         let welcome = json!({
             "reads": ["position_metres", "set_point_metres"],
@@ -301,7 +301,7 @@ fn each_pid_computes_what_the_one_in_rust_does() {
         assert_eq!(currents.len(), expected.len());
         let apart = currents.iter().zip(&expected);
         let apart = apart
-            .map(|(one, own)| (one - own).abs())
+            .map(|(one, expected)| (one - expected).abs())
             .fold(0.0, f64::max);
         assert!(apart <= 1e-12, "{command:?}: {apart:e} apart");
     }
@@ -666,9 +666,9 @@ fn a_seat_is_taken_once() {
     let (code, said, run) = played(&law, &folder.path().join("runs"), SIMULATED);
     assert_eq!(code, Some(0), "{said}");
     let log = fs::read_to_string(run.join("law.log")).unwrap();
-    let own = folder.path().canonicalize().unwrap();
+    let place_of_file = folder.path().canonicalize().unwrap();
     // ENOENT: the socket is gone.
-    assert_eq!(log.trim(), format!("2 virtual {}", own.display()));
+    assert_eq!(log.trim(), format!("2 virtual {}", place_of_file.display()));
 }
 
 #[test]
@@ -783,7 +783,7 @@ fn write_pid_fmu(file: &Path, version: Version, library: &Path) {
 }
 
 /// Writes the scenario of the PID in Python with another table of its law.
-fn scenario_of(folder: &Path, name: &str, table: &str) -> PathBuf {
+fn pid_scenario(folder: &Path, name: &str, table: &str) -> PathBuf {
     let text = fs::read_to_string(example("pid_in_python.toml")).unwrap();
     let (before, rest) = text.split_once("[controller.program]").unwrap();
     let (_, after) = rest.split_once("[[reference.hold]]").unwrap();
@@ -805,7 +805,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
     let table = table.replace("command = [\"python3\", \"pid.py\"]", "file = \"pid.so\"");
     let table = format!("[controller.library]{table}")
         .replace("controller.program.", "controller.library.");
-    let library = scenario_of(folder, "library.toml", &table);
+    let library = pid_scenario(folder, "library.toml", &table);
     let fmu = |name: &str, version| {
         write_pid_fmu(
             &folder.join(format!("{name}.fmu")),
@@ -817,7 +817,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
              reads = {{ y = \"position_millimetres\", r = \"set_point_millimetres\" }}\n\
              writes = {{ u = \"current_amperes\" }}\nterms = {{ sum = \"integral_amperes\" }}\n{GAINS_OF_FMU}"
         );
-        scenario_of(folder, &format!("{name}.toml"), &table)
+        pid_scenario(folder, &format!("{name}.toml"), &table)
     };
     [
         library,
@@ -829,7 +829,7 @@ fn in_c(folder: &Path) -> [PathBuf; 3] {
 /// Writes the scenario of the PID in Python with the one in Rust.
 fn in_rust(folder: &Path) -> PathBuf {
     let gains = toml::to_string(&gains()).unwrap();
-    scenario_of(folder, "rust.toml", &format!("[controller.pid]\n{gains}"))
+    pid_scenario(folder, "rust.toml", &format!("[controller.pid]\n{gains}"))
 }
 
 fn metrics(run: &Path) -> Vec<(String, f64)> {
@@ -860,16 +860,16 @@ fn each_pid_controls_as_the_one_in_rust() {
             let runs = folder.path().join(format!("{name}-{}", world[0]));
             let (code, said, run) = played(&scenario, &runs, world);
             assert_eq!(code, Some(0), "{name}: {said}");
-            let own = metrics(&run);
-            assert_eq!(own.len(), expected.len());
-            let of_control = own.iter().zip(&expected);
+            let ours = metrics(&run);
+            assert_eq!(ours.len(), expected.len());
+            let compared = ours.iter().zip(&expected);
             // The PID in Rust publishes more terms.
-            let of_control = of_control.filter(|((name, _), _)| name != "bus_load_percent");
-            for ((metric, own), (_, theirs)) in of_control {
-                let apart = (own - theirs).abs();
+            let compared = compared.filter(|((name, _), _)| name != "bus_load_percent");
+            for ((metric, ours), (_, theirs)) in compared {
+                let apart = (ours - theirs).abs();
                 assert!(
                     apart <= 1e-3 * theirs.abs(),
-                    "{name}: {metric}: {own} {theirs}"
+                    "{name}: {metric}: {ours} {theirs}"
                 );
             }
             recordings.push(fs::read(run.join("bus.log")).unwrap());

@@ -56,7 +56,7 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
         assert_eq!(verdict["outcome"], "pass", "{verdict}");
     }
     let runs = runs(folder.path());
-    let mut lines: Vec<_> = runs.iter().map(|run| line_of(run)).collect();
+    let mut lines: Vec<_> = runs.iter().map(|run| hash_line(run)).collect();
     lines.sort();
     let hashes = lines.concat();
     let path = root().join("tests/data/recordings.sha256");
@@ -76,7 +76,7 @@ fn every_shipped_scenario_passes_and_leaves_the_bytes_it_left_before() {
 }
 
 /// Returns the scenario of a run with the hashes of its recording and verdict.
-fn line_of(run: &Path) -> String {
+fn hash_line(run: &Path) -> String {
     let scenario = fs::read_to_string(run.join("scenario.toml")).unwrap();
     let scenario: toml::Table = scenario.parse().unwrap();
     let hash = |name: &str| {
@@ -307,7 +307,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use worlds::bench_node::BenchNode;
     use worlds::law_process::LawPlace;
     use worlds::lockstep::{play, simulate};
-    use worlds::nodes::{controller_of, controller_views, plant_emulator};
+    use worlds::nodes::{make_controller, controller_views, plant_emulator};
     use worlds::programs::Hosting;
     for name in ["fan.toml", "step.toml"] {
         let source = plan(&scenario(name));
@@ -332,7 +332,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
                 let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
                 let mut bench = BenchNode::new(&source).unwrap();
                 let mut controller =
-                    controller_of(&controller_views(&source), &LawPlace::of(&source)).unwrap();
+                    make_controller(&controller_views(&source), &LawPlace::of(&source)).unwrap();
                 let mut participants = [
                     Asked(Local::new("plant-emulator", &mut *plant_emulator)),
                     Asked(Local::new("bench", &mut bench)),
@@ -468,7 +468,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     use runner::run::run;
     use worlds::Played;
     use worlds::law_process::LawPlace;
-    use worlds::nodes::{controller_of, controller_views, plant_emulator};
+    use worlds::nodes::{make_controller, controller_views, plant_emulator};
     let folder = tempfile::tempdir().unwrap();
     let source = plan(&crate::support::short_scenario(folder.path(), 1.0));
     let mut runs = Vec::new();
@@ -482,7 +482,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
             |_, capture| {
                 let mut plant_emulator = plant_emulator(&source, "plant-emulator").unwrap();
                 let mut controller =
-                    controller_of(&controller_views(&source), &LawPlace::of(&source)).unwrap();
+                    make_controller(&controller_views(&source), &LawPlace::of(&source)).unwrap();
                 let mut bench = worlds::bench_node::BenchNode::new(&source).unwrap();
                 let mut sleeper = Sleeper { sleeps, calls: 0 };
                 let mut participants = [

@@ -185,7 +185,7 @@ fn a_log_is_read_to_its_end_by_whoever_opened_it() {
 
 /// It is random whether the log was cut before it was read again.
 #[test]
-fn of_a_log_that_is_cut_meanwhile_no_half_file_is_left() {
+fn a_log_that_is_cut_meanwhile_leaves_no_half_file() {
     let folder = tempfile::tempdir().unwrap();
     let (run, log) = with_long_log(folder.path());
     let output = folder.path().join("frames.blf");
@@ -220,7 +220,7 @@ fn a_run_whose_folder_is_removed_has_no_verdict() {
 
 /// With any damaged bit, missing data are not attributed to a node, and no value changes.
 #[test]
-fn of_a_damaged_long_run_nothing_is_judged() {
+fn a_damaged_long_run_is_not_judged() {
     let folder = tempfile::tempdir().unwrap();
     let source = scenario("sine_5s.toml");
     let run = simulated(&folder.path().join("runs"), &source, "10");

@@ -1,7 +1,7 @@
 //! Missing frames and their excuses: runs are simulated, frames are removed from their recordings, and the rest is
 //! judged as a run with foreign nodes.
 
-use campaigns::campaign::{Campaign, of_one_loop};
+use campaigns::campaign::{Campaign, one_loop_plan};
 use judge::verdict::{Outcome, Verdict};
 use judge::{Circumstances, judge};
 use plan::Plan;
@@ -37,7 +37,7 @@ fn fault(kind: &str, node: &str, from_seconds: f64) -> String {
 /// Returns the frames of a run.
 fn played(faults: &str) -> Vec<Stamped> {
     let campaign = Campaign::on_all_cores(false);
-    let frames = campaign.play([of_one_loop(scenario(faults))].into_iter(), |played| {
+    let frames = campaign.play([one_loop_plan(scenario(faults))].into_iter(), |played| {
         played.frames.iter().collect::<Vec<Stamped>>()
     });
     frames.unwrap().remove(0).unwrap()
@@ -216,8 +216,8 @@ fn commands_that_do_not_come_fail_a_controller_under_test() {
         ["2.000 s loss: no command from the controller from here on"]
     );
     // For canrig's own controller it is only reported.
-    let own = judged(&silent, LIMITS, DRIVE);
-    assert!(row(&own).is_some_and(|row| row.value > Some(66.0) && row.passed.is_none()));
+    let canrigs = judged(&silent, LIMITS, DRIVE);
+    assert!(row(&canrigs).is_some_and(|row| row.value > Some(66.0) && row.passed.is_none()));
     let limited = format!("{LIMITS}missed_commands_percent = {{ max = 70.0 }}\n");
     fails(
         &judged(&silent, &limited, DRIVE),
@@ -242,7 +242,7 @@ fn commands_that_do_not_come_fail_a_controller_under_test() {
 
 /// The law of both axes needs both positions.
 #[test]
-fn of_several_loops_no_command_is_due_where_a_position_is_missing() {
+fn no_command_of_several_loops_is_due_where_a_position_is_missing() {
     let path = support::scenario("two_axes_circle.toml");
     let mut plan = Plan::load(&path, &Catalogue::shipped()).unwrap();
     let campaign = Campaign::on_all_cores(false);

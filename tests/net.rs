@@ -37,12 +37,17 @@ mod my_plant;
 const NET: &str = "tests/data/net";
 
 /// Runs the program without colours, with paths relative to a folder.
-fn program(folder: &Path, words: &[&str]) -> (Option<i32>, String, String) {
+fn program(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     let mut canrig = Command::new(env!("CARGO_BIN_EXE_canrig"));
     let plain = canrig
         .env_remove("FORCE_COLOR")
         .env_remove("CLICOLOR_FORCE");
-    output(plain.env("NO_COLOR", "1").current_dir(folder).args(words))
+    output(
+        plain
+            .env("NO_COLOR", "1")
+            .current_dir(folder)
+            .args(arguments),
+    )
 }
 
 fn utf8(path: &Path) -> &str {
@@ -140,8 +145,8 @@ fn problems(report: &str) -> String {
 
 /// Returns the output of `check` on a file with a mistake, and on a scenario that names the file.
 fn report_on(folder: &Path, file: &str, user: Option<&String>) -> (String, String) {
-    let words = Vec::from_iter(["check", file].into_iter().chain(user.map(String::as_str)));
-    let (code, stdout, stderr) = program(folder, &words);
+    let arguments = Vec::from_iter(["check", file].into_iter().chain(user.map(String::as_str)));
+    let (code, stdout, stderr) = program(folder, &arguments);
     assert!(
         matches!(code, Some(0 | 3)),
         "{file}: {code:?}\n{stdout}{stderr}"
@@ -163,18 +168,18 @@ fn reports_on_mistakes_are_those_of_before() {
         copy_files(&root().join(name), &folder.join(name), &mut files);
     }
     motor(&folder.join("docs/examples"), Version::Three);
-    let name_of = |path: &Path| utf8(path.strip_prefix(folder).unwrap()).to_owned();
+    let name = |path: &Path| utf8(path.strip_prefix(folder).unwrap()).to_owned();
     let texts = Vec::from_iter(files.iter().map(|path| fs::read_to_string(path).unwrap()));
     let mut lines = Vec::new();
     let mut reports = Vec::new();
     for (path, text) in files.iter().zip(&texts) {
-        let file = name_of(path);
+        let file = name(path);
         let is_user = |(other, text): &(&PathBuf, &String)| {
             let named = path.strip_prefix(other.parent().unwrap());
             named.is_ok_and(|named| text.contains(&format!("\nrig = \"{}\"", utf8(named))))
         };
         let user = files.iter().zip(&texts).find(is_user);
-        let user = user.map(|(path, _)| name_of(path));
+        let user = user.map(|(path, _)| name(path));
         // The cases of the catalogue of faults are similar.
         let mutants = if file.contains("/faults/") { 1 } else { 5 };
         for number in 1..=mutants {
@@ -320,20 +325,22 @@ const OUTSIDE: &str = "CANRIG_NET_OUTSIDE";
 #[test]
 #[ignore = "a process of `rigs_are_played_as_before`"]
 fn simulate_outside() {
-    let Ok(words) = std::env::var(OUTSIDE) else {
+    let Ok(arguments) = std::env::var(OUTSIDE) else {
         return;
     };
     register_laws(vec![LawRow::of::<my_law::MyLaw>()]).unwrap();
     register_plants(vec![PlantRow::of::<my_plant::MyPlant>()]).unwrap();
-    let words = ["simulate", "--output"].into_iter().chain(words.lines());
-    let _ = simulate(&Outside::parse_from(words).simulate);
+    let arguments = ["simulate", "--output"]
+        .into_iter()
+        .chain(arguments.lines());
+    let _ = simulate(&Outside::parse_from(arguments).simulate);
 }
 
 /// Simulates a scenario that `canrig new` writes with a law or a plant; returns its lines.
 fn simulated_outside(folder: &Path, name: &str, kind: &[&str]) -> Vec<String> {
     let path = folder.join(name);
-    let words = [&["new"], kind, &[name, "--path", utf8(&path)]].concat();
-    let (code, _, stderr) = program(folder, &words);
+    let arguments = [&["new"], kind, &[name, "--path", utf8(&path)]].concat();
+    let (code, _, stderr) = program(folder, &arguments);
     assert_eq!(code, Some(0), "{stderr}");
     let scenario = path.join("scenarios").join(name).with_extension("toml");
     let runs = folder.join("runs").join(name);
@@ -426,19 +433,19 @@ fn stored_logs_have_the_numbers_of_before() {
     let mut lines = Vec::new();
     for folder in folders {
         let name = utf8(Path::new(folder.file_name().unwrap()));
-        let of_log = [
+        let replay_log = [
             "replay",
             "--json",
             "bus.log.zst",
             "--scenario",
             "scenario.toml",
         ];
-        let words = if folder.join("rig.toml").exists() {
+        let arguments = if folder.join("rig.toml").exists() {
             &["replay", "--json", "."][..]
         } else {
-            &of_log
+            &replay_log
         };
-        let (code, stdout, stderr) = program(&folder, words);
+        let (code, stdout, stderr) = program(&folder, arguments);
         assert!(
             matches!(code, Some(0 | 1 | 4 | 5)),
             "{name}: {code:?} {stdout}{stderr}"

@@ -177,7 +177,7 @@ fn several_drives(folder: &Path, count: u8, added: &str) -> (PathBuf, Vec<(Strin
             "[plant.{plant}.dc_motor]\n[node.{drive}]\nkind = \"drive\"\nnode_id = {node_id}\n\
              amplifier.port = \"{plant}.current_amperes\"\nsensor.port = \"{plant}.position_metres\"\n\
              [loop.of_{drive}]\nfeedback = \"{drive}.position\"\noutputs = [\"{drive}.current\"]\n",
-            plant = plant_of(drive),
+            plant = plant_name(drive),
         );
         scenario += &added.replace("NODE", drive);
     }
@@ -187,7 +187,7 @@ fn several_drives(folder: &Path, count: u8, added: &str) -> (PathBuf, Vec<(Strin
     (path, drives)
 }
 
-fn plant_of(drive: &str) -> String {
+fn plant_name(drive: &str) -> String {
     drive.replace("drive", "motor")
 }
 
@@ -223,7 +223,7 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     }
     let plan = plan::Plan::load(&scenario, worlds::catalogue::catalogue()).unwrap();
     let run = Run::start(&scenario, clock);
-    let emulators = drives.iter().map(|(drive, _)| run.node(&plant_of(drive)));
+    let emulators = drives.iter().map(|(drive, _)| run.node(&plant_name(drive)));
     let nodes = Vec::from_iter(emulators.chain([run.node("controller")]));
     let flows = |one| last_current(&run.log(), one) > 0.0;
     wait_for("the current to flow", || plan.loops.iter().all(flows));
@@ -231,11 +231,11 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     let run_folder = run.run_folder().unwrap();
     let (code, text, folder) = run.end();
     assert_eq!(code, Some(4), "{text}");
-    let words = match drives.iter().find(|(drive, _)| plant_of(drive) == victim) {
+    let node = match drives.iter().find(|(drive, _)| plant_name(drive) == victim) {
         Some((drive, _)) => format!("emulator of {victim} and its drive {drive}"),
         None => victim.to_owned(),
     };
-    let expected = format!("the {words} was killed by signal 9");
+    let expected = format!("the {node} was killed by signal 9");
     assert!(text.contains(&expected), "{text}");
     assert!(nodes.iter().all(|node| is_gone(*node)));
     let verdict = verdict(folder.path());
@@ -244,11 +244,11 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
     assert_eq!(reason.matches(&expected).count(), 1, "{reason}");
     let log = fs::read_to_string(run_folder.join("bus.log")).unwrap();
     for (one, (drive, _)) in plan.loops.iter().zip(&drives) {
-        if plant_of(drive) != victim {
+        if plant_name(drive) != victim {
             assert_eq!(last_current(&log, one), 0.0, "{drive} after {victim}");
         }
         // A drive that ended with its emulator reports nothing.
-        let is_off = (plant_of(drive) != victim).then_some(true);
+        let is_off = (plant_name(drive) != victim).then_some(true);
         let row = format!("{}.drive_off", one.name());
         assert_eq!(row_passed(&verdict, &row), is_off, "{row} after {victim}");
     }
@@ -366,7 +366,7 @@ fn any_process_of_four_drives_that_is_killed_in_lockstep_is_named_and_leaves_no_
 
 #[test]
 fn a_process_of_several_drives_that_is_killed_before_the_scenario_begins_is_named() {
-    for (victim, words) in [
+    for (victim, node) in [
         ("controller", "controller"),
         ("motor_3", "emulator of motor_3 and its drive drive_3"),
     ] {
@@ -377,7 +377,7 @@ fn a_process_of_several_drives_that_is_killed_before_the_scenario_begins_is_name
         kill_process(run.node(victim), Signal::KILL).unwrap();
         let (code, text, folder) = run.end();
         assert_eq!(code, Some(4), "{text}");
-        let expected = format!("the {words} was killed by signal 9");
+        let expected = format!("the {node} was killed by signal 9");
         assert!(text.contains(&expected), "{text}");
         assert_eq!(verdict(folder.path())["outcome"], "incomplete");
     }
@@ -390,7 +390,7 @@ fn a_killed_bench_of_several_drives_leaves_no_process_and_no_socket() {
             let folder = tempfile::tempdir().unwrap();
             let (scenario, drives) = several_drives(folder.path(), count, "");
             let run = Run::start(&scenario, "real-time");
-            let emulators = drives.iter().map(|(drive, _)| run.node(&plant_of(drive)));
+            let emulators = drives.iter().map(|(drive, _)| run.node(&plant_name(drive)));
             is_tidy_after_the_kill(&run, emulators.chain([run.node("controller")]).collect());
         });
     }

@@ -111,7 +111,7 @@ fn a_program_in_the_place_of_a_scenario_is_told_where_it_stands() {
 fn an_interpreter_behind_a_link_is_started_by_the_link() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = new_controller(folder.path(), "python");
-    let interpreter = folder.path().join("own_python");
+    let interpreter = folder.path().join("linked_python");
     let (code, stdout, _) =
         output(Command::new("python3").args(["-c", "import sys; print(sys.executable)"]));
     assert_eq!(code, Some(0));
@@ -206,8 +206,8 @@ fn a_program_that_leaves_the_limits_of_its_drive_is_stopped() {
 
 /// Returns each frame of a log: identifier and data.
 fn frames(log: &str) -> impl Iterator<Item = (&str, &str)> {
-    let words = log.lines().filter_map(|line| line.rsplit(' ').next());
-    words.filter_map(|word| word.split_once('#'))
+    let frames = log.lines().filter_map(|line| line.rsplit(' ').next());
+    frames.filter_map(|word| word.split_once('#'))
 }
 
 /// A controller that takes the set-point from frames while it sends the SYNC after them gives the same run as one that
@@ -818,13 +818,13 @@ fn a_seat_is_taken_once_and_the_environment_says_what_a_node_may_know() {
     let (code, said, run) = played(&node, &folder.path().join("runs"), SIMULATED);
     assert_eq!(code, Some(0), "{said}");
     let log = String::from_utf8(read(&run, "controller.log")).unwrap();
-    let own = folder.path().canonicalize().unwrap();
+    let place = folder.path().canonicalize().unwrap();
     // ENOENT: the socket is gone. A pipe is 1.
     assert!(
         log.starts_with("2\ncontroller\n1\nvirtual\n0\n1\n{\""),
         "{log}"
     );
-    assert!(log.trim().ends_with(&own.display().to_string()), "{log}");
+    assert!(log.trim().ends_with(&place.display().to_string()), "{log}");
     for hidden in ["plant", "resistance", "settling", "overshoot"] {
         assert!(!log.contains(hidden), "{hidden}: {log}");
     }

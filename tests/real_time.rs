@@ -44,8 +44,8 @@ fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let processors = sched_getaffinity(None).expect("a process may ask for its processors");
     let is_over = &AtomicBool::new(false);
     thread::scope(|scope| {
-        let of_process = (0..CpuSet::MAX_CPU).filter(|processor| processors.is_set(*processor));
-        let watches: Vec<_> = of_process
+        let allowed = (0..CpuSet::MAX_CPU).filter(|processor| processors.is_set(*processor));
+        let watches: Vec<_> = allowed
             .map(|processor| scope.spawn(move || longest_stall(processor, is_over)))
             .collect();
         let result = work();

@@ -80,7 +80,7 @@ fn a_recording_is_judged_again_without_its_plant_in_the_catalogue() {
 }
 
 #[test]
-fn a_recording_of_a_plant_from_outside_is_read_by_its_own_files() {
+fn a_recording_of_a_plant_from_outside_is_read_by_the_files_in_its_folder() {
     let folder = tempfile::tempdir().unwrap();
     let runs = folder.path().join("runs");
     let run = run_of_an_unknown_plant(&runs);
@@ -200,8 +200,8 @@ fn a_recording_of_several_loops_is_held_against_the_limits_of_each() {
     let played = scenario("two_axes_circle.toml");
     let run = simulated(&folder.path().join("runs"), &played);
     let strict = folder.path().join("strict.toml");
-    let text_of = fs::read_to_string(&played).unwrap();
-    let (rest, _) = text_of.split_once("[expect").unwrap();
+    let source = fs::read_to_string(&played).unwrap();
+    let (rest, _) = source.split_once("[expect").unwrap();
     let limits = "[expect.y]\ntracking_error_millimetres_rms = { max = 0.0001 }\n";
     fs::write(&strict, format!("{rest}{limits}")).unwrap();
     let held = |limits: &Path| tool(&["replay", text(&run), "--scenario", text(limits)]);
@@ -360,11 +360,11 @@ fn a_file_that_is_no_log_is_refused() {
 fn two_runs_of_one_scenario_agree_and_of_two_do_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("stronger.toml");
-    let text_of = fs::read_to_string(scenario("step.toml")).unwrap();
+    let source = fs::read_to_string(scenario("step.toml")).unwrap();
     // The plant is not that of the other run: its load is heavier.
     fs::write(
         &path,
-        text_of.replace(
+        source.replace(
             "[expect]",
             "[plant.wire.mechanics]\nload_kilograms = 0.05\n\n[expect]",
         ),
@@ -407,9 +407,9 @@ fn what_one_of_two_laws_does_not_compute_is_not_compared() {
     let folder = tempfile::tempdir().unwrap();
     let path = short_scenario(folder.path(), 1.0);
     let sliding_mode = simulated(&folder.path().join("sliding_mode"), &path);
-    let text_of = fs::read_to_string(&path).unwrap();
-    let other = text_of.replace("[controller.sliding_mode]", "[controller.pid]");
-    assert_ne!(text_of, other);
+    let source = fs::read_to_string(&path).unwrap();
+    let other = source.replace("[controller.sliding_mode]", "[controller.pid]");
+    assert_ne!(source, other);
     fs::write(&path, other).unwrap();
     let pid = simulated(&folder.path().join("pid"), &path);
     let (_, stdout, stderr) = tool(&["compare", "--json", text(&sliding_mode), text(&pid)]);

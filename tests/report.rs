@@ -182,7 +182,7 @@ fn a_failed_run_names_what_it_missed_and_what_was_set() {
     let run = only_run(&runs);
     let page = unbroken(&run.join("report.html"));
     let (head, _) = page.split_once(">Verdict</h2>").unwrap();
-    let place = |words: &str| head.find(words).unwrap_or_else(|| panic!("{words}"));
+    let place = |text: &str| head.find(text).unwrap_or_else(|| panic!("{text}"));
     assert!(place("Missed: overshoot_percent 0.1560 (limit ≤ 0.01).") < place("Without a limit:"));
     assert!(head.contains(&format!("--set {set}")));
     let name = if page.contains("program, build ID") {
@@ -217,8 +217,8 @@ fn the_page_of_a_run_in_real_time_has_its_date_and_its_machine() {
         let [at, host] = ["at", "host"].map(|key| played[key].as_str().unwrap());
         let (day, minute) = (&at[..10], &at[11..16]);
         let page = fs::read_to_string(run.join("report.html")).unwrap();
-        let words = format!("<dt>played</dt><dd>{day} {minute} UTC on {host}</dd>");
-        assert_eq!(page.contains(&words), is_dated, "{command}: {words}");
+        let entry = format!("<dt>played</dt><dd>{day} {minute} UTC on {host}</dd>");
+        assert_eq!(page.contains(&entry), is_dated, "{command}: {entry}");
         assert_eq!(page.contains("<dt>played</dt>"), is_dated, "{command}");
         assert_eq!(tool(&["report"], &[&run]).0, Some(0));
         let again = fs::read_to_string(run.join("report.html")).unwrap();
@@ -247,8 +247,8 @@ fn a_signal_without_values_is_not_the_same_and_a_metric_of_one_run_is_only_there
     assert!(row("convection_factor").contains(">no values<"));
     // Both runs are headed by links to their pages, rig and seed.
     for run in [&step, &fan] {
-        let own = run.strip_prefix(folder.path()).unwrap().join("report.html");
-        let link = format!("href=\"{}\">{}</a>", own.display(), run.display());
+        let page = run.strip_prefix(folder.path()).unwrap().join("report.html");
+        let link = format!("href=\"{}\">{}</a>", page.display(), run.display());
         assert!(row("folder").contains(&link), "{}", row("folder"));
     }
     assert_eq!(row("rig").matches("SMA wire actuator").count(), 2);

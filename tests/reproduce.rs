@@ -100,8 +100,8 @@ fn every_experiment_is_played_and_every_target_is_met() {
         let numbers = found
             .iter()
             .flat_map(|one| one["numbers"].as_array().unwrap());
-        let own = numbers.filter(|number| number["of"] == of);
-        own.map(|number| number["model"].as_str().unwrap_or_default().to_owned())
+        let same = numbers.filter(|number| number["of"] == of);
+        same.map(|number| number["model"].as_str().unwrap_or_default().to_owned())
             .collect::<std::collections::BTreeSet<_>>()
     };
     assert!(models("sliding_mode, another plant").iter().eq(["differs"]));

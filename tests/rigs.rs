@@ -84,7 +84,7 @@ fn in_both_worlds(folder: &Path, scenario: &Path) -> [PathBuf; 2] {
 
 /// One plant, whose process needs no name, and two drives on one plant in one process.
 #[test]
-fn a_plant_in_a_process_of_its_own_leaves_the_bytes_of_simulate() {
+fn a_plant_in_a_separate_process_leaves_the_bytes_of_simulate() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["press_turn.toml", "sma_pair_step.toml"] {
         let [alone, together] = in_both_worlds(&folder.path().join(name), &scenario(name));
@@ -452,7 +452,7 @@ stays = { min = -300.0, max = 300.0 }
 
 /// A quantity other than a position has its own name, from the set-point to the page, and is equal in every world.
 #[test]
-fn a_loop_of_a_speed_is_played_and_judged_under_its_own_names() {
+fn a_loop_of_a_speed_is_played_and_judged_under_names_of_a_speed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("turns.toml");
     fs::write(folder.path().join("spindle.toml"), SPINDLE).unwrap();
@@ -493,8 +493,8 @@ fn axis(amplifier: &str, sensor: &str, motor: &str, [controller, drive, io]: [u8
 
 /// Returns a step of this axis to 20 mm, under a PID with `gain` times the gains of 1 A.
 fn axis_step(unit: &str, per_metre: f64, gain: f64, step: f64) -> String {
-    let gain_of = |of_one: f64| of_one * gain;
-    let (p, i, d) = (gain_of(60.0), gain_of(200.0), gain_of(1.5));
+    let scaled = |full: f64| full * gain;
+    let (p, i, d) = (scaled(60.0), scaled(200.0), scaled(1.5));
     let by = if unit == "metres" || unit == "millimetres" {
         "metre"
     } else {
@@ -601,8 +601,8 @@ fn an_axis_of_ten_metres_each_way_is_measured_with_24_bits() {
         ("metres", 10.0, ", position_increment = 1e-6", 1.0),
     ] {
         let scenario = axis_step(unit, per_metre, 1.0, 0.02 * per_metre);
-        let own = folder.path().join(unit);
-        played_axis(&own, &rig(&sensor(unit, end, more)), &scenario);
+        let runs = folder.path().join(unit);
+        played_axis(&runs, &rig(&sensor(unit, end, more)), &scenario);
     }
     let path = folder.path().join("coarse.toml");
     fs::write(&path, rig(&sensor("metres", 10.0, ""))).unwrap();
@@ -627,8 +627,8 @@ fn nodes_have_any_node_id_and_no_identifier_twice() {
         let rig = axis("min = -1.0, max = 1.0", SENSOR, "", ids);
         let scenario = axis_step("millimetres", 1000.0, 1.0, 20.0);
         let faults = "[[fault.sensor.noise]]\nfrom_seconds = 0.5\nuntil_seconds = 0.6\nnoise_millimetres_rms = 0.01\n";
-        let own = folder.path().join(place.to_string());
-        let run = played_axis(&own, &rig, &(scenario + faults));
+        let runs = folder.path().join(place.to_string());
+        let run = played_axis(&runs, &rig, &(scenario + faults));
         let database = fs::read_to_string(run.join("frames.dbc")).unwrap();
         let messages = database
             .lines()
@@ -739,7 +739,7 @@ fn two_motors_and_a_third([a, b]: [&str; 2], feedback: [&str; 2]) -> String {
              sensor = {{ port = \"{measures}.position_metres\", {SENSOR} }}\n{more}"
         )
     };
-    let of_loop = |name: &str, follows: &str| {
+    let loop_table = |name: &str, follows: &str| {
         format!(
             "[loop.{name}]\nfeedback = \"{follows}.position\"\noutputs = [\"{name}.current\"]\n"
         )
@@ -753,8 +753,8 @@ fn two_motors_and_a_third([a, b]: [&str; 2], feedback: [&str; 2]) -> String {
          [node.fan]\nkind = \"io\"\nnode_id = 21\noutputs = { convection_factor = \"left.convection_factor\" }\n",
         &drive("a", 16, "left", a, "record = [\"winding_temperature_celsius\"]\n"),
         &drive("b", 17, "right", b, "record = [\"third.position_metres\"]\n"),
-        &of_loop("a", feedback[0]),
-        &of_loop("b", feedback[1]),
+        &loop_table("a", feedback[0]),
+        &loop_table("b", feedback[1]),
     ]
     .concat()
 }
@@ -879,10 +879,10 @@ fn a_number_without_a_unit_has_the_word_of_its_sensor() {
              [loop.transformed]\nfeedback = \"drive.martensite\"\noutputs = [\"drive.current\"]\n"
         )
     };
-    let play = |unit: &str, of_one: f64| {
+    let play = |unit: &str, full: f64| {
         let folder = folder.path().join(unit);
         fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("rig.toml"), rig(unit, of_one)).unwrap();
+        fs::write(folder.join("rig.toml"), rig(unit, full)).unwrap();
         let path = folder.join("heat.toml");
         // More current gives less martensite, so only a law with its own sign could hold it.
         let text = format!(
@@ -891,13 +891,13 @@ fn a_number_without_a_unit_has_the_word_of_its_sensor() {
              [[reference.hold]]\nat_seconds = 0.0\nmartensite_{unit} = {:?}\n\
              [expect]\ntracking_error_{unit}_rms = {{ max = {:?} }}\n\
              [[expect.signal]]\nname = \"true_martensite_{unit}\"\nfrom_seconds = 7.0\nstays = {{ min = 0.0, max = {:?} }}\n",
-            0.5 * of_one,
-            of_one,
-            0.2 * of_one
+            0.5 * full,
+            full,
+            0.2 * full
         );
         fs::write(&path, text).unwrap();
         let [_, run] = in_both_worlds(&folder, &path);
-        metric(&verdict(&run), &format!("tracking_error_{unit}_rms")) / of_one
+        metric(&verdict(&run), &format!("tracking_error_{unit}_rms")) / full
     };
     let (percent, fraction) = (play("percent", 100.0), play("fraction", 1.0));
     assert!((percent - fraction).abs() < 1e-3, "{percent} {fraction}");

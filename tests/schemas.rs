@@ -29,16 +29,16 @@ fn assert_valid_to_both(folder: &Path, files: &[String]) {
         compiler.add_resource(name, schema).unwrap();
         compiler.compile(name, &mut schemas).unwrap()
     };
-    let of_scenarios = printed("scenario.json", &["schema"]);
-    let of_rigs = printed("rig.json", &["schema", "--rig"]);
+    let scenario_schema = printed("scenario.json", &["schema"]);
+    let rig_schema = printed("rig.json", &["schema", "--rig"]);
     for file in files {
         let text = fs::read_to_string(folder.join(file)).unwrap();
         let table: toml::Table = text.parse().unwrap();
         // Each scenario names its rig.
         let schema = if table.contains_key("rig") {
-            of_scenarios
+            scenario_schema
         } else {
-            of_rigs
+            rig_schema
         };
         let value = serde_json::to_value(table).unwrap();
         let found = schemas.validate(&value, schema);

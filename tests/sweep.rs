@@ -127,15 +127,15 @@ fn damaged_lines_are_named_and_played_again_and_rows_of_others_refused() {
     fs::write(&rows, &bytes).unwrap();
     let (code, _, stderr) = again();
     assert_eq!(code, Some(1), "{stderr}");
-    let words = [1, line].map(|line| {
+    let message = [1, line].map(|line| {
         let path = rows.display();
         format!("canrig: line {line} of {path} is damaged or cut short, and does not count\n")
     });
-    assert_eq!(stderr, words.concat());
+    assert_eq!(stderr, message.concat());
     assert_eq!(results(&swept), undisturbed);
     assert_eq!(fs::read(&rows).unwrap(), bytes);
-    let of_one = fs::read_to_string(swept.join("rows-2.jsonl")).unwrap();
-    assert_eq!(of_one.lines().count(), 2, "{of_one}");
+    let one_case = fs::read_to_string(swept.join("rows-2.jsonl")).unwrap();
+    assert_eq!(one_case.lines().count(), 2, "{one_case}");
     let (code, _, stderr) = again();
     assert_eq!((code, stderr.as_str()), (Some(1), ""));
 
@@ -158,11 +158,11 @@ fn damaged_lines_are_named_and_played_again_and_rows_of_others_refused() {
     let (code, _, stderr) = again();
     assert_eq!(code, Some(3), "{stderr}");
     let (path, folder) = (rows.display(), swept.display());
-    let words = format!(
+    let message = format!(
         "canrig: {path} has rows of another scenario.toml, and nothing of it counts here. \
         `rm {folder}/rows*.jsonl` makes a new start: then play it again\n"
     );
-    assert_eq!(stderr, words);
+    assert_eq!(stderr, message);
     let mut shell = Command::new("sh");
     let (_, command) = stderr.split_once('`').unwrap();
     let (command, _) = command.split_once('`').unwrap();
@@ -278,11 +278,11 @@ fn parts_together_are_the_whole() {
     output(canrig(&other, "sweep").arg(&path).args(["--shard", "3/3"]));
     let (code, _, stderr) = merge(&[folders[0].clone(), folders[1].clone(), only_run(&other)]);
     assert_eq!(code, Some(3), "{stderr}");
-    let words = format!(
+    let message = format!(
         "{} has rows of another scenario.toml",
         only_run(&other).join("rows.jsonl").display()
     );
-    assert!(stderr.contains(&words), "{stderr}");
+    assert!(stderr.contains(&message), "{stderr}");
 }
 
 #[test]
@@ -474,8 +474,8 @@ fn a_plan_plays_some_runs_and_leaves_nothing() {
     );
     assert!(!runs.exists());
     // The named command can be submitted.
-    let words = last.split(' ').skip(2);
-    let (code, stdout, stderr) = output(canrig(&runs, "submit").args(words).arg("--dry-run"));
+    let arguments = last.split(' ').skip(2);
+    let (code, stdout, stderr) = output(canrig(&runs, "submit").args(arguments).arg("--dry-run"));
     assert_eq!(code, Some(0), "{stderr}");
     assert!(stdout.contains("#SBATCH --array=1\n"), "{stdout}");
     assert!(!runs.exists());

@@ -166,7 +166,7 @@ fn tools_join_a_run_and_leave_the_controllers_sdo_channel_alone() {
             row.unwrap_or_else(|| panic!("no {node} in {stdout}"))
                 .to_owned()
         };
-        for (node, words) in [
+        for (node, expected) in [
             ("1 (0x01)", &["operational", "controller.eds"][..]),
             ("16 (0x10)", &["operational", "CiA 402", "drive.eds"]),
             (
@@ -175,7 +175,7 @@ fn tools_join_a_run_and_leave_the_controllers_sdo_channel_alone() {
             ),
         ] {
             let row = row(node);
-            words
+            expected
                 .iter()
                 .for_each(|word| assert!(row.contains(word), "{word} in {row}"));
         }
@@ -298,7 +298,7 @@ fn nodes_are_known_by_the_names_of_the_rig() {
 }
 
 #[test]
-fn each_node_has_an_eds_of_its_own() {
+fn each_node_has_an_eds() {
     let rig = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../crates/worlds/tests/data/two_axes_rig.toml"
@@ -427,12 +427,12 @@ fn the_help_of_sdo_says_how_numbers_are_read() {
     for arguments in [&["sdo", "--help"][..], &["sdo", "write", "--help"]] {
         let (code, stdout, _) = output(&mut tool(Path::new("/nowhere"), arguments));
         assert_eq!(code, Some(0));
-        for words in [
+        for expected in [
             "Index and sub-index are hexadecimal, with or without 0x",
             "Values and node numbers are decimal; with 0x they are hexadecimal.",
             "canrig sdo write 16 1017:00 50",
         ] {
-            assert!(stdout.contains(words), "{words}: {stdout}");
+            assert!(stdout.contains(expected), "{expected}: {stdout}");
         }
     }
 }
@@ -440,7 +440,7 @@ fn the_help_of_sdo_says_how_numbers_are_read() {
 #[test]
 fn what_the_user_got_wrong_is_reported() {
     let runtime = tempfile::tempdir().unwrap();
-    for (arguments, code, words) in [
+    for (arguments, code, expected) in [
         (
             &["sdo", "read", "motor", "6064"][..],
             2,
@@ -482,7 +482,7 @@ fn what_the_user_got_wrong_is_reported() {
     ] {
         let (ended, _, stderr) = output(&mut tool(runtime.path(), arguments));
         assert_eq!(ended, Some(code), "{arguments:?}: {stderr}");
-        assert!(stderr.contains(words), "{words} in {stderr}");
+        assert!(stderr.contains(expected), "{expected} in {stderr}");
     }
 }
 

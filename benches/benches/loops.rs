@@ -94,15 +94,15 @@ fn check(cycles: Vec<usize>) {
 }
 
 /// Returns the limit of the run at this place in the list.
-fn limit_of(place: usize) -> gungraun::LibraryBenchmarkConfig {
+fn run_limit(place: usize) -> gungraun::LibraryBenchmarkConfig {
     limit(CYCLES * INSTRUCTIONS_PER_CYCLE_MAX[place])
 }
 
 #[library_benchmark]
-#[bench::one_cycles_4000(args = (loops(1)), teardown = check, config = limit_of(0))]
-#[bench::two_cycles_4000(args = (loops(2)), teardown = check, config = limit_of(1))]
-#[bench::four_cycles_4000(args = (loops(4)), teardown = check, config = limit_of(2))]
-#[bench::eight_cycles_4000(args = (loops(8)), teardown = check, config = limit_of(3))]
+#[bench::one_cycles_4000(args = (loops(1)), teardown = check, config = run_limit(0))]
+#[bench::two_cycles_4000(args = (loops(2)), teardown = check, config = run_limit(1))]
+#[bench::four_cycles_4000(args = (loops(4)), teardown = check, config = run_limit(2))]
+#[bench::eight_cycles_4000(args = (loops(8)), teardown = check, config = run_limit(3))]
 #[bench::pair_cycles_4000(args = (pair()), teardown = check, config = limit(CYCLES * PAIR_INSTRUCTIONS_PER_CYCLE_MAX))]
 fn loops_in_memory(plan: Plan) -> Vec<usize> {
     black_box(played(&plan))

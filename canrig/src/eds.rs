@@ -8,7 +8,7 @@ use plan::named_nodes::{NodeSheet, node_sheets};
 use recording::run_folder::write_new;
 use runner::console::{print, print_error};
 use runner::exit::Exit;
-use runner::named::plan_of;
+use runner::named::named_plan;
 
 /// Arguments of `eds`.
 #[derive(Args, Debug)]
@@ -24,7 +24,7 @@ pub(crate) struct EdsArgs {
 /// Writes the EDS of each node, and prints the names of the files.
 #[must_use]
 pub(crate) fn eds(args: &EdsArgs) -> Exit {
-    let plan = match plan_of(&args.rig) {
+    let plan = match named_plan(&args.rig) {
         Ok(plan) => plan,
         Err(exit) => return exit,
     };

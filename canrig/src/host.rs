@@ -24,7 +24,7 @@ use runner::exit::Exit;
 use worlds::catalogue::catalogue;
 use worlds::law_process::LawPlace;
 use worlds::names::emulator_names;
-use worlds::nodes::{controller_of, controller_views, faulty_controller, plant_emulator};
+use worlds::nodes::{controller_views, faulty_controller, make_controller, plant_emulator};
 
 /// Arguments of `node`.
 #[derive(Args, Debug)]
@@ -73,17 +73,17 @@ struct Failure {
 
 impl Failure {
     /// The node cannot be set up, so the run does not begin.
-    fn of_plan(error: impl ToString) -> Self {
+    fn in_plan(error: impl ToString) -> Self {
         Self::new(Exit::CannotStart, error)
     }
 
     /// A file is not valid; the reason lists every error in it.
-    fn of_file(error: ScenarioError) -> Self {
+    fn in_file(error: ScenarioError) -> Self {
         Self::new(Exit::CannotStart, without_colours(&error))
     }
 
     /// The bus or the system failed, not the node.
-    fn of_bus(error: impl ToString) -> Self {
+    fn on_bus(error: impl ToString) -> Self {
         Self::new(Exit::BenchFailed, error)
     }
 
@@ -108,44 +108,44 @@ impl From<RunError> for Failure {
 }
 
 /// Reads the plan of the scenario.
-fn plan_of(args: &NodeArgs) -> Result<Plan, Failure> {
-    Plan::load(&args.scenario, catalogue()).map_err(Failure::of_file)
+fn load_plan(args: &NodeArgs) -> Result<Plan, Failure> {
+    Plan::load(&args.scenario, catalogue()).map_err(Failure::in_file)
 }
 
 /// Makes the controller.
 fn hosted_controller(args: &NodeArgs, late: &Arc<AtomicU64>) -> Result<Box<dyn Node>, Failure> {
-    let plan = plan_of(args)?;
+    let plan = load_plan(args)?;
     let views = controller_views(&plan);
-    let own = LawPlace::of(&plan);
+    let planned = LawPlace::of(&plan);
     // The scenario is the copy in the folder of the run.
     let run = args.scenario.parent().map(Path::to_owned);
     let place = LawPlace {
-        folder: args.laws_in.clone().unwrap_or(own.folder),
+        folder: args.laws_in.clone().unwrap_or(planned.folder),
         logs: run.filter(|_| args.laws_in.is_some()),
         is_real_time: args.host.lockstep.is_none(),
         late: Arc::clone(late),
-        ..own
+        ..planned
     };
-    let make = move || controller_of(&views, &place);
-    faulty_controller(make, &plan, is_of_process(args)).map_err(Failure::of_plan)
+    let make = move || make_controller(&views, &place);
+    faulty_controller(make, &plan, is_caused_by_bench(args)).map_err(Failure::in_plan)
 }
 
 /// Returns whether the bench causes a fault from outside the process, as it does with crash and hang in real time.
-fn is_of_process(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
+fn is_caused_by_bench(args: &NodeArgs) -> impl Fn(&FaultKind) -> bool + use<> {
     let is_real_time = args.host.lockstep.is_none();
     move |kind| is_real_time && matches!(kind, FaultKind::Crash(_) | FaultKind::Hang)
 }
 
 fn hosted_emulator(args: &NodeArgs) -> Result<Box<dyn Node>, Failure> {
-    let plan = plan_of(args)?;
+    let plan = load_plan(args)?;
     let names = emulator_names(&plan.loops);
     // The only plant of a rig has no name of its own.
     let only = names.first().copied().unwrap_or_default();
     let plant = args.plant.as_deref().unwrap_or(only);
     if !names.contains(&plant) {
-        return Err(Failure::of_plan(format!("there is no plant `{plant}`")));
+        return Err(Failure::in_plan(format!("there is no plant `{plant}`")));
     }
-    plant_emulator(&plan, plant).map_err(Failure::of_plan)
+    plant_emulator(&plan, plant).map_err(Failure::in_plan)
 }
 
 /// Runs one node as this process, for the hidden subcommand `node`.
@@ -214,20 +214,20 @@ fn run_on_bus(
     fifo: Fifo,
     late: &AtomicU64,
 ) -> Result<(), Failure> {
-    let stop = StopSignal::from_parent().map_err(Failure::of_bus)?;
+    let stop = StopSignal::from_parent().map_err(Failure::on_bus)?;
     let filters = match args.host.lockstep {
         None => node.filters(),
         Some(_) => node.filters_as_configured(),
     };
     let mut bus = match &args.host.bus {
-        Some(address) => Some(platform::open(address, &filters).map_err(Failure::of_bus)?),
+        Some(address) => Some(platform::open(address, &filters).map_err(Failure::on_bus)?),
         None => None,
     };
     let bus = bus.as_mut().map(|bus| &mut **bus as &mut dyn Bus);
     match (args.host.lockstep, bus) {
         (Some(number), wire) => {
-            let channel = inherited_channel(number).map_err(Failure::of_bus)?;
-            lockstep::follow(node, channel, wire).map_err(Failure::of_bus)
+            let channel = inherited_channel(number).map_err(Failure::on_bus)?;
+            lockstep::follow(node, channel, wire).map_err(Failure::on_bus)
         }
         (None, Some(bus)) => {
             let scheduling = Scheduling {
@@ -236,9 +236,9 @@ fn run_on_bus(
             };
             let (report, ended) = real_time::run_reporting(node, bus, &stop);
             let report = node_report(&report, &scheduling, late);
-            print(&serde_json::to_string(&report).map_err(Failure::of_bus)?);
+            print(&serde_json::to_string(&report).map_err(Failure::on_bus)?);
             Ok(ended?)
         }
-        (None, None) => Err(Failure::of_plan("a node needs --bus or --lockstep")),
+        (None, None) => Err(Failure::in_plan("a node needs --bus or --lockstep")),
     }
 }

@@ -104,7 +104,7 @@ fn check_ports(row: &PlantRow) -> Result<(), InvalidOwnPlant> {
 /// # Errors
 /// The plant is invalid.
 pub fn plant(trial: &Trial) -> Result<Box<dyn Plant>, InvalidEmulator> {
-    (row_of(trial)?.make)(trial)
+    (find_row(trial)?.make)(trial)
 }
 
 /// Checks the plant that a scenario chooses.
@@ -112,14 +112,14 @@ pub fn plant(trial: &Trial) -> Result<Box<dyn Plant>, InvalidEmulator> {
 /// # Errors
 /// The plant is invalid.
 pub fn check(trial: &Trial) -> Result<(), InvalidEmulator> {
-    (row_of(trial)?.ports)(trial).map(drop)
+    (find_row(trial)?.ports)(trial).map(drop)
 }
 
 /// Returns the ports of the plant that a scenario chooses. If its parameters are invalid, these are the default ports,
 /// so that the rest of the scenario can be checked. `None` if neither are known.
 #[must_use]
 pub fn ports(trial: &Trial) -> Option<Ports> {
-    let row = row_of(trial).ok()?;
+    let row = find_row(trial).ok()?;
     (row.ports)(trial).ok().or_else(row.default_ports)
 }
 
@@ -135,14 +135,14 @@ pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
         database,
         clock: &ScenarioClock::new(database, ["drive"])?,
     };
-    emulator_of(&[only])
+    joint_emulator(&[only])
 }
 
 /// Makes the emulator of these drives and of their plants.
 ///
 /// # Errors
 /// As [`emulator`], or a port that the plants lack.
-pub fn emulator_of(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
+pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
     let plants = drives.first().map(|drive| drive.trial.on_each_plant());
     let plants = plants.unwrap_or_default().into_iter();
     let plants = plants.map(|trial| Ok((trial.wiring.plant.clone(), plant(&trial)?)));
@@ -150,10 +150,10 @@ pub fn emulator_of(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmula
     Ok(Box::new(PlantEmulator::of(plants, drives)?))
 }
 
-fn row_of(trial: &Trial) -> Result<&'static PlantRow, InvalidEmulator> {
+fn find_row(trial: &Trial) -> Result<&'static PlantRow, InvalidEmulator> {
     let name = trial.plant.name();
-    let own = OWN.get().into_iter().flatten();
-    let mut rows = SHIPPED.iter().chain(FMU.get()).chain(own);
+    let custom = OWN.get().into_iter().flatten();
+    let mut rows = SHIPPED.iter().chain(FMU.get()).chain(custom);
     let row = rows.find(|row| (row.name)() == name);
     row.ok_or_else(|| InvalidEmulator::UnknownPlant(name.to_owned()))
 }

@@ -206,11 +206,11 @@ impl Drive {
         self.commanded_amperes = commanded_amperes;
         let input = self.wires.input;
         let mut current_amperes = commanded_amperes;
-        if let Some((faults, time_seconds)) = self.faults.of_plant(now) {
+        if let Some((faults, time_seconds)) = self.faults.plant_faults(now) {
             if self.plant.is_condition_new(input, faults, time_seconds) {
                 self.advance_to(now);
                 // The faults are borrowed again because time has passed.
-                if let Some((faults, time_seconds)) = self.faults.of_plant(now) {
+                if let Some((faults, time_seconds)) = self.faults.plant_faults(now) {
                     self.plant.set_condition(input, faults, time_seconds);
                 }
             }

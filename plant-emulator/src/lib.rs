@@ -168,10 +168,10 @@ impl PlantEmulator {
     ) -> Result<Self, InvalidEmulator> {
         let manager = drives.first().map(|of| of.trial.wiring.nodes.controller.id);
         let manager = manager.unwrap_or_default();
-        let of_plants = plants
+        let ports = plants
             .iter()
             .map(|(name, plant)| (name.as_str(), plant.ports()));
-        let ports = Ports::joined(of_plants);
+        let ports = Ports::joined(ports);
         let names = plants.iter().map(|(name, _)| name.as_str());
         let name = Vec::from_iter(names).join(" and ");
         let mut in_hand = ClockedPlant::new(assembly::of(plants));
@@ -248,19 +248,19 @@ impl PlantEmulator {
     fn each(
         &mut self,
         now: Duration,
-        of_module: impl Fn(&mut Device<DisturbanceModule>),
-        of_drive: impl Fn(&mut dyn Node),
+        to_module: impl Fn(&mut Device<DisturbanceModule>),
+        to_drive: impl Fn(&mut dyn Node),
     ) {
         for drive in &mut self.drives {
             drive.set_clock(now);
         }
         for module in &mut self.modules {
-            of_module(&mut module.device);
+            to_module(&mut module.device);
         }
         self.disturb(now);
         for place in 0..self.drives.len() {
             self.hand_over(place);
-            of_drive(self.drives[place].as_node_mut());
+            to_drive(self.drives[place].as_node_mut());
         }
         for place in 0..self.drives.len() {
             if self.drives[place].is_faulty() {
@@ -319,7 +319,7 @@ impl Node for PlantEmulator {
             drives.any(|drive| drive.device().reads(*id))
                 || modules.any(|module| module.device.reads(*id))
         };
-        let own = PDOS_AND_SDOS.filter(is_read).map(Filter::exact);
+        let read = PDOS_AND_SDOS.filter(is_read).map(Filter::exact);
         let is_watched = |node: &NodeId| {
             let mut drives = self.drives.iter();
             let mut modules = self.modules.iter();
@@ -335,7 +335,7 @@ impl Node for PlantEmulator {
         other_services()
             .into_iter()
             .chain(others)
-            .chain(own)
+            .chain(read)
             .chain(heartbeats)
             .collect()
     }
@@ -346,8 +346,8 @@ impl Node for PlantEmulator {
         if self.drives.iter().any(DriveNode::is_faulty) {
             return Vec::new();
         }
-        let own = self.node_ids.iter().copied();
-        let nodes = Vec::from_iter([self.manager].into_iter().chain(own));
+        let here = self.node_ids.iter().copied();
+        let nodes = Vec::from_iter([self.manager].into_iter().chain(here));
         let is_silent = |id: &u16| {
             let mut drives = self.drives.iter();
             let mut modules = self.modules.iter();

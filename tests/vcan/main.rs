@@ -42,20 +42,20 @@ fn main() -> ExitCode {
     if let Some(why_not) = &why_not {
         eprintln!("tests on vcan are ignored: {why_not}");
     }
-    let of_bus = bus::TESTS.map(|(name, test)| {
+    let bus_tests = bus::TESTS.map(|(name, test)| {
         isolated(name, move || {
             test();
             Ok(())
         })
     });
-    let of_bench = bench::TESTS.map(|(name, test)| isolated(name, test));
-    let of_hardware = hardware::TESTS.map(|(name, test)| isolated(name, test));
-    let of_private_bus = bench::PRIVATE_BUS_TESTS.map(|(name, test)| Trial::test(name, test));
-    let trials = of_bus
+    let bench_tests = bench::TESTS.map(|(name, test)| isolated(name, test));
+    let hardware_tests = hardware::TESTS.map(|(name, test)| isolated(name, test));
+    let private_bus_tests = bench::PRIVATE_BUS_TESTS.map(|(name, test)| Trial::test(name, test));
+    let trials = bus_tests
         .into_iter()
-        .chain(of_bench)
-        .chain(of_hardware)
-        .chain(of_private_bus)
+        .chain(bench_tests)
+        .chain(hardware_tests)
+        .chain(private_bus_tests)
         .map(|trial| trial.with_ignored_flag(why_not.is_some()));
     // Parallel real-time runs would only wait for each other.
     let arguments = Arguments {

@@ -21,8 +21,8 @@ pub(crate) type OwnModel = fn() -> Box<dyn Exported>;
 static OWN: OnceLock<Vec<OwnModel>> = OnceLock::new();
 
 /// Keeps the custom plants of the bench.
-pub(crate) fn register(own: Vec<OwnModel>) {
-    let _ = OWN.set(own);
+pub(crate) fn register(models: Vec<OwnModel>) {
+    let _ = OWN.set(models);
 }
 
 /// Reason why no FMU was written.
@@ -58,8 +58,8 @@ impl ExportError {
 #[must_use]
 pub(super) fn export(plant: &str, output: Option<&Path>, fmi: u8) -> Exit {
     match written(plant, output, fmi) {
-        Ok(words) => {
-            print(&words);
+        Ok(report) => {
+            print(&report);
             Exit::Pass
         }
         Err(error) => {
@@ -75,13 +75,13 @@ fn written(plant: &str, output: Option<&Path>, fmi: u8) -> Result<String, Export
         _ => Version::Three,
     };
     let shipped = fmu_plants::shipped();
-    let own = Vec::from_iter(OWN.get().into_iter().flatten().map(|own| own()));
+    let custom = Vec::from_iter(OWN.get().into_iter().flatten().map(|custom| custom()));
     let find = |models| named(models, plant);
-    let (exported, library) = match (find(&own), find(&shipped)) {
-        (Some(own), _) => (own, own_library()?),
+    let (exported, library) = match (find(&custom), find(&shipped)) {
+        (Some(custom), _) => (custom, library_of_program()?),
         (None, Some(shipped)) => (shipped, shipped_library()?),
         (None, None) => {
-            let known = shipped.iter().chain(&own);
+            let known = shipped.iter().chain(&custom);
             let names = known.map(|exported| exported.name());
             return Err(ExportError::Unknown {
                 name: plant.to_owned(),
@@ -140,7 +140,7 @@ fn shipped_library() -> Result<PathBuf, ExportError> {
 }
 
 /// Finds the library of the program's own crate. Cargo builds both together.
-fn own_library() -> Result<PathBuf, ExportError> {
+fn library_of_program() -> Result<PathBuf, ExportError> {
     let program = std::env::current_exe().unwrap_or_default();
     let stem = program
         .file_stem()

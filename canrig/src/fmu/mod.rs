@@ -53,7 +53,7 @@ fn shown(file: &Path, is_rig: bool) -> Exit {
         }
     };
     print(&if is_rig {
-        table_of(file, archive.description())
+        proposed_table(file, archive.description())
     } else {
         told(&archive)
     });
@@ -61,7 +61,7 @@ fn shown(file: &Path, is_rig: bool) -> Exit {
 }
 
 /// Returns the table of a rig file, and the next steps for the user.
-fn table_of(file: &Path, description: &Description) -> String {
+fn proposed_table(file: &Path, description: &Description) -> String {
     let name = plant_name(&description.model_name);
     let file = file.display().to_string();
     let table = proposed(&name, &file, description);
@@ -103,8 +103,8 @@ fn told(archive: &Archive) -> String {
         (", made by ", &description.tool),
         ("\n", &description.description),
     ];
-    for (words, fact) in facts.into_iter().filter(|(_, fact)| !fact.is_empty()) {
-        text += words;
+    for (label, fact) in facts.into_iter().filter(|(_, fact)| !fact.is_empty()) {
+        text += label;
         text += fact.trim();
     }
     text += &format!("\nplatforms: {}\n", platforms(archive));

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use fmu::export::Role;
 use fmu::table::{Port, Wiring, wiring};
-use fmu::unit::{Conversion, of_name};
+use fmu::unit::{Conversion, unit_in_name};
 use fmu::worker::Remote;
 use fmu::{Archive, Configuration, FmuError, StartValue};
 use platform::clock::Clock;
@@ -113,7 +113,7 @@ fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
             .filter(move |variable| is_wanted(&variable.role));
         wanted.map(|variable| Port {
             name: variable.name.clone(),
-            unit: of_name(&variable.name),
+            unit: unit_in_name(&variable.name),
             variable: variable.name.clone(),
             description: variable.description.clone(),
             conversion: Conversion::NONE,

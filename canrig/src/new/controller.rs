@@ -40,7 +40,7 @@ pub(crate) struct ControllerArgs {
 
 impl Language {
     /// Returns the command as it is written in the scenario, and the commands that build and test the controller.
-    fn words(self) -> [&'static str; 3] {
+    fn commands(self) -> [&'static str; 3] {
         match self {
             Self::C => ["\"./controller\"", "make", "make test"],
             Self::Python => ["\"python3\", \"controller.py\"", "", "python3 -m unittest"],
@@ -76,12 +76,12 @@ pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
         return Err(NewError::PlainName(name.clone(), "controller"));
     }
     let folder = (args.path.clone()).unwrap_or_else(|| PathBuf::from(name));
-    let [program, build, test] = args.language.words();
+    let [program, build, test] = args.language.commands();
     let renamed = |text: &str| text.replace(NAME, name);
     let readme = renamed(README).replace("    BUILD\n", &indented(build));
     let command = program.replace(['"', ','], "");
     let readme = readme.replace("TEST", test).replace("COMMAND", &command);
-    let own = args
+    let of_language = args
         .language
         .files()
         .map(|(file, text)| (file.to_owned(), renamed(text)));
@@ -94,11 +94,14 @@ pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
         (".gitignore".to_owned(), IGNORED.to_owned()),
     ];
     in_new_folder(&folder, |folder| {
-        own.iter().chain(&shared).try_for_each(|(file, text)| {
-            make(&folder.join(file), |path| {
-                write_whole(path, |output| output.write_all(text.as_bytes()))
+        of_language
+            .iter()
+            .chain(&shared)
+            .try_for_each(|(file, text)| {
+                make(&folder.join(file), |path| {
+                    write_whole(path, |output| output.write_all(text.as_bytes()))
+                })
             })
-        })
     })?;
     let folder = folder.display();
     let steps = [build, &format!("canrig simulate {name}.toml"), test];

@@ -164,17 +164,17 @@ impl NewError {
 #[must_use]
 pub(crate) fn new(args: &NewArgs) -> Exit {
     let written = match &args.what {
-        What::Plant(of) => written(&PLANT, of).map(|made| made.words(&of.name)),
+        What::Plant(of) => written(&PLANT, of).map(|made| made.next_steps(&of.name)),
         What::Law(LawArgs { loops, of }) => {
             let skeleton = if *loops == 1 { &LAW } else { &LAW_OF_LOOPS };
-            written(skeleton, of).map(|made| made.words(&of.name))
+            written(skeleton, of).map(|made| made.next_steps(&of.name))
         }
         What::Rig(args) => rig::written(args),
         What::Controller(args) => controller::written(args),
     };
     match written {
-        Ok(words) => {
-            print(&words);
+        Ok(text) => {
+            print(&text);
             Exit::Pass
         }
         Err(error) => {
@@ -185,7 +185,7 @@ pub(crate) fn new(args: &NewArgs) -> Exit {
 }
 
 impl Crate {
-    fn words(&self, name: &str) -> String {
+    fn next_steps(&self, name: &str) -> String {
         let (folder, checkout) = (self.folder.display(), self.checkout.display());
         format!(
             "{folder} is a crate now, which depends on canrig in {checkout}. Test and play it:\n  cd {folder}\n  cargo test --release\n  cargo run --release -- simulate scenarios/{name}.toml\n\

@@ -26,7 +26,7 @@ use platform::stop::StopSignal;
 use plan::data_sheet::DataSheetError;
 use plan::named_nodes::NamedNodes;
 use runner::exit::Exit;
-use runner::named::plan_of;
+use runner::named::named_plan;
 use scenario::TIME_SECONDS_MAX;
 
 /// The bus that a tool joins.
@@ -88,7 +88,7 @@ impl NamesArgs {
         let Some(path) = &self.rig else {
             return Ok(NamedNodes::shipped());
         };
-        let plan = plan_of(path).map_err(ToolError::Printed)?;
+        let plan = named_plan(path).map_err(ToolError::Printed)?;
         Ok(NamedNodes::of(&plan)?)
     }
 }

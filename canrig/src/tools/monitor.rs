@@ -433,7 +433,7 @@ mod tests {
         };
         let NamedNodes { sheets, database } = rig.nodes().unwrap();
         let mut decoder = Decoder::new(database, sheets, MonitorOptions::default());
-        for (id, data, words) in [
+        for (id, data, expected) in [
             (
                 0x192,
                 &[0x37, 0x12, 0x10, 0x27, 0, 0, 0x2C, 1][..],
@@ -449,13 +449,13 @@ mod tests {
         ] {
             let line = decoder.line(Duration::ZERO, &CanFrame::new(id, data));
             let line = line.unwrap();
-            assert!(line.contains(words), "{words} in {line}");
+            assert!(line.contains(expected), "{expected} in {line}");
         }
     }
 
     #[test]
     fn sdo_is_described_by_the_names_of_the_eds() {
-        for (id, data, words) in [
+        for (id, data, expected) in [
             (
                 0x610,
                 [0x40, 0x18, 0x10, 2, 0, 0, 0, 0],
@@ -488,13 +488,13 @@ mod tests {
             ),
         ] {
             let line = line(&CanFrame::new(id, &data));
-            assert!(line.ends_with(words), "{words} at the end of {line}");
+            assert!(line.ends_with(expected), "{expected} at the end of {line}");
         }
     }
 
     #[test]
     fn nodes_that_are_not_in_the_dbc_are_described_by_canopen() {
-        for (id, data, words) in [
+        for (id, data, expected) in [
             (
                 0x722,
                 &[0x7F][..],
@@ -510,7 +510,7 @@ mod tests {
             (0x7E5, &[1], "unknown                  01"),
         ] {
             let line = line(&CanFrame::new(id, data));
-            assert!(line.ends_with(words), "{words} at the end of {line}");
+            assert!(line.ends_with(expected), "{expected} at the end of {line}");
         }
     }
 

@@ -166,13 +166,13 @@ impl RollCall {
     /// with a question mark.
     fn data_sheet(&self, node_id: u8, identity: Option<&Identity>) -> String {
         // Drives of one product differ in their node-IDs only.
-        let (own, others): (Vec<_>, Vec<_>) =
+        let (with_id, others): (Vec<_>, Vec<_>) =
             (self.sheets.iter()).partition(|sheet| sheet.node_id == node_id);
         let Some(identity) = identity else {
-            let expected = own.first();
+            let expected = with_id.first();
             return expected.map_or_else(String::new, |sheet| format!("{}?", sheet.name));
         };
-        let mut sheets = own.into_iter().chain(others);
+        let mut sheets = with_id.into_iter().chain(others);
         let found = match (identity.device_type, identity.identity) {
             (Some(device_type), [Some(vendor), Some(product), ..]) => {
                 sheets.find(|sheet| sheet.describes(device_type, vendor, product))
@@ -551,11 +551,11 @@ fn device_type(device_type: u32) -> String {
 }
 
 fn identity_text(identity: &[Option<u32>; 4]) -> String {
-    let words = ["vendor", "product", "revision", "serial"];
-    let numbers: Vec<String> = words
+    let labels = ["vendor", "product", "revision", "serial"];
+    let numbers: Vec<String> = labels
         .into_iter()
         .zip(identity)
-        .filter_map(|(word, number)| number.map(|number| format!("{word} 0x{number:X}")))
+        .filter_map(|(label, number)| number.map(|number| format!("{label} 0x{number:X}")))
         .collect();
     if numbers.is_empty() {
         "-".to_owned()

@@ -107,8 +107,8 @@ impl Transfer {
         request: Request,
         sheets: Vec<DataSheet>,
     ) -> Self {
-        let mut of_node = sheets.iter().filter(|sheet| sheet.node_id == node_id);
-        let second_channel = of_node.find_map(DataSheet::second_channel);
+        let mut sheets_of_node = sheets.iter().filter(|sheet| sheet.node_id == node_id);
+        let second_channel = sheets_of_node.find_map(DataSheet::second_channel);
         Self {
             node_id,
             place,

@@ -127,12 +127,12 @@ pub(crate) fn meaning(database: &Database, entry: &Entry, bytes: &[u8]) -> Vec<S
             continue;
         }
         seen.push(&signal.name);
-        meanings.extend(meaning_of(signal, start, bytes));
+        meanings.extend(signal_meaning(signal, start, bytes));
     }
     meanings
 }
 
-fn meaning_of(signal: &Signal, start: u8, bytes: &[u8]) -> Option<String> {
+fn signal_meaning(signal: &Signal, start: u8, bytes: &[u8]) -> Option<String> {
     let mut payload = [0; 8];
     payload.get_mut(..bytes.len())?.copy_from_slice(bytes);
     let mut coding = signal.coding;

@@ -202,7 +202,7 @@ impl Campaign {
 
 /// Returns the plan of a scenario of one drive.
 #[must_use]
-pub fn of_one_loop(scenario: Trial) -> Plan {
+pub fn one_loop_plan(scenario: Trial) -> Plan {
     Plan::new(scenario, catalogue())
 }
 
@@ -269,7 +269,7 @@ mod tests {
                  [[reference.step]]\nat_seconds = 0.0\nposition_millimetres = {position}\n"
             );
             let scenario = Trial::parse(&text, "run.toml", |_| unreachable!("no table"));
-            of_one_loop(scenario.unwrap())
+            one_loop_plan(scenario.unwrap())
         })
     }
 

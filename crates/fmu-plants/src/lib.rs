@@ -12,7 +12,7 @@ use std::marker::PhantomData;
 
 use fmu::StartValue;
 use fmu::export::{Exported, Model, ModelVariable, Role, Running};
-use fmu::unit::of_name;
+use fmu::unit::unit_in_name;
 use plant_emulator::plant::{Plant, Port, Ports};
 use plant_emulator::plants::dc_motor::DcMotor;
 use plant_emulator::plants::sma::Actuator;
@@ -101,9 +101,9 @@ impl<P: Plant> Exported for Of<P> {
     fn model(&self) -> Result<Model, String> {
         let Ports { inputs, outputs } = Self::ports()?;
         let parameters = Self::parameters();
-        let seen = outputs.iter().map(|port| of_port(port, Role::Output));
+        let seen = outputs.iter().map(|port| variable(port, Role::Output));
         let acting = inputs.iter();
-        let acting = acting.map(|port| of_port(port, Role::Input(port.at_rest)));
+        let acting = acting.map(|port| variable(port, Role::Input(port.at_rest)));
         Ok(Model {
             name: self.name.to_owned(),
             description: self.description.to_owned(),
@@ -134,11 +134,11 @@ fn have_the_same_names(one: &Ports, other: &Ports) -> bool {
     names(one) == names(other)
 }
 
-fn of_port(port: &Port, role: Role) -> ModelVariable {
+fn variable(port: &Port, role: Role) -> ModelVariable {
     ModelVariable {
         name: port.name.clone(),
         description: port.comment.clone(),
-        unit: of_name(&port.name).map_or("", |known| known.symbol),
+        unit: unit_in_name(&port.name).map_or("", |known| known.symbol),
         role,
     }
 }

@@ -2,7 +2,7 @@
 
 use fmu::StartValue;
 use fmu::export::{ModelVariable, Role};
-use fmu::unit::of_name;
+use fmu::unit::unit_in_name;
 use scenario::custom;
 use serde_json::{Map, Value, json};
 
@@ -33,7 +33,7 @@ impl Parameters {
             unit: parameter
                 .keys
                 .last()
-                .and_then(|key| of_name(key))
+                .and_then(|key| unit_in_name(key))
                 .map_or("", |known| known.symbol),
             role: parameter.role.clone(),
         })

@@ -34,12 +34,13 @@ fn the_shipped_plants_are_those_of_the_emulator() {
             let wanted = variables.iter().filter(|one| is_wanted(&one.role));
             Vec::from_iter(wanted.map(|variable| variable.name.clone()))
         };
-        let of_ports = |ports: &[Port]| Vec::from_iter(ports.iter().map(|port| port.name.clone()));
+        let port_names =
+            |ports: &[Port]| Vec::from_iter(ports.iter().map(|port| port.name.clone()));
         let input_names = names(|role| matches!(role, Role::Input(_)));
-        assert_eq!(input_names, of_ports(&ports.inputs));
+        assert_eq!(input_names, port_names(&ports.inputs));
         assert_eq!(
             names(|role| *role == Role::Output),
-            of_ports(&ports.outputs)
+            port_names(&ports.outputs)
         );
         let mut runs = exported.start(&parameters(&*exported, None)).unwrap();
         let mut outputs = vec![0.0; ports.outputs.len()];
@@ -54,9 +55,13 @@ fn the_shipped_plants_are_those_of_the_emulator() {
         assert_eq!(runs.outputs(), outputs);
         assert!(highest > 1e-3, "it moved");
     }
-    let of_axis = |current| vec![current, 1.5, 0.01];
-    compare::<Actuator>("sma", &scenario::plant::Sma::default(), of_axis);
-    compare::<DcMotor>("dc_motor", &scenario::plant::DcMotor::default(), of_axis);
+    let axis_inputs = |current| vec![current, 1.5, 0.01];
+    compare::<Actuator>("sma", &scenario::plant::Sma::default(), axis_inputs);
+    compare::<DcMotor>(
+        "dc_motor",
+        &scenario::plant::DcMotor::default(),
+        axis_inputs,
+    );
     let config = scenario::plant::SmaPair::default();
     compare::<SmaPair>("sma_pair", &config, |current| vec![current, 0.1, 1.5, 0.01]);
 }
@@ -71,7 +76,7 @@ fn other_ports_than_those_described_are_refused() {
 }
 
 #[test]
-fn parameters_reach_the_plant_or_are_refused_in_words() {
+fn parameters_reach_the_plant_or_are_refused_with_a_message() {
     let motor = of("dc_motor");
     let with = |name, value| motor.start(&parameters(&*motor, Some((name, value))));
     let height = |name, value: f64| {

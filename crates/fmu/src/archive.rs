@@ -139,7 +139,7 @@ impl Unpacked {
 /// # Errors
 /// The file is no acceptable zip file, or its description is invalid.
 pub fn read(bytes: impl Read + io::Seek) -> Result<(Description, Vec<String>), Fault> {
-    read_from(&mut zip_of(bytes)?)
+    read_from(&mut open_zip(bytes)?)
 }
 
 /// Unpacks everything that a library of FMI 2.0 on `platform` needs, as [`Archive::unpack`] does.
@@ -147,7 +147,7 @@ pub fn read(bytes: impl Read + io::Seek) -> Result<(Description, Vec<String>), F
 /// # Errors
 /// The file is no acceptable zip file, or the folder cannot be written.
 pub fn unpack_to(bytes: impl Read + io::Seek, folder: &Path, platform: &str) -> Result<(), Fault> {
-    unpack(&mut zip_of(bytes)?, folder, platform)
+    unpack(&mut open_zip(bytes)?, folder, platform)
 }
 
 /// Reads the description of an unpacked FMU.
@@ -178,11 +178,11 @@ fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
             metadata.len()
         )));
     }
-    zip_of(file)
+    open_zip(file)
 }
 
 /// Opens a zip file, and checks that its entries stay in their folder and are not too many or too large.
-fn zip_of<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
+fn open_zip<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
     let mut zip = ZipArchive::new(bytes)
         .map_err(|error| Fault::Archive(format!("it is no zip file that can be read: {error}")))?;
     if zip.len() > FILES_MAX {
@@ -194,7 +194,7 @@ fn zip_of<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
     let mut bytes_in_all = 0_u64;
     for index in 0..zip.len() {
         let entry = entry(&mut zip, index)?;
-        if path_of(&entry).is_none() {
+        if safe_path(&entry).is_none() {
             let name = String::from_utf8_lossy(entry.name_raw());
             return Err(Fault::Archive(format!(
                 "its entry {name:?} leads out of its folder"
@@ -223,7 +223,7 @@ fn entry<R: Read + io::Seek>(
 }
 
 /// Returns the path of an entry below its folder; `None` for one that leads out of it.
-fn path_of<R: Read>(entry: &ZipFile<'_, R>) -> Option<PathBuf> {
+fn safe_path<R: Read>(entry: &ZipFile<'_, R>) -> Option<PathBuf> {
     let name = entry.name().ok()?;
     if name.contains(['\\', '\0']) {
         return None;
@@ -276,7 +276,7 @@ fn unpack<R: Read + io::Seek>(
     fs::create_dir_all(folder.join("resources")).map_err(|source| at("resources", source))?;
     for index in 0..zip.len() {
         let mut entry = entry(zip, index)?;
-        let Some(path) = path_of(&entry) else {
+        let Some(path) = safe_path(&entry) else {
             continue;
         };
         let is_needed = path == Path::new(DESCRIPTION)
@@ -286,16 +286,16 @@ fn unpack<R: Read + io::Seek>(
             continue;
         }
         let target = folder.join(&path);
-        let of_path = |source| at(&path.display().to_string(), source);
+        let at_path = |source| at(&path.display().to_string(), source);
         if entry.is_dir() {
-            fs::create_dir_all(&target).map_err(of_path)?;
+            fs::create_dir_all(&target).map_err(at_path)?;
             continue;
         }
         if let Some(parent) = target.parent() {
-            fs::create_dir_all(parent).map_err(of_path)?;
+            fs::create_dir_all(parent).map_err(at_path)?;
         }
-        let mut output = File::create(&target).map_err(of_path)?;
-        let written = io::copy(&mut (&mut entry).take(left), &mut output).map_err(of_path)?;
+        let mut output = File::create(&target).map_err(at_path)?;
+        let written = io::copy(&mut (&mut entry).take(left), &mut output).map_err(at_path)?;
         left -= written;
         if left == 0 {
             return Err(Fault::Archive(format!(

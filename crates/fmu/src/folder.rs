@@ -52,11 +52,11 @@ impl Folder {
     /// Removes the neighbouring folders of dead processes of the same user. A folder that cannot be removed stays.
     fn remove_orphans(&self, place: &Path) {
         let owner = |path: &Path| Some(path.symlink_metadata().ok()?.uid());
-        let own = owner(self.path());
+        let user = owner(self.path());
         for entry in fs::read_dir(place).into_iter().flatten().flatten() {
             let path = entry.path();
             let is_folder = entry.file_name().to_string_lossy().starts_with(PREFIX);
-            if is_folder && owner(&path) == own && is_orphan(&path) {
+            if is_folder && owner(&path) == user && is_orphan(&path) {
                 let _ = fs::remove_dir_all(path);
             }
         }

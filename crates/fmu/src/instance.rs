@@ -106,12 +106,12 @@ impl Configuration {
         let start = self
             .start
             .iter()
-            .map(|(name, value)| start_of(description.variable(name)?, value));
+            .map(|(name, value)| checked_start(description.variable(name)?, value));
         Ok(Plan {
             start: start.collect::<Result<_, Fault>>()?,
             inputs: all(&self.inputs, true)?,
             outputs: all(&self.outputs, false)?,
-            step_seconds: step_of(self.step_seconds, co_simulation, description)?,
+            step_seconds: fixed_step(self.step_seconds, co_simulation, description)?,
         })
     }
 }
@@ -131,7 +131,7 @@ fn check_port(variable: &Variable, is_input: bool) -> Result<(), Fault> {
     Ok(())
 }
 
-fn start_of(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
+fn checked_start(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
     let fault = |reason: String| Err(Fault::variable(&variable.name, reason));
     if !variable.takes_start() {
         let is = variable.causality.name();
@@ -169,7 +169,7 @@ fn start_of(variable: &Variable, value: &StartValue) -> Result<Start, Fault> {
 }
 
 /// Returns the only length of a step, if the FMU or the configuration has one.
-fn step_of(
+fn fixed_step(
     wanted: Option<f64>,
     co_simulation: &CoSimulation,
     description: &Description,
@@ -267,7 +267,7 @@ impl Instance {
                 }
             };
             if !status.is_good() {
-                let (outcome, log) = (status.words(), self.slave.log());
+                let (outcome, log) = (status.outcome(), self.slave.log());
                 return Err(Fault::variable(
                     &access.name,
                     format!("could not be set to its start value: {outcome} {log}"),
@@ -323,7 +323,7 @@ impl Instance {
             let status = self.slave.number(access.kind, access.reference, value);
             if !status.is_good() {
                 let log = self.slave.log();
-                let reason = format!("could not be read: {} {log}", status.words());
+                let reason = format!("could not be read: {} {log}", status.outcome());
                 return Err(Fault::variable(&access.name, reason).of(&self.file));
             }
             if !value.is_finite() {
@@ -394,7 +394,7 @@ impl Instance {
             };
             let status = self.slave.set_number(access.kind, access.reference, taken);
             if !status.is_good() {
-                let (outcome, log) = (status.words(), self.slave.log());
+                let (outcome, log) = (status.outcome(), self.slave.log());
                 let time = self.time_seconds;
                 let reason = format!("could not be set to {value} at {time} s: {outcome} {log}");
                 return Err(Fault::variable(&access.name, reason));
@@ -553,7 +553,7 @@ impl Instance {
         }
         Err(Fault::Call {
             function,
-            outcome: status.words(),
+            outcome: status.outcome(),
             time_seconds,
             log,
         })

@@ -6,7 +6,7 @@ use toml::Value;
 use crate::description::{Causality, Description, Kind, Variable};
 use crate::error::Fault;
 use crate::instance::{Configuration, StartValue};
-use crate::unit::{Conversion, Known, of_base, of_name, of_symbol};
+use crate::unit::{Conversion, Known, unit_by_base, unit_by_symbol, unit_in_name};
 
 /// A port of an FMU.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,7 +63,7 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
     let mut wiring = Wiring {
         configuration: Configuration {
             name: name.to_owned(),
-            start: start_of(table, description)?,
+            start: start_values(table, description)?,
             step_seconds: table.step_milliseconds.map(|step| step / 1e3),
             ..Configuration::default()
         },
@@ -97,19 +97,19 @@ pub fn wiring(table: &Fmu, name: &str, description: &Description) -> Result<Wiri
             }
         };
         alone.check(description).map_err(at_variable())?;
-        let port =
-            port_of(name, port, variable, description).map_err(Misfit::at(place.as_str()))?;
+        let port = described_port(name, port, variable, description)
+            .map_err(Misfit::at(place.as_str()))?;
         wiring.add(port, variable, is_input);
     }
     record(table, description, &mut wiring)?;
-    let of_steps = match table.step_milliseconds {
+    let step_key = match table.step_milliseconds {
         Some(_) => "step_milliseconds",
         None => "file",
     };
     wiring
         .configuration
         .check(description)
-        .map_err(Misfit::at(of_steps))?;
+        .map_err(Misfit::at(step_key))?;
     let start = &wiring.configuration.start;
     for port in &mut wiring.inputs {
         let given = start.iter().find(|(name, _)| *name == port.variable);
@@ -141,7 +141,10 @@ fn a_configuration() -> Configuration {
 }
 
 /// Returns the start values; each one is valid for its variable.
-fn start_of(table: &Fmu, description: &Description) -> Result<Vec<(String, StartValue)>, Misfit> {
+fn start_values(
+    table: &Fmu,
+    description: &Description,
+) -> Result<Vec<(String, StartValue)>, Misfit> {
     let start = table.start.iter().map(|(variable, value)| {
         let at_value = || Misfit::at(format!("start.{variable}"));
         let value = match value {
@@ -182,7 +185,7 @@ fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result
             offset: None,
             range: None,
         };
-        let port = port_of(&name, &port, variable, description).map_err(at_place())?;
+        let port = described_port(&name, &port, variable, description).map_err(at_place())?;
         if !port.range.iter().all(|limit| limit.is_finite()) {
             return refused(
                 "has no lowest and highest value in the FMU, which its frame needs; make it one of the ports, with a range",
@@ -229,14 +232,14 @@ pub fn proposed(name: &str, file: &str, description: &Description) -> String {
     text
 }
 
-fn port_of(
+fn described_port(
     name: &str,
     port: &FmuPort,
     variable: &Variable,
     description: &Description,
 ) -> Result<Port, Fault> {
     let conversion = match (port.factor, port.offset) {
-        (None, None) => conversion_of(name, variable, description)?,
+        (None, None) => unit_conversion(name, variable, description)?,
         (factor, offset) => Conversion {
             factor: factor.unwrap_or(1.0),
             offset: offset.unwrap_or(0.0),
@@ -254,17 +257,17 @@ fn port_of(
     };
     Ok(Port {
         name: name.to_owned(),
-        unit: of_name(name),
+        unit: unit_in_name(name),
         variable: variable.name.clone(),
         description: variable.description.clone(),
         conversion,
-        range: range_of(name, port, variable, conversion)?,
+        range: port_range(name, port, variable, conversion)?,
         at_rest: conversion.of(start),
     })
 }
 
 /// Returns the range from the table, else from the FMU.
-fn range_of(
+fn port_range(
     name: &str,
     port: &FmuPort,
     variable: &Variable,
@@ -300,15 +303,15 @@ fn range_of(
 }
 
 /// Returns the conversion by the units. A variable without a unit has that of the port.
-fn conversion_of(
+fn unit_conversion(
     name: &str,
     variable: &Variable,
     description: &Description,
 ) -> Result<Conversion, Fault> {
-    let (Some(known), Some(unit)) = (of_name(name), &variable.unit) else {
+    let (Some(known), Some(unit)) = (unit_in_name(name), &variable.unit) else {
         return Ok(Conversion::NONE);
     };
-    let base = description.base_of(variable);
+    let base = description.base_unit(variable);
     let conversion = base.and_then(|base| base.to(&known.base));
     conversion.ok_or_else(|| {
         let word = known.word;
@@ -364,9 +367,9 @@ fn comment(variable: &Variable) -> String {
 /// Returns a new name for a port: the variable's, in small letters, with its unit written out.
 fn unique(taken: &mut Vec<String>, variable: &Variable, description: &Description) -> String {
     let unit = variable.unit.as_deref();
-    let by_symbol = unit.and_then(of_symbol);
-    let base = || description.base_of(variable);
-    let known = by_symbol.or_else(|| base().as_ref().and_then(of_base));
+    let by_symbol = unit.and_then(unit_by_symbol);
+    let base = || description.base_unit(variable);
+    let known = by_symbol.or_else(|| base().as_ref().and_then(unit_by_base));
     let word = known
         .map(|known| known.word)
         .filter(|word| *word != "factor");

@@ -168,7 +168,7 @@ pub const KNOWN: [Known; 53] = [
 
 /// Returns the unit at the end of a port's name, the longest that fits; `None` for a number without a unit.
 #[must_use]
-pub fn of_name(name: &str) -> Option<&'static Known> {
+pub fn unit_in_name(name: &str) -> Option<&'static Known> {
     let fits = |known: &&Known| {
         let head = name.strip_suffix(known.word);
         head.is_some_and(|head| head.is_empty() || head.ends_with('_'))
@@ -181,7 +181,7 @@ pub fn of_name(name: &str) -> Option<&'static Known> {
 
 /// Returns the unit of a symbol, in the spellings of different tools.
 #[must_use]
-pub fn of_symbol(symbol: &str) -> Option<&'static Known> {
+pub fn unit_by_symbol(symbol: &str) -> Option<&'static Known> {
     let symbol = match symbol {
         "°C" | "Celsius" => "degC",
         "°" => "deg",
@@ -197,7 +197,7 @@ pub fn of_symbol(symbol: &str) -> Option<&'static Known> {
 
 /// Returns the unit that equals this one, else one of the same quantity; `None` for a number without a unit.
 #[must_use]
-pub fn of_base(base: &Base) -> Option<&'static Known> {
+pub fn unit_by_base(base: &Base) -> Option<&'static Known> {
     let same = KNOWN.iter().find(|known| known.base == *base);
     let alike =
         |known: &&Known| known.base.exponents == base.exponents && known.base.exponents != [0; 8];
@@ -209,16 +209,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_longest_words_at_the_end_of_a_name_are_its_unit() {
-        assert_eq!(of_name("speed_metres_per_second").unwrap().symbol, "m/s");
-        assert_eq!(of_name("metres").unwrap().symbol, "m");
-        assert_eq!(of_name("current_milliamperes").unwrap().symbol, "mA");
-        assert_eq!(of_name("parametres"), None);
-        assert_eq!(of_name("valve"), None);
+    fn the_longest_unit_at_the_end_of_a_name_counts() {
+        assert_eq!(
+            unit_in_name("speed_metres_per_second").unwrap().symbol,
+            "m/s"
+        );
+        assert_eq!(unit_in_name("metres").unwrap().symbol, "m");
+        assert_eq!(unit_in_name("current_milliamperes").unwrap().symbol, "mA");
+        assert_eq!(unit_in_name("parametres"), None);
+        assert_eq!(unit_in_name("valve"), None);
     }
 
     #[test]
-    fn no_two_units_share_words_or_symbol() {
+    fn no_two_units_share_word_or_symbol() {
         for (place, one) in KNOWN.iter().enumerate() {
             for other in &KNOWN[..place] {
                 assert_ne!(one.word, other.word);
@@ -230,7 +233,7 @@ mod tests {
     #[test]
     fn values_are_converted_by_the_base_units() {
         let to = |from: &str, to: &str| {
-            let [from, to] = [from, to].map(|symbol| of_symbol(symbol).unwrap().base);
+            let [from, to] = [from, to].map(|symbol| unit_by_symbol(symbol).unwrap().base);
             from.to(&to)
         };
         assert!((to("mm", "m").unwrap().of(20.0) - 0.02).abs() < 1e-15);

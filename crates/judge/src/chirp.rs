@@ -34,10 +34,13 @@ pub struct FrequencyPoint {
 
 /// Returns the response to each chirp of the scenario. Points at which the drive was silent are missing.
 #[must_use]
-pub fn frequency_responses(timeline: &Timeline, own: &ControlLoop) -> Vec<FrequencyResponse> {
+pub fn frequency_responses(
+    timeline: &Timeline,
+    control_loop: &ControlLoop,
+) -> Vec<FrequencyResponse> {
     let circumstances = Circumstances::default();
-    let evidence = Evidence::new(timeline, own, &circumstances);
-    let chirps = own.trial.judged_chirps();
+    let evidence = Evidence::new(timeline, control_loop, &circumstances);
+    let chirps = control_loop.trial.judged_chirps();
     chirps
         .iter()
         .map(|chirp| response(&evidence, chirp).flatten().collect())

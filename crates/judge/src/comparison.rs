@@ -49,14 +49,14 @@ pub fn compare_runs(
     remarks.extend(remark_on_loops(a, b));
     let is_whole = remarks.is_empty();
     let mut signals = Vec::new();
-    let of_loops = a.iter().map(|timeline| timeline.columns.len() as u64);
-    let pass = |_| Pass::new(of_loops.clone().sum());
+    let columns = a.iter().map(|timeline| timeline.columns.len() as u64);
+    let pass = |_| Pass::new(columns.clone().sum());
     let mut passes = Vec::from_iter((0..SIGNAL_PASSES).map(pass));
     for one in a {
         if let Some(other) = b.iter().find(|other| other.loop_name == one.loop_name) {
             let done = || passes.iter_mut().for_each(|pass| pass.advance(1));
-            let of_loop = signals_of_loop(tolerances, &shared, [one, other], done);
-            signals.extend(of_loop);
+            let found = signals_of_loop(tolerances, &shared, [one, other], done);
+            signals.extend(found);
         }
     }
     signals.sort_by(|left, right| right.weight().total_cmp(&left.weight()));
@@ -78,12 +78,12 @@ fn remark_on_loops(a: &[Timeline], b: &[Timeline]) -> Option<String> {
         let names = loops.iter().map(|timeline| timeline.loop_name.as_str());
         Vec::from_iter(names).join(", ")
     });
-    let words = |names: &str| match names {
+    let named = |names: &str| match names {
         "" => "one".to_owned(),
         names => names.to_owned(),
     };
     (a != b).then(|| {
-        let (a, b) = (words(&a), words(&b));
+        let (a, b) = (named(&a), named(&b));
         format!("the runs have not the same loops: A has {a}, B has {b}")
     })
 }
@@ -136,7 +136,7 @@ fn signal(
     b: &Series<f64>,
 ) -> SignalDifference {
     let [a, b] = shared.values(a, b);
-    let tolerance = tolerances.of_signal(prefix, name, unit);
+    let tolerance = tolerances.for_signal(prefix, name, unit);
     let is_published = PUBLISHED_BY_CONTROLLER
         .iter()
         .any(|start| name.starts_with(start));
@@ -168,7 +168,7 @@ fn metrics(tolerances: &Tolerances<'_>, a: &Verdict, b: &Verdict) -> Vec<MetricD
         .collect();
     let differences = names.into_iter().map(|name| {
         let values = [a, b].map(|verdict| value(&verdict.metrics, name));
-        let tolerance = tolerances.of_metric(name, values);
+        let tolerance = tolerances.for_metric(name, values);
         let agrees = match values {
             [Some(a), Some(b)] => (a - b).abs() <= tolerance,
             [None, None] => true,

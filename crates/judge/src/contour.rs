@@ -20,14 +20,14 @@ const PIECE_ROWS: usize = 1 << 13;
 /// The path is the line through the set-points of the cycles. The error of a sample is the distance of the measured point from
 /// the nearest point of the path: an axis that is late makes no error as long as it stays on the path.
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
-    let own = evidence.own.name();
-    let is_first = |contour: &&Contour| matches!(&contour.loops[..], [first, ..] if first == own);
+    let name = evidence.control_loop.name();
+    let is_first = |contour: &&Contour| matches!(&contour.loops[..], [first, ..] if first == name);
     let contours = evidence.contours.iter().filter(is_first);
     let rows = contours.flat_map(|contour| {
         let axes = contour
             .loops
             .iter()
-            .filter_map(|name| evidence.of_loop(name));
+            .filter_map(|name| evidence.for_loop(name));
         rows(contour, &Vec::from_iter(axes))
     });
     rows.collect()
@@ -42,7 +42,7 @@ fn rows(contour: &Contour, axes: &[Evidence<'_>]) -> Vec<Metric> {
     let window = window(contour, end_seconds);
     let unseen = axes.iter().find_map(|axis| {
         let absence = axis.seen(window).err()?;
-        Some((axis, absence.of(axis.own.name())))
+        Some((axis, absence.of(axis.control_loop.name())))
     });
     let (axis, values) = match unseen {
         _ if window.from_seconds >= window.until_seconds => {

@@ -48,8 +48,8 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
     let mut pass = Pass::new(loops.len() as u64);
     let end = circumstances.ended_early.as_ref();
     let end = end.filter(|end| end.by == EndedBy::Node);
-    let evidence = loops.iter().map(|(own, timeline)| {
-        Evidence::new(timeline, own, circumstances).among(&plan.shared.contours, &loops)
+    let evidence = loops.iter().map(|(control_loop, timeline)| {
+        Evidence::new(timeline, control_loop, circumstances).among(&plan.shared.contours, &loops)
     });
     let all = Vec::from_iter(evidence);
     let broke_off = end.and_then(|end| broke_off(&all, end));
@@ -66,7 +66,7 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         let verdict = match node.zip(elsewhere.as_ref()) {
             None => judge_loop(plan, evidence, broke_off.as_ref()),
             Some((node, elsewhere)) => {
-                let cut = Evidence::new(evidence.timeline, evidence.own, elsewhere);
+                let cut = Evidence::new(evidence.timeline, evidence.control_loop, elsewhere);
                 let cut = cut.among(evidence.contours, evidence.loops);
                 let verdict = judge_loop(plan, &cut, broke_off.as_ref());
                 ended_elsewhere(verdict, node, end)
@@ -133,7 +133,7 @@ fn judge_loop(plan: &Plan, evidence: &Evidence<'_>, broke_off: Option<&BrokeOff>
             .into_iter()
             .chain(losses(evidence))
             .collect(),
-        ..Verdict::incomplete_of(plan, "")
+        ..Verdict::incomplete_run(plan, "")
     }
 }
 
@@ -151,12 +151,12 @@ impl BrokeOff {
     fn node_elsewhere(&self, evidence: &Evidence<'_>) -> Option<&str> {
         let LoopNodes {
             controller, drive, ..
-        } = &evidence.own.nodes;
+        } = &evidence.control_loop.nodes;
         let loops = evidence.loops.iter();
         let mut drives = loops.map(|(one, _)| one.nodes.drive.name.as_str());
         let node = self.cause.node.as_str();
-        let is_own = [controller, drive].iter().any(|own| own.name == node);
-        let is_elsewhere = !is_own && drives.any(|one| one == node);
+        let is_in_loop = [controller, drive].iter().any(|one| one.name == node);
+        let is_elsewhere = !is_in_loop && drives.any(|one| one == node);
         is_elsewhere.then_some(node)
     }
 }
@@ -177,19 +177,19 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
             cause,
         });
     }
-    let is_of = |evidence: &&Evidence<'_>| {
+    let concerns = |evidence: &&Evidence<'_>| {
         let LoopNodes {
             controller, drive, ..
-        } = &evidence.own.nodes;
+        } = &evidence.control_loop.nodes;
         let ended_by = end.node.as_ref();
         ended_by.is_some_and(|node| [&controller.name, &drive.name].contains(&node))
     };
     // All loops feel a stall that held up a node outside the loops.
-    let is_of_none = !all.iter().any(|evidence| is_of(&evidence));
-    let mut concerned = all.iter().filter(|one| is_of_none || is_of(one));
+    let concerns_none = !all.iter().any(|evidence| concerns(&evidence));
+    let mut concerned = all.iter().filter(|one| concerns_none || concerns(one));
     let stall = concerned.find_map(|evidence| {
         let stretch = evidence.stall_of_end(end)?;
-        Some(NamedCause::of_stall(evidence, &stretch, "end"))
+        Some(NamedCause::by_stall(evidence, &stretch, "end"))
     });
     Some(BrokeOff {
         is_of_host: stall.is_some(),
@@ -200,7 +200,7 @@ fn broke_off(all: &[Evidence<'_>], end: &EarlyEnd) -> Option<BrokeOff> {
                 node: end.node.clone().unwrap_or_default(),
                 duty: "end".to_owned(),
                 at_seconds: end.since_seconds.or(end.at_seconds),
-                words: end.to_string(),
+                description: end.to_string(),
             },
         },
     })
@@ -226,16 +226,16 @@ fn decide_broken(
         return (Outcome::Incomplete, Some(end.to_string()), None);
     };
     let cause = Some(broke_off.cause.clone());
-    let words = &broke_off.cause.words;
+    let description = &broke_off.cause.description;
     if broke_off.is_of_host {
         metrics.iter_mut().for_each(leave_open);
         let reason = format!(
-            "{words}, so the end of the run proves nothing ({end}); run it again or use --clock lockstep"
+            "{description}, so the end of the run proves nothing ({end}); run it again or use --clock lockstep"
         );
         return (Outcome::Inconclusive, Some(reason), cause);
     }
     let reason = if broke_off.is_before_end {
-        format!("{words}; {end}")
+        format!("{description}; {end}")
     } else {
         end.to_string()
     };
@@ -247,14 +247,17 @@ fn with_drive(evidence: &Evidence<'_>, off: Option<&Metric>, decision: Decision)
     let Some(on) = off.filter(|off| off.passed == Some(false)) else {
         return decision;
     };
-    let words = on.remark.clone().unwrap_or_default();
+    let description = on.remark.clone().unwrap_or_default();
     let (_, reason, cause) = decision;
-    let reason = reason.map_or_else(|| words.clone(), |reason| format!("{words}; {reason}"));
+    let reason = reason.map_or_else(
+        || description.clone(),
+        |reason| format!("{description}; {reason}"),
+    );
     let cause = cause.unwrap_or_else(|| NamedCause {
         node: node_name(evidence, Part::Drive).to_owned(),
         duty: "off".to_owned(),
         at_seconds: on.at_seconds,
-        words,
+        description,
     });
     (Outcome::Fail, Some(reason), Some(cause))
 }
@@ -279,7 +282,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
     }
     let opened = open_limits(evidence, metrics);
     let is_failed = |metric: &Metric| metric.passed == Some(false);
-    if let Some(reason) = cut_short(evidence.timeline, evidence.own) {
+    if let Some(reason) = cut_short(evidence.timeline, evidence.control_loop) {
         return (Outcome::Incomplete, Some(reason), None);
     }
     if metrics.iter().any(is_failed) {
@@ -287,7 +290,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
     }
     let opened = opened.map(|reason| {
         let stall = evidence.longest_stall();
-        let cause = stall.map(|stall| NamedCause::of_stall(evidence, &stall, "sync"));
+        let cause = stall.map(|stall| NamedCause::by_stall(evidence, &stall, "sync"));
         (Outcome::Inconclusive, Some(reason), cause)
     });
     opened.unwrap_or_else(|| {
@@ -303,20 +306,20 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
 fn breached(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
     let cycles = evidence.attribution().cycles();
     let silent = silent_at_end(evidence);
-    let of_commands = |commands: Commands, metric: &str| {
+    let too_many_commands = |commands: Commands, metric: &str| {
         let max = limited_max(evidence, metric)?;
         too_many(evidence, &commands.totals(evidence), max, commands.breach())
     };
     let (reason, cause) = too_many(evidence, cycles, percent_max(evidence, MISSED_CYCLES), None)
-        .or_else(|| of_commands(Commands::Missed, MISSED_COMMANDS))
+        .or_else(|| too_many_commands(Commands::Missed, MISSED_COMMANDS))
         .or_else(|| silent.clone())
-        .or_else(|| of_commands(Commands::Late, LATE_COMMANDS))
+        .or_else(|| too_many_commands(Commands::Late, LATE_COMMANDS))
         .or_else(|| too_many_positions(evidence))
         .or_else(|| off_period(evidence))?;
     // A breach that lasts to the end and began before explains this one.
     let (reason, cause) = match silent {
         Some((_, lasting)) if lasting.at_seconds < cause.at_seconds => {
-            (format!("{}; {reason}", lasting.words), lasting)
+            (format!("{}; {reason}", lasting.description), lasting)
         }
         _ => (reason, cause),
     };
@@ -338,33 +341,33 @@ fn too_many(
 ) -> Option<(String, NamedCause)> {
     let lost = evidence.circumstances.unrecorded.frames_lost;
     let shares = totals.too_many(max, lost);
-    let words = shares.iter().map(|(duty, percent, first)| {
+    let description = shares.iter().map(|(duty, percent, first)| {
         let node = node_name(evidence, duty.node());
         let breach = breach.unwrap_or(duty.breach());
         format!("{node}: {breach} in {percent:.2} % of the cycles, first at {first:.3} s")
     });
-    let words = Vec::from_iter(words).join("; ");
-    let reason = format!("{words} (limit {max} %)");
+    let description = Vec::from_iter(description).join("; ");
+    let reason = format!("{description} (limit {max} %)");
     let first = shares
         .into_iter()
         .min_by(|one, other| one.2.total_cmp(&other.2));
     let (duty, _, at) = first?;
-    Some((reason, NamedCause::of_node(evidence, duty, at, words)))
+    Some((reason, NamedCause::by_node(evidence, duty, at, description)))
 }
 
 /// Returns the external drive if it sends more positions than there are SYNCs.
 fn too_many_positions(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
-    let is_external = Duty::Position.is_of_external(evidence.own);
+    let is_external = Duty::Position.is_of_external(evidence.control_loop);
     let (frames, at) = evidence
         .timeline
         .sources
         .positions_too_many()
         .filter(|_| is_external)?;
     let node = node_name(evidence, Duty::Position.node());
-    let words = format!("{node}: {frames} positions more than SYNCs, from {at:.3} s on");
+    let description = format!("{node}: {frames} positions more than SYNCs, from {at:.3} s on");
     Some((
-        words.clone(),
-        NamedCause::of_node(evidence, Duty::Position, at, words),
+        description.clone(),
+        NamedCause::by_node(evidence, Duty::Position, at, description),
     ))
 }
 
@@ -376,9 +379,13 @@ fn off_period(evidence: &Evidence<'_>) -> Option<(String, NamedCause)> {
         return None;
     }
     let node = node_name(evidence, Duty::Sync.node());
-    let words = format!("{node}: SYNC period wrong by {percent:.2} % on average until {at:.3} s");
-    let reason = format!("{words} (limit {max} %)");
-    Some((reason, NamedCause::of_node(evidence, Duty::Sync, at, words)))
+    let description =
+        format!("{node}: SYNC period wrong by {percent:.2} % on average until {at:.3} s");
+    let reason = format!("{description} (limit {max} %)");
+    Some((
+        reason,
+        NamedCause::by_node(evidence, Duty::Sync, at, description),
+    ))
 }
 
 /// Returns the node that was silent at the end of the judged time.

@@ -47,19 +47,19 @@ pub(crate) fn missed_cycles(evidence: &Evidence<'_>) -> Measurement {
 
 /// Returns the percentage of cycles in which a command was due and did not come.
 pub(crate) fn missed_commands(evidence: &Evidence<'_>) -> Measurement {
-    of_commands(evidence, Commands::Missed, MISSED_COMMANDS)
+    command_share(evidence, Commands::Missed, MISSED_COMMANDS)
 }
 
 /// Returns the percentage of cycles in which a command was due and came after the next SYNC.
 pub(crate) fn late_commands(evidence: &Evidence<'_>) -> Measurement {
-    of_commands(evidence, Commands::Late, LATE_COMMANDS)
+    command_share(evidence, Commands::Late, LATE_COMMANDS)
 }
 
 /// Measures a share of commands. It is reported if it is limited, if the controller is under test, or if a controller left out
 /// too many and no fault may be the cause.
-fn of_commands(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Measurement {
+fn command_share(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Measurement {
     let is_watched = is_watched(evidence, metric);
-    let is_sound = evidence.own.faults().next().is_none();
+    let is_sound = evidence.control_loop.faults().next().is_none();
     if !is_watched && (!is_sound || commands.are_sound(evidence.timeline)) {
         return Measurement::NotAsked;
     }
@@ -73,7 +73,8 @@ fn of_commands(evidence: &Evidence<'_>, commands: Commands, metric: &str) -> Mea
 
 /// Returns whether a metric of the controller's duties is reported.
 fn is_watched(evidence: &Evidence<'_>, metric: &str) -> bool {
-    Duty::Command.is_of_external(evidence.own) || evidence.trial.expect.of(metric).is_some()
+    Duty::Command.is_of_external(evidence.control_loop)
+        || evidence.trial.expect.of(metric).is_some()
 }
 
 /// Returns the largest distance of the mean of 64 SYNC periods from the nominal period, in percent of it.

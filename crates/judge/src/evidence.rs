@@ -27,7 +27,7 @@ pub(crate) type RecordedLoop<'a> = (&'a ControlLoop, &'a Timeline);
 /// Recording of a loop, and the criteria by which it is judged.
 pub(crate) struct Evidence<'a> {
     pub(crate) timeline: &'a Timeline,
-    pub(crate) own: &'a ControlLoop,
+    pub(crate) control_loop: &'a ControlLoop,
     pub(crate) trial: &'a Trial,
     pub(crate) circumstances: &'a Circumstances,
     /// Contours of the run.
@@ -231,7 +231,7 @@ impl CycleSample {
         (self.position - self.set_point).abs()
     }
 
-    pub(crate) fn has_set_point_of(&self, other: &Self) -> bool {
+    pub(crate) fn has_same_set_point(&self, other: &Self) -> bool {
         (self.set_point - other.set_point).abs() < SAME_MAX
     }
 }
@@ -239,21 +239,21 @@ impl CycleSample {
 impl<'a> Evidence<'a> {
     pub(crate) fn new(
         timeline: &'a Timeline,
-        own: &'a ControlLoop,
+        control_loop: &'a ControlLoop,
         circumstances: &'a Circumstances,
     ) -> Self {
-        let trial = &own.trial;
+        let trial = &control_loop.trial;
         let period = trial.run.bus.sync_period();
-        let feedback = names::message(&own.nodes.drive.name, TPDO1);
-        let silence = silence_seconds_max(&feedback, period, &own.database);
+        let feedback = names::message(&control_loop.nodes.drive.name, TPDO1);
+        let silence = silence_seconds_max(&feedback, period, &control_loop.database);
         Self {
             timeline,
-            own,
+            control_loop,
             trial,
             circumstances,
             contours: &[],
             loops: &[],
-            attribution: Rc::new(Attribution::new(timeline, own, circumstances)),
+            attribution: Rc::new(Attribution::new(timeline, control_loop, circumstances)),
             left_out: None,
             position: timeline.position(),
             silence_seconds_max: silence,
@@ -270,14 +270,15 @@ impl<'a> Evidence<'a> {
     }
 
     /// Returns the evidence of one of the loops.
-    pub(crate) fn of_loop(&self, name: &str) -> Option<Self> {
+    pub(crate) fn for_loop(&self, name: &str) -> Option<Self> {
         let mut loops = self.loops.iter();
-        let (own, timeline) = loops.find(|(own, _)| own.name() == name)?;
-        let of_loop = Self::new(timeline, own, self.circumstances);
-        let of_loop = of_loop.among(self.contours, self.loops);
+        let (control_loop, timeline) =
+            loops.find(|(control_loop, _)| control_loop.name() == name)?;
+        let evidence = Self::new(timeline, control_loop, self.circumstances);
+        let evidence = evidence.among(self.contours, self.loops);
         Some(match &self.left_out {
-            None => of_loop,
-            Some(left_out) => of_loop.rest(left_out.only_long),
+            None => evidence,
+            Some(left_out) => evidence.rest(left_out.only_long),
         })
     }
 
@@ -367,7 +368,7 @@ impl<'a> Evidence<'a> {
     /// fault, or that had moved the loop.
     pub(crate) fn stall_of_end(&self, end: &EarlyEnd) -> Option<Stretch> {
         let until = end.at_seconds?;
-        let drive = &self.own.nodes.drive.name;
+        let drive = &self.control_loop.nodes.drive.name;
         let node = if end.node.as_ref() == Some(drive) {
             Part::Drive
         } else {
@@ -382,7 +383,7 @@ impl<'a> Evidence<'a> {
         let mut latest = None;
         self.samples(self.whole()).filter_map(move |sample| {
             let before: Option<CycleSample> = latest.replace(sample);
-            let is_other = !sample.has_set_point_of(&before?);
+            let is_other = !sample.has_same_set_point(&before?);
             is_other.then_some(sample.time_seconds)
         })
     }
@@ -566,11 +567,15 @@ impl<'a> Evidence<'a> {
 
     /// Returns the trace of a signal that was on the bus.
     pub(crate) fn trace(&self, name: &str) -> Result<&'a SignalTrace, Observation> {
-        let path = self.own.names().find(name).map_err(|error| Observation {
-            // An external drive publishes no truth.
-            is_unavailable: self.own.is_external(Part::Drive),
-            ..Observation::none(error.to_string())
-        })?;
+        let path = self
+            .control_loop
+            .names()
+            .find(name)
+            .map_err(|error| Observation {
+                // An external drive publishes no truth.
+                is_unavailable: self.control_loop.is_external(Part::Drive),
+                ..Observation::none(error.to_string())
+            })?;
         if self.timeline.zero_seconds.is_none() {
             return Err(Observation::none("the scenario never began"));
         }
@@ -579,7 +584,7 @@ impl<'a> Evidence<'a> {
         trace
             .filter(|trace| !trace.samples.is_empty())
             .ok_or_else(|| Observation {
-                is_unavailable: self.own.is_truth(path),
+                is_unavailable: self.control_loop.is_truth(path),
                 ..Observation::none(format!("{path} never was on the bus"))
             })
     }

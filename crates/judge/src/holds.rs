@@ -4,7 +4,7 @@ use dbc::names::TARGET_CURRENT;
 use recording::timeline::TIME_TOLERANCE_SECONDS;
 use scenario::events::Window;
 
-use crate::attribution::breaches::begin_of;
+use crate::attribution::breaches::cycle_begin;
 use crate::disturbances::recovery;
 use crate::evidence::{Absence, Evidence, Measurement, MetricValue, checked, mean};
 
@@ -125,8 +125,8 @@ fn silence_of_commands(evidence: &Evidence<'_>, window: Window) -> Option<Window
             .unwrap_or((cycle, cycle));
         begun = Some((first, cycle));
         let silence = Window {
-            from_seconds: begin_of(first, period).max(window.from_seconds),
-            until_seconds: begin_of(cycle + 1, period).min(window.until_seconds),
+            from_seconds: cycle_begin(first, period).max(window.from_seconds),
+            until_seconds: cycle_begin(cycle + 1, period).min(window.until_seconds),
         };
         evidence
             .is_silence(silence.from_seconds, silence.until_seconds)

@@ -25,13 +25,13 @@ pub fn row_of_loop(one: &ControlLoop, row: &str) -> String {
 /// Returns the rows of a verdict that have limits, in their order, except for those on timing.
 #[must_use]
 pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
-    let of_loops = plan.loops.iter().flat_map(|one| {
+    let loop_limits = plan.loops.iter().flat_map(|one| {
         let limits = metrics::limits(&one.trial).into_iter();
         limits.map(|(row, limit)| (row_of_loop(one, &row), limit))
     });
     let contours = plan.shared.contours.iter().flat_map(Contour::rows);
     let contours = contours.filter_map(|(row, limit)| Some((row, limit?)));
-    of_loops.chain(contours).collect()
+    loop_limits.chain(contours).collect()
 }
 
 /// Returns the expectations on timing, which all loops share.
@@ -226,14 +226,14 @@ mod tests {
             min: None,
             max: Some(10.0),
         });
-        let row_of = |x, y| {
+        let joined_row = |x, y| {
             let mut loops = two(Outcome::Pass, Outcome::Pass);
             (loops[0].1.metrics, loops[1].1.metrics) = (vec![load(x)], vec![load(y)]);
             joined(loops, &[]).metrics
         };
-        assert_eq!(row_of(None, None), [load(None)]);
-        assert_eq!(row_of(limit, None), [load(limit)]);
-        assert_eq!(row_of(None, limit), [load(limit)]);
+        assert_eq!(joined_row(None, None), [load(None)]);
+        assert_eq!(joined_row(limit, None), [load(limit)]);
+        assert_eq!(joined_row(None, limit), [load(limit)]);
     }
 
     #[test]

@@ -131,7 +131,7 @@ fn steady_state_error(evidence: &Evidence<'_>) -> Measurement {
     }
     let samples = || evidence.samples(window);
     let mut pairs = samples().zip(samples().skip(1));
-    if pairs.any(|(before, after)| !after.has_set_point_of(&before)) {
+    if pairs.any(|(before, after)| !after.has_same_set_point(&before)) {
         return Measurement::Meaningless("the set-point moves at the end".to_owned());
     }
     let samples = evidence.seen(window);

@@ -28,19 +28,21 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     if end.by == EndedBy::User || timeline.zero_seconds.is_none() {
         return None;
     }
-    let of_cycles = timeline
+    let sampled = timeline
         .column(names::STATUSWORD)
         .map(|column| &column.values);
-    let of_cycles = of_cycles.and_then(|words| latest(evidence, words));
+    let sampled = sampled.and_then(|values| latest(evidence, values));
     let reports = &timeline.drive_reports;
-    let (state_at, word) = later(of_cycles, reports.statuswords.last())?;
-    let of_cycles = latest(evidence, timeline.current());
-    let current = later(of_cycles, reports.currents_amperes.last());
+    let (state_at, word) = later(sampled, reports.statuswords.last())?;
+    let sampled = latest(evidence, timeline.current());
+    let current = later(sampled, reports.currents_amperes.last());
     let (current_at, flowing) = current.unwrap_or((state_at, 0.0));
     let is_enabled = state(word) == Some(State::OperationEnabled);
-    let own = evidence.own;
-    let measurand = &own.trial.wiring.sensor.measurand;
-    let feedback = own.message(&own.nodes.drive, names::TPDO1).ok()?;
+    let control_loop = evidence.control_loop;
+    let measurand = &control_loop.trial.wiring.sensor.measurand;
+    let feedback = control_loop
+        .message(&control_loop.nodes.drive, names::TPDO1)
+        .ok()?;
     let step = feedback.signal(&measurand.name(CURRENT))?.coding.factor;
     let flows = flowing.abs() > CURRENT_STEPS_MAX * step.abs();
     let on_at = match (is_enabled, flows) {
@@ -51,7 +53,7 @@ pub(crate) fn drive_off(evidence: &Evidence<'_>, end: &EarlyEnd) -> Option<Metri
     };
 
     let drive = node_name(evidence, Part::Drive);
-    let watch = watch(evidence.own).as_secs_f64();
+    let watch = watch(evidence.control_loop).as_secs_f64();
     let last_cycle = timeline.time_seconds.last();
     let end_seconds = end.at_seconds.or(last_cycle).unwrap_or_default();
     let is_due = |at: f64| at + TIME_TOLERANCE_SECONDS >= end_seconds + watch;
@@ -83,8 +85,8 @@ fn latest(evidence: &Evidence<'_>, values: &Series<f64>) -> Option<(f64, f64)> {
     rows.filter(|(_, value)| !value.is_nan()).last()
 }
 
-fn later(of_cycles: Option<(f64, f64)>, reported: Option<&(f64, f64)>) -> Option<(f64, f64)> {
-    let both = of_cycles.into_iter().chain(reported.copied());
+fn later(sampled: Option<(f64, f64)>, reported: Option<&(f64, f64)>) -> Option<(f64, f64)> {
+    let both = sampled.into_iter().chain(reported.copied());
     both.max_by(|(one, _), (other, _)| one.total_cmp(other))
 }
 
@@ -158,8 +160,8 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_is_off_by_its_own_report_after_its_watches() {
-        let of_node = |frames: Vec<Stamped>| {
+    fn a_drive_is_off_by_its_report_after_its_watches() {
+        let reported = |frames: Vec<Stamped>| {
             let (passed, remark, outcome, cause) = judged(EndedBy::Node, &frames);
             assert_eq!(
                 (outcome, cause.as_deref()),
@@ -167,22 +169,22 @@ mod tests {
             );
             (passed, remark)
         };
-        let on = |words: &str| {
+        let on = |text: &str| {
             let late = "drive: on 0.199 s after the run, though its watches take 0.100 s";
-            (Some(false), format!("{late} ({words})"))
+            (Some(false), format!("{late} ({text})"))
         };
         let off = (Some(true), String::new());
-        assert_eq!(of_node(frames(400, Some((0x0018, 0)))), off);
-        assert_eq!(of_node(frames(400, Some((0x0018, -20)))), off);
+        assert_eq!(reported(frames(400, Some((0x0018, 0)))), off);
+        assert_eq!(reported(frames(400, Some((0x0018, -20)))), off);
         let enabled = on("operation enabled, 0.000 A");
-        assert_eq!(of_node(frames(400, Some((0x0237, 0)))), enabled);
+        assert_eq!(reported(frames(400, Some((0x0237, 0)))), enabled);
         let heated = on("not enabled, -0.460 A");
-        assert_eq!(of_node(frames(400, Some((0x0018, -460)))), heated);
-        let unseen = |words: &str| (None, format!("drive: {words}"));
+        assert_eq!(reported(frames(400, Some((0x0018, -460)))), heated);
+        let unseen = |text: &str| (None, format!("drive: {text}"));
         let silent = unseen("no report after the run");
-        assert_eq!(of_node(frames(400, None)), silent);
+        assert_eq!(reported(frames(400, None)), silent);
         let short = unseen("no report before its watches have passed (0.100 s)");
-        assert_eq!(of_node(frames(230, None)), short);
+        assert_eq!(reported(frames(230, None)), short);
     }
 
     #[test]

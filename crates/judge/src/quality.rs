@@ -47,14 +47,14 @@ pub(crate) fn two_sources(evidence: &Evidence<'_>) -> Option<(String, NamedCause
     let circumstances = evidence.circumstances;
     let found = evidence.timeline.sources.found(&circumstances.sent);
     let first = found.first()?;
-    let words = Vec::from_iter(found.iter().map(ToString::to_string)).join("; ");
+    let sources = Vec::from_iter(found.iter().map(ToString::to_string)).join("; ");
     let cause = NamedCause {
         node: "foreign".to_owned(),
         duty: first.duty.to_owned(),
         at_seconds: Some(rounded(first.first_seconds)),
-        words: format!("a second master: {words}"),
+        description: format!("a second master: {sources}"),
     };
-    Some((cause.words.clone(), cause))
+    Some((cause.description.clone(), cause))
 }
 
 /// The reason of a verdict on a recording with missing frames.

@@ -43,7 +43,7 @@ pub(crate) fn temperature_max(evidence: &Evidence<'_>) -> Measurement {
     let is_seen = if evidence.timeline.truth.is_empty() {
         evidence.seen(evidence.run()).map(drop)
     } else {
-        silence_of_truth(evidence).map_or(Ok(()), |silence| Err(silence_of(silence)))
+        silence_of_truth(evidence).map_or(Ok(()), |silence| Err(truth_silence(silence)))
     };
     is_seen.and_then(|()| largest(temperatures)).into()
 }
@@ -82,12 +82,12 @@ fn silence_of_truth(evidence: &Evidence<'_>) -> Option<Window> {
 
 fn silence_of_truth_seconds_max(evidence: &Evidence<'_>) -> f64 {
     let period = evidence.trial.run.bus.sync_period();
-    let own = evidence.own;
-    let message = names::message(&own.nodes.drive.name, names::TRUTH);
-    silence_seconds_max(&message, period, &own.database)
+    let control_loop = evidence.control_loop;
+    let message = names::message(&control_loop.nodes.drive.name, names::TRUTH);
+    silence_seconds_max(&message, period, &control_loop.database)
 }
 
-fn silence_of(silence: Window) -> Absence {
+fn truth_silence(silence: Window) -> Absence {
     let (from, until) = (silence.from_seconds, silence.until_seconds);
     Absence::unseen(
         format!("no {TRUTH} from {from:.3} to {until:.3} s"),
@@ -164,7 +164,7 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
         let seen = truth.partition_point(|one| one.time_seconds < window.until_seconds);
         let zero = zero_since(&truth.part(0..seen), fault, silence_max).map(|since| since - fault);
         zero.ok_or_else(|| match silence_of_truth(evidence) {
-            Some(silence) => silence_of(silence),
+            Some(silence) => truth_silence(silence),
             None => "current flows on".into(),
         })
     };
@@ -274,7 +274,7 @@ pub(crate) fn safe_state(evidence: &Evidence<'_>) -> Measurement {
         return Err(Absence::left_out()).into();
     }
     if let Some(silence) = silence_at_end(evidence) {
-        return Err(silence_of(silence)).into();
+        return Err(truth_silence(silence)).into();
     }
     let is_safe = is_safe_at_end(evidence);
     Ok(if is_safe { 1.0 } else { 0.0 }).into()
@@ -319,7 +319,7 @@ fn is_safe_at_end(evidence: &Evidence<'_>) -> bool {
 
 /// Returns whether the last command to an io node lets a current flow.
 fn io_node_drives_current(evidence: &Evidence<'_>) -> bool {
-    let one = evidence.own;
+    let one = evidence.control_loop;
     let io = one.nodes.io.iter();
     let messages = io.filter_map(|io| one.message(io, names::RPDO1).ok());
     let mut currents = messages

@@ -16,11 +16,11 @@ use crate::signals::nearest;
 pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
     let sequences = evidence.trial.expect.sequence.iter();
     sequences
-        .flat_map(|sequence| of_sequence(evidence, sequence))
+        .flat_map(|sequence| event_rows(evidence, sequence))
         .collect()
 }
 
-fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
+fn event_rows(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
     let window = sequence.window(evidence.trial.run.duration_seconds);
     let mut before: Result<f64, String> = Ok(window.from_seconds);
     let mut metrics = Vec::new();
@@ -40,7 +40,7 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
                 Observation::none(Absence::unseen(reason, window))
             }
         };
-        let limit = limit_of(event, window);
+        let limit = event_limit(event, window);
         let since = *before.as_ref().unwrap_or(&window.from_seconds);
         let until = observation.at_seconds.unwrap_or(window.until_seconds);
         let is_left_out = evidence.leaves_out(since, until);
@@ -60,7 +60,7 @@ fn of_sequence(evidence: &Evidence<'_>, sequence: &Sequence) -> Vec<Metric> {
 }
 
 /// Returns the limit of an event's row.
-fn limit_of(event: &Expected, window: Window) -> Limit {
+fn event_limit(event: &Expected, window: Window) -> Limit {
     let longest = event
         .within_milliseconds
         .unwrap_or_else(|| rounded(1e3 * (window.until_seconds - window.from_seconds)));
@@ -75,7 +75,7 @@ pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
     trial.expect.sequence.iter().flat_map(|sequence| {
         let window = sequence.window(trial.run.duration_seconds);
         let events = sequence.event.iter().enumerate();
-        events.map(move |(place, event)| (sequence.row_name(place), limit_of(event, window)))
+        events.map(move |(place, event)| (sequence.row_name(place), event_limit(event, window)))
     })
 }
 

@@ -23,7 +23,7 @@ pub(crate) fn metrics(evidence: &Evidence<'_>) -> Vec<Metric> {
 
 fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> Metric {
     let window = check.window(demand, evidence.trial.run.duration_seconds);
-    let limit = limit_of(demand, window);
+    let limit = demand_limit(demand, window);
     let observation = match evidence.trace(&check.name) {
         Ok(trace) if evidence.has_all() => observe(trace, window, demand, limit),
         Ok(trace) => observe_rest(evidence, trace, window, demand, limit),
@@ -33,7 +33,7 @@ fn metric(evidence: &Evidence<'_>, check: &SignalCheck, demand: &Demand<'_>) -> 
 }
 
 /// Returns the limit of a demand's row.
-fn limit_of(demand: &Demand<'_>, window: Window) -> Limit {
+fn demand_limit(demand: &Demand<'_>, window: Window) -> Limit {
     match demand {
         Demand::Stays(limit) | Demand::RatePerSecond(limit) => *limit,
         Demand::Reaches(_) => at_most(rounded(window.until_seconds - window.from_seconds)),
@@ -46,7 +46,7 @@ pub(crate) fn limits(trial: &Trial) -> impl Iterator<Item = (String, Limit)> {
     trial.expect.signal.iter().flat_map(|check| {
         check.demands().map(|demand| {
             let window = check.window(&demand, trial.run.duration_seconds);
-            (check.row_name(&demand), limit_of(&demand, window))
+            (check.row_name(&demand), demand_limit(&demand, window))
         })
     })
 }
@@ -202,7 +202,7 @@ mod tests {
 
     use super::*;
 
-    fn trace_of(samples: Vec<SignalSample>) -> SignalTrace {
+    fn trace(samples: Vec<SignalSample>) -> SignalTrace {
         SignalTrace {
             path: "message.signal".to_owned(),
             unit: String::new(),
@@ -220,7 +220,7 @@ mod tests {
                 value: value(time_seconds),
             }
         };
-        trace_of((0..1000).map(sample).collect())
+        trace((0..1000).map(sample).collect())
     }
 
     fn limit(min: f64, max: f64) -> Limit {
@@ -324,7 +324,7 @@ mod tests {
         let ramp = every_millisecond(|time| time);
         let late = Err("no sample; the last came at 0.999 s");
         check_stays(&ramp, window(2.0, 3.0), late, None);
-        let early = trace_of(vec![SignalSample {
+        let early = trace(vec![SignalSample {
             time_seconds: 5.0,
             value: 0.5,
         }]);
@@ -334,7 +334,7 @@ mod tests {
         check_stays(&ramp, window(0.0, 1.5), silent, None);
         let gap = every_millisecond(|time| time);
         let kept = |sample: &SignalSample| !(0.3..0.6).contains(&sample.time_seconds);
-        let gap = trace_of(gap.samples.iter().filter(kept).collect());
+        let gap = trace(gap.samples.iter().filter(kept).collect());
         let silent = Err("silent from 0.299 to 0.600 s");
         check_stays(&gap, window(0.0, 1.0), silent, None);
         let nan = every_millisecond(|time| if time > 0.4995 { f64::NAN } else { 0.5 });

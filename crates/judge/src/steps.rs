@@ -11,12 +11,12 @@ pub const SETTLING_BAND: f64 = 0.05;
 
 /// Measures the longest settling time.
 pub(crate) fn settling_time(evidence: &Evidence<'_>) -> Measurement {
-    worst_step(evidence, true, settling_time_of)
+    worst_step(evidence, true, step_settling_time)
 }
 
 /// Measures the largest overshoot.
 pub(crate) fn overshoot(evidence: &Evidence<'_>) -> Measurement {
-    worst_step(evidence, false, overshoot_of)
+    worst_step(evidence, false, step_overshoot)
 }
 
 fn worst_step(
@@ -39,7 +39,7 @@ fn worst_step(
 }
 
 /// Returns the time from the step to the first sample of the uninterrupted stay within the band. A silence interrupts a stay.
-fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
+fn step_settling_time(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let band = SETTLING_BAND * (step.to - step.from).abs();
     let until_seconds = step.window.until_seconds;
     let (mut settled_at, mut latest) = (None, None);
@@ -71,7 +71,7 @@ fn settling_time_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
 }
 
 /// Returns the distance of the position beyond the set-point in the direction of the step, relative to its height.
-fn overshoot_of(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
+fn step_overshoot(evidence: &Evidence<'_>, step: &JudgedStep) -> MetricValue {
     let height = step.to - step.from;
     if height.abs() < SAME_MAX {
         return Err("a step without height".into());

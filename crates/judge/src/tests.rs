@@ -59,7 +59,7 @@ pub(crate) fn frames(cycles: u32, position: impl Fn(u32) -> Option<f64>) -> Vec<
     frames
 }
 
-fn verdict_of(trial: &Trial, frames: &[Stamped], lost: u64) -> Verdict {
+fn verdict_on(trial: &Trial, frames: &[Stamped], lost: u64) -> Verdict {
     let plan = Plan::new(trial.clone(), &Catalogue::shipped());
     let timelines = decode(frames, &plan).unwrap();
     let circumstances = Circumstances {
@@ -82,7 +82,7 @@ fn value(verdict: &Verdict, name: &str) -> Option<f64> {
 }
 
 fn check(added: &str, position: impl Fn(f64) -> f64, name: &str, expected: f64) {
-    let verdict = verdict_of(
+    let verdict = verdict_on(
         &scenario(added),
         &frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3))),
         0,
@@ -134,7 +134,7 @@ fn hunting_is_how_far_the_mean_position_goes_in_the_last_second() {
     };
     check(HUNTING, swinging, "hunting_millimetres", 0.4);
     // Hunting is not limited, so it is not reported.
-    let verdict = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    let verdict = verdict_on(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
     assert!(
         verdict
             .metrics
@@ -148,7 +148,7 @@ fn a_set_point_that_moves_in_the_last_second_is_no_hunting() {
     let late = format!(
         "{HUNTING}[[reference.ramp]]\nfrom_seconds = 3.0\nuntil_seconds = 3.5\nposition_millimetres = 20.0\n"
     );
-    let verdict = verdict_of(&scenario(&late), &frames(4000, |_| Some(10.0)), 0);
+    let verdict = verdict_on(&scenario(&late), &frames(4000, |_| Some(10.0)), 0);
     let reason = row(&verdict, "hunting_millimetres").remark.as_deref();
     assert_eq!(
         reason,
@@ -198,7 +198,7 @@ fn a_chirp_shows_gain_phase_and_offset_over_frequency() {
 #[test]
 fn the_bandwidth_is_the_last_frequency_before_the_gain_falls() {
     let bandwidth = |frames: &[Stamped]| {
-        let verdict = verdict_of(
+        let verdict = verdict_on(
             &chirp("[expect]\nbandwidth_hertz = { min = 4.0 }\n"),
             frames,
             0,
@@ -257,14 +257,14 @@ fn ripple_is_the_standard_deviation_of_the_command_in_the_last_hold() {
         cycle if cycle % 2 == 0 => 0.57,
         _ => 0.59,
     };
-    let verdict = verdict_of(
+    let verdict = verdict_on(
         &scenario(RIPPLE),
         &commanded(step_response(1.0), current),
         0,
     );
     let ripple = value(&verdict, "current_ripple_amperes_rms").unwrap();
     assert!((ripple - 0.01).abs() < 1e-4, "{ripple}");
-    let late = verdict_of(
+    let late = verdict_on(
         &scenario(RIPPLE),
         &commanded(step_response(1.3), current),
         0,
@@ -277,7 +277,7 @@ fn ripple_is_the_standard_deviation_of_the_command_in_the_last_hold() {
 fn a_disturbance_ends_the_hold_before_it() {
     let load = format!("{RIPPLE}[[disturbance.load]]\nat_seconds = 2.0\nadded_grams = 1.0\n");
     let frames = commanded(step_response(1.0), |_| 0.5);
-    let verdict = verdict_of(&scenario(&load), &frames, 0);
+    let verdict = verdict_on(&scenario(&load), &frames, 0);
     let reason = row(&verdict, "current_ripple_amperes_rms")
         .remark
         .as_deref();
@@ -287,7 +287,7 @@ fn a_disturbance_ends_the_hold_before_it() {
 /// The row exists without a limit, too, since a reader who misses a row takes its metric for met.
 #[test]
 fn a_step_that_never_settles_has_a_row() {
-    let never = verdict_of(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
+    let never = verdict_on(&scenario(""), &frames(4000, |_| Some(10.0)), 0);
     let reason = row(&never, "settling_time_seconds").remark.as_deref();
     assert_eq!(reason, Some("never settled"));
     assert_eq!(never.outcome, Outcome::Pass, "nothing is demanded");
@@ -299,7 +299,7 @@ fn a_stay_lasts_for_a_tenth_of_a_second_at_least() {
     let judged = |settled: f64| {
         let position = step_response(settled);
         let frames = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
-        verdict_of(&scenario(limit), &frames, 0)
+        verdict_on(&scenario(limit), &frames, 0)
     };
     let late = judged(3.95);
     let reason = "the window ends 0.05 s after the position entered the band; 0.1 s are needed";
@@ -342,7 +342,7 @@ fn names(verdict: &Verdict, passed: Option<bool>) -> Vec<&str> {
 
 #[test]
 fn what_a_silent_node_kept_from_being_seen_fails() {
-    let dead = verdict_of(
+    let dead = verdict_on(
         &scenario(&format!("{CRASH}{LIMITS}")),
         &dying_frames(990),
         0,
@@ -368,12 +368,12 @@ fn what_is_judged_may_end_before_the_scenario_does() {
     // The limit admits 21 missed cycles of 1500, which are 1.4 %.
     let limits = LIMITS.replace("percent = { max = 1.0 }", "percent = { max = 2.0 }");
     let ends = format!("{CRASH}{limits}judged_until_seconds = 1.5\n");
-    let dead = verdict_of(&scenario(&ends), &dying_frames(1500), 0);
+    let dead = verdict_on(&scenario(&ends), &dying_frames(1500), 0);
     assert_eq!(dead.outcome, Outcome::Pass, "{:?}", dead.metrics);
     assert_eq!(value(&dead, "settling_time_seconds"), Some(0.1));
     assert_eq!(value(&dead, "missed_cycles_percent"), Some(0.0));
     // A stretch of 0.02 s without a position is no silence, one of 0.021 s is.
-    let passes = |cycles| verdict_of(&scenario(&ends), &dying_frames(cycles), 0).outcome;
+    let passes = |cycles| verdict_on(&scenario(&ends), &dying_frames(cycles), 0).outcome;
     assert_eq!(passes(1481), Outcome::Pass);
     assert_eq!(passes(1479), Outcome::Fail);
 }
@@ -420,7 +420,7 @@ fn a_run_without_currents_says_so() {
     frames.remove(0);
     let feedback = CanFrame::new(0x190, &[0x37, 0x02]);
     frames.insert(0, Stamped::new(Duration::ZERO, feedback));
-    let verdict = verdict_of(&scenario(""), &frames, 0);
+    let verdict = verdict_on(&scenario(""), &frames, 0);
     let reason = row(&verdict, "current_amperes_rms").remark.as_deref();
     assert_eq!(reason, Some("no current in the recording"));
 }
@@ -455,7 +455,7 @@ fn a_sine_is_followed_with_gain_phase_and_offset() {
     let omega = std::f64::consts::TAU / 0.8;
     let judged = |lag: f64| {
         let position = |cycle| 24.0 + 7.0 * libm::sin(omega * f64::from(cycle) / 1e3 - lag);
-        verdict_of(&sine, &frames(4000, |cycle| Some(position(cycle))), 0)
+        verdict_on(&sine, &frames(4000, |cycle| Some(position(cycle))), 0)
     };
     for (lag, degrees) in [(0.5, -28.647_889), (4.0, -229.183_118), (-1.0, 57.295_780)] {
         let verdict = judged(lag);
@@ -476,12 +476,12 @@ fn a_sine_is_followed_with_gain_phase_and_offset() {
 }
 
 #[test]
-fn of_several_steps_the_one_without_a_value_is_named() {
+fn a_step_without_a_value_is_named_among_several() {
     let second = "[[reference.step]]\nat_seconds = 2.5\nposition_millimetres = 15.0\n";
     let text = format!("{}{second}", scenario_text(""));
     let steps = Trial::parse(&text, "s.toml", |_| unreachable!("no table")).unwrap();
     let settles_once = frames(4000, |cycle| Some(if cycle < 1100 { 10.0 } else { 35.0 }));
-    let verdict = verdict_of(&steps, &settles_once, 0);
+    let verdict = verdict_on(&steps, &settles_once, 0);
     let reason = row(&verdict, "settling_time_seconds").remark.as_deref();
     assert_eq!(reason, Some("step at 2.5 s: never settled"));
 }
@@ -497,7 +497,7 @@ fn the_limits_of_a_scenario_are_those_of_its_verdict() {
     );
     let position = step_response(1.1);
     let cycles = frames(4000, |cycle| Some(position(f64::from(cycle) / 1e3)));
-    let rows = verdict_of(&limited, &cycles, 0).metrics.into_iter();
+    let rows = verdict_on(&limited, &cycles, 0).metrics.into_iter();
     let judged: Vec<_> = rows
         .filter_map(|row| Some((row.name, row.limit?)))
         .collect();
@@ -525,7 +525,7 @@ fn each_sine_is_judged_and_the_worst_reported() {
     let position = |cycle| 25.0 + amplitude(cycle) * libm::sin(omega * f64::from(cycle) / 1e3);
     let judged = |expect: &str| {
         let sines = Trial::parse(&text(expect), "s.toml", |_| unreachable!("no table"));
-        let verdict = verdict_of(
+        let verdict = verdict_on(
             &sines.unwrap(),
             &frames(4000, |cycle| Some(position(cycle))),
             0,
@@ -567,7 +567,7 @@ fn what_nobody_sends_is_not_judged_and_does_not_pass() {
     let mut frames = frames(4000, |cycle| Some(step(f64::from(cycle) / 1e3)));
     // A module without a heartbeat is absent, so its commands have no effect.
     frames.retain(|stamped| stamped.frame.standard_id() != Some(0x711));
-    let judged = |limits: &str| verdict_of(&scenario(&format!("{fan}{limits}")), &frames, 0);
+    let judged = |limits: &str| verdict_on(&scenario(&format!("{fan}{limits}")), &frames, 0);
     let verdict = judged(limits);
     assert_eq!(verdict.outcome, Outcome::Inconclusive);
     let reason = "not judged: recovery_time_seconds, temperature_celsius";
@@ -583,7 +583,7 @@ fn without_a_set_point_nothing_deviates_or_recovers() {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"open\"\nduration_seconds = 4.0\n[controller.open_loop]\n\
                 [[disturbance.fan]]\nfrom_seconds = 1.0\nuntil_seconds = 2.0\nconvection_factor = 5.0\n";
     let open = Trial::parse(text, "open.toml", |_| unreachable!("no table")).unwrap();
-    let verdict = verdict_of(&open, &frames(4000, |_| Some(10.0)), 0);
+    let verdict = verdict_on(&open, &frames(4000, |_| Some(10.0)), 0);
     let judged: Vec<_> = verdict
         .metrics
         .iter()
@@ -599,7 +599,7 @@ fn without_a_set_point_nothing_deviates_or_recovers() {
 #[test]
 fn a_step_that_never_settles_misses_its_limit() {
     let limited = scenario("[expect]\nsettling_time_seconds = { max = 3.0 }");
-    let verdict = verdict_of(&limited, &frames(4000, |_| Some(10.0)), 0);
+    let verdict = verdict_on(&limited, &frames(4000, |_| Some(10.0)), 0);
     assert_eq!(verdict.outcome, Outcome::Fail);
     assert_eq!(verdict.metrics[0].remark.as_deref(), Some("never settled"));
 }
@@ -610,7 +610,7 @@ fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
     // The scenario begins at 1 ms and ends at 4.001 s. A drive that stops may send anything after that.
     let late = Duration::from_micros(4_001_200);
     frames.push(Stamped::new(late, frames[0].frame));
-    let verdict = verdict_of(&scenario(""), &frames, 0);
+    let verdict = verdict_on(&scenario(""), &frames, 0);
     assert_eq!(value(&verdict, "steady_state_error_millimetres"), Some(0.0));
 }
 
@@ -618,13 +618,13 @@ fn what_comes_after_the_end_is_no_part_of_the_last_cycle() {
 fn cycles_that_are_missing_at_the_end_are_missed_ones() {
     let mut late = frames(3985, |_| Some(35.0));
     assert_eq!(
-        verdict_of(&scenario(""), &late, 0).outcome,
+        verdict_on(&scenario(""), &late, 0).outcome,
         Outcome::Incomplete
     );
     // A SYNC after the end shows that the scenario ended: the machine stood still for 15 ms, not the run.
     let after_end = Duration::from_micros(4_001_300);
     late.push(Stamped::new(after_end, CanFrame::new(0x080, &[1])));
-    let verdict = verdict_of(&scenario(""), &late, 0);
+    let verdict = verdict_on(&scenario(""), &late, 0);
     assert_eq!(value(&verdict, "missed_cycles_percent"), Some(0.375));
     assert_eq!(verdict.outcome, Outcome::Pass);
 }
@@ -634,7 +634,7 @@ fn a_bad_recording_decides_nothing() {
     let whole = frames(4000, |cycle| {
         Some(step_response(1.1)(f64::from(cycle) / 1e3))
     });
-    let outcome = |frames: &[Stamped], lost| verdict_of(&scenario(""), frames, lost).outcome;
+    let outcome = |frames: &[Stamped], lost| verdict_on(&scenario(""), frames, lost).outcome;
     assert_eq!(outcome(&whole, 0), Outcome::Pass);
     assert_eq!(outcome(&whole, 1), Outcome::Inconclusive);
     assert_eq!(outcome(&whole[..whole.len() / 2], 0), Outcome::Incomplete);
@@ -646,24 +646,24 @@ fn a_bad_recording_decides_nothing() {
 fn what_the_nodes_leave_out_fails_the_run_whoever_lost_frames() {
     let whole = frames(4000, |_| Some(35.0));
     let silent = frames(4000, |cycle| (cycle % 50 != 7).then_some(35.0));
-    let verdict = verdict_of(&scenario(""), &silent, 3);
+    let verdict = verdict_on(&scenario(""), &silent, 3);
     assert_eq!(verdict.outcome, Outcome::Fail);
     let reason = "drive: no position in 2.00 % of the cycles, first at 0.007 s (limit 1 %)";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
-    let outcome = |lost| verdict_of(&scenario(""), &silent, lost).outcome;
+    let outcome = |lost| verdict_on(&scenario(""), &silent, lost).outcome;
     assert_eq!(outcome(50), Outcome::Inconclusive, "half may be lost ones");
     let is_kept = |stamped: &&Stamped| {
         let is_sync = stamped.frame.standard_id() == Some(0x080);
         !(is_sync && stamped.time.as_millis() % 50 == 7)
     };
     let skipped: Vec<Stamped> = whole.iter().filter(is_kept).copied().collect();
-    let verdict = verdict_of(&scenario(""), &skipped, 0);
+    let verdict = verdict_on(&scenario(""), &skipped, 0);
     assert_eq!(verdict.outcome, Outcome::Fail);
     let reason = "controller: no SYNC in 2.00 % of the cycles, first at 0.006 s (limit 1 %)";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
     // A scenario that permits as many has its own limit.
     let permits = scenario("[expect]\nmissed_cycles_percent = { max = 3 }");
-    assert_eq!(verdict_of(&permits, &skipped, 0).outcome, Outcome::Pass);
+    assert_eq!(verdict_on(&permits, &skipped, 0).outcome, Outcome::Pass);
 }
 
 /// Adds a command after each position.
@@ -886,7 +886,7 @@ fn a_second_master_lets_nothing_pass_and_nothing_fail() {
         "[expect]\n",
         "[expect]\nposition_millimetres_max = { max = 1.0 }\n",
     ] {
-        let verdict = verdict_of(&scenario(limits), &frames, 0);
+        let verdict = verdict_on(&scenario(limits), &frames, 0);
         assert_eq!(verdict.outcome, Outcome::Inconclusive);
         let reason = verdict.reason.unwrap();
         let expected = "a second master: 0x080 (SYNC), ";
@@ -904,7 +904,7 @@ fn a_load_that_no_bus_carries_fails_without_a_limit() {
             frames.extend(vec![Stamped::new(time, filler); frames_per_cycle]);
         }
         frames.sort_by_key(|stamped| stamped.time);
-        verdict_of(&scenario(""), &frames, 0)
+        verdict_on(&scenario(""), &frames, 0)
     };
     let full = load(7);
     assert!(value(&full, "bus_load_percent").unwrap() > 90.0);
@@ -1042,7 +1042,7 @@ fn a_node_without_a_heartbeat_at_the_end_is_named() {
     let beats = (0..150_u64).map(|beat| Duration::from_micros(20_000 * beat + 500));
     all.extend(beats.map(|time| Stamped::new(time, CanFrame::new(0x710, &[5]))));
     all.sort_by_key(|stamped| stamped.time);
-    let verdict = verdict_of(&scenario(""), &all, 0);
+    let verdict = verdict_on(&scenario(""), &all, 0);
     assert_eq!(verdict.outcome, Outcome::Fail);
     let reason = "drive: no heartbeat from 3.000 s to the end";
     assert_eq!(verdict.reason.as_deref(), Some(reason));
@@ -1052,7 +1052,7 @@ fn a_node_without_a_heartbeat_at_the_end_is_named() {
 #[test]
 fn a_run_in_which_nothing_is_limited_judges_nothing() {
     let whole = frames(4000, |_| Some(10.0));
-    let judged = |limits: &str| verdict_of(&scenario(limits), &whole, 0);
+    let judged = |limits: &str| verdict_on(&scenario(limits), &whole, 0);
     let verdict = judged("");
     assert_eq!(
         (verdict.outcome, verdict.cause.is_none()),
@@ -1072,7 +1072,7 @@ fn ripple_needs_commands() {
         let is_command = stamped.frame.standard_id() == Some(0x210);
         !(is_command && (2500..2525).contains(&stamped.time.as_millis()))
     });
-    let verdict = verdict_of(&scenario(RIPPLE), &frames, 0);
+    let verdict = verdict_on(&scenario(RIPPLE), &frames, 0);
     let remark = row(&verdict, "current_ripple_amperes_rms")
         .remark
         .clone()
@@ -1099,7 +1099,7 @@ fn a_slow_loop_is_watched_until_something_else_moves_it() {
                 10.0
             })
         });
-        value(&verdict_of(&slow, &frames, 0), "recovery_time_seconds")
+        value(&verdict_on(&slow, &frames, 0), "recovery_time_seconds")
     };
     assert_eq!(recovery(""), Some(5.0));
     let step = "[[reference.step]]\nat_seconds = 4.5\nposition_millimetres = 10.5\n";

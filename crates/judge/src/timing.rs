@@ -46,7 +46,7 @@ impl Timing {
     /// # Errors
     /// The database lacks a signal.
     pub fn new(frames: &Frames, plan: &Plan, host: Host) -> Result<Self, SignalMissing> {
-        let of_loops = plan.loops.iter().map(|one| {
+        let by_loop = plan.loops.iter().map(|one| {
             let latencies = Latencies::new(frames, one)?;
             let quantiles = |histogram| Quantiles::new(histogram, 1);
             Ok([
@@ -55,10 +55,10 @@ impl Timing {
                 quantiles(&latencies.round_trip),
             ])
         });
-        let of_loops = of_loops.collect::<Result<Vec<_>, _>>()?;
+        let by_loop = by_loop.collect::<Result<Vec<_>, _>>()?;
         let worst = |latency: usize| {
-            let of_each = of_loops.iter().map(|latencies| latencies[latency]);
-            of_each.reduce(Quantiles::worst).unwrap_or_default()
+            let quantiles = by_loop.iter().map(|latencies| latencies[latency]);
+            quantiles.reduce(Quantiles::worst).unwrap_or_default()
         };
         Ok(Self {
             distrust: distrust(&host, plan.duration()),
@@ -313,9 +313,12 @@ mod tests {
                 expected.insert(key);
                 continue;
             }
-            let of_each = quantiles.iter().map(|name| (name.clone(), limit.clone()));
+            let quantile_limits = quantiles.iter().map(|name| (name.clone(), limit.clone()));
             expected.extend(quantiles.iter().map(|name| format!("{key}_{name}")));
-            limits.insert(key, of_each.collect::<serde_json::Map<_, _>>().into());
+            limits.insert(
+                key,
+                quantile_limits.collect::<serde_json::Map<_, _>>().into(),
+            );
         }
         assert_eq!(expected.len(), 4 * 4 + 1);
         let limits: TimingLimits = serde_json::from_value(limits.into()).unwrap();

@@ -24,8 +24,8 @@ pub fn judge_timing(
     let mut metrics = timing.metrics(expect.map_or(&without, |expect| &expect.timing));
     let missed_percent = missed_commands_percent(verdict);
     for metric in &mut metrics {
-        let own = expect.and_then(|expect| expect.requirements.get(&metric.name));
-        metric.requirements = own.cloned().unwrap_or_default();
+        let named = expect.and_then(|expect| expect.requirements.get(&metric.name));
+        metric.requirements = named.cloned().unwrap_or_default();
         if metric.passed == Some(true)
             && is_to_command(metric)
             && let Some(why) = why_not_met(metric, missed_percent)

@@ -119,7 +119,7 @@ impl Verdict {
 
     /// Returns the same as [`Verdict::incomplete`], for a plan with its requirements and external nodes.
     #[must_use]
-    pub fn incomplete_of(plan: &Plan, reason: &str) -> Self {
+    pub fn incomplete_run(plan: &Plan, reason: &str) -> Self {
         let shared = &plan.shared;
         Self {
             requirements: shared.run.requirements.clone(),
@@ -145,8 +145,10 @@ impl Verdict {
             distrusted.then_some("the timing is not trusted"),
         ];
         let remarks = Vec::from_iter(remarks.into_iter().flatten()).join("; ");
-        let of_pass = self.outcome == Outcome::Pass && !remarks.is_empty();
-        self.reason.clone().or_else(|| of_pass.then_some(remarks))
+        let passes_with_remarks = self.outcome == Outcome::Pass && !remarks.is_empty();
+        self.reason
+            .clone()
+            .or_else(|| passes_with_remarks.then_some(remarks))
     }
 
     /// Reads the text of `verdict.json`.
@@ -223,7 +225,7 @@ mod tests {
             external: vec!["drive".to_owned()],
             ..Verdict::incomplete("step", 7, "killed")
         };
-        assert_eq!(Verdict::incomplete_of(&plan, "killed"), expected);
+        assert_eq!(Verdict::incomplete_run(&plan, "killed"), expected);
     }
 
     /// A version wrote this before there were requirements, losses and external nodes.

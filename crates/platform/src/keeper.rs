@@ -21,7 +21,7 @@ use rustix::process::{
 use rustix::stdio::stdin;
 
 use crate::clock::monotonic;
-use crate::process::{in_own_session, inherit};
+use crate::process::{in_new_session, inherit};
 use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
 use crate::stop::{OF_TERMINAL, ignore};
 use crate::worker::how;
@@ -75,7 +75,7 @@ fn start(command: &[OsString], output: OwnedFd) -> io::Result<Pid> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());
     command.stdout(output.try_clone()?).stderr(output);
-    in_own_session(&mut command);
+    in_new_session(&mut command);
     let lifeline = inherit(&mut command, stdin().try_clone_to_owned()?);
     command.env(LIFELINE_VARIABLE, lifeline.to_string());
     if has_fifo() {
@@ -95,13 +95,13 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
     loop {
         let timeout = next.map(|(time, _)| time.saturating_sub(monotonic()));
         let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());
-        let of_handle = handle.as_fd();
+        let handle_fd = handle.as_fd();
         let stdin = stdin();
         // A descriptor that has ended stays readable, so the program's own takes its place.
         let mut fds = [
-            of_handle,
-            if is_wanted { stdin } else { of_handle },
-            if is_open { output.as_fd() } else { of_handle },
+            handle_fd,
+            if is_wanted { stdin } else { handle_fd },
+            if is_open { output.as_fd() } else { handle_fd },
         ]
         .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN));
         match poll(&mut fds, timeout.as_ref()) {
@@ -136,7 +136,7 @@ fn wait(program: Pid, output: &OwnedFd, log: &mut Log) -> io::Result<ExitStatus>
 /// Kills all processes that the program left behind; this process became their parent when the program ended.
 fn end_descendants() {
     loop {
-        for child in children_of(getpid().as_raw_nonzero().get().unsigned_abs()) {
+        for child in children(getpid().as_raw_nonzero().get().unsigned_abs()) {
             let _ = kill_process(child, Signal::KILL);
         }
         match waitpid(None, WaitOptions::empty()) {
@@ -147,7 +147,7 @@ fn end_descendants() {
 }
 
 /// Returns the child processes of `parent`.
-pub(crate) fn children_of(parent: u32) -> Vec<Pid> {
+pub(crate) fn children(parent: u32) -> Vec<Pid> {
     let parent = parent.to_string();
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());

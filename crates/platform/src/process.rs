@@ -54,7 +54,7 @@ pub fn myself() -> io::Result<Command> {
 
 /// Gives the process of a command a session and a group of its own, out of reach of any terminal, and restores the default
 /// actions of signals. The process is killed when the thread that spawned it ends.
-pub(crate) fn in_own_session(command: &mut Command) {
+pub(crate) fn in_new_session(command: &mut Command) {
     let prepare = move || {
         setsid()?;
         set_parent_process_death_signal(Some(Signal::KILL))?;

@@ -21,7 +21,7 @@ use tempfile::TempDir;
 
 use crate::bus::wait_ready;
 use crate::clock::Clock;
-use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children_of};
+use crate::keeper::{STOP_PATIENCE, SUBCOMMAND, TERM_PATIENCE, children};
 use crate::process::myself;
 use crate::scheduling::{WORKER_PRIORITY, has_fifo, with_fifo};
 use crate::seat::{
@@ -163,7 +163,7 @@ impl Program {
     }
 
     fn signal(&self, signal: Signal) {
-        for program in children_of(self.keeper.id()) {
+        for program in children(self.keeper.id()) {
             // The keeper notices a program that has ended meanwhile.
             let _ = kill_process_group(program, signal);
         }

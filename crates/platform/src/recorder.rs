@@ -253,7 +253,7 @@ struct Stamps {
 impl Stamps {
     /// Returns the time since the epoch. Stamps that go back, or far ahead, mean a stepped wall clock. Time continues regardless;
     /// otherwise a run would wait for its end for as long as the clock was set back.
-    fn time_of(&mut self, stamp: SystemTime) -> Duration {
+    fn run_time(&mut self, stamp: SystemTime) -> Duration {
         let wall = stamp
             .duration_since(SystemTime::UNIX_EPOCH)
             .unwrap_or_default();
@@ -270,7 +270,7 @@ fn read_all(socket: &CanFdSocket, stamps: &mut Stamps, ring: &mut Ring) -> bool 
     loop {
         match socket.read_frame_with_timestamp() {
             Ok((frame, stamp)) => {
-                let time = stamps.time_of(stamp);
+                let time = stamps.run_time(stamp);
                 match from_socketcan(&frame) {
                     Some(frame) => ring.push(time, frame),
                     None => ring.count_fd(),

@@ -119,7 +119,7 @@ impl Misread {
 }
 
 /// Splits a message of the given kind into its header and body.
-pub(crate) fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misread> {
+pub(crate) fn split(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Misread> {
     let (header, body) = Header::split(message)?;
     if header.kind != kind as u8 {
         let name = format!("{kind:?}").to_uppercase();
@@ -134,12 +134,15 @@ pub(crate) fn split_of(message: &[u8], kind: Kind) -> Result<(Header, &[u8]), Mi
 /// # Errors
 /// If it is no HELLO, or for another seat or version.
 pub fn read_hello(message: &[u8]) -> Result<(), Misread> {
-    name_of(message, PORT_SEAT).map(drop)
+    read_hello_name(message, PORT_SEAT).map(drop)
 }
 
 /// Returns the header and the name of a HELLO at a seat, and the bytes after them.
-pub(crate) fn name_of(message: &[u8], seat: u8) -> Result<(Header, String, &[u8]), Misread> {
-    let (header, body) = split_of(message, Kind::Hello)?;
+pub(crate) fn read_hello_name(
+    message: &[u8],
+    seat: u8,
+) -> Result<(Header, String, &[u8]), Misread> {
+    let (header, body) = split(message, Kind::Hello)?;
     let Header { a, number, .. } = header;
     if a != VERSION {
         let what = format!("version {a}, where {VERSION} is spoken");
@@ -206,7 +209,7 @@ pub fn write_welcome(message: &mut Vec<u8>, seed: u64, json: &[u8]) {
 /// # Errors
 /// If it is no WELCOME.
 pub fn read_welcome(message: &[u8]) -> Result<(&[u8], u64), Misread> {
-    let (_, body) = split_of(message, Kind::Welcome)?;
+    let (_, body) = split(message, Kind::Welcome)?;
     let seed = body.get(8..16).and_then(|seed| seed.first_chunk());
     match (seed, body.get(24..)) {
         (Some(seed), Some(json)) => Ok((json, u64::from_le_bytes(*seed))),
@@ -238,7 +241,7 @@ pub type Told<'a> = Result<&'a [u8], String>;
 /// # Errors
 /// If it is no such answer.
 pub fn read_answer(message: &[u8], kind: Kind, number: u32) -> Result<Told<'_>, Misread> {
-    let (header, body) = split_of(message, kind)?;
+    let (header, body) = split(message, kind)?;
     if header.number != number {
         let what = format!("number {}, and {number} was asked", header.number);
         return Err(Misread::new(4, what));
@@ -299,11 +302,11 @@ pub fn write_failure(message: &mut Vec<u8>, header: Header, text: &str) {
         ..header
     }
     .begin(message);
-    message.extend_from_slice(text_of(text).as_bytes());
+    message.extend_from_slice(fitting_text(text).as_bytes());
 }
 
 /// Returns the longest start of a failure's text that fits.
-pub(crate) fn text_of(text: &str) -> &str {
+pub(crate) fn fitting_text(text: &str) -> &str {
     &text[..text.floor_char_boundary(TEXT_BYTES_MAX)]
 }
 

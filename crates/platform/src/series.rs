@@ -239,7 +239,7 @@ impl<T: Pod> Series<T> {
     #[inline]
     #[must_use]
     pub fn range(&self, places: Range<usize>) -> Iter<'_, T> {
-        let Range { start, end } = self.places_of(&places);
+        let Range { start, end } = self.places_in(&places);
         let filed = self.values.filed;
         let kept = &self.values.kept[start.saturating_sub(filed)..end.saturating_sub(filed)];
         let unread = start.min(filed)..end.min(filed);
@@ -265,13 +265,13 @@ impl<T: Pod> Series<T> {
     pub fn part(&self, places: Range<usize>) -> Self {
         Self {
             values: Arc::clone(&self.values),
-            places: self.places_of(&places),
+            places: self.places_in(&places),
         }
     }
 
     /// Returns the places of a part among the values.
     #[inline]
-    fn places_of(&self, part: &Range<usize>) -> Range<usize> {
+    fn places_in(&self, part: &Range<usize>) -> Range<usize> {
         assert!(part.start <= part.end && part.end <= self.len());
         self.places.start + part.start..self.places.start + part.end
     }

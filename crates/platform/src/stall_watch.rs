@@ -86,7 +86,7 @@ impl<T: Copy + PartialEq + Send + 'static> StallWatch<T> {
     }
 
     /// Watches the thread with this name in this process.
-    pub fn own_thread(&self, who: T, name: &'static str) {
+    pub fn thread_named(&self, who: T, name: &'static str) {
         let _ = self.orders.send(Order::OwnThread(who, name));
     }
 
@@ -340,7 +340,7 @@ mod tests {
                 thread.spawn_scoped(scope, busy).unwrap();
             }
             let watch = StallWatch::start(MS / 2).unwrap();
-            watch.own_thread('v', "victim");
+            watch.thread_named('v', "victim");
             sleep(300 * MS);
             is_over.store(true, Ordering::Relaxed);
             watch.stop()

@@ -228,8 +228,8 @@ mod tests {
 
     #[test]
     fn a_worker_has_a_priority_where_its_node_has_one() {
-        let of_tests = scheduling(std::process::id());
-        assert_eq!(scheduling(worker().child.id()), of_tests);
+        let ours = scheduling(std::process::id());
+        assert_eq!(scheduling(worker().child.id()), ours);
         let beside_a_node = || {
             let is_granted = request_fifo(NODE_PRIORITY).is_ok();
             (is_granted, scheduling(worker().child.id()))
@@ -238,7 +238,7 @@ mod tests {
         let expected = if is_granted {
             [1, WORKER_PRIORITY.into()]
         } else {
-            of_tests
+            ours
         };
         assert_eq!(scheduling, expected);
     }

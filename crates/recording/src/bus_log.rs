@@ -117,9 +117,9 @@ impl BusLog {
 /// Returns whether an open file is the one at this path.
 pub(crate) fn has_name(file: &File, path: &Path) -> bool {
     let number = |found: Metadata| (found.dev(), found.ino());
-    let own = file.metadata().map(number);
+    let opened = file.metadata().map(number);
     let found = path.metadata().map(number);
-    own.is_ok_and(|own| found.is_ok_and(|found| own == found))
+    opened.is_ok_and(|opened| found.is_ok_and(|found| opened == found))
 }
 
 /// Refuses a file that has lost its name: a folder without its log is no recording.

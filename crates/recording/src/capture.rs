@@ -236,7 +236,7 @@ impl<'a> Capture<'a> {
         self.flush()?;
         let log = self.log.map(BusLog::finish).transpose()?;
         let frames = match log {
-            Some(log) if self.count > self.frames.len() => Frames::of_log(log, self.count),
+            Some(log) if self.count > self.frames.len() => Frames::in_log(log, self.count),
             _ => self.frames.into(),
         };
         Ok((frames, self.unrecorded))
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_long_run_memory_has_the_latest_frames_and_the_log_all() {
+    fn memory_has_the_latest_frames_of_a_long_run_and_the_log_all() {
         let folder = tempfile::tempdir().unwrap();
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"c\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
         let scenario = Trial::parse(text, "c.toml", |_| unreachable!("no table")).unwrap();

@@ -108,7 +108,7 @@ impl EventSignal {
             let label = definition.label(value - node)?;
             let mut ids = 0..=u8::MAX;
             let name = ids.find(|id| f64::from(*id) == node);
-            let name = name.and_then(|id| node_names.of_node(id));
+            let name = name.and_then(|id| node_names.name(id));
             Some(match name {
                 Some(name) => format!("{label} ({name})"),
                 None => format!("{label} (node {node})"),
@@ -188,7 +188,7 @@ impl EventReader {
             is_good,
             is_state,
         } = message;
-        let text = format!("{}: {text}", controller_of(node, &self.node_names));
+        let text = format!("{}: {text}", name_or_bench(node, &self.node_names));
         let before = self.bus_errors.insert(text.clone(), time);
         let goes_on = before.is_some_and(|before| time.saturating_sub(before) < BUS_ERROR_PAUSE);
         if goes_on && !is_state {
@@ -218,7 +218,7 @@ impl EventReader {
         }
         let from_seconds = std::mem::replace(&mut self.given_until_seconds, until_seconds);
         let planned = trial
-            .events(self.node_names.of_loop())
+            .events(self.node_names.loop_names())
             .into_iter()
             .filter(|event| from_seconds <= event.at_seconds && event.at_seconds < until_seconds)
             .map(|event| {
@@ -267,7 +267,7 @@ fn event_signals(database: &Database, node_names: &NodeNames) -> Vec<EventSignal
             cause: cause(database, &message.name),
         })
     };
-    let of_nodes = node_names.nodes().flat_map(|node| {
+    let node_events = node_names.nodes().flat_map(|node| {
         let services = [
             (names::HEARTBEAT, names::NMT_STATE, EventKind::State),
             (names::TPDO1, names::STATUSWORD, EventKind::State),
@@ -277,19 +277,19 @@ fn event_signals(database: &Database, node_names: &NodeNames) -> Vec<EventSignal
             .map(|(service, signal, kind)| make(&names::message(node, service), signal, kind, node))
     });
     let nmt = make("nmt_command", "nmt_command", EventKind::Command, "nmt");
-    [nmt].into_iter().chain(of_nodes).flatten().collect()
+    [nmt].into_iter().chain(node_events).flatten().collect()
 }
 
 /// Returns the name of the node with this number, or `bench` for an unknown one.
-fn controller_of(node: u8, node_names: &NodeNames) -> &str {
-    node_names.of_node(node).unwrap_or("bench")
+fn name_or_bench(node: u8, node_names: &NodeNames) -> &str {
+    node_names.name(node).unwrap_or("bench")
 }
 
 /// Describes the addressee of a command, if there are several drives.
 fn addressee(frame: &CanFrame, node_names: &NodeNames) -> String {
-    match (node_names.of_loop(), frame.data()) {
+    match (node_names.loop_names(), frame.data()) {
         (Some(_), [_, 0, ..]) => " to all nodes".to_owned(),
-        (Some(_), [_, node, ..]) => match node_names.of_node(*node) {
+        (Some(_), [_, node, ..]) => match node_names.name(*node) {
             Some(name) => format!(" to {name}"),
             None => format!(" to node {node}"),
         },
@@ -318,7 +318,7 @@ fn describe(kind: EventKind, node: &str, value: f64, label: &str) -> (Level, Str
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node_names::tests::of_two_loops;
+    use crate::node_names::tests::two_loops;
 
     #[test]
     fn no_event_steers_a_terminal() {
@@ -328,7 +328,7 @@ mod tests {
 
     #[test]
     fn among_several_loops_an_event_names_its_node() {
-        let node_names = of_two_loops("y");
+        let node_names = two_loops("y");
         let to = |node| addressee(&CanFrame::new(0, &[1, node]), &node_names);
         assert_eq!(
             [0x13, 0, 0x14].map(to),
@@ -339,7 +339,7 @@ mod tests {
             ""
         );
         assert_eq!(
-            [0x01, 0x13, 0x7F].map(|node| controller_of(node, &node_names)),
+            [0x01, 0x13, 0x7F].map(|node| name_or_bench(node, &node_names)),
             ["controller", "right", "bench"]
         );
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn of_what_the_scenario_does_only_faults_are_warnings() {
+    fn faults_are_the_only_warnings_of_a_scenario() {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 9.0\n[controller.pid]\n\
             [[reference.step]]\nat_seconds = 1.0\nposition_millimetres = 35.0\n\
             [[disturbance.fan]]\nfrom_seconds = 2.0\nuntil_seconds = 3.0\nconvection_factor = 5.0\n\

@@ -35,7 +35,7 @@ pub struct Frames {
 impl Frames {
     /// Returns the first `count` frames of a log that was read to its end before.
     #[must_use]
-    pub(crate) fn of_log(log: OpenLog, count: usize) -> Self {
+    pub(crate) fn in_log(log: OpenLog, count: usize) -> Self {
         Self {
             kept: Vec::new(),
             count,
@@ -169,7 +169,7 @@ impl Log {
         let frames = if count <= KEPT_MAX {
             kept.into()
         } else {
-            Frames::of_log(open, count)
+            Frames::in_log(open, count)
         };
         Ok(Self {
             frames,

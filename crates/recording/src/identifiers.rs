@@ -136,8 +136,8 @@ mod tests {
         assert_eq!(readers.of(0x190), [0, 1]);
         assert_eq!(readers.of(0x7FF), [1]);
         assert_eq!(readers.of(0x191), [0; 0]);
-        for of_all in [0x800, 0x2000_0004, 0x8000_0190] {
-            assert_eq!(readers.of(of_all), [0, 1, 2], "{of_all:#x}");
+        for unlisted in [0x800, 0x2000_0004, 0x8000_0190] {
+            assert_eq!(readers.of(unlisted), [0, 1, 2], "{unlisted:#x}");
         }
     }
 

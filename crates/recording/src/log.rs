@@ -106,8 +106,8 @@ impl FromStr for Stamped {
             line: line.chars().take(80).collect(),
             reason,
         };
-        let mut words = line.split_whitespace();
-        let (stamp, _interface, frame) = match (words.next(), words.next(), words.next()) {
+        let mut parts = line.split_whitespace();
+        let (stamp, _interface, frame) = match (parts.next(), parts.next(), parts.next()) {
             (Some(stamp), Some(interface), Some(frame)) => (stamp, interface, frame),
             _ => return Err(fault("expected: (seconds.microseconds) interface id#data")),
         };
@@ -646,8 +646,8 @@ mod tests {
         let both = CanFrame::from_raw(flags, 8, [0, 1, 0, 0, 0, 0, 0, 0]).unwrap();
         let written = Stamped::new(Duration::from_micros(1), both);
         assert_eq!(written.to_string().parse(), Ok(written));
-        let of_candump: Stamped = "(0.000001) can0 20000004#R8".parse().unwrap();
-        assert!(of_candump.frame.is_error());
+        let by_candump: Stamped = "(0.000001) can0 20000004#R8".parse().unwrap();
+        assert!(by_candump.frame.is_error());
     }
 
     const LOG: &str = "(0.000001) can0 123#\n(0.000002) can0 190#0102\n";
@@ -698,7 +698,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_part_that_stands_there_twice_one_is_read() {
+    fn a_part_that_is_there_twice_is_read_once() {
         let line = |millis: u64| {
             let frame = CanFrame::new(0x190, &millis.to_le_bytes());
             format!("{}\n", Stamped::new(Duration::from_millis(millis), frame))

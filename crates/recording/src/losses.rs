@@ -32,7 +32,7 @@ struct Watched {
     /// Name for the user.
     what: String,
     /// Node of this heartbeat, if the others stop without it.
-    heartbeat_of: Option<Part>,
+    heartbeat_sender: Option<Part>,
     /// Whether it carries the temperature of the plant; its loss has no consequence.
     is_temperature: bool,
     period: Duration,
@@ -52,7 +52,7 @@ impl Watched {
         // A heartbeat that was never heard in the scenario is not missed.
         let last = self.last.filter(|last| !last.is_zero())?;
         Some(LostHeartbeat {
-            node: self.heartbeat_of?,
+            node: self.heartbeat_sender?,
             due_seconds: self.due(last).as_secs_f64(),
             back_seconds,
         })
@@ -102,12 +102,12 @@ impl LossReader {
             .chain(io_nodes)
             .map(|(message, from, node)| (message, format!("heartbeat from {from}"), None, node));
         let regular = cyclic.into_iter().chain(heartbeats);
-        let watched = regular.filter_map(|(message, what, limit, heartbeat_of)| {
+        let watched = regular.filter_map(|(message, what, limit, heartbeat_sender)| {
             let message = message?;
             let heartbeat_period = Duration::from_millis(message.cycle_time_milliseconds);
             let period = limit.map_or(heartbeat_period, |_| sync_period);
             let watched = Watched {
-                heartbeat_of,
+                heartbeat_sender,
                 is_temperature: what.is_empty(),
                 what,
                 period,

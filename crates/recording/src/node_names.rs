@@ -10,8 +10,8 @@ use scenario::node::LoopNodes;
 /// Names of the nodes on a bus, as one loop sees them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct NodeNames {
-    /// Own loop, if there are several.
-    own: Option<LoopNames>,
+    /// Names of the loop, if there are several.
+    loop_names: Option<LoopNames>,
     nodes: LoopNodes,
     /// Names of all nodes of the run by node-ID.
     by_id: BTreeMap<u8, String>,
@@ -20,7 +20,7 @@ pub(crate) struct NodeNames {
 impl NodeNames {
     pub(crate) fn new(shared: &Shared, one: &ControlLoop) -> Self {
         let nodes = &one.nodes;
-        let own = one.loop_name().map(|name| LoopNames {
+        let loop_names = one.loop_name().map(|name| LoopNames {
             name: name.to_owned(),
             controller: nodes.controller.name.clone(),
             drive: nodes.drive.name.clone(),
@@ -28,15 +28,15 @@ impl NodeNames {
         let others = shared.nodes_of_loops.values().flat_map(LoopNodes::all);
         let all = nodes.all().chain(others);
         Self {
-            own,
+            loop_names,
             nodes: nodes.clone(),
             by_id: all.map(|node| (node.id, node.name.clone())).collect(),
         }
     }
 
-    /// Returns the own loop, if there are several.
-    pub(crate) fn of_loop(&self) -> Option<&LoopNames> {
-        self.own.as_ref()
+    /// Returns the names of the loop and its nodes, if there are several loops.
+    pub(crate) fn loop_names(&self) -> Option<&LoopNames> {
+        self.loop_names.as_ref()
     }
 
     /// Returns the name of the controller, within a sentence.
@@ -44,22 +44,22 @@ impl NodeNames {
         self.nodes.controller.in_sentence()
     }
 
-    /// Returns the name of the own drive, within a sentence.
+    /// Returns the name of the drive, within a sentence.
     pub(crate) fn drive(&self) -> Cow<'_, str> {
         self.nodes.drive.in_sentence()
     }
 
     /// Returns the name of a node.
-    pub(crate) fn of_node(&self, id: u8) -> Option<&str> {
+    pub(crate) fn name(&self, id: u8) -> Option<&str> {
         self.by_id.get(&id).map(String::as_str)
     }
 
-    /// Returns the names of all nodes, the own ones first.
+    /// Returns the names of all nodes, those of the loop first.
     pub(crate) fn nodes(&self) -> impl Iterator<Item = &str> {
-        let own = self.nodes.all().map(|node| node.name.as_str());
+        let here = self.nodes.all().map(|node| node.name.as_str());
         let is_other = |name: &&str| self.nodes.all().all(|node| node.name != **name);
         let others = self.by_id.values().map(String::as_str).filter(is_other);
-        own.chain(others)
+        here.chain(others)
     }
 }
 
@@ -70,7 +70,7 @@ pub(crate) mod tests {
     use super::*;
 
     /// Returns the names for two loops with a drive each, as one of them sees the bus.
-    pub(crate) fn of_two_loops(own: &str) -> NodeNames {
+    pub(crate) fn two_loops(name: &str) -> NodeNames {
         let nodes = |drive: &str, id| LoopNodes {
             controller: Node::new("controller", 1, Part::Controller),
             drive: Node::new(drive, id, Part::Drive),
@@ -78,24 +78,24 @@ pub(crate) mod tests {
             io: vec![Node::new(&format!("{drive}_io"), id + 0x10, Part::Io)],
         };
         let all = [("x_1", nodes("left", 0x12)), ("y", nodes("right", 0x13))];
-        let (_, of_own) = all.iter().find(|(name, _)| *name == own).unwrap();
+        let (_, here) = all.iter().find(|(one, _)| *one == name).unwrap();
         let by_id = all.iter().flat_map(|(_, nodes)| nodes.all());
         NodeNames {
-            own: Some(LoopNames {
-                name: own.to_owned(),
+            loop_names: Some(LoopNames {
+                name: name.to_owned(),
                 controller: "controller".to_owned(),
-                drive: of_own.drive.name.clone(),
+                drive: here.drive.name.clone(),
             }),
-            nodes: of_own.clone(),
+            nodes: here.clone(),
             by_id: by_id.map(|node| (node.id, node.name.clone())).collect(),
         }
     }
 
     #[test]
     fn a_node_has_one_name_whichever_loop_sees_it() {
-        let y = of_two_loops("y");
+        let y = two_loops("y");
         assert_eq!(y.drive(), "right");
-        assert_eq!((y.of_node(0x13), y.of_node(0x14)), (Some("right"), None));
+        assert_eq!((y.name(0x13), y.name(0x14)), (Some("right"), None));
         assert_eq!(NodeNames::default().drive(), "the drive");
         let names = Vec::from_iter(y.nodes());
         let expected = ["controller", "right", "right_io", "left", "left_io"];

@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_damaged_piece_nothing_is_taken_and_the_others_are_whole() {
+    fn a_damaged_piece_is_left_out_and_the_others_are_whole() {
         let texts = ["one one one one\n", "two\n", "three 3 3 3 3 3\n"];
         let pieces = texts.map(piece);
         let whole = pieces.concat();

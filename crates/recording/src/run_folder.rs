@@ -73,7 +73,7 @@ impl RunFolder {
 
     /// Returns the path of the folder `<parent>/<name>-<id>`, whether or not it exists.
     #[must_use]
-    pub fn path_of(parent: &Path, name: &str, id: &str) -> PathBuf {
+    pub fn lasting_path(parent: &Path, name: &str, id: &str) -> PathBuf {
         parent.join(format!("{}-{id}", slug(name)))
     }
 
@@ -82,7 +82,7 @@ impl RunFolder {
     /// # Errors
     /// If the folder cannot be made.
     pub fn lasting(parent: &Path, name: &str, id: &str) -> Result<Self, WriteError> {
-        let path = Self::path_of(parent, name, id);
+        let path = Self::lasting_path(parent, name, id);
         fs::create_dir_all(&path).map_err(WriteError::at(&path))?;
         Ok(Self { path })
     }
@@ -98,7 +98,7 @@ impl RunFolder {
         id: &str,
         write: impl FnOnce(&Self) -> Result<(), WriteError>,
     ) -> Result<Self, WriteError> {
-        let path = Self::path_of(parent, name, id);
+        let path = Self::lasting_path(parent, name, id);
         let folder = Self { path };
         if folder.path.exists() {
             return write(&folder).map(|()| folder);
@@ -146,7 +146,7 @@ impl RunFolder {
     /// # Errors
     /// If the file cannot be written.
     pub fn ensure(&self, name: &str, bytes: &[u8]) -> Result<(), WriteError> {
-        match own_file(&self.path, name).and_then(|path| is_file_of(&path, bytes)) {
+        match file_in(&self.path, name).and_then(|path| has_bytes(&path, bytes)) {
             Ok(true) => Ok(()),
             Ok(false) | Err(_) => self.write(name, bytes),
         }
@@ -185,7 +185,7 @@ impl RunFolder {
     fn make_parent(&self, name: &Path) -> io::Result<()> {
         let below = name.parent().unwrap_or(Path::new(""));
         for part in below.ancestors() {
-            own_file(&self.path, part)?;
+            file_in(&self.path, part)?;
         }
         fs::create_dir_all(self.path.join(below))
     }
@@ -208,7 +208,7 @@ impl RunFolder {
 ///
 /// # Errors
 /// If it is a link that leads out of the folder, or lies behind one.
-pub fn own_file(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
+pub fn file_in(folder: &Path, name: impl AsRef<Path>) -> io::Result<PathBuf> {
     let path = folder.join(name);
     let folder = if folder.as_os_str().is_empty() {
         Path::new(".")
@@ -284,7 +284,7 @@ pub fn replace<E: From<io::Error>>(
     if path.exists() && !path.is_symlink() {
         require_file(path)?;
     }
-    let begin = || partial_of(path);
+    let begin = || create_partial(path);
     let ((file, partial), _unfinished) =
         Unfinished::begin(begin, |(_, partial)| partial.to_path_buf())?;
     // No other process may write it until it has its name.
@@ -296,7 +296,7 @@ pub fn replace<E: From<io::Error>>(
 
 /// Returns the temporary file in which a file begins: `NAME.partial`, even if a killed program left one. A second writer of the
 /// same file meanwhile uses another one, `NAME.<random>.partial`. So does a writer that finds a link or another non-file there.
-fn partial_of(path: &Path) -> io::Result<(File, TempPath)> {
+fn create_partial(path: &Path) -> io::Result<(File, TempPath)> {
     let usual = path.with_added_extension("partial");
     if let Some(file) = locked(&usual) {
         let partial = TempPath::try_from_path(usual)?;
@@ -332,7 +332,7 @@ fn locked(path: &Path) -> Option<File> {
 }
 
 /// Returns whether a file has these bytes.
-fn is_file_of(path: &Path, bytes: &[u8]) -> io::Result<bool> {
+fn has_bytes(path: &Path, bytes: &[u8]) -> io::Result<bool> {
     require_file(path)?;
     Ok(path.metadata()?.len() == bytes.len() as u64 && fs::read(path)? == bytes)
 }
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_is_played_again_has_a_folder_of_its_own() {
+    fn a_run_that_is_played_again_has_another_folder() {
         let parent = tempfile::tempdir().unwrap();
         let names = [(); 3].map(|()| {
             let path = create_numbered(parent.path(), "run").unwrap();
@@ -526,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn two_who_replace_a_file_at_once_each_have_their_own_and_no_link_is_followed() {
+    fn two_who_replace_a_file_at_once_write_different_files_and_follow_no_link() {
         let folder = tempfile::tempdir().unwrap();
         let (path, theirs) = (folder.path().join("file"), folder.path().join("theirs"));
         fs::write(&theirs, "theirs").unwrap();
@@ -564,16 +564,16 @@ mod tests {
             symlink(target, place(name)).unwrap();
         }
         for name in ["own", "inside", "missing", "missing/too", "itself", ""] {
-            own_file(folder.path(), name).unwrap();
+            file_in(folder.path(), name).unwrap();
         }
         for name in ["file", "folder", "folder/file", "nowhere"] {
-            let error = own_file(folder.path(), name).unwrap_err().to_string();
+            let error = file_in(folder.path(), name).unwrap_err().to_string();
             assert!(error.contains("leads out of its folder, to /"), "{error}");
         }
         // The folder itself may be reached by a link.
         let link = parent.path().join("link");
         symlink(folder.path(), &link).unwrap();
-        own_file(&link, "own").unwrap();
+        file_in(&link, "own").unwrap();
         for name in ["folder/new", "folder/below/new", "nowhere/new"] {
             folder.write(name, b"ours").unwrap_err();
             folder.link(Path::new(name), &theirs).unwrap_err();

@@ -10,7 +10,7 @@ use plan::catalogue::{Catalogue, name_of_two_columns};
 use plan::named_nodes::node_sheets;
 use scenario::{HASH_SUFFIX, ScenarioError, read_text};
 
-use crate::run_folder::{RunFolder, WriteError, file, own_file};
+use crate::run_folder::{RunFolder, WriteError, file, file_in};
 
 /// Writes the files of the plan, and the meaning of its frames.
 ///
@@ -27,7 +27,7 @@ pub fn write_plan(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
 /// If a file cannot be written.
 pub fn write_scenario(folder: &RunFolder, plan: &Plan) -> Result<(), WriteError> {
     link_files(folder, plan, "")?;
-    files_of(plan).try_for_each(|(name, text)| folder.ensure(name, text.as_bytes()))
+    plan_files(plan).try_for_each(|(name, text)| folder.ensure(name, text.as_bytes()))
 }
 
 /// Writes the EDS of each node of the rig.
@@ -64,7 +64,7 @@ fn link_files(folder: &RunFolder, plan: &Plan, place: &str) -> Result<(), WriteE
 
 /// Returns the files of the plan, with the names of their copies in a folder: the files that the scenario names, with its rig and
 /// the EDS of real drives, and the scenario.
-pub fn files_of(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
+pub fn plan_files(plan: &Plan) -> impl Iterator<Item = (&str, &str)> {
     let tables = plan.shared.tables.iter();
     let tables = tables.map(|(name, text)| (name.as_str(), text.as_str()));
     tables.chain([(file::SCENARIO, plan.shared.text.as_str())])
@@ -82,8 +82,8 @@ pub enum ReadError {
 }
 
 /// Returns the path of a file of a recording in its own folder.
-fn own(folder: &Path, name: &str) -> Result<PathBuf, ReadError> {
-    own_file(folder, name).map_err(|source| ReadError::Link {
+fn require_inside(folder: &Path, name: &str) -> Result<PathBuf, ReadError> {
+    file_in(folder, name).map_err(|source| ReadError::Link {
         path: folder.join(name),
         source,
     })
@@ -119,7 +119,7 @@ pub fn read_plan(
     catalogue: &Catalogue,
 ) -> Result<Plan, ReadError> {
     let frames = read_frames(folder)?;
-    let path = own(folder, file::SCENARIO)?;
+    let path = require_inside(folder, file::SCENARIO)?;
     let plan = load(
         &path,
         frames.as_ref(),
@@ -172,7 +172,7 @@ fn load(
 fn read_frames(folder: &Path) -> Result<Option<Arc<Database>>, FramesError> {
     let path = folder.join(file::FRAMES);
     let read = || -> Result<Option<Database>, FramesFault> {
-        own_file(folder, file::FRAMES)?;
+        file_in(folder, file::FRAMES)?;
         let text = match read_text(&path, Database::TEXT_BYTES_MAX as u64) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             read => read?,

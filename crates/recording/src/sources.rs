@@ -19,7 +19,7 @@ use plan::ControlLoop;
 use scenario::fault::{Fault, Faults, Group};
 use scenario::node::{LoopNodes, Node, Part};
 
-use crate::run_folder::{file, own_file};
+use crate::run_folder::{file, file_in};
 
 const HEADER: &str = "node,identifier,frames";
 /// Largest file that is read.
@@ -94,8 +94,8 @@ impl Sent {
     /// # Errors
     /// If the file cannot be read, or is not of that form.
     pub fn read(folder: &Path) -> io::Result<Self> {
-        match scenario::read_text(&own_file(folder, file::SENT)?, BYTES_MAX) {
-            Ok(text) => of_csv(&text)
+        match scenario::read_text(&file_in(folder, file::SENT)?, BYTES_MAX) {
+            Ok(text) => parse_csv(&text)
                 .map(Self)
                 .map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Self::default()),
@@ -104,7 +104,7 @@ impl Sent {
     }
 }
 
-fn of_csv(text: &str) -> Result<Vec<SentFrames>, String> {
+fn parse_csv(text: &str) -> Result<Vec<SentFrames>, String> {
     let mut lines = (1..).zip(text.lines());
     match lines.next() {
         Some((_, HEADER)) => {}
@@ -285,13 +285,13 @@ impl Sources {
     #[must_use]
     pub fn positions_too_many(&self) -> Option<(u64, f64)> {
         let (_, position) = self.watched.iter().find(|(_, one)| one.duty == POSITION)?;
-        let frames = position.too_many_by_rate(self.count_of(SYNC), 0);
+        let frames = position.too_many_by_rate(self.count(SYNC), 0);
         let is_known = !self.is_rate_changed && !self.is_bus_faulty;
         (frames > 0 && is_known).then(|| (frames, position.first_seconds()))
     }
 
     /// Returns the number of frames of a kind in the scenario.
-    fn count_of(&self, duty: &str) -> u64 {
+    fn count(&self, duty: &str) -> u64 {
         let mut watched = self.watched.iter();
         let one = watched.find(|(_, one)| one.duty == duty);
         one.and_then(|(_, one)| one.in_scenario)
@@ -304,7 +304,7 @@ impl Sources {
         if self.is_bus_faulty || self.is_order_lost {
             return Vec::new();
         }
-        let (syncs, positions) = (self.count_of(SYNC), self.count_of(POSITION));
+        let (syncs, positions) = (self.count(SYNC), self.count(POSITION));
         let counted = self.watched.iter().filter_map(|(identifier, watched)| {
             let frames_sent = sent.of(*identifier);
             // A node that reports, but not these frames, sent none of them.
@@ -414,8 +414,8 @@ impl SourceReader {
                 ..Sources::default()
             },
             end: Duration::from_secs_f64(scenario.run.duration_seconds),
-            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(of_controller(one, HEARTBEATS)),
-            controller_emergency: id(names::EMERGENCY).unwrap_or(of_controller(one, EMERGENCIES)),
+            controller_heartbeat: id(names::HEARTBEAT).unwrap_or(controller_id(one, HEARTBEATS)),
+            controller_emergency: id(names::EMERGENCY).unwrap_or(controller_id(one, EMERGENCIES)),
             is_ours,
             is_emulated,
             drive: u16::from(one.nodes.drive.id),
@@ -628,7 +628,7 @@ fn watched(
         let message = one.message(node, names::HEARTBEAT).ok()?;
         Some(Duration::from_millis(message.cycle_time_milliseconds))
     };
-    let of_controller = [
+    let at_controller = [
         (Some(NMT_COB_ID), NMT, "NMT", None),
         (Some(SYNC_COB_ID), SYNC, "SYNC", Some(cycle)),
         (
@@ -651,7 +651,7 @@ fn watched(
         ),
     ];
     let position = id(drive, names::TPDO1);
-    let of_drive = [
+    let at_drive = [
         (position, POSITION, "positions of the drive", Some(cycle)),
         (
             id(drive, names::HEARTBEAT),
@@ -671,13 +671,13 @@ fn watched(
             Some((identifier?, Watched::new(duty, what, period, node)))
         }
     };
-    let of_controller = of_controller
+    let at_controller = at_controller
         .into_iter()
         .filter_map(watch((is_ours, Some(SYNC_COB_ID))));
-    let of_drive = of_drive
+    let at_drive = at_drive
         .into_iter()
         .filter_map(watch((is_emulated, position)));
-    of_controller.chain(of_drive).collect()
+    at_controller.chain(at_drive).collect()
 }
 
 /// Returns how often a scenario restarts the controller.
@@ -689,7 +689,7 @@ fn starts_anew(faults: &Faults) -> usize {
 }
 
 /// Returns the identifier of the controller's frames of a service (CiA 301, 7.3.5).
-fn of_controller(one: &ControlLoop, base: u16) -> u16 {
+fn controller_id(one: &ControlLoop, base: u16) -> u16 {
     base + u16::from(one.nodes.controller.id)
 }
 
@@ -757,10 +757,10 @@ mod tests {
         let sources = read(&plan, frames);
         let found = sources.found(sent).into_iter();
         let short = found.map(|one| {
-            let words = one.to_string();
+            let text = one.to_string();
             let milliseconds = format!("{:.0}", 1e3 * one.first_seconds);
             (
-                words[..5].to_owned(),
+                text[..5].to_owned(),
                 milliseconds.parse().unwrap(),
                 one.frames,
             )
@@ -815,7 +815,7 @@ mod tests {
         assert_eq!(counted(&sent(0x210, 1500)), [("0x210".to_owned(), 700, 1)]);
         assert_eq!(counted(&sent(0x210, 1501)), []);
         assert_eq!(counted(&Sent::default()), [], "one is no rate");
-        let words = SecondSource {
+        let source = SecondSource {
             identifier: 0x210,
             what: "commands to the drive".to_owned(),
             duty: "command",
@@ -824,7 +824,7 @@ mod tests {
             is_by_rate: false,
         };
         let expected = "0x210 (commands to the drive), 1 frame that canrig's nodes did not send, from 0.699 s on";
-        assert_eq!(words.to_string(), expected);
+        assert_eq!(source.to_string(), expected);
     }
 
     #[test]
@@ -950,9 +950,9 @@ mod tests {
     #[test]
     fn what_is_written_is_read() {
         let sent = sent(0x210, 1500);
-        assert_eq!(of_csv(&sent.to_csv()), Ok(sent.0));
+        assert_eq!(parse_csv(&sent.to_csv()), Ok(sent.0));
         for damaged in ["", "node,identifier,frames\ncontroller,210,5\n"] {
-            assert!(of_csv(damaged).is_err());
+            assert!(parse_csv(damaged).is_err());
         }
     }
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::run_folder::{file, own_file};
+use crate::run_folder::{file, file_in};
 
 const HEADER: &str = "from_seconds,until_seconds,who,what";
 /// Largest file that is read: a million rows.
@@ -133,16 +133,16 @@ pub fn to_csv(stalls: &[Stall]) -> String {
 /// # Errors
 /// If the file cannot be read, or is not of that form.
 pub fn read_stalls(folder: &Path) -> io::Result<Vec<Stall>> {
-    match scenario::read_text(&own_file(folder, file::STALLS)?, BYTES_MAX) {
+    match scenario::read_text(&file_in(folder, file::STALLS)?, BYTES_MAX) {
         Ok(text) => {
-            of_csv(&text).map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason))
+            parse_csv(&text).map_err(|reason| io::Error::new(io::ErrorKind::InvalidData, reason))
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
         Err(error) => Err(error),
     }
 }
 
-fn of_csv(text: &str) -> Result<Vec<Stall>, String> {
+fn parse_csv(text: &str) -> Result<Vec<Stall>, String> {
     let mut lines = (1..).zip(text.lines());
     match lines.next() {
         Some((_, HEADER)) => {}
@@ -200,26 +200,26 @@ mod tests {
                 Stall::new(from, from + Duration::from_micros(*length), Who::ALL[*who], What::ALL[*what])
             };
             let stalls: Vec<Stall> = rows.iter().map(stall).collect();
-            prop_assert_eq!(of_csv(&to_csv(&stalls)), Ok(stalls));
+            prop_assert_eq!(parse_csv(&to_csv(&stalls)), Ok(stalls));
         }
     }
 
     #[test]
     fn a_damaged_line_is_named() {
         let good = "1.000000,1.045000,machine,stood still";
-        let stalls = of_csv(&format!("{HEADER}\n{good}\n")).unwrap();
+        let stalls = parse_csv(&format!("{HEADER}\n{good}\n")).unwrap();
         assert_eq!(stalls[0].to_string(), "the machine stood still for 45.0 ms");
         for bad in [
             "1.0,1.045000,machine,stood still",
             "1.000000,1.045000,moon,stood still",
             "1.000000",
         ] {
-            let error = of_csv(&format!("{HEADER}\n{good}\n{bad}\n")).unwrap_err();
+            let error = parse_csv(&format!("{HEADER}\n{good}\n{bad}\n")).unwrap_err();
             assert!(
                 error.starts_with("line 3: ") && error.contains(bad),
                 "{error}"
             );
         }
-        assert!(of_csv("").is_err());
+        assert!(parse_csv("").is_err());
     }
 }

@@ -104,9 +104,9 @@ impl TraceReader {
             let Some(value) = collected.handle.decode(frame) else {
                 continue;
             };
-            let of_cycle = cycle_seconds.filter(|_| collected.follows_sync);
+            let cycle = cycle_seconds.filter(|_| collected.follows_sync);
             collected.push(SignalSample {
-                time_seconds: of_cycle.unwrap_or(time_seconds),
+                time_seconds: cycle.unwrap_or(time_seconds),
                 value,
             });
         }

@@ -274,12 +274,12 @@ fn state(reading: &RunProgress) -> String {
     let mut text = String::with_capacity(STATE_BYTES);
     text += &format!("{:.1} s", reading.time.as_secs_f64());
     for (place, one) in reading.loops.iter().enumerate() {
-        let of_loop = state_of_loop(one);
-        if text.len() + of_loop.len() > COLUMNS_OF_LOOPS {
+        let loop_text = state_of_loop(one);
+        if text.len() + loop_text.len() > COLUMNS_OF_LOOPS {
             text += &format!("  and {} more", reading.loops.len() - place);
             break;
         }
-        text += &of_loop;
+        text += &loop_text;
     }
     if let Some(lateness) = reading.lateness {
         text += &format!("  {:5} µs late", lateness.as_micros());
@@ -546,13 +546,13 @@ mod tests {
 
     #[test]
     fn no_time_is_left_that_nobody_knows() {
-        let words = |bar: &RunsBar| eta_text(bar.bar.eta());
+        let eta = |bar: &RunsBar| eta_text(bar.bar.eta());
         for bar in [
             RunsBar::new(Some(1000), false),
             RunsBar::new(Some(1000), false).going_on_from(400),
         ] {
             bar.show(0);
-            assert_eq!(words(&bar), "");
+            assert_eq!(eta(&bar), "");
         }
         assert_eq!(eta_text(Duration::from_secs(30)), "  30s left");
     }

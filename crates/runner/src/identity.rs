@@ -10,7 +10,7 @@ use object::elf::{ELF_NOTE_GNU, FileHeader64, NT_GNU_BUILD_ID};
 use object::read::ReadCache;
 use object::read::elf::{FileHeader, ProgramHeader};
 use plan::{Plan, listed};
-use recording::session::files_of;
+use recording::session::plan_files;
 use scenario::Trial;
 use scenario::plant::PlantModel;
 use scenario::{HASH_SUFFIX, hash_in, hash_of, hexadecimal};
@@ -39,7 +39,7 @@ pub fn identity(plan: &Plan) -> Result<Identity, NoIdentity> {
         program: program()?.to_owned(),
         plant: listed(trials.flat_map(Trial::plants).map(PlantModel::name)),
         law: plan.leader(),
-        files: files_of(plan).map(hash).collect(),
+        files: plan_files(plan).map(hash).collect(),
     })
 }
 
@@ -84,7 +84,7 @@ mod tests {
         [[reference.table]]\nfrom_seconds = 0.0\nfile = \"course.csv\"\n";
     const COURSE: &str = "time_seconds,position_millimetres\n0.0,10.0\n1.0,12.0\n";
 
-    fn identity_of(text: &str, course: &str) -> Identity {
+    fn written_identity(text: &str, course: &str) -> Identity {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s.toml");
         fs::write(&path, text).unwrap();
@@ -94,8 +94,8 @@ mod tests {
 
     #[test]
     fn whatever_takes_part_is_named_and_a_change_of_it_is_another_identity() {
-        let one = identity_of(TEXT, COURSE);
-        assert_eq!(one, identity_of(TEXT, COURSE));
+        let one = written_identity(TEXT, COURSE);
+        assert_eq!(one, written_identity(TEXT, COURSE));
         assert_eq!(
             (one.plant.as_str(), one.law.as_str()),
             ("sma_actuator", "pid")
@@ -108,15 +108,15 @@ mod tests {
         // `sha256sum` gives the same.
         assert_eq!(one.files["course.csv"], hexadecimal(Sha256::digest(COURSE)));
         assert!(!one.program.is_empty());
-        assert_ne!(one, identity_of(&format!("{TEXT}# more\n"), COURSE));
-        assert_ne!(one, identity_of(TEXT, &COURSE.replace("12.0", "12.5")));
+        assert_ne!(one, written_identity(&format!("{TEXT}# more\n"), COURSE));
+        assert_ne!(one, written_identity(TEXT, &COURSE.replace("12.0", "12.5")));
     }
 
     /// The names are those of `readelf -n`, or of `sha256sum` without a build ID.
     #[test]
     fn a_program_is_named_by_its_build_id_or_else_by_its_hash() {
-        let own = std::env::current_exe().unwrap();
-        if let Some(build_id) = build_id(File::open(&own).unwrap()) {
+        let path = std::env::current_exe().unwrap();
+        if let Some(build_id) = build_id(File::open(&path).unwrap()) {
             assert_eq!(program().unwrap(), hexadecimal(&build_id));
             let note = [
                 &[4, 0, 0, 0, 20, 0, 0, 0, 3, 0, 0, 0][..],
@@ -124,7 +124,7 @@ mod tests {
                 &build_id,
             ]
             .concat();
-            let file = fs::read(&own).unwrap();
+            let file = fs::read(&path).unwrap();
             assert!(file.windows(note.len()).any(|part| part == note));
         }
         let folder = tempfile::tempdir().unwrap();

@@ -17,7 +17,7 @@ use worlds::catalogue::catalogue;
 ///
 /// # Errors
 /// The exit code for the error.
-pub fn plan_of(path: &Path) -> Result<Plan, Exit> {
+pub fn named_plan(path: &Path) -> Result<Plan, Exit> {
     if path.is_dir() {
         let played = read_played(path, catalogue()).map_err(refuse)?;
         return Ok(played.0);

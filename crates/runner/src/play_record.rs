@@ -8,7 +8,7 @@ use std::path::Path;
 
 use jiff::Timestamp;
 use platform::clock::Clock;
-use recording::run_folder::{RunFolder, WriteError, file, own_file};
+use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use scenario::Override;
 use serde::{Deserialize, Serialize};
 
@@ -92,7 +92,7 @@ impl PlayRecord {
         let damaged =
             |reason: &dyn std::error::Error| io::Error::other(format!("it is damaged: {reason}"));
         let read = || -> io::Result<Self> {
-            let text = scenario::read_text(&own_file(folder, file::PLAYED)?, BYTES_MAX)?;
+            let text = scenario::read_text(&file_in(folder, file::PLAYED)?, BYTES_MAX)?;
             let Written { at, host, set } =
                 serde_json::from_str(&text).map_err(|error| damaged(&error))?;
             let at = at.parse().map_err(|error: jiff::Error| damaged(&error))?;

@@ -19,11 +19,11 @@ use recording::ending::EndedBy;
 use recording::events::Events;
 use recording::frames::Log;
 use recording::log::Unread;
-use recording::run_folder::{file, log_in, own_file};
+use recording::run_folder::{file, file_in, log_in};
 use recording::session::{FramesError, ReadError, read_plan};
 use recording::sources::Sent;
 use recording::stalls::{Stall, read_stalls};
-use recording::timeline::{self, Timeline, events_of};
+use recording::timeline::{self, Timeline, all_events};
 use recording::unrecorded::Unrecorded;
 
 /// Largest `verdict.json` that is read: a scenario of 1 MiB may name its requirements in four rows for each time that it names
@@ -162,7 +162,7 @@ impl Recorded {
             path.parent().unwrap_or(Path::new("."))
         };
         let log_path = if is_folder {
-            own(path, log_in(path))?
+            require_inside(path, log_in(path))?
         } else {
             path.to_owned()
         };
@@ -228,7 +228,7 @@ impl Recorded {
     /// The same as for [`Recorded::timelines`].
     pub fn events(&self) -> Result<Events, SignalMissing> {
         let timelines = self.timelines()?;
-        Ok(events_of(&timelines))
+        Ok(all_events(&timelines))
     }
 
     /// Judges the recording as if the run had just ended. A run that broke off stays incomplete, with its own reason.
@@ -299,10 +299,10 @@ impl Recorded {
         let duration_seconds = self.plan.shared.run.duration_seconds;
         let zero = timelines.first().and_then(|timeline| timeline.zero_seconds);
         let end = zero.and_then(|zero| Duration::try_from_secs_f64(zero + duration_seconds).ok());
-        let of_run = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
+        let stored = |count: fn(&Verdict) -> u64| self.stored.as_ref().map_or(0, count);
         Unrecorded {
-            frames_lost: of_run(|stored| stored.frames_lost),
-            fd_frames: of_run(|stored| stored.fd_frames) + self.log.unread.fd_frames,
+            frames_lost: stored(|stored| stored.frames_lost),
+            fd_frames: stored(|stored| stored.fd_frames) + self.log.unread.fd_frames,
             unreadable_lines: self
                 .log
                 .unread
@@ -330,15 +330,15 @@ pub fn read_played(
     folder: &Path,
     catalogue: &Catalogue,
 ) -> Result<(Plan, Option<Verdict>), RecordedError> {
-    let verdict = read_verdict(&own(folder, file::VERDICT)?)?;
+    let verdict = read_verdict(&require_inside(folder, file::VERDICT)?)?;
     let external = verdict.as_ref().map(|verdict| verdict.external.as_slice());
     let plan = read_plan(folder, external, catalogue)?;
     Ok((plan, verdict))
 }
 
 /// Returns the path of a file in a folder that may come from elsewhere.
-fn own(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
-    own_file(folder, name).map_err(|source| RecordedError::Read {
+fn require_inside(folder: &Path, name: &str) -> Result<PathBuf, RecordedError> {
+    file_in(folder, name).map_err(|source| RecordedError::Read {
         path: folder.join(name),
         source,
     })
@@ -388,16 +388,16 @@ pub fn opened(folders: &[PathBuf]) -> Vec<PathBuf> {
     let is_one = |path: &Path| path.join(file::SCENARIO).exists() || holds_many_runs(path);
     let opened = folders.iter().flat_map(|folder| {
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-        let mut own = Vec::from_iter(
+        let mut found = Vec::from_iter(
             entries
                 .map(|entry| entry.path())
                 .filter(|path| is_one(path)),
         );
-        own.sort();
-        if is_one(folder) || own.is_empty() {
+        found.sort();
+        if is_one(folder) || found.is_empty() {
             vec![folder.clone()]
         } else {
-            own
+            found
         }
     });
     opened.collect()

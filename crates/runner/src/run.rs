@@ -167,7 +167,7 @@ fn create_folder(
     let unfinished = "the run has not ended; if no process works on it any more, it broke off";
     let verdict = Verdict {
         identity: Some(identity.clone()),
-        ..Verdict::incomplete_of(plan, unfinished)
+        ..Verdict::incomplete_run(plan, unfinished)
     };
     folder.write(file::VERDICT, verdict.to_json().as_bytes())?;
     record.write(&folder)?;
@@ -211,7 +211,7 @@ fn interrupted(plan: &Plan) -> Verdict {
     let reason = "interrupted by the user";
     Verdict {
         ended_early: Some(EarlyEnd::without_node(EndedBy::User, reason)),
-        ..Verdict::incomplete_of(plan, reason)
+        ..Verdict::incomplete_run(plan, reason)
     }
 }
 

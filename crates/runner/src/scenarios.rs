@@ -101,12 +101,12 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
     })?;
     let mut beside = Beside::new(path);
     if !values.program.is_empty() {
-        let (with, words) = beside.with_program(&values.program).map_err(|source| {
+        let (with, command) = beside.with_program(&values.program).map_err(|source| {
             let path = path.to_owned();
             NoScenario::Program { path, source }
         })?;
         beside = with;
-        program = Some(words);
+        program = Some(command);
     }
     if let Some(rig) = values.rig_file() {
         beside = beside.with_rig(rig);
@@ -120,7 +120,7 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
         _ => beside.read(name),
     };
     let text = match program {
-        Some(words) => led_by(text, &words, &read)?,
+        Some(command) => led_by(text, &command, &read)?,
         None => text,
     };
     Ok(Plan::parse(&beside, text, read, catalogue())?)
@@ -129,7 +129,7 @@ pub fn read(path: &Path, values: &ValueArgs) -> Result<Plan, NoScenario> {
 /// Returns the text of a scenario whose controller is a program.
 fn led_by(
     text: String,
-    words: &[String],
+    command: &[String],
     read: &dyn Fn(&str) -> io::Result<String>,
 ) -> Result<String, NoScenario> {
     let rig = text.parse::<toml::Table>().ok();
@@ -141,8 +141,8 @@ fn led_by(
     // Errors of the rig are reported when it is loaded.
     let controller = rig.and_then(|rig| controller_in(&rig));
     let controller = controller.unwrap_or_else(|| Part::Controller.word().to_owned());
-    let words = toml::Value::from(words.to_vec());
-    let program = format!("node.{controller}.program={words}").parse();
+    let command = toml::Value::from(command.to_vec());
+    let program = format!("node.{controller}.program={command}").parse();
     let program = program.map(|program: Override| overridden(text, &[program]));
     Ok(program
         .expect("a key and a value")

@@ -116,7 +116,7 @@ impl Agenda {
 
     /// Returns the time of the next action of any participant; `now` if that is not later.
     pub(crate) fn next(&self, now: Nanos) -> Nanos {
-        first_of(self.sends_at.iter().chain(&self.may_queue_at), now)
+        first_after(self.sends_at.iter().chain(&self.may_queue_at), now)
     }
 
     /// Returns the first participant from this index on that may queue a frame by now.
@@ -128,12 +128,12 @@ impl Agenda {
     /// Returns the time at which another participant may queue a frame; `now` if that is not later.
     pub(crate) fn others_may_queue_at(&self, index: usize, now: Nanos) -> Nanos {
         let (before, behind) = self.may_queue_at.split_at(index);
-        first_of(before.iter().chain(&behind[1..]), now)
+        first_after(before.iter().chain(&behind[1..]), now)
     }
 }
 
 /// Returns the first of some times, or `now`. On a busy bus the search soon ends with `now`.
-fn first_of<'a>(mut times: impl Iterator<Item = &'a Nanos>, now: Nanos) -> Nanos {
+fn first_after<'a>(mut times: impl Iterator<Item = &'a Nanos>, now: Nanos) -> Nanos {
     let first = times.try_fold(NEVER, |first, time| (*time > now).then(|| first.min(*time)));
     first.unwrap_or(now)
 }

@@ -204,8 +204,8 @@ fn disturbances(
     one: &ControlLoop,
     io: &scenario::node::Node,
 ) -> Result<Vec<(f64, CanFrame)>, SignalMissing> {
-    let of_loops = plan.loops.iter().map(|one| &one.trial.disturbance);
-    let (disturbance, database) = (Disturbance::at_node(&io.name, of_loops), &one.database);
+    let disturbances = plan.loops.iter().map(|one| &one.trial.disturbance);
+    let (disturbance, database) = (Disturbance::at_node(&io.name, disturbances), &one.database);
     let commands = disturbance.commands();
     if commands.is_empty() {
         return Ok(Vec::new());

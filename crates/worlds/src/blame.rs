@@ -270,13 +270,16 @@ impl<'a> Seen<'a> {
         let commands = commands.map(|(name, sent)| format!("{name}: {sent}"));
         let drives = self.plan.loops.iter().map(|one| {
             let drive = &one.nodes.drive.name;
-            format!("{drive}: {}", self.state_of(one).unwrap_or("no statusword"))
+            format!(
+                "{drive}: {}",
+                self.last_state(one).unwrap_or("no statusword")
+            )
         });
         Vec::from_iter(commands.into_iter().chain(drives)).join(", ")
     }
 
     /// The state in the last statusword of a loop's drive.
-    fn state_of(&self, one: &'a ControlLoop) -> Option<&'a str> {
+    fn last_state(&self, one: &'a ControlLoop) -> Option<&'a str> {
         let path = format!("{}.{STATUSWORD}", message(&one.nodes.drive.name, TPDO1));
         let statusword = one.database.require(&path).ok()?;
         let last = statusword.decode(&self.last(statusword.raw_id())?.frame)?;

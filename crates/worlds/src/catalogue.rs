@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn every_column_of_the_shipped_plants_and_laws_has_a_name_of_its_own() {
+    fn every_column_of_the_shipped_plants_and_laws_has_another_name() {
         for (rig, law) in [("sma_actuator", "sliding_mode"), ("dc_motor", "pid")] {
             let text = format!(
                 "schema = 1\nrig = \"{rig}\"\nname = \"s\"\nduration_seconds = 1.0\n[controller.{law}]\n\

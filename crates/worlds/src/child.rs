@@ -15,7 +15,7 @@ use tokio::process::{Child, ChildStdin, Command};
 use tokio::time::{sleep, timeout};
 
 use crate::error::{Doing, WorldError};
-use crate::law_process::{folder_of, indented, more_patience};
+use crate::law_process::{indented, more_patience, scenario_folder};
 use crate::names::PLANT_EMULATOR;
 use crate::programs::{ProgramOrder, StartedProgram};
 use plan::Plan;
@@ -65,7 +65,7 @@ impl NodeProcess {
         bus: &BusAddress,
     ) -> Result<Self, WorldError> {
         match self {
-            Self::Own(own) => Self::spawn(&own.name, plan, folder, Some(bus), None),
+            Self::Own(node) => Self::spawn(&node.name, plan, folder, Some(bus), None),
             Self::Program(program) => Self::start(program.order.clone(), bus),
         }
     }
@@ -73,7 +73,7 @@ impl NodeProcess {
     /// Returns the name of its node.
     pub(super) fn name(&self) -> &str {
         match self {
-            Self::Own(own) => &own.name,
+            Self::Own(node) => &node.name,
             Self::Program(program) => program.order.name(),
         }
     }
@@ -81,7 +81,7 @@ impl NodeProcess {
     /// Returns the process number, unless the process has ended or is a program.
     pub(super) fn number(&self) -> Option<u32> {
         match self {
-            Self::Own(own) => own.child.id(),
+            Self::Own(node) => node.child.id(),
             Self::Program(_) => None,
         }
     }
@@ -89,7 +89,7 @@ impl NodeProcess {
     /// Kills the process as a fault of the scenario.
     pub(super) async fn kill_by_fault(&mut self) -> Result<(), WorldError> {
         match self {
-            Self::Own(own) => own.kill_by_fault().await,
+            Self::Own(node) => node.kill_by_fault().await,
             Self::Program(program) => {
                 program.is_killed_by_fault = true;
                 program.started.program.kill();
@@ -101,7 +101,7 @@ impl NodeProcess {
     /// Suspends the process as a fault of the scenario, or resumes it.
     pub(super) fn suspend(&self, is_suspended: bool) -> Result<(), WorldError> {
         match self {
-            Self::Own(own) => own.suspend(is_suspended),
+            Self::Own(node) => node.suspend(is_suspended),
             Self::Program(program) => {
                 program.started.program.suspend(is_suspended);
                 Ok(())
@@ -113,7 +113,7 @@ impl NodeProcess {
     /// ended early.
     pub(super) async fn early_end(&mut self) -> WorldError {
         match self {
-            Self::Own(own) => own.early_end().await,
+            Self::Own(node) => node.early_end().await,
             Self::Program(program) => program.early_end().await,
         }
     }
@@ -121,8 +121,8 @@ impl NodeProcess {
     /// Asks the node for its safe state and waits for its end; returns the report of a node of canrig, also after a bad end.
     pub(super) async fn stop(&mut self) -> (Option<String>, Result<(), WorldError>) {
         match self {
-            Self::Own(own) => {
-                let (report, ended) = own.stop().await;
+            Self::Own(node) => {
+                let (report, ended) = node.stop().await;
                 (Some(report), ended)
             }
             Self::Program(program) => (None, program.stop().await),
@@ -228,7 +228,7 @@ impl OwnProcess {
             .arg(folder.scenario());
         let mut end_patience = END_PATIENCE;
         if is_controller {
-            command.arg("--laws-in").arg(folder_of(plan));
+            command.arg("--laws-in").arg(scenario_folder(plan));
             end_patience += more_patience(plan)[1];
         }
         if let Some(bus) = bus {

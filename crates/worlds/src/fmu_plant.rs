@@ -35,7 +35,7 @@ pub(crate) fn more_patience(plan: &Plan) -> Duration {
 
 /// Returns the objection to the table of an FMU, or to the FMU.
 pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
-    let Misfit { place, fault } = wiring_of(fmu).err()?;
+    let Misfit { place, fault } = fmu_wiring(fmu).err()?;
     let name = Path::new(&fmu.file).file_name().unwrap_or(OsStr::new(""));
     let name = name.to_string_lossy();
     Some(Objection {
@@ -72,7 +72,7 @@ fn wired(fmu: &Fmu) -> Result<(Arc<Opened>, table::Wiring), InvalidPlant> {
     Ok((opened, wiring))
 }
 
-fn ports_of(wiring: &table::Wiring) -> Ports {
+fn fmu_ports(wiring: &table::Wiring) -> Ports {
     let inputs = wiring.inputs.iter();
     let inputs = inputs.map(|port| {
         let input = Port::input(&port.name, port.range).resting_at(port.at_rest);
@@ -155,7 +155,7 @@ impl Plant for FmuPlant {
         let conversions =
             |ports: &[table::Port]| ports.iter().map(|port| port.conversion).collect();
         let mut plant = Self {
-            ports: ports_of(&wiring),
+            ports: fmu_ports(&wiring),
             remote: Some(remote),
             _unpacked: unpacked,
             time: Duration::ZERO,
@@ -172,7 +172,7 @@ impl Plant for FmuPlant {
 
     fn ports_by(fmu: &Fmu) -> Result<Ports, InvalidPlant> {
         let (_, wiring) = wired(fmu)?;
-        Ok(ports_of(&wiring))
+        Ok(fmu_ports(&wiring))
     }
 
     fn ports(&self) -> Ports {
@@ -229,7 +229,7 @@ pub(crate) fn unpacked(file: &str) -> Result<Arc<Unpacked>, String> {
 ///
 /// # Errors
 /// If it cannot be read, does not run here, or does not fit the table.
-pub(crate) fn wiring_of(fmu: &Fmu) -> Result<table::Wiring, Misfit> {
+pub(crate) fn fmu_wiring(fmu: &Fmu) -> Result<table::Wiring, Misfit> {
     let in_file = |fault| Misfit {
         place: "file".to_owned(),
         fault,

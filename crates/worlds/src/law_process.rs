@@ -60,7 +60,7 @@ impl LawPlace {
     pub fn of(plan: &Plan) -> Self {
         Self {
             controller: plan.controller().name.clone(),
-            folder: folder_of(plan),
+            folder: scenario_folder(plan),
             logs: None,
             is_real_time: false,
             seed: plan.shared.run.seed,
@@ -99,8 +99,8 @@ impl LawPlace {
             Program::start(&order, Some(listener))
         });
         let program = program.map_err(|error| {
-            let words = &part.plays;
-            format!("no process for the law `{words}` can be started: {error}")
+            let law = &part.plays;
+            format!("no process for the law `{law}` can be started: {error}")
         })?;
         let mut law = LawProcess {
             who: who(part),
@@ -128,7 +128,7 @@ impl LawPlace {
 
 /// Returns the folder of a plan's scenario.
 #[must_use]
-pub fn folder_of(plan: &Plan) -> PathBuf {
+pub fn scenario_folder(plan: &Plan) -> PathBuf {
     let folder = plan.shared.beside.scenario().parent();
     let folder = folder.filter(|folder| *folder != Path::new(""));
     folder.unwrap_or(Path::new(".")).to_owned()
@@ -150,8 +150,8 @@ pub fn started_by(plan: &Plan) -> Vec<String> {
     let programs = plan.programs().into_iter().map(|(node, program)| {
         let beside = &plan.shared.beside;
         let (command, folder) = beside.command(&program.command, &program.named_in);
-        let (words, folder) = (command.join(" "), folder.display());
-        format!("{}: starts `{words}` in {folder}", node.name)
+        let (command, folder) = (command.join(" "), folder.display());
+        format!("{}: starts `{command}` in {folder}", node.name)
     });
     let left_out = plan.shared.has_unused_law.then(|| {
         let name = &plan.controller().name;
@@ -160,7 +160,7 @@ pub fn started_by(plan: &Plan) -> Vec<String> {
     let ours = plan.loops.iter();
     let ours = ours.filter(|one| one.is_ours(Part::Controller));
     let laws = ours.filter_map(|one| one.trial.controller.process_law());
-    let folder = folder_of(plan);
+    let folder = scenario_folder(plan);
     let line = |law: ProcessLaw| format!("law: starts `{}` in {}", law.plays, folder.display());
     programs.chain(left_out).chain(laws.map(line)).collect()
 }
@@ -173,10 +173,10 @@ fn log_name(part: &process_law::Part) -> String {
 }
 
 fn who(part: &process_law::Part) -> String {
-    let words = &part.plays;
+    let law = &part.plays;
     match part.of_loop.as_str() {
-        "" => format!("the law's process `{words}`"),
-        name => format!("the process `{words}` of the law of `{name}`"),
+        "" => format!("the law's process `{law}`"),
+        name => format!("the process `{law}` of the law of `{name}`"),
     }
 }
 
@@ -254,9 +254,9 @@ impl LawProcess {
 
     /// Returns the rest of a window.
     fn left(&mut self, window: &Window) -> Duration {
-        let own = self.clock.now();
-        self.ahead = self.ahead.min(own.saturating_sub(window.now));
-        (window.until + self.ahead).saturating_sub(own)
+        let now = self.clock.now();
+        self.ahead = self.ahead.min(now.saturating_sub(window.now));
+        (window.until + self.ahead).saturating_sub(now)
     }
 
     fn ask(&mut self, cycle: &Cycle, reads: &[f64]) {

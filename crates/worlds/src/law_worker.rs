@@ -16,7 +16,7 @@ use scenario::process_law::FmuLaw;
 use serde::Deserialize;
 use toml::Value;
 
-use crate::fmu_plant::wiring_of;
+use crate::fmu_plant::fmu_wiring;
 
 /// Hidden subcommand of a worker.
 const SUBCOMMAND: &str = "law-worker";
@@ -56,8 +56,8 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
             law.file
         )),
     };
-    let table = table_of(&law.file, variables.collect(), law.parameters.clone());
-    let wiring = match wiring_of(&table) {
+    let table = fmu_table(&law.file, variables.collect(), law.parameters.clone());
+    let wiring = match fmu_wiring(&table) {
         Ok(wiring) => wiring,
         Err(Misfit { place, fault }) => {
             return Some(objection(place_in_law(&place, law), fault.to_string()));
@@ -91,14 +91,14 @@ fn place_in_law(place: &str, law: &FmuLaw) -> String {
     ];
     let found = tables.into_iter().find_map(|(key, ports)| {
         let mut ports = ports.iter();
-        let (variable, _) = ports.find(|(_, own)| Some(own.as_str()) == signal)?;
+        let (variable, _) = ports.find(|(_, port)| Some(port.as_str()) == signal)?;
         Some(format!("{key}.{variable}"))
     });
     found.unwrap_or_else(|| "file".to_owned())
 }
 
 /// Returns the table of a plant that is the same FMU with ports of these names.
-fn table_of(
+fn fmu_table(
     file: &str,
     variables: BTreeMap<String, String>,
     parameters: BTreeMap<String, Value>,
@@ -143,8 +143,8 @@ pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
     let (welcome, seed) = seat.welcome()?;
     let welcome: Welcome = serde_json::from_slice(welcome)?;
     let loaded = match folder {
-        None => of_library(file, &welcome, seed),
-        Some(folder) => of_fmu(file, folder, &welcome),
+        None => load_library(file, &welcome, seed),
+        Some(folder) => load_fmu(file, folder, &welcome),
     };
     let outputs = welcome.writes.len() + welcome.terms.len();
     seat.play(loaded, welcome.reads.len(), outputs)
@@ -153,7 +153,7 @@ pub fn serve(file: &Path, folder: Option<&Path>) -> io::Result<()> {
 /// Loaded law, a function of time, period, inputs and outputs.
 type Loaded = Box<dyn FnMut(f64, f64, &[f64], &mut [f64]) -> Result<(), String>>;
 
-fn of_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, String> {
+fn load_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, String> {
     let parameters = welcome.parameters.iter();
     let number = |value: &Value| {
         value
@@ -180,13 +180,13 @@ fn of_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, Strin
 
 /// Loads an FMU. It takes its inputs at the start of a period, steps to the end of the period, and its outputs there are the
 /// commands of this cycle. A missing input keeps its value.
-fn of_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, String> {
+fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, String> {
     let name = file.to_string_lossy();
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
-    let wiring = wiring_of(&table_of(&name, variables, parameters));
+    let wiring = fmu_wiring(&fmu_table(&name, variables, parameters));
     let wiring = wiring.map_err(|misfit| misfit.fault.to_string())?;
-    let words = |error: FmuError| error.fault.to_string();
-    let instance = Instance::new(folder, file, &wiring.configuration).map_err(words)?;
+    let text = |error: FmuError| error.fault.to_string();
+    let instance = Instance::new(folder, file, &wiring.configuration).map_err(text)?;
     let mut instance = Terminated(Some(instance));
     let inputs = places(&wiring.inputs, welcome.reads.iter());
     let outputs = places(&wiring.outputs, welcome.writes.iter().chain(&welcome.terms));
@@ -199,8 +199,8 @@ fn of_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, Strin
             }
         }
         let instance = instance.0.as_mut().expect("it lives as long as its law");
-        instance.advance(time + period, &set).map_err(words)?;
-        instance.read(&mut seen).map_err(words)?;
+        instance.advance(time + period, &set).map_err(text)?;
+        instance.read(&mut seen).map_err(text)?;
         for (write, (place, conversion)) in writes.iter_mut().zip(&outputs) {
             *write = conversion.of(seen[*place]);
         }

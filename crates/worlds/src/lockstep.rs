@@ -49,11 +49,11 @@ impl<'a> Role<'a> {
     /// Makes the role of a plant with the drives that move it. They share the CAN controller of the first drive.
     pub fn plant(plan: &Plan, participant: &'a mut dyn Participant) -> Self {
         let name = participant.name();
-        let of_plant = plan
+        let loops = plan
             .loops
             .iter()
             .filter(|one| names::emulator_name(one) == name);
-        let drives = of_plant.map(|one| one.place.drive_node_id);
+        let drives = loops.map(|one| one.place.drive_node_id);
         Self {
             seat: Seat::Drive(drives.min().unwrap_or_default()),
             participant,
@@ -113,12 +113,12 @@ fn play_here(
     capture: &mut Capture<'_>,
 ) -> Result<End, WorldError> {
     let mut emulators = Vec::new();
-    for name in names::own_emulators(plan) {
+    for name in names::played_emulators(plan) {
         emulators.push((name, nodes::plant_emulator(plan, name)?));
     }
     let mut bench = BenchNode::new(plan)?;
     let views = nodes::controller_views(plan);
-    let make = move || nodes::controller_of(&views, &laws);
+    let make = move || nodes::make_controller(&views, &laws);
     let is_ours = !plan.is_external(plan.controller());
     let controller = is_ours.then(|| nodes::faulty_controller(make, plan, |_| false));
     let mut controller = controller.transpose()?;

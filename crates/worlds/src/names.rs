@@ -7,7 +7,7 @@ pub(crate) use dbc::names::BENCH;
 pub(crate) const PLANT_EMULATOR: &str = "plant-emulator";
 
 /// Returns the names of the participants that emulate the plants whose drives are canrig's.
-pub(crate) fn own_emulators(plan: &Plan) -> Vec<&str> {
+pub(crate) fn played_emulators(plan: &Plan) -> Vec<&str> {
     let loops = plan.loops.iter();
     emulator_names(loops.filter(|one| one.is_ours(Part::Drive)))
 }

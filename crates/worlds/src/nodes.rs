@@ -28,7 +28,7 @@ pub fn plant_emulator(plan: &Plan, name: &str) -> Result<Box<dyn Node>, WorldErr
         database: &one.database,
         clock: &clock,
     });
-    let made = catalogue::emulator_of(&Vec::from_iter(drives));
+    let made = catalogue::joint_emulator(&Vec::from_iter(drives));
     made.map_err(|error| no_emulator(name, error))
 }
 
@@ -65,7 +65,7 @@ pub fn controller_views(plan: &Plan) -> Vec<LoopView> {
 ///
 /// # Errors
 /// If a controller cannot be set up.
-pub fn controller_of(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNode, WorldError> {
+pub fn make_controller(loops: &[LoopView], laws: &LawPlace) -> Result<ControllerNode, WorldError> {
     let loops = loops.iter().map(|LoopView { view, real_drive }| {
         let real = real_drive.as_deref();
         (view, real.map(|drive| (&drive.real, drive.eds.as_str())))

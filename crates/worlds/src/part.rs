@@ -29,11 +29,11 @@ pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
             "bits_per_second": 1_000 * plan.shared.run.bus.bitrate_kilobits_per_second,
             "period_seconds": plan.sync_period().as_secs_f64(),
         },
-        "loops": Vec::from_iter(loops.map(|one| of_loop(plan, one, node.part))),
+        "loops": Vec::from_iter(loops.map(|one| loop_part(plan, one, node.part))),
     })
 }
 
-fn of_loop(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
+fn loop_part(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
     let wiring = &one.trial.wiring;
     let current = wiring.current();
     let drive = &one.nodes.drive;
@@ -55,7 +55,7 @@ fn of_loop(plan: &Plan, one: &ControlLoop, part: Part) -> Value {
         let spacing = period.max(end / ROWS_MAX);
         told["set_point"] = json!(one.trial.reference.trajectory().rows(end, spacing));
         let message = plan.database().message(&names::set_point(one.name()));
-        told["set_points"] = layout_of(message);
+        told["set_points"] = message_layout(message);
     }
     told
 }
@@ -65,10 +65,10 @@ fn frame(plan: &Plan, signal: Option<SignalHandle>) -> Value {
     let messages = plan.database().messages().iter();
     let id = signal.map(|signal| signal.raw_id());
     let mut messages = messages.filter(|message| Some(message.raw_id) == id);
-    layout_of(messages.next())
+    message_layout(messages.next())
 }
 
-fn layout_of(message: Option<&Message>) -> Value {
+fn message_layout(message: Option<&Message>) -> Value {
     message.map_or(Value::Null, |message| {
         let Message {
             raw_id,
@@ -76,12 +76,12 @@ fn layout_of(message: Option<&Message>) -> Value {
             signals,
             ..
         } = message;
-        let signals = Vec::from_iter(signals.iter().map(layout));
+        let signals = Vec::from_iter(signals.iter().map(signal_layout));
         json!({"id": raw_id, "length": length_bytes, "signals": signals})
     })
 }
 
-fn layout(signal: &Signal) -> Value {
+fn signal_layout(signal: &Signal) -> Value {
     let coding = &signal.coding;
     json!({
         "name": signal.name,

@@ -72,7 +72,7 @@ impl Processes {
     }
 
     /// Waits for the end of a participant's process.
-    async fn early_end_of(&mut self, name: &str) -> WorldError {
+    async fn early_end_by_name(&mut self, name: &str) -> WorldError {
         match self.get_mut(name) {
             Some(process) => process.early_end().await,
             None => pending().await,
@@ -168,7 +168,7 @@ fn play(
     let _entered = runtime.enter();
     let mut processes = Vec::new();
     let mut channels = Vec::new();
-    let emulators = names::own_emulators(plan);
+    let emulators = names::played_emulators(plan);
     let count = emulators.len();
     let controller = plan.controller();
     let controller = (!plan.is_external(controller)).then_some(controller.name.as_str());
@@ -218,7 +218,7 @@ async fn with_end(
         // The end of a process says more than its missing answer.
         Err(WorldError::Coordinator(CoordinatorError::Participant(LockstepError::Ended {
             name,
-        }))) if processes.get_mut(&name).is_some() => processes.early_end_of(&name).await,
+        }))) if processes.get_mut(&name).is_some() => processes.early_end_by_name(&name).await,
         Err(error) => error,
     };
     // The remaining processes end before the error is reported, which is the first one.

@@ -213,7 +213,7 @@ impl StartedProgram {
                 Doing::GaveUp
             },
             how: how + " in the middle of the run",
-            log: end_of(&output),
+            log: output_end(&output),
         })
     }
 
@@ -240,7 +240,7 @@ impl StartedProgram {
         WorldError::Process {
             name: name.to_owned(),
             how: if is_by_itself { how } else { what() },
-            log: end_of(&output),
+            log: output_end(&output),
             doing,
         }
     }
@@ -291,13 +291,13 @@ impl StartedProgram {
         Err(WorldError::Process {
             name: name.to_owned(),
             how: how + " when it was to stop",
-            log: end_of(&output),
+            log: output_end(&output),
             doing: Doing::Crashed,
         })
     }
 }
 
-fn end_of(output: &str) -> String {
+fn output_end(output: &str) -> String {
     match output {
         "" => String::new(),
         output => format!("; the end of its output:\n{}", indented(output)),
@@ -536,13 +536,15 @@ impl Guest {
 
 impl ProgramNode {
     /// Explains an error of virtual time by the end of this node, if the node caused it.
-    fn explained(self, error: CoordinatorError, own: &str) -> WorldError {
+    fn explained(self, error: CoordinatorError, node: &str) -> WorldError {
         let Some(program) = self.program else {
             return error.into();
         };
         match error {
-            CoordinatorError::Participant(error) if error.name() == own => program.explained(error),
-            CoordinatorError::Overloaded { ref name } if name == own => {
+            CoordinatorError::Participant(error) if error.name() == node => {
+                program.explained(error)
+            }
+            CoordinatorError::Overloaded { ref name } if name == node => {
                 let what = error.to_string();
                 let what = what.strip_prefix(name.as_str()).unwrap_or(&what).trim();
                 program.broken(name, || what.to_owned(), Duration::ZERO)

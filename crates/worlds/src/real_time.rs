@@ -15,7 +15,7 @@ use crate::child::NodeProcess;
 use crate::error::{START_PATIENCE, WorldError};
 use crate::fmu_plant::more_patience;
 use crate::law_process;
-use crate::names::{BENCH, own_emulators};
+use crate::names::{BENCH, played_emulators};
 use crate::played::{End, Played};
 use crate::process_faults::{ProcessAction, ProcessFaults};
 use crate::processes::{Processes, Stopped, runtime};
@@ -164,8 +164,11 @@ fn start_nodes(
         .then_some(plan.controller().name.as_str());
     let address = connection.address();
     let spawn = |name| NodeProcess::spawn(name, plan, folder, Some(address), None);
-    let own = own_emulators(plan).into_iter().chain(controller).map(spawn);
-    let mut processes = own.collect::<Result<Vec<_>, _>>()?;
+    let spawned = played_emulators(plan)
+        .into_iter()
+        .chain(controller)
+        .map(spawn);
+    let mut processes = spawned.collect::<Result<Vec<_>, _>>()?;
     for order in ProgramOrder::all(plan, Some(folder.path()), None) {
         if order.is_started() {
             processes.push(NodeProcess::start(order, address)?);

@@ -34,7 +34,7 @@ impl StallRecorder {
             name: BENCH.to_owned(),
             source,
         })?;
-        watch.own_thread(Who::Bus, HUB_THREAD);
+        watch.thread_named(Who::Bus, HUB_THREAD);
         let recorder = Self {
             watch,
             controller: plan.controller().name.clone(),

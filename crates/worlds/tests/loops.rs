@@ -80,10 +80,10 @@ fn a_controller_that_loses_one_drive_takes_the_current_from_both() {
 /// Returns the frames of an identifier from a scenario time on, each with its scenario time.
 fn frames_after(plan: &Plan, frames: &Frames, seconds: f64, id: u16) -> Vec<(f64, CanFrame)> {
     let zero = decode(frames, plan).unwrap()[0].zero_seconds.unwrap();
-    let of_id = frames
+    let with_id = frames
         .iter()
         .filter(|one| one.frame.standard_id() == Some(id));
-    let timed = of_id.map(|one| (one.time.as_secs_f64() - zero, one.frame));
+    let timed = with_id.map(|one| (one.time.as_secs_f64() - zero, one.frame));
     timed.filter(|(time, _)| *time > seconds).collect()
 }
 
@@ -164,7 +164,7 @@ fn the_controller_says_which_drive_it_gave_up() {
 
 /// Drives of one kind on one bus have different noise.
 #[test]
-fn each_drive_has_noise_of_its_own() {
+fn each_drive_has_other_noise() {
     let noise = "[[fault.sensor.noise]]\nfrom_seconds = 0.0\nnode = \"NODE\"\nnoise_millimetres_rms = 0.05\n";
     let both = ["x", "y"].map(|node| noise.replace("NODE", node)).concat();
     let plan = two_axes_with(&both);

@@ -61,7 +61,7 @@ impl Objects {
         let protection = |sub_index, data_type| {
             objects::find(dictionary, THERMAL_PROTECTION, sub_index, data_type)
         };
-        let of_truth = if wires.is_true_float {
+        let truth_type = if wires.is_true_float {
             DataType::Real32
         } else {
             DataType::Integer32
@@ -82,7 +82,7 @@ impl Objects {
             signals: signals.collect::<Result<_, _>>()?,
             counts_per_output: wires.counts_per_output,
             true_steps_per_output: wires.true_steps_per_output,
-            true_position: at(TRUE_POSITION, of_truth)?,
+            true_position: at(TRUE_POSITION, truth_type)?,
             is_true_float: wires.is_true_float,
             continuous_current: protection(1, DataType::Unsigned32)?,
             overload_limit: protection(2, DataType::Unsigned32)?,

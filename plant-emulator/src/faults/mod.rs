@@ -29,9 +29,9 @@ impl RigFaults {
     /// Makes the faults of a drive, before their beginning.
     pub(crate) fn new(trial: &Trial, sensor_unit: f64, seed: u64) -> Self {
         let faults = trial.drive_faults();
-        let is_of_rig = |fault: &&Fault| !matches!(fault.kind.group, Group::Bus | Group::Node);
-        let of_rig = faults.iter().filter(is_of_rig);
-        let times = of_rig.flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
+        let is_in_rig = |fault: &&Fault| !matches!(fault.kind.group, Group::Bus | Group::Node);
+        let in_rig = faults.iter().filter(is_in_rig);
+        let times = in_rig.flat_map(|fault| [fault.from_seconds, fault.until_seconds]);
         let mut changes: Vec<_> = times.flatten().map(Duration::from_secs_f64).collect();
         changes.sort_unstable();
         changes.dedup();
@@ -77,7 +77,7 @@ impl RigFaults {
     }
 
     /// Returns the faults of the plant and the scenario time; `None` before the start, and without faults.
-    pub(crate) fn of_plant(&self, now: Duration) -> Option<(&Faults, f64)> {
+    pub(crate) fn plant_faults(&self, now: Duration) -> Option<(&Faults, f64)> {
         Some((&self.faults, self.time_seconds(now)?))
     }
 

@@ -145,7 +145,7 @@ fn parse_list(text: &str) -> Result<Vec<(String, Option<String>)>, String> {
         .trim(csv::Trim::All)
         .from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| error.to_string())?;
-    let [id, words] = COLUMNS.map(|name| header.iter().position(|column| column == name));
+    let [id, text] = COLUMNS.map(|name| header.iter().position(|column| column == name));
     let id = id.ok_or("its first line must name the column `id`, and may name `text`")?;
     let mut listed: BTreeMap<String, u64> = BTreeMap::new();
     let mut requirements = Vec::new();
@@ -159,8 +159,8 @@ fn parse_list(text: &str) -> Result<Vec<(String, Option<String>)>, String> {
         if let Some(first) = listed.insert(name.to_owned(), line) {
             return Err(format!("line {line} has {name} again, as line {first}"));
         }
-        let words = words.and_then(|place| record.get(place)).map(str::to_owned);
-        requirements.push((name.to_owned(), words.filter(|words| !words.is_empty())));
+        let text = text.and_then(|place| record.get(place)).map(str::to_owned);
+        requirements.push((name.to_owned(), text.filter(|text| !text.is_empty())));
     }
     Ok(requirements)
 }

@@ -100,7 +100,7 @@ impl Requirement {
             let Tested { row, outcome, .. } = one;
             let is_worse = severity(*outcome) > severity(test.outcome);
             if is_worse {
-                test.is_of(play);
+                test.add(play);
                 (test.outcome, test.case) = (*outcome, one.case);
             }
             if let (Some(row), Some(measured)) = (row, &one.measured)
@@ -129,12 +129,12 @@ impl RequirementTest {
             sweep_runs: None,
             case: None,
         };
-        test.is_of(play);
+        test.add(play);
         test
     }
 
     /// Makes `play` the one that counts.
-    fn is_of(&mut self, play: &Play) {
+    fn add(&mut self, play: &Play) {
         self.run.clone_from(&play.folder);
         self.version.clone_from(&play.version);
         (self.played_at, self.sweep_runs) = (play.at, play.sweep_runs);

@@ -172,10 +172,10 @@ fn summary(requirements: &[Requirement]) -> String {
         (None, NEVER_TESTED),
     ];
     let counts: Vec<String> = kinds
-        .map(|(outcome, words)| (count(outcome), words))
+        .map(|(outcome, name)| (count(outcome), name))
         .iter()
         .filter(|(count, _)| *count > 0)
-        .map(|(count, words)| format!("{count} {words}"))
+        .map(|(count, name)| format!("{count} {name}"))
         .collect();
     match requirements.len() {
         0 => "no scenario names a requirement".to_owned(),

@@ -65,12 +65,12 @@ impl Play {
     pub(super) fn read(folder: &Path) -> Result<Self, PlayError> {
         match holds_many_runs(folder) {
             true if is_torture(folder) => Err(PlayError::Torture(folder.to_owned())),
-            true => Self::of_sweep(folder),
-            false => Self::of_run(folder),
+            true => Self::read_sweep(folder),
+            false => Self::read_run(folder),
         }
     }
 
-    fn of_run(folder: &Path) -> Result<Self, PlayError> {
+    fn read_run(folder: &Path) -> Result<Self, PlayError> {
         require_run(folder)?;
         let (plan, verdict) = read_played(folder, catalogue())?;
         let verdict = verdict.as_ref();
@@ -80,11 +80,11 @@ impl Play {
         let test = |row: Option<String>| {
             let outcome = match &row {
                 Some(row) if untimed.contains(row) => Outcome::Inconclusive,
-                row => outcome_of(row.as_deref(), verdict),
+                row => verdict_outcome(row.as_deref(), verdict),
             };
             let metrics = verdict.iter().flat_map(|verdict| &verdict.metrics);
-            let mut of_row = metrics.filter(|metric| row.as_ref() == Some(&metric.name));
-            let measured = of_row.next().map(|metric| {
+            let mut row_metrics = metrics.filter(|metric| row.as_ref() == Some(&metric.name));
+            let measured = row_metrics.next().map(|metric| {
                 let limit = terminal::limit(&metric.name, metric.limit);
                 (terminal::measured(metric), limit)
             });
@@ -106,7 +106,7 @@ impl Play {
     }
 
     /// Reads a sweep, which counts by its worst run. Runs that it lacks are incomplete.
-    fn of_sweep(folder: &Path) -> Result<Self, PlayError> {
+    fn read_sweep(folder: &Path) -> Result<Self, PlayError> {
         let plan = read_plan(folder, None, catalogue()).map_err(RecordedError::from)?;
         let untimed = untimed(&plan, true);
         let limits: BTreeMap<String, Limit> = judge::limits(&plan).into_iter().collect();
@@ -206,16 +206,16 @@ fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<Stri
     for id in &plan.shared.run.requirements {
         tested.entry(id.clone()).or_default().push(test(None));
     }
-    let of_loops = plan.loops.iter().flat_map(|one| {
+    let loop_rows = plan.loops.iter().flat_map(|one| {
         let rows = one.trial.expect.requirements_of_rows().into_iter();
         rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
     });
-    let of_contours = plan.shared.contours.iter().flat_map(|contour| {
+    let contour_rows = plan.shared.contours.iter().flat_map(|contour| {
         let rows = contour.rows().into_iter();
         let rows = rows.filter(|(_, limit)| limit.is_some());
         rows.map(|(row, _)| (row, contour.requirements.clone()))
     });
-    for (row, requirements) in of_loops.chain(of_contours) {
+    for (row, requirements) in loop_rows.chain(contour_rows) {
         for id in requirements {
             tested.entry(id).or_default().push(test(Some(row.clone())));
         }
@@ -237,7 +237,7 @@ fn is_decided(outcome: Outcome) -> bool {
 }
 
 /// Returns the outcome of a row, or of the whole run, according to a verdict.
-fn outcome_of(row: Option<&str>, verdict: Option<&Verdict>) -> Outcome {
+fn verdict_outcome(row: Option<&str>, verdict: Option<&Verdict>) -> Outcome {
     let Some(verdict) = verdict else {
         return Outcome::Incomplete;
     };
@@ -279,7 +279,7 @@ mod tests {
     use judge::verdict::Metric;
 
     #[test]
-    fn a_row_has_its_own_outcome_unless_the_run_decides_nothing() {
+    fn a_row_has_an_outcome_unless_the_run_decides_nothing() {
         let limit = Some(Limit {
             min: None,
             max: Some(1.0),
@@ -297,10 +297,10 @@ mod tests {
             };
             // A sweep's row says the same.
             let run = SweepRow::from_verdict(1, "1f", &verdict);
-            let of_sweep = outcome_in(&run, row.map(str::to_owned).as_ref(), &[]);
-            let of_run = outcome_of(row, Some(&verdict));
-            assert!(of_sweep == of_run || row == Some("gone"));
-            of_run
+            let in_sweep = outcome_in(&run, row.map(str::to_owned).as_ref(), &[]);
+            let in_run = verdict_outcome(row, Some(&verdict));
+            assert!(in_sweep == in_run || row == Some("gone"));
+            in_run
         };
         assert_eq!(of(Outcome::Fail, Some("met")), Outcome::Pass);
         assert_eq!(of(Outcome::Fail, Some("missed")), Outcome::Fail);
@@ -308,7 +308,7 @@ mod tests {
         assert_eq!(of(Outcome::Fail, Some("gone")), Outcome::Incomplete);
         assert_eq!(of(Outcome::Fail, None), Outcome::Fail);
         assert_eq!(of(Outcome::Incomplete, Some("met")), Outcome::Incomplete);
-        assert_eq!(outcome_of(Some("met"), None), Outcome::Incomplete);
+        assert_eq!(verdict_outcome(Some("met"), None), Outcome::Incomplete);
     }
 
     #[test]

@@ -76,7 +76,7 @@ impl SharedCampaign<'_> {
     /// Returns the path of the campaign's folder, which need not exist yet.
     pub(super) fn path(&self) -> PathBuf {
         let id = folder_id(self.cases, Shard::WHOLE);
-        RunFolder::path_of(&self.output, &self.plan.shared.run.name, &id)
+        RunFolder::lasting_path(&self.output, &self.plan.shared.run.name, &id)
     }
 
     /// Makes the folder with all files that the tasks need. The program is copied only before the first submission.
@@ -160,7 +160,7 @@ impl SharedCampaign<'_> {
 
     pub(super) fn part(&self, shard: Shard) -> PathBuf {
         let id = folder_id(self.cases, shard);
-        RunFolder::path_of(&self.path().join(PARTS), &self.plan.shared.run.name, &id)
+        RunFolder::lasting_path(&self.path().join(PARTS), &self.plan.shared.run.name, &id)
     }
 
     /// Returns the rows of each part, still unread.

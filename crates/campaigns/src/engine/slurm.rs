@@ -18,8 +18,8 @@ impl Engine for Slurm {
     fn file(&self, job: &Job<'_>) -> (&'static str, String) {
         let limits = job.limits;
         let mut text = "#!/bin/sh\n".to_owned();
-        let mut option = |words: String| {
-            let _ = writeln!(text, "#SBATCH {words}");
+        let mut option = |value: String| {
+            let _ = writeln!(text, "#SBATCH {value}");
         };
         option(format!("--job-name={}", job.name));
         option(format!("--array={}", ranges(job.parts)));
@@ -80,8 +80,8 @@ impl Engine for Slurm {
 fn parsed(said: &str, parts: &[usize]) -> Result<JobState, EngineError> {
     let mut state = JobState::default();
     for line in said.lines().filter(|line| !line.trim().is_empty()) {
-        let words: Vec<&str> = line.trim().splitn(4, '|').collect();
-        let [part, task, node, reason] = words[..] else {
+        let fields: Vec<&str> = line.trim().splitn(4, '|').collect();
+        let [part, task, node, reason] = fields[..] else {
             return Err(EngineError::unclear("squeue", line));
         };
         let Ok(part) = part.parse::<usize>() else {

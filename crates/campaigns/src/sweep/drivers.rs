@@ -123,11 +123,11 @@ impl Sampler {
         if keys.is_empty() {
             return Vec::new();
         }
-        let keys_of: Vec<Vec<f64>> = (self.sample.iter())
+        let key_values: Vec<Vec<f64>> = (self.sample.iter())
             .map(|one| cases.values(one.case))
             .collect();
         let names = self.worst.keys();
-        let driven = names.filter_map(|name| self.driven_by(name, &keys, &keys_of, cases));
+        let driven = names.filter_map(|name| self.driven_by(name, &keys, &key_values, cases));
         driven.collect()
     }
 
@@ -135,7 +135,7 @@ impl Sampler {
         &self,
         name: &str,
         keys: &[&str],
-        keys_of: &[Vec<f64>],
+        key_values: &[Vec<f64>],
         cases: &dyn Cases,
     ) -> Option<Driven> {
         let is_limited = self.limits.contains_key(name);
@@ -148,8 +148,8 @@ impl Sampler {
             .collect();
         let values = ranks(runs.iter().map(|(_, value)| *value));
         let correlation = |key: usize| {
-            let of_key = ranks(runs.iter().map(|(place, _)| keys_of[*place][key]));
-            correlation(&of_key, &values)
+            let key_ranks = ranks(runs.iter().map(|(place, _)| key_values[*place][key]));
+            correlation(&key_ranks, &values)
         };
         let mut found: Vec<(usize, f64)> = (0..keys.len())
             .map(|key| (key, correlation(key)))
@@ -160,7 +160,7 @@ impl Sampler {
         let first = found.first()?.0;
         let stride = runs.len().div_ceil(DRAWN).max(1);
         let drawn = runs.iter().step_by(stride);
-        let drawn = drawn.map(|(place, value)| (keys_of[*place][first], *value));
+        let drawn = drawn.map(|(place, value)| (key_values[*place][first], *value));
         let worst = self.worst[name].iter();
         let worst = worst.map(|one| (one.case, cases.values(one.case)[first], one.value));
         Some(Driven {

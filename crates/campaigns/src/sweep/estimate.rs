@@ -208,13 +208,13 @@ mod tests {
             "--parts 44 --task-minutes 35 --task-mebibytes 128"
         );
         let text = million.to_string();
-        for words in [
+        for expected in [
             "each of 22728 runs",
             "7.2 hours of one core",
             "2.0 GB",
             "26.0 ms each",
         ] {
-            assert!(text.contains(words), "{words}: {text}");
+            assert!(text.contains(expected), "{expected}: {text}");
         }
         assert_eq!(estimate(1_000_000, 0.026, 2).parts(), 22);
         assert_eq!(estimate(1_000_000, 10.0, 1).parts(), 1000);

@@ -10,7 +10,7 @@ use super::store::{Rows, StoreError};
 use super::summary::{Failing, Summary};
 use super::tables::{self, Tables};
 use plan::Plan;
-use recording::run_folder::{RunFolder, WriteError, file, own_file};
+use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use recording::session::write_tables;
 use runner::console::{print, print_text};
 use runner::exit::Exit;
@@ -77,7 +77,7 @@ pub(crate) fn finish(
 fn remove_others(folder: &RunFolder, failing: &[Failing]) -> Result<(), WriteError> {
     let kept: BTreeSet<String> = failing.iter().map(place).collect();
     let path = folder.path().join(FAILING);
-    own_file(folder.path(), FAILING).map_err(WriteError::at(&path))?;
+    file_in(folder.path(), FAILING).map_err(WriteError::at(&path))?;
     let entries = match fs::read_dir(&path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
         entries => entries.map_err(WriteError::at(&path))?,
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_failing_cases_only_those_of_now_stay_and_what_is_not_ours() {
+    fn failing_cases_of_now_stay_and_files_that_are_not_ours() {
         let parent = tempfile::tempdir().unwrap();
         let folder = RunFolder::lasting(parent.path(), "run", "1").unwrap();
         // The folder does not exist yet.

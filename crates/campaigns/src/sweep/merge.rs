@@ -13,7 +13,7 @@ use super::sweep_cases::{NoSweep, SweepCases};
 use crate::torture::cases::{NoTorture, TortureCases};
 use crate::torture::command::shrink_first;
 use plan::Plan;
-use recording::run_folder::{RunFolder, WriteError, file, own_file};
+use recording::run_folder::{RunFolder, WriteError, file, file_in};
 use runner::console::print_error;
 use runner::exit::Exit;
 use runner::identity::{NoIdentity, identity};
@@ -84,7 +84,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
         ));
         return Exit::CannotStart;
     }
-    let scenario = match own_file(first, file::SCENARIO) {
+    let scenario = match file_in(first, file::SCENARIO) {
         Ok(scenario) => scenario,
         Err(source) => {
             let path = first.join(file::SCENARIO);
@@ -100,7 +100,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
     } else {
         Shown::All
     };
-    let merged = CampaignCases::of_folder(first, &plan)
+    let merged = CampaignCases::read(first, &plan)
         .and_then(|cases| merge_parts(&args.shards, &cases, &plan, &args.output, shown));
     merged.unwrap_or_else(|error| {
         print_error(&format!("canrig: {error}"));
@@ -118,8 +118,8 @@ pub(crate) enum CampaignCases {
 
 impl CampaignCases {
     /// Reads the kind from a folder: torture if the folder says so, else a sweep.
-    pub(crate) fn of_folder(folder: &Path, plan: &Plan) -> Result<Self, MergeError> {
-        Ok(match TortureCases::of_folder(folder, plan)? {
+    pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Self, MergeError> {
+        Ok(match TortureCases::read(folder, plan)? {
             Some(torture) => Self::Torture(Box::new(torture)),
             None => Self::Sweep(Box::new(SweepCases::new(plan)?)),
         })
@@ -211,7 +211,7 @@ mod tests {
         [[sweep.list]]\nkey = \"reference.hold[0].position_millimetres\"\nvalues = [5, 15, 25, 35]\n";
 
     #[test]
-    fn of_parts_that_contradict_each_other_the_first_row_counts() {
+    fn the_first_row_counts_where_parts_contradict_each_other() {
         let beside = Beside::new(Path::new("s.toml"));
         let plan = Plan::parse_beside(&beside, TEXT.to_owned(), catalogue()).unwrap();
         let cases = SweepCases::new(&plan).unwrap();
@@ -276,16 +276,16 @@ mod tests {
                 value / f64::from(number),
             )
         });
-        let own = ("position_millimetres_max".to_owned(), value);
+        let position = ("position_millimetres_max".to_owned(), value);
         SweepRow {
             case,
             id: "0123456789abcdef".to_owned(),
             seed: Some(0),
             ended: if is_missed { Ended::Fail } else { Ended::Pass },
             reason: None,
-            missed: is_missed.then(|| own.0.clone()).into_iter().collect(),
+            missed: is_missed.then(|| position.0.clone()).into_iter().collect(),
             undecided: Vec::new(),
-            metrics: others.chain([own]).collect(),
+            metrics: others.chain([position]).collect(),
         }
     }
 

@@ -249,10 +249,10 @@ fn worst_case(
         let end = terminal::limit(name, Some(nearest_end(limit, *value)));
         format!(": {}", terminal::with_limit(&shown, &end))
     });
-    let words = format!("case {case}{}", limit.unwrap_or_default());
+    let title = format!("case {case}{}", limit.unwrap_or_default());
     html! { @match command_of(*case) {
-        Some(command) => details { summary { (words) } code { (command) } },
-        None => div { (words) },
+        Some(command) => details { summary { (title) } code { (command) } },
+        None => div { (title) },
     } }
 }
 

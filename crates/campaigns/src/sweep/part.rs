@@ -81,7 +81,7 @@ impl PartArgs {
         match (self.shard, self.shards) {
             (Wanted::This(shard), None) => Ok(shard),
             (Wanted::This(_), Some(_)) => Err(NoPart::NotAuto),
-            (Wanted::Auto, shards) => of_engine(|name| env::var(name).ok(), shards),
+            (Wanted::Auto, shards) => engine_shard(|name| env::var(name).ok(), shards),
         }
     }
 
@@ -147,7 +147,7 @@ const HYPERQUEUE: &str = "HQ_TASK_ID";
 const KUBERNETES: &str = "JOB_COMPLETION_INDEX";
 
 /// Returns the part that the engine's variables name.
-fn of_engine(
+fn engine_shard(
     variable: impl Fn(&str) -> Option<String>,
     shards: Option<usize>,
 ) -> Result<Shard, NoPart> {
@@ -169,7 +169,7 @@ fn of_engine(
         };
         let of = match shards {
             Some(of) => of,
-            None if name == SLURM => return of_slurm_array(task, &number),
+            None if name == SLURM => return slurm_shard(task, &number),
             None => return Err(NoPart::NoCount { name }),
         };
         let last = of + first - 1;
@@ -190,7 +190,7 @@ fn of_engine(
 }
 
 /// Returns the place of a task in an array, from the bounds that Slurm gives of the array.
-fn of_slurm_array(
+fn slurm_shard(
     task: usize,
     number: &impl Fn(&'static str) -> Result<Option<usize>, NoPart>,
 ) -> Result<Shard, NoPart> {
@@ -357,7 +357,7 @@ mod tests {
             let found = variables.iter().find(|(known, _)| *known == name);
             found.map(|(_, value)| (*value).to_owned())
         };
-        of_engine(variable, shards).map(|shard| shard.to_string())
+        engine_shard(variable, shards).map(|shard| shard.to_string())
     }
 
     #[test]
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn what_names_no_part_is_refused_in_words() {
+    fn a_variable_that_names_no_part_is_refused() {
         let list = [
             (SLURM, "7"),
             ("SLURM_ARRAY_TASK_MIN", "3"),

@@ -16,7 +16,7 @@ use super::cases::Cases;
 use super::row::SweepRow;
 use crate::engine::quoted;
 use judge::verdict::Identity;
-use recording::run_folder::{file, own_file};
+use recording::run_folder::{file, file_in};
 use runner::console::print_error;
 use runner::exit::Exit;
 use runner::machine;
@@ -39,7 +39,7 @@ pub(crate) enum StoreError {
     Write { path: PathBuf, source: io::Error },
     #[error("{} is being written by {writer}: wait until it has ended, or end it", path.display())]
     Busy { path: PathBuf, writer: String },
-    #[error("{} has {found}, and nothing of it counts here. `rm {}/rows*.jsonl` makes a new start: then play it again", path.display(), folder_of(path))]
+    #[error("{} has {found}, and nothing of it counts here. `rm {}/rows*.jsonl` makes a new start: then play it again", path.display(), parent_text(path))]
     Foreign { path: PathBuf, found: String },
     #[error("the row of case {case} in {} has changed since it was read: give the same command again", path.display())]
     Changed { path: PathBuf, case: usize },
@@ -71,7 +71,7 @@ fn cure(error: &io::Error) -> &'static str {
 }
 
 /// Folder of a file as a word of a shell.
-fn folder_of(path: &Path) -> String {
+fn parent_text(path: &Path) -> String {
     quoted(&path.parent().unwrap_or(path).to_string_lossy())
 }
 
@@ -220,8 +220,8 @@ fn files_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 /// Opens a file of rows, which no link may lead out of its folder.
 fn opened(path: &Path) -> Result<File, StoreError> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    let own = own_file(folder, path.file_name().unwrap_or_default());
-    let file = own.and_then(|path| scenario::open_file(&path));
+    let inside = file_in(folder, path.file_name().unwrap_or_default());
+    let file = inside.and_then(|path| scenario::open_file(&path));
     file.map_err(read_error(path))
 }
 
@@ -568,7 +568,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_line_is_json_and_only_its_own_member_and_key_open_it() {
+    fn a_line_is_json_and_only_its_member_and_key_open_it() {
         let line = close("row", "a", &"with \"quotes\"\n");
         let whole = line.strip_suffix('\n').unwrap();
         let json: serde_json::Value = serde_json::from_str(whole).unwrap();
@@ -737,7 +737,7 @@ pub(super) mod tests {
             }),
             ("another campaign", |header| header.sweep = "t".to_owned()),
         ];
-        for (words, change) in changes {
+        for (other, change) in changes {
             let parent = tempfile::tempdir().unwrap();
             let folder = parent.path().join("it's");
             fs::create_dir(&folder).unwrap();
@@ -749,11 +749,11 @@ pub(super) mod tests {
             let error = read(&folder).unwrap_err();
             assert_eq!(error.exit(), Exit::CannotStart);
             let path = folder.join("rows-2.jsonl");
-            let words = format!(
-                "{} has rows of {words}, and nothing of it counts here.",
+            let message = format!(
+                "{} has rows of {other}, and nothing of it counts here.",
                 path.display()
             );
-            assert!(error.to_string().starts_with(&words), "{error}");
+            assert!(error.to_string().starts_with(&message), "{error}");
             let quoted = folder.to_string_lossy().replace('\'', "'\\''");
             assert!(
                 error
@@ -794,8 +794,8 @@ pub(super) mod tests {
         let file = File::create(&path).unwrap();
         file.set_len(4 << 40).unwrap();
         let error = read(folder.path()).unwrap_err();
-        let words = format!("{} has a line of more than 1048576 bytes", path.display());
-        assert!(error.to_string().starts_with(&words), "{error}");
+        let message = format!("{} has a line of more than 1048576 bytes", path.display());
+        assert!(error.to_string().starts_with(&message), "{error}");
         file.set_len(LINE_BYTES_MAX - 1).unwrap();
         assert_eq!(cases(&read(folder.path()).unwrap()), CASES);
     }
@@ -809,8 +809,8 @@ pub(super) mod tests {
         let writer = Writer::begin(folder.path(), &header("s")).unwrap();
         let rows = read(folder.path()).unwrap();
         let error = rows.require_unwritten().unwrap_err().to_string();
-        let words = "rows-2.jsonl is being written by process 34 on n12: wait";
-        assert!(error.contains(words), "{error}");
+        let message = "rows-2.jsonl is being written by process 34 on n12: wait";
+        assert!(error.contains(message), "{error}");
         drop(writer);
         rows.require_unwritten().unwrap();
     }
@@ -840,8 +840,8 @@ pub(super) mod tests {
             rows.require_all().unwrap_err().to_string()
         };
         write(folder.path(), &[2]);
-        let words = "11 of 12 cases are missing: 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, ….";
-        assert!(missing(Shard::WHOLE).starts_with(words));
+        let message = "11 of 12 cases are missing: 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, ….";
+        assert!(missing(Shard::WHOLE).starts_with(message));
         assert!(missing(SHARD).starts_with("3 of 4 cases are missing: 5, 8, 11."));
         write(folder.path(), &[5]);
         assert!(missing(Shard::WHOLE).contains(" 10, 11, 12."));
@@ -849,10 +849,10 @@ pub(super) mod tests {
 
     #[test]
     fn room_is_asked_for_where_it_is_missing_only() {
-        let words = |kind: io::ErrorKind| write_error(Path::new("rows"))(kind.into()).to_string();
-        assert!(words(io::ErrorKind::StorageFull).contains("kept: make room, and give"));
-        assert!(words(io::ErrorKind::QuotaExceeded).contains("make room"));
-        let words = words(io::ErrorKind::PermissionDenied);
-        assert!(words.ends_with("see that it can be written, and give the same command again"));
+        let message = |kind: io::ErrorKind| write_error(Path::new("rows"))(kind.into()).to_string();
+        assert!(message(io::ErrorKind::StorageFull).contains("kept: make room, and give"));
+        assert!(message(io::ErrorKind::QuotaExceeded).contains("make room"));
+        let message = message(io::ErrorKind::PermissionDenied);
+        assert!(message.ends_with("see that it can be written, and give the same command again"));
     }
 }

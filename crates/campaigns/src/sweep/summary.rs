@@ -142,7 +142,7 @@ impl Survey {
 
 /// The limits that a case missed, each with the value.
 fn missed(row: &SweepRow, limits: &[(String, Limit)]) -> String {
-    let words = row.missed.iter().map(|name| {
+    let texts = row.missed.iter().map(|name| {
         let limit = limits.iter().find(|(limited, _)| limited == name);
         // An invariant of torture has no limit.
         let Some((_, limit)) = limit else {
@@ -152,7 +152,7 @@ fn missed(row: &SweepRow, limits: &[(String, Limit)]) -> String {
         let limit = terminal::limit(name, Some(*limit));
         format!("{name} {}", terminal::with_limit(&value, &limit))
     });
-    Vec::from_iter(words).join(", ")
+    Vec::from_iter(texts).join(", ")
 }
 
 impl Summary {

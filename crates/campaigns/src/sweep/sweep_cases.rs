@@ -119,9 +119,9 @@ impl SweepCases {
         let axes = self
             .axes
             .iter()
-            .map(|axis| (axis.key.as_str(), variation_of(&axis.values)));
+            .map(|axis| (axis.key.as_str(), values_text(&axis.values)));
         let drawn = self.drawn.iter();
-        axes.chain(drawn.map(|(key, one)| (key.as_str(), variation_of_draws(*one))))
+        axes.chain(drawn.map(|(key, one)| (key.as_str(), distribution_text(*one))))
     }
 
     /// Returns the values of the keys in a case.
@@ -296,7 +296,7 @@ pub(crate) fn case_name(name: &str, case: &str) -> String {
     format!("{name}, {case}")
 }
 
-fn variation_of(values: &[f64]) -> String {
+fn values_text(values: &[f64]) -> String {
     match values {
         [first, _, _, _, .., last] => {
             let [first, last] = [first, last].map(|value| as_written(*value));
@@ -309,7 +309,7 @@ fn variation_of(values: &[f64]) -> String {
     }
 }
 
-fn variation_of_draws(distribution: Distribution) -> String {
+fn distribution_text(distribution: Distribution) -> String {
     match distribution {
         Distribution::Uniform { from, to } => {
             format!("uniform from {} to {}", as_written(from), as_written(to))

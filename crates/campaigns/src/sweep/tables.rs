@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_of_either_table_has_the_keys_of_its_own_case() {
+    fn a_row_of_either_table_has_the_keys_of_its_case() {
         let plan = Plan::parse_beside(
             &Beside::new(Path::new("s.toml")),
             TEXT.to_owned(),

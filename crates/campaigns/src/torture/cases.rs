@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use faults::Stream;
 use plan::Plan;
 use recording::capture::Watch;
-use recording::run_folder::own_file;
+use recording::run_folder::file_in;
 use scenario::expect::Limit;
 use serde::{Deserialize, Serialize};
 
@@ -74,9 +74,9 @@ impl TortureCases {
     }
 
     /// Reads the cases of a part's folder; `None` if it is not one of torture.
-    pub(crate) fn of_folder(folder: &Path, plan: &Plan) -> Result<Option<Self>, NoTorture> {
+    pub(crate) fn read(folder: &Path, plan: &Plan) -> Result<Option<Self>, NoTorture> {
         let path = folder.join(FILE);
-        let text = own_file(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
+        let text = file_in(folder, FILE).and_then(|path| scenario::read_text(&path, BYTES_MAX));
         let text = match text {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             text => text,
@@ -270,9 +270,9 @@ mod tests {
             let faults = case.plan().unwrap().shared.run.faults.clone();
             let counted: f64 = values.iter().sum();
             // A fault of the boot has no window.
-            let of_boot = faults.iter().len() as f64 - counted;
+            let at_boot = faults.iter().len() as f64 - counted;
             assert!(
-                counted >= 1.0 && of_boot.abs() <= 1.0,
+                counted >= 1.0 && at_boot.abs() <= 1.0,
                 "{}",
                 cases.values_text(number)
             );

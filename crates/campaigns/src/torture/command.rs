@@ -245,10 +245,10 @@ fn keep(case: &TortureCase, output: &Path) -> Result<PathBuf, String> {
     };
     let folder = RefCell::new(output.to_owned());
     let judged = caught(|| {
-        let judged = run(&plan, place, &watch, taps, |own, capture| {
-            own.path().clone_into(&mut folder.borrow_mut());
+        let judged = run(&plan, place, &watch, taps, |created, capture| {
+            created.path().clone_into(&mut folder.borrow_mut());
             let hosting = Hosting {
-                logs: Some(own.path()),
+                logs: Some(created.path()),
                 ..Hosting::default()
             };
             lockstep::simulate(&plan, &hosting, capture).map(Played::in_virtual_time)

@@ -113,7 +113,7 @@ impl Nodes {
             max - min
         });
         let travels = travel / shipped;
-        let of_drive = |(key, value): (String, Value)| match value {
+        let for_drive = |(key, value): (String, Value)| match value {
             Value::Float(height) if key.contains("{unit}") => (
                 wiring.sensor.measurand.name(&key),
                 (height * travels).into(),
@@ -124,7 +124,7 @@ impl Nodes {
             }
             value => (key, value),
         };
-        fault.into_iter().map(of_drive).collect()
+        fault.into_iter().map(for_drive).collect()
     }
 
     /// Returns the kinds that have a meaning for one of the drives: those of the boot, or all others.
@@ -274,7 +274,7 @@ mod tests {
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 2.0\n[controller.pid]\n\
         [[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
 
-    fn nodes_of(text: &str) -> Nodes {
+    fn nodes(text: &str) -> Nodes {
         let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table")).unwrap();
         Nodes::of(&Plan::new(scenario, catalogue()))
     }
@@ -283,7 +283,7 @@ mod tests {
     fn every_mix_is_valid_and_all_kinds_are_drawn() {
         let mut drawn = BTreeSet::new();
         for seed in 0..1000 {
-            let faults = mix(&mut Stream::new(seed), &nodes_of(BASE), 2.0);
+            let faults = mix(&mut Stream::new(seed), &nodes(BASE), 2.0);
             let case = TortureCase::new(BASE, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.only_loop().unwrap().trial;
@@ -299,7 +299,7 @@ mod tests {
         let base = BASE.replace("sma_actuator", "dc_motor");
         let mut drawn = BTreeSet::new();
         for seed in 0..300 {
-            let faults = mix(&mut Stream::new(seed), &nodes_of(&base), 2.0);
+            let faults = mix(&mut Stream::new(seed), &nodes(&base), 2.0);
             let case = TortureCase::new(&base, &BTreeMap::new(), faults, seed).unwrap();
             let plan = case.plan().unwrap_or_else(|problems| panic!("{problems}"));
             let scenario = &plan.only_loop().unwrap().trial;
@@ -335,7 +335,7 @@ mod tests {
 
     #[test]
     fn a_seed_gives_one_mix() {
-        let draw = |seed| mix(&mut Stream::new(seed), &nodes_of(BASE), 2.0);
+        let draw = |seed| mix(&mut Stream::new(seed), &nodes(BASE), 2.0);
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
     }

@@ -47,12 +47,12 @@ fn violated(invariant: &'static str, text: String) -> Option<BrokenInvariant> {
 pub fn violation(played: &CampaignRun<'_>) -> Option<BrokenInvariant> {
     let loops = played.plan.loops.iter().zip(played.timelines);
     let mut broken = loops.filter_map(|(one, timeline)| {
-        let of_loop = LoopRun {
+        let run = LoopRun {
             control_loop: one,
             timeline,
             frames: played.frames,
         };
-        let BrokenInvariant { invariant, text } = violation_of_loop(&of_loop)?;
+        let BrokenInvariant { invariant, text } = violation_of_loop(&run)?;
         let text = match one.loop_name() {
             Some(name) => format!("{name}: {text}"),
             None => text,
@@ -215,7 +215,7 @@ fn is_excused(trial: &Trial, time_seconds: f64, seconds_max: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::campaign::{of_one_loop, play_one};
+    use crate::campaign::{one_loop_plan, play_one};
     use recording::capture::Watch;
 
     const BASE: &str = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 0.6\n[controller.pid]\n\
@@ -229,7 +229,7 @@ mod tests {
     fn broken(change: impl Fn(&mut Vec<Stamped>, &mut Timeline)) -> Option<String> {
         let text = format!("{BASE}{HARMLESS}");
         let trial = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
-        let found = play_one(0, &of_one_loop(trial), &Watch::default(), |played| {
+        let found = play_one(0, &one_loop_plan(trial), &Watch::default(), |played| {
             let (mut frames, mut timeline) = (
                 played.frames.clone().into_vec(),
                 played.only_timeline().unwrap().clone(),

@@ -164,14 +164,17 @@ impl TortureCase {
         paths
     }
 
-    fn all_of(&mut self, (group, kind, _): &(String, String, usize)) -> Option<&mut Vec<Value>> {
+    fn faults_of_kind(
+        &mut self,
+        (group, kind, _): &(String, String, usize),
+    ) -> Option<&mut Vec<Value>> {
         let kinds = self.document.get_mut("fault")?.get_mut(group)?;
         kinds.get_mut(kind)?.as_array_mut()
     }
 
     fn without(&self, path: &(String, String, usize)) -> Self {
         let mut smaller = self.clone();
-        if let Some(all) = smaller.all_of(path) {
+        if let Some(all) = smaller.faults_of_kind(path) {
             all.remove(path.2);
         }
         smaller.drop_empty();
@@ -218,13 +221,15 @@ impl TortureCase {
     /// Returns the same case with one parameter left out or rounded.
     fn simpler(&self, path: &(String, String, usize)) -> Vec<Self> {
         let mut at = self.clone();
-        let fault = at.all_of(path).and_then(|all| all.get(path.2).cloned());
+        let fault = at
+            .faults_of_kind(path)
+            .and_then(|all| all.get(path.2).cloned());
         let Some(Value::Table(fault)) = fault else {
             return Vec::new();
         };
         let with = |change: &dyn Fn(&mut Table)| {
             let mut smaller = self.clone();
-            let all = smaller.all_of(path);
+            let all = smaller.faults_of_kind(path);
             if let Some(Value::Table(fault)) = all.and_then(|all| all.get_mut(path.2)) {
                 change(fault);
             }
@@ -303,7 +308,7 @@ mod tests {
 
     /// A case with the scenario's name would count as its latest play, and as one that meets its requirements.
     #[test]
-    fn a_case_has_a_name_of_its_own_and_tests_no_requirement() {
+    fn a_case_has_a_new_name_and_tests_no_requirement() {
         let base = BASE.replace("[controller", "requirements = [\"REQ-1\"]\n[controller");
         let case = TortureCase::new(&base, &BTreeMap::new(), Table::new(), 7).unwrap();
         let scenario = &case.plan().unwrap().only_loop().unwrap().trial.clone();

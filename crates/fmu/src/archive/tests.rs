@@ -78,9 +78,9 @@ fn another_platform_is_named() {
 }
 
 #[track_caller]
-fn refused(bytes: Vec<u8>, words: &str) {
+fn refused(bytes: Vec<u8>, message: &str) {
     let fault = read(Cursor::new(bytes)).unwrap_err().to_string();
-    assert!(fault.contains(words), "{fault}");
+    assert!(fault.contains(message), "{fault}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ mod variable;
 use std::collections::BTreeMap;
 
 use crate::error::Fault;
-use crate::unit::{Base, of_symbol};
+use crate::unit::{Base, unit_by_symbol};
 pub use variable::{Causality, Initial, Kind, Variability, Variable};
 
 /// Largest size of a description. Models of a hundred thousand variables have some 20 MB.
@@ -151,10 +151,10 @@ impl Description {
 
     /// Returns a variable's unit in terms of the base units, by the FMU's definition, else by the symbol of the unit.
     #[must_use]
-    pub fn base_of(&self, variable: &Variable) -> Option<Base> {
+    pub fn base_unit(&self, variable: &Variable) -> Option<Base> {
         let unit = variable.unit.as_deref()?;
         let defined = self.units.get(unit).copied().flatten();
-        defined.or_else(|| of_symbol(unit).map(|known| known.base))
+        defined.or_else(|| unit_by_symbol(unit).map(|known| known.base))
     }
 
     /// Returns the features that the FMU needs and that are not supported, as texts.

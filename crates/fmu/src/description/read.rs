@@ -33,7 +33,8 @@ pub(super) fn description(document: &Document<'_>) -> Result<Description, Fault>
         Version::Three => root.required("instantiationToken")?,
     };
     let experiment = root.child("DefaultExperiment");
-    let of_experiment = |name| experiment.map_or(Ok(None), |experiment| experiment.number(name));
+    let experiment_number =
+        |name| experiment.map_or(Ok(None), |experiment| experiment.number(name));
     let others = [
         ("ModelExchange", "model exchange"),
         ("ScheduledExecution", "scheduled execution"),
@@ -50,10 +51,10 @@ pub(super) fn description(document: &Document<'_>) -> Result<Description, Fault>
         co_simulation: root.child("CoSimulation").map(co_simulation).transpose()?,
         other_interfaces: others
             .filter(|(element, _)| root.child(element).is_some())
-            .map(|(_, words)| words)
+            .map(|(_, name)| name)
             .collect(),
-        step_seconds: of_experiment("stepSize")?.filter(|step| *step > 0.0),
-        tolerance: of_experiment("tolerance")?.filter(|tolerance| *tolerance > 0.0),
+        step_seconds: experiment_number("stepSize")?.filter(|step| *step > 0.0),
+        tolerance: experiment_number("tolerance")?.filter(|tolerance| *tolerance > 0.0),
         units: units(&root)?,
         variables: variables(&root, version, &types)?,
     })
@@ -123,15 +124,15 @@ fn base(element: Attributes<'_, '_>) -> Result<Base, Fault> {
 
 fn types<'a>(root: &Attributes<'a, '_>, version: Version) -> Result<Types<'a>, Fault> {
     let mut types = Types::new();
-    for of_type in root
+    for declaration in root
         .child("TypeDefinitions")
         .iter()
         .flat_map(Attributes::elements)
     {
-        let name = of_type.required("name")?;
+        let name = declaration.required("name")?;
         let value = match version {
-            Version::Two => of_type.elements().next(),
-            Version::Three => Some(of_type),
+            Version::Two => declaration.elements().next(),
+            Version::Three => Some(declaration),
         };
         if let Some(value) = value {
             types.insert(name, declared(&value)?);
@@ -200,16 +201,17 @@ fn variable(
     let variability = element.word("variability", Variability::of)?;
     let variability = variability.unwrap_or_else(|| default_variability(causality, kind, version));
     let initial = element.word("initial", Initial::of)?;
-    let of_type = value.text("declaredType").and_then(|name| types.get(name));
-    let own = declared(value)?;
-    let inherited =
-        |pick: fn(&Declared<'_>) -> Option<f64>| pick(&own).or_else(|| of_type.and_then(pick));
+    let type_defaults = value.text("declaredType").and_then(|name| types.get(name));
+    let declared = declared(value)?;
+    let inherited = |pick: fn(&Declared<'_>) -> Option<f64>| {
+        pick(&declared).or_else(|| type_defaults.and_then(pick))
+    };
     let start = value.text("start");
     // Texts of FMI 3.0 are in separate elements.
     let start = start.or_else(|| value.child("Start").and_then(|start| start.text("value")));
-    let unit = own
+    let unit = declared
         .unit
-        .or_else(|| of_type.and_then(|of_type| of_type.unit));
+        .or_else(|| type_defaults.and_then(|type_defaults| type_defaults.unit));
     Ok(Variable {
         name,
         reference,

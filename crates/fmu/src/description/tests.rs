@@ -46,9 +46,9 @@ fn a_description_of_fmi_2_is_read() {
         (x.unit.as_deref(), x.min, x.max),
         (Some("mm"), Some(0.0), Some(60.0))
     );
-    assert_eq!(read.base_of(x).unwrap().factor, 0.001);
+    assert_eq!(read.base_unit(x).unwrap().factor, 0.001);
     // The unit is named but not defined: it is known by its symbol, or not at all.
-    let unit = |name| read.base_of(read.variable(name).unwrap());
+    let unit = |name| read.base_unit(read.variable(name).unwrap());
     assert_eq!(unit("u").unwrap().exponents, [0, 0, 0, 1, 0, 0, 0, 0]);
     assert_eq!(unit("w"), None);
     assert_eq!(
@@ -104,11 +104,11 @@ fn what_is_not_served_says_what_to_do() {
 }
 
 #[track_caller]
-fn refused(from: &str, to: &str, words: &str) {
+fn refused(from: &str, to: &str, message: &str) {
     assert!(TWO.contains(from), "{from}");
     let fault = Description::parse(&TWO.replace(from, to)).unwrap_err();
     let fault = fault.to_string();
-    assert!(fault.contains(words), "{fault}");
+    assert!(fault.contains(message), "{fault}");
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn a_wrong_description_names_its_line() {
 }
 
 #[test]
-fn entities_of_a_document_s_own_are_refused() {
+fn entities_that_a_document_defines_are_refused() {
     let bomb = "<!DOCTYPE b [<!ENTITY a \"aaaaaaaa\"><!ENTITY b \"&a;&a;&a;\">]><fmiModelDescription modelName=\"&b;\"/>";
     let fault = Description::parse(bomb).unwrap_err().to_string();
     assert!(fault.contains("no XML that is taken"), "{fault}");

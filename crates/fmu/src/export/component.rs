@@ -20,7 +20,7 @@ struct Instance {
 
 fn told(tell: &Tell, failure: Failure) -> c_int {
     let status = failure.status();
-    tell(status, &failure.words());
+    tell(status, &failure.message());
     status
 }
 

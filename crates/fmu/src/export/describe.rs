@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::{Model, ModelVariable, Role};
 use crate::description::Version;
-use crate::unit::of_symbol;
+use crate::unit::unit_by_symbol;
 
 /// Names of the base units, in the order of [`crate::unit::Exponents`].
 const BASE_UNITS: [&str; 8] = ["kg", "m", "s", "A", "K", "mol", "cd", "rad"];
@@ -68,7 +68,7 @@ fn units(model: &Model) -> String {
     for known in symbols
         .into_iter()
         .filter(|symbol| !symbol.is_empty())
-        .filter_map(of_symbol)
+        .filter_map(unit_by_symbol)
     {
         xml += &format!("    <Unit{}><BaseUnit", attribute("name", known.symbol));
         for (name, exponent) in BASE_UNITS.into_iter().zip(known.base.exponents) {

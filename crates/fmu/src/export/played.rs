@@ -12,8 +12,8 @@ pub(super) struct Played {
     model: Model,
     /// Numbers, one for each variable; 0 for those that are texts.
     numbers: Vec<f64>,
-    /// Words, one for each variable; those of numbers stay empty.
-    words: Vec<CString>,
+    /// Texts, one for each variable; those of numbers stay empty.
+    texts: Vec<CString>,
     running: Option<Box<dyn Running>>,
     time_seconds: f64,
 }
@@ -36,7 +36,7 @@ impl Played {
         Ok(Self {
             exported,
             numbers: roles().map(number).collect(),
-            words: roles().map(word).collect(),
+            texts: roles().map(word).collect(),
             running: None,
             time_seconds: 0.0,
             model,
@@ -97,7 +97,7 @@ impl Played {
         if !matches!(variable.role, Role::Word { .. }) {
             return Err(format!("{} is a number", variable.name));
         }
-        self.words[place] = word.to_owned();
+        self.texts[place] = word.to_owned();
         Ok(())
     }
 
@@ -122,14 +122,14 @@ impl Played {
     pub(super) fn word(&self, reference: u32) -> Result<&CStr, String> {
         let place = self.place(reference)?;
         match self.model.variables[place].role {
-            Role::Word { .. } => Ok(&self.words[place]),
+            Role::Word { .. } => Ok(&self.texts[place]),
             _ => Err(format!("{} is a number", self.model.variables[place].name)),
         }
     }
 
     fn started(&self) -> Result<Box<dyn Running>, String> {
         let variables = self.model.variables.iter();
-        let values = variables.zip(&self.numbers).zip(&self.words);
+        let values = variables.zip(&self.numbers).zip(&self.texts);
         let parameters = values.filter_map(|((variable, number), word)| match variable.role {
             Role::Number { .. } => Some(StartValue::Number(*number)),
             Role::Word { .. } => Some(StartValue::Text(word.to_string_lossy().into_owned())),
@@ -174,7 +174,7 @@ impl Played {
 pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, Failure> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(value)) => Ok(value),
-        Ok(Err(words)) => Err(Failure::Error(words)),
+        Ok(Err(message)) => Err(Failure::Error(message)),
         Err(_) => Err(Failure::Fatal),
     }
 }
@@ -196,11 +196,11 @@ impl Failure {
         }
     }
 
-    pub(super) fn words(self) -> CString {
-        let words = match self {
-            Self::Error(words) => words,
+    pub(super) fn message(self) -> CString {
+        let message = match self {
+            Self::Error(message) => message,
             Self::Fatal => "the model broke".to_owned(),
         };
-        CString::new(words).unwrap_or_default()
+        CString::new(message).unwrap_or_default()
     }
 }

@@ -36,7 +36,7 @@ pub(super) unsafe extern "C" fn fmi3InstantiateCoSimulation(
     }
     // SAFETY: a text of the importer, by FMI.
     let token = unsafe { CStr::from_ptr(token) }.to_string_lossy();
-    let tell = move |status, words: &CStr| {
+    let tell = move |status, message: &CStr| {
         if let Some(log) = log {
             // SAFETY: the importer's function, with C strings.
             unsafe {
@@ -44,7 +44,7 @@ pub(super) unsafe extern "C" fn fmi3InstantiateCoSimulation(
                     environment,
                     status,
                     c"logStatusError".as_ptr(),
-                    words.as_ptr(),
+                    message.as_ptr(),
                 )
             };
         }

@@ -53,12 +53,21 @@ pub(super) unsafe extern "C" fn fmi2Instantiate(
     };
     let logger = callbacks.and_then(|callbacks| callbacks.logger);
     let environment = callbacks.map_or(null_mut(), |callbacks| callbacks.environment);
-    let tell = move |status, words: &CStr| {
+    let tell = move |status, message: &CStr| {
         if let Some(logger) = logger {
             let (name, category, format) =
                 (name.as_ptr(), c"logStatusError".as_ptr(), c"%s".as_ptr());
             // SAFETY: the importer's logger, with a format and the text that it asks for.
-            unsafe { logger(environment, name, status, category, format, words.as_ptr()) };
+            unsafe {
+                logger(
+                    environment,
+                    name,
+                    status,
+                    category,
+                    format,
+                    message.as_ptr(),
+                )
+            };
         }
     };
     let make = || match kind {

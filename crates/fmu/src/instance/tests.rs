@@ -164,11 +164,11 @@ fn a_refused_step_is_halved_until_it_is_taken() {
 }
 
 #[track_caller]
-fn fails(mut instance: Instance, words: &str) {
+fn fails(mut instance: Instance, message: &str) {
     let error = instance.advance(1.0, &[]).unwrap_err();
     let text = error.to_string();
     assert!(
-        text.starts_with("a.fmu: ") && text.contains(words),
+        text.starts_with("a.fmu: ") && text.contains(message),
         "{text}"
     );
     assert!(error.fault.is_of_run(), "{text}");

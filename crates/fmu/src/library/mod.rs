@@ -51,7 +51,7 @@ impl Status {
     }
 
     /// Returns a text that follows the subject of a sentence.
-    pub(crate) fn words(self) -> String {
+    pub(crate) fn outcome(self) -> String {
         match self {
             Self::Ok => "succeeded".to_owned(),
             Self::Warning => "warned".to_owned(),
@@ -203,7 +203,7 @@ fn whole<T: TryFrom<i64> + Default>(value: f64) -> T {
 }
 
 /// Converts an integer to a float; above 2^53 to the nearest one.
-fn number_of(value: i64) -> f64 {
+fn nearest_float(value: i64) -> f64 {
     #[expect(
         clippy::cast_precision_loss,
         reason = "the nearest is what a port carries"

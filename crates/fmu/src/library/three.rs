@@ -7,7 +7,7 @@ use libloading::os::unix::Library;
 
 use super::loaded::{Calls, Component, Events, Family, Loaded, Numbers, Step};
 use super::log::Log;
-use super::{Made, Status, Stepped, Updated, function, number_of, whole};
+use super::{Made, Status, Stepped, Updated, function, nearest_float, whole};
 use crate::description::Kind;
 use crate::error::Fault;
 
@@ -108,12 +108,12 @@ pub(super) fn instance(library: Library, name: &CStr, made: &Made<'_>) -> Result
 fn numbers(library: &Library) -> Vec<(Kind, Numbers)> {
     #[expect(clippy::cast_possible_truncation, reason = "its own precision")]
     let single = |value| value as f32;
-    let unsigned = |number| number_of(i64::try_from(number).unwrap_or(i64::MAX));
+    let unsigned = |number| nearest_float(i64::try_from(number).unwrap_or(i64::MAX));
     let truth = |value| u8::from(value != 0.0);
     let number = |truth| f64::from(u8::from(truth != 0));
     // SAFETY: the types are those of FMI 3.0.
     unsafe {
-        let int64 = || Numbers::of::<Three, i64>(library, "Int64", whole, number_of);
+        let int64 = || Numbers::of::<Three, i64>(library, "Int64", whole, nearest_float);
         vec![
             (
                 Kind::Float64,

@@ -32,9 +32,9 @@ fn wiring(text: &str) -> Result<Wiring, String> {
 }
 
 #[track_caller]
-fn refused(text: &str, words: &str) {
+fn refused(text: &str, message: &str) {
     let error = wiring(text).unwrap_err();
-    assert!(error.contains(words), "{error}");
+    assert!(error.contains(message), "{error}");
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn the_place_of_what_does_not_fit_is_named() {
 }
 
 #[test]
-fn a_recorded_variable_is_a_port_by_its_own_name_and_a_port_has_the_range_that_is_said() {
+fn a_recorded_variable_keeps_its_name_and_a_port_has_the_range_that_is_said() {
     let wiring = wiring(
         "record = [\"x\"]\n[start]\n\"motor.I\" = 0.25\n[ports]\n\
          drive_milliamperes = { variable = \"motor.I\" }\n\

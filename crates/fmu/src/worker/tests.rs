@@ -99,10 +99,10 @@ fn time_and_inputs_go_and_outputs_come() {
 }
 
 #[track_caller]
-fn fails(script: impl IntoIterator<Item = Does>, in_run: bool, words: &str) {
+fn fails(script: impl IntoIterator<Item = Does>, in_run: bool, message: &str) {
     let error = played(script).unwrap_err();
     let text = error.to_string();
-    assert!(text.contains("a.fmu: ") && text.contains(words), "{text}");
+    assert!(text.contains("a.fmu: ") && text.contains(message), "{text}");
     assert_eq!(error.fault.is_of_run(), in_run, "{text}");
 }
 

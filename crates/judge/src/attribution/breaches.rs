@@ -78,8 +78,8 @@ impl Breach {
         Self {
             duty,
             cycle,
-            from_seconds: begin_of(cycle, period_seconds),
-            until_seconds: begin_of(cycle + 1, period_seconds),
+            from_seconds: cycle_begin(cycle, period_seconds),
+            until_seconds: cycle_begin(cycle + 1, period_seconds),
         }
     }
 }
@@ -89,7 +89,7 @@ impl Breach {
     clippy::cast_precision_loss,
     reason = "cycle numbers stay far below 2^52"
 )]
-pub(crate) fn begin_of(cycle: u64, period_seconds: f64) -> f64 {
+pub(crate) fn cycle_begin(cycle: u64, period_seconds: f64) -> f64 {
     cycle as f64 * period_seconds
 }
 
@@ -98,7 +98,7 @@ pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item
     let mut rows = timeline
         .cycle
         .iter()
-        .zip(timeline.own_position())
+        .zip(timeline.measured_position())
         .peekable();
     let missing =
         (0..due).filter_map(
@@ -111,7 +111,7 @@ pub(super) fn missed_cycles(timeline: &Timeline, due: u64) -> impl Iterator<Item
 }
 
 /// Returns those due cycles in which the command breaks its duty. Both sequences are in order.
-pub(super) fn of_commands(
+pub(super) fn command_breaches(
     timeline: &Timeline,
     breaking: impl Iterator<Item = u64>,
     due: impl Iterator<Item = u64>,

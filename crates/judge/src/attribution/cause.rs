@@ -24,7 +24,8 @@ pub struct NamedCause {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_seconds: Option<f64>,
     /// Description of the cause.
-    pub words: String,
+    #[serde(rename = "words")]
+    pub description: String,
 }
 
 /// Breach that lasts to the end of a run, with its attribution.
@@ -37,22 +38,27 @@ pub(crate) struct Lasting {
 
 impl NamedCause {
     /// Returns the cause for a duty that a node did not do.
-    pub(crate) fn of_node(evidence: &Evidence<'_>, duty: Duty, at: f64, words: String) -> Self {
+    pub(crate) fn by_node(
+        evidence: &Evidence<'_>,
+        duty: Duty,
+        at: f64,
+        description: String,
+    ) -> Self {
         Self {
             node: node_name(evidence, duty.node()).to_owned(),
             duty: duty.name().to_owned(),
             at_seconds: Some(rounded(at)),
-            words,
+            description,
         }
     }
 
     /// Returns the cause for a stall that kept a node from its duty.
-    pub(crate) fn of_stall(evidence: &Evidence<'_>, stretch: &Stretch, duty: &str) -> Self {
+    pub(crate) fn by_stall(evidence: &Evidence<'_>, stretch: &Stretch, duty: &str) -> Self {
         Self {
             node: stalled(evidence, stretch).to_owned(),
             duty: duty.to_owned(),
             at_seconds: Some(rounded(stretch.from_seconds)),
-            words: stretch.words(),
+            description: stretch.description(),
         }
     }
 }
@@ -85,14 +91,14 @@ impl Lasting {
     pub(crate) fn named(&self, evidence: &Evidence<'_>) -> NamedCause {
         let owing = node_name(evidence, self.duty.node());
         let (from, breach) = (self.from_seconds, self.duty.breach());
-        let words = format!("{owing}: {breach} from {from:.3} s on");
+        let description = format!("{owing}: {breach} from {from:.3} s on");
         match self.cause {
-            Cause::Host(stretch) => NamedCause::of_stall(evidence, &stretch, self.duty.name()),
-            Cause::Node(_) => NamedCause::of_node(evidence, self.duty, from, words),
+            Cause::Host(stretch) => NamedCause::by_stall(evidence, &stretch, self.duty.name()),
+            Cause::Node(_) => NamedCause::by_node(evidence, self.duty, from, description),
             Cause::Fault => NamedCause {
                 node: "fault".to_owned(),
-                words: format!("a fault of the scenario ({words})"),
-                ..NamedCause::of_node(evidence, self.duty, from, String::new())
+                description: format!("a fault of the scenario ({description})"),
+                ..NamedCause::by_node(evidence, self.duty, from, String::new())
             },
         }
     }
@@ -100,7 +106,7 @@ impl Lasting {
 
 /// Returns the name of a node in the rig.
 pub(crate) fn node_name<'a>(evidence: &Evidence<'a>, node: Part) -> &'a str {
-    let node = evidence.own.nodes.of(node);
+    let node = evidence.control_loop.nodes.of(node);
     node.map_or("", |node| &node.name)
 }
 
@@ -119,14 +125,14 @@ fn all(evidence: &Evidence<'_>, broke_off: Option<f64>) -> impl Iterator<Item = 
     let until = broke_off.unwrap_or_else(|| evidence.trial.judged_end_seconds());
     let commands = Commands::Missed.totals(evidence);
     // The command of the last cycle may have been due after the end.
-    let of_cycles = lasting(evidence, attribution.cycles(), attribution.due, broke_off);
+    let without_cycles = lasting(evidence, attribution.cycles(), attribution.due, broke_off);
     let due =
         (!Commands::Missed.are_sound(evidence.timeline)).then(|| super::commands_due(evidence));
     let last_commands = due.and_then(Iterator::last).unwrap_or_default();
-    let of_commands = lasting(evidence, &commands, last_commands, broke_off);
-    let stays = of_cycles
+    let without_commands = lasting(evidence, &commands, last_commands, broke_off);
+    let stays = without_cycles
         .into_iter()
-        .chain(of_commands)
+        .chain(without_commands)
         .map(move |stay| Lasting {
             duty: match stay.cause {
                 Cause::Node(duty) => duty,
@@ -174,7 +180,7 @@ fn lasting(
 ) -> Option<Stay> {
     let stay = totals.lasting(cycles.saturating_sub(1))?;
     let count = stay.last_cycle + 1 - stay.first.cycle;
-    let seconds = super::breaches::begin_of(count, evidence.timeline.period_seconds);
+    let seconds = super::breaches::cycle_begin(count, evidence.timeline.period_seconds);
     let lost = evidence.circumstances.unrecorded.frames_lost;
     let is_silence = count.saturating_sub(lost) > SILENT_AT_END.0
         && seconds > SILENT_AT_END.1 + TIME_TOLERANCE_SECONDS;

@@ -121,8 +121,8 @@ fn touched(fault: &Fault, drive: u8) -> Vec<Touched> {
             };
             // The others notice the fault when it begins.
             let noticed = touched(Some(other), from_seconds);
-            let own = (!is_elsewhere).then_some(heartbeats);
-            [Some(noticed), own].into_iter().flatten().collect()
+            let missing = (!is_elsewhere).then_some(heartbeats);
+            [Some(noticed), missing].into_iter().flatten().collect()
         }
     }
 }

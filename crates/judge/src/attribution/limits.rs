@@ -20,7 +20,7 @@ pub(crate) fn open_limits(evidence: &Evidence<'_>, rows: &mut [Metric]) -> Optio
     let busy = (percent > HOST_PERCENT_MAX).then(|| {
         format!(
             "{percent:.2} % of the cycles were missed because of stalls (limit {HOST_PERCENT_MAX} %), the longest when {}: the machine was too busy for real time; try --clock lockstep",
-            longest.words()
+            longest.description()
         )
     });
     let rest = metrics(&evidence.rest(false));
@@ -72,6 +72,6 @@ fn is_nearly_met(value: f64, limit: Limit) -> bool {
 }
 
 fn not_judged_since(stall: &Stretch, names: &str) -> String {
-    let stall = stall.words();
+    let stall = stall.description();
     format!("not judged, since {stall}: {names}; run it again or use --clock lockstep")
 }

@@ -14,7 +14,7 @@ use recording::timeline::{Series, TIME_TOLERANCE_SECONDS, Timeline};
 use scenario::events::Window;
 use scenario::node::Part;
 
-use self::breaches::{Breach, Duty, has_next, missed_cycles, of_commands, served};
+use self::breaches::{Breach, Duty, command_breaches, has_next, missed_cycles, served};
 use self::faults::ScenarioFaults;
 use self::stalls::{FeltStalls, Stretch, stretches};
 use crate::circumstances::Circumstances;
@@ -48,7 +48,7 @@ pub(crate) enum Cause {
 /// Attribution of the breaches of a loop.
 pub(crate) struct Attribution<'a> {
     timeline: &'a Timeline,
-    own: &'a ControlLoop,
+    control_loop: &'a ControlLoop,
     is_real_time: bool,
     /// Number of cycles that should have been played.
     pub(crate) due: u64,
@@ -74,7 +74,7 @@ impl<'a> Attribution<'a> {
             .map(|node| FeltStalls::of(node, &stretches, one, period_seconds));
         let mut attribution = Self {
             timeline,
-            own: one,
+            control_loop: one,
             is_real_time: circumstances.reports.iter().any(Option::is_some),
             due: due(timeline, one, circumstances.ended_early.as_ref()),
             felt,
@@ -83,17 +83,17 @@ impl<'a> Attribution<'a> {
             silent_from: 0,
             cycles: Totals::default(),
         };
-        attribution.cycles = attribution.of_cycles();
+        attribution.cycles = attribution.missed_totals();
         attribution.stood = attribution.standing(circumstances);
         let lasting = attribution.cycles.lasting(attribution.due);
         attribution.silent_from = lasting.map_or(u64::MAX, |stay| stay.first.cycle);
         if attribution.stood.iter().any(Option::is_some) {
-            attribution.cycles = attribution.of_cycles();
+            attribution.cycles = attribution.missed_totals();
         }
         attribution
     }
 
-    fn of_cycles(&self) -> Totals {
+    fn missed_totals(&self) -> Totals {
         let missed = missed_cycles(self.timeline, self.due);
         Totals::of(self.due, self.attributed(missed))
     }
@@ -102,14 +102,14 @@ impl<'a> Attribution<'a> {
     /// overrun. Any node counts if stalls explain four of five missed cycles, since no clock of the machine shows a processor
     /// that the host of a virtual machine took from a running thread.
     fn standing(&self, circumstances: &Circumstances) -> [Option<Option<Stretch>>; 2] {
-        let own = |duty: &Duty| !duty.is_of_external(self.own);
-        let cyclic = Duty::CYCLIC.into_iter().filter(own);
-        let by_own: usize = cyclic.map(|duty| self.cycles.of_node(duty).0).sum();
-        let prevails = by_own > 0 && PREVAILING * by_own <= self.cycles.by_host;
+        let is_by_canrig = |duty: &Duty| !duty.is_of_external(self.control_loop);
+        let cyclic = Duty::CYCLIC.into_iter().filter(is_by_canrig);
+        let by_canrig: usize = cyclic.map(|duty| self.cycles.breaches_by(duty).0).sum();
+        let prevails = by_canrig > 0 && PREVAILING * by_canrig <= self.cycles.by_host;
         [Duty::Sync, Duty::Position].map(|duty| {
             let is_punctual = circumstances.is_punctual(duty.node());
             let longest = self.cycles.longest_stall.filter(|_| prevails);
-            (own(&duty) && (prevails || is_punctual)).then_some(longest)
+            (is_by_canrig(&duty) && (prevails || is_punctual)).then_some(longest)
         })
     }
 
@@ -216,7 +216,7 @@ impl<'a> Attribution<'a> {
     }
 
     fn is_external(&self, node: Part) -> bool {
-        self.own.is_external(node)
+        self.control_loop.is_external(node)
     }
 
     /// Returns whether cycles were missed in a window, and all of them because of stalls.
@@ -279,7 +279,7 @@ impl Commands {
         let breaking = self.breaking(evidence.timeline).iter();
         let mut due = 0;
         let counted = commands_due(evidence).inspect(|_| due += 1);
-        let breaches = of_commands(evidence.timeline, breaking, counted);
+        let breaches = command_breaches(evidence.timeline, breaking, counted);
         let totals = Totals::of(0, attribution.attributed(breaches));
         Totals { due, ..totals }
     }
@@ -289,8 +289,8 @@ fn commands_due(evidence: &Evidence<'_>) -> impl Iterator<Item = u64> {
     let all = evidence.attribution().due;
     let loops = evidence.loops.iter();
     let mut others = Vec::from_iter(loops.map(|(_, timeline)| served(timeline).peekable()));
-    let own = served(evidence.timeline).take_while(move |cycle| *cycle < all);
-    own.filter(move |cycle| others.iter_mut().all(|other| has_next(other, *cycle)))
+    let cycles = served(evidence.timeline).take_while(move |cycle| *cycle < all);
+    cycles.filter(move |cycle| others.iter_mut().all(|other| has_next(other, *cycle)))
 }
 
 /// Totals of the breaches of a run.
@@ -372,7 +372,7 @@ impl Totals {
         }
     }
 
-    fn percent_of(&self, count: usize) -> f64 {
+    fn share_percent(&self, count: usize) -> f64 {
         #[expect(
             clippy::cast_precision_loss,
             reason = "cycle counts stay far below 2^52"
@@ -387,7 +387,7 @@ impl Totals {
 
     /// Returns the percentage of due cycles with a breach: with any, or with one that no stall explains.
     pub(crate) fn percent(&self, with_host: bool) -> f64 {
-        self.percent_of(if with_host {
+        self.share_percent(if with_host {
             self.all
         } else {
             self.all - self.by_host
@@ -400,11 +400,11 @@ impl Totals {
     }
 
     pub(crate) fn percent_by_host(&self) -> f64 {
-        self.percent_of(self.by_host)
+        self.share_percent(self.by_host)
     }
 
     /// Returns the number of breaches of a duty by its node, with the time of the first.
-    fn of_node(&self, duty: Duty) -> (usize, f64) {
+    fn breaches_by(&self, duty: Duty) -> (usize, f64) {
         let mut known = self.by_nodes.iter().filter(|(known, ..)| *known == duty);
         known
             .next()
@@ -417,12 +417,12 @@ impl Totals {
         let lost = usize::try_from(frames_lost).unwrap_or(usize::MAX);
         let all: usize = self.by_nodes.iter().map(|(_, count, _)| count).sum();
         let sure = all.saturating_sub(lost);
-        if sure == 0 || self.percent_of(sure) <= percent_max {
+        if sure == 0 || self.share_percent(sure) <= percent_max {
             return Vec::new();
         }
         let shares = Duty::CYCLIC.into_iter().filter_map(|duty| {
-            let (count, first) = self.of_node(duty);
-            (count > 0).then(|| (duty, self.percent_of(count), first))
+            let (count, first) = self.breaches_by(duty);
+            (count > 0).then(|| (duty, self.share_percent(count), first))
         });
         shares.collect()
     }

@@ -30,7 +30,7 @@ impl Stretch {
     }
 
     /// Describes the stall: `the machine stood still for 45.0 ms at 1.234 s`.
-    pub(crate) fn words(&self) -> String {
+    pub(crate) fn description(&self) -> String {
         format!("{} at {:.3} s", self.stall, self.from_seconds)
     }
 

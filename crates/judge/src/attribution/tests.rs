@@ -138,21 +138,21 @@ fn slow(
             (false, true) => "fault",
             (false, false) => "node",
         };
-        let is_own = doing == "node" && !external.contains(&whose_node);
-        whose.push((f64::from(number) * 0.01, doing, is_own));
+        let is_by_canrig = doing == "node" && !external.contains(&whose_node);
+        whose.push((f64::from(number) * 0.01, doing, is_by_canrig));
     }
     let count = |wanted: fn(&str, bool) -> bool| {
         let is_wanted = |miss: &&(f64, &str, bool)| wanted(miss.1, miss.2);
         whose.iter().filter(is_wanted).count()
     };
     let by_bench = count(|doing, _| doing == "bench");
-    let by_own = count(|_, is_own| is_own);
-    let prevails = by_bench > 0 && 4 * by_own <= by_bench;
+    let by_canrig = count(|_, is_by_canrig| is_by_canrig);
+    let prevails = by_bench > 0 && 4 * by_canrig <= by_bench;
     // A silence to the end is not taken for an unnoticed stall.
     let served = cycles.iter().rposition(|one| *one == Cycle::Served);
     let silent_from = served.map_or(0, |served| served + 1) as f64 * 0.01;
-    let settled = whose.into_iter().map(|(at, doing, is_own)| {
-        let is_stall = prevails && is_own && at < silent_from - 1e-9;
+    let settled = whose.into_iter().map(|(at, doing, is_by_canrig)| {
+        let is_stall = prevails && is_by_canrig && at < silent_from - 1e-9;
         (at, if is_stall { "bench" } else { doing })
     });
     settled.collect()
@@ -243,7 +243,7 @@ fn a_duty_that_is_not_done_has_its_share_and_its_first_time() {
 
 /// Plays a run with a stall in 20 of its cycles, in which a node left out some others.
 #[test]
-fn where_stalls_prevail_what_canrigs_own_nodes_left_out_proves_nothing() {
+fn where_stalls_prevail_frames_that_canrigs_nodes_left_out_prove_nothing() {
     let by_nodes = |left_out: usize, nodes: &[&str]| {
         let mut cycles = vec![Cycle::Served; 100];
         cycles[10..30].fill(Cycle::WithoutSync);
@@ -369,7 +369,7 @@ fn a_window_is_the_hosts_by_what_is_missed_in_it() {
 
 /// The controller was silent from 0.3 to 0.5 s and came back, in real time.
 #[test]
-fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs_own() {
+fn a_silent_node_that_comes_back_stood_still_only_if_it_is_canrigs() {
     let stood = |nodes: &[&str]| {
         let plan = setup(100, &[], nodes);
         let mut timeline = decode(frames(&[Cycle::Served; 100]), &plan)

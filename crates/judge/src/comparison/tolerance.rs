@@ -119,11 +119,11 @@ impl Tolerances<'_> {
         verdicts: [&Verdict; 2],
     ) -> Result<(), UnknownName> {
         let has_signal = |timeline: &Timeline, name: &str| {
-            let own = name.strip_prefix(&timeline.prefix()).unwrap_or(name);
+            let in_loop = name.strip_prefix(&timeline.prefix()).unwrap_or(name);
             let unit = symbol_of(name);
             let mut columns = timeline.columns.iter();
-            own == timeline.measurand.name(SET_POINT)
-                || columns.any(|column| column.name == own || column.unit == unit)
+            in_loop == timeline.measurand.name(SET_POINT)
+                || columns.any(|column| column.name == in_loop || column.unit == unit)
         };
         let is_known = |name: &str| {
             let mut metrics = verdicts.iter().flat_map(|verdict| &verdict.metrics);
@@ -149,14 +149,14 @@ impl Tolerances<'_> {
     }
 
     /// Returns the tolerance of a signal: the user's for it, or for it in all loops, the user's for its unit, or the default.
-    pub(super) fn of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
-        let of_loop = self.given(&format!("{prefix}{name}"));
-        let given = of_loop.or_else(|| self.given(name));
+    pub(super) fn for_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
+        let in_loop = self.given(&format!("{prefix}{name}"));
+        let given = in_loop.or_else(|| self.given(name));
         let given = given.or_else(|| self.given_for(unit));
-        given.unwrap_or_else(|| self.default_of_signal(prefix, name, unit))
+        given.unwrap_or_else(|| self.signal_default(prefix, name, unit))
     }
 
-    fn default_of_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
+    fn signal_default(&self, prefix: &str, name: &str, unit: &str) -> f64 {
         let scale = self.scales.iter().find(|scale| scale.prefix == prefix);
         match scale {
             Some(scale) if name == scale.measurand.name(SET_POINT) => SET_POINT_TOLERANCE,
@@ -171,33 +171,33 @@ impl Tolerances<'_> {
 
     /// Returns the default for a metric in the unit of its loop, by the sensor's range; for a contour, by the largest range of
     /// its loops.
-    fn of_position_metric(&self, name: &str) -> Option<f64> {
+    fn position_metric_default(&self, name: &str) -> Option<f64> {
         let scales = self.scales.iter();
         let ranges = scales.filter(|scale| {
-            let own = name.strip_prefix(&scale.prefix);
-            let own = own.map(|own| own.strip_prefix(TRUE).unwrap_or(own));
+            let in_loop = name.strip_prefix(&scale.prefix);
+            let in_loop = in_loop.map(|in_loop| in_loop.strip_prefix(TRUE).unwrap_or(in_loop));
             let is_contour = name.contains(CONTOUR);
             is_contour && name.contains(scale.measurand.unit.word())
-                || own.is_some_and(|own| is_in_unit_of_loop(own, &scale.measurand))
+                || in_loop.is_some_and(|in_loop| is_in_unit_of_loop(in_loop, &scale.measurand))
         });
         let range = ranges.map(|scale| scale.range).reduce(f64::max);
         range.map(|range| METRIC_SHARE_OF_RANGE * range)
     }
 
-    pub(super) fn of_metric(&self, name: &str, values: [Option<f64>; 2]) -> f64 {
+    pub(super) fn for_metric(&self, name: &str, values: [Option<f64>; 2]) -> f64 {
         self.given(name).unwrap_or_else(|| {
-            let words: Vec<&str> = name.split(['_', ' ']).collect();
-            let of_unit = METRIC_TOLERANCES
+            let parts: Vec<&str> = name.split(['_', ' ']).collect();
+            let default = METRIC_TOLERANCES
                 .iter()
-                .find(|(unit, _)| words.contains(unit));
-            let of_unit = of_unit.map(|(_, tolerance)| *tolerance);
-            let of_unit = self.of_position_metric(name).or(of_unit);
+                .find(|(unit, _)| parts.contains(unit));
+            let default = default.map(|(_, tolerance)| *tolerance);
+            let default = self.position_metric_default(name).or(default);
             let largest = values
                 .into_iter()
                 .flatten()
                 .map(f64::abs)
                 .fold(0.0, f64::max);
-            f64::max(of_unit.unwrap_or(PLAIN_TOLERANCE), METRIC_SHARE * largest)
+            f64::max(default.unwrap_or(PLAIN_TOLERANCE), METRIC_SHARE * largest)
         })
     }
 }
@@ -229,8 +229,8 @@ mod tests {
                     scale("turn.", Unit::Degrees, 120.0),
                 ],
             };
-            let signal = |prefix, name, unit| tolerances.of_signal(prefix, name, unit);
-            let metric = |name| tolerances.of_metric(name, [None, None]);
+            let signal = |prefix, name, unit| tolerances.for_signal(prefix, name, unit);
+            let metric = |name| tolerances.for_metric(name, [None, None]);
             [
                 signal("lift.", "position_millimetres", "mm"),
                 signal("oven.", "position_celsius", "degC"),
@@ -273,27 +273,27 @@ mod tests {
             time_seconds: 0.0,
             scales: vec![scale("", Unit::Millimetres, 60.0)],
         };
-        let of_signal = |name, unit| tolerances.of_signal("", name, unit);
-        assert_eq!(of_signal("position_millimetres", "mm"), 2.0);
-        assert_eq!(of_signal("true_position_millimetres", "mm"), 0.5);
-        assert_eq!(of_signal("martensite_fraction", ""), 0.02);
-        assert_eq!(of_signal("current_amperes", "A"), f64::INFINITY);
-        assert_eq!(of_signal("saturation_on_stop", ""), f64::INFINITY);
+        let for_signal = |name, unit| tolerances.for_signal("", name, unit);
+        assert_eq!(for_signal("position_millimetres", "mm"), 2.0);
+        assert_eq!(for_signal("true_position_millimetres", "mm"), 0.5);
+        assert_eq!(for_signal("martensite_fraction", ""), 0.02);
+        assert_eq!(for_signal("current_amperes", "A"), f64::INFINITY);
+        assert_eq!(for_signal("saturation_on_stop", ""), f64::INFINITY);
         let given = ["position_millimetres=2", "x.position_millimetres=3"];
         let given = given.map(|text| text.parse().unwrap());
-        let of_loops = Tolerances {
+        let two_loops = Tolerances {
             given: &given,
             time_seconds: 0.0,
             scales: Vec::new(),
         };
-        let of_loop = |prefix| of_loops.of_signal(prefix, "position_millimetres", "mm");
-        assert_eq!([of_loop("x."), of_loop("y.")], [3.0, 2.0]);
+        let in_loop = |prefix| two_loops.for_signal(prefix, "position_millimetres", "mm");
+        assert_eq!([in_loop("x."), in_loop("y.")], [3.0, 2.0]);
         assert_eq!(
-            tolerances.of_metric("settling_time_seconds", [Some(0.1), None]),
+            tolerances.for_metric("settling_time_seconds", [Some(0.1), None]),
             0.01
         );
         assert_eq!(
-            tolerances.of_metric("settling_time_seconds", [Some(1.0), Some(2.0)]),
+            tolerances.for_metric("settling_time_seconds", [Some(1.0), Some(2.0)]),
             0.1
         );
         for bad in ["mm", "mm=x", "mm=-1", "mm=nan"] {

@@ -194,11 +194,14 @@ impl Drawn {
             frames.push((micros, CanFrame::new(0x080, &[])));
             if let Some(sent) = &cycle.sent {
                 frames.push((micros + 130, feedback(sent)));
-                let own = [
+                let signals = [
                     ("wire_temperature_celsius", sent.temperature),
                     ("true_position_millimetres", sent.true_position),
                 ];
-                frames.push((micros + TEMPERATURE_MICROS, message("drive_tpdo2", &own)));
+                frames.push((
+                    micros + TEMPERATURE_MICROS,
+                    message("drive_tpdo2", &signals),
+                ));
             }
             if let Some(current) = cycle.command {
                 let command = [("target_current_amperes", current)];

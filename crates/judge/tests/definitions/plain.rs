@@ -161,11 +161,11 @@ impl Plain<'_> {
         };
         let steps = self.steps();
         if !steps.is_empty() {
-            let of_steps = |metric: fn(&Self, &Step) -> Option<f64>| {
+            let worst_step = |metric: fn(&Self, &Step) -> Option<f64>| {
                 worst(steps.iter().map(|step| metric(self, step)).collect())
             };
-            add("settling_time_seconds", of_steps(Self::settling_time));
-            add("overshoot_percent", of_steps(Self::overshoot));
+            add("settling_time_seconds", worst_step(Self::settling_time));
+            add("overshoot_percent", worst_step(Self::overshoot));
         }
         let last = ((self.end - 0.5).max(0.0), self.end);
         let set_points: Vec<f64> = self.within(last).iter().map(|one| one.set_point).collect();
@@ -243,14 +243,16 @@ impl Plain<'_> {
         let samples = self.seen(last)?;
         let parts = (0..100).map(|part| {
             let from = last.0 + f64::from(part) * 0.01;
-            let own = samples
+            let part_samples = samples
                 .iter()
                 .filter(|sample| is_in(sample.time, (from, from + 0.01)));
-            own.map(|sample| sample.position).collect::<Vec<_>>()
+            part_samples
+                .map(|sample| sample.position)
+                .collect::<Vec<_>>()
         });
         let means: Vec<f64> = parts
-            .filter(|own| !own.is_empty())
-            .map(|own| mean(&own))
+            .filter(|part_samples| !part_samples.is_empty())
+            .map(|part_samples| mean(&part_samples))
             .collect();
         let highest = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         Some(highest - means.into_iter().fold(f64::INFINITY, f64::min))

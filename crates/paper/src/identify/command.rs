@@ -142,7 +142,7 @@ fn run(args: &IdentifyArgs) -> Result<Exit, IdentifyFailure> {
             1e3 * metres_rms
         ));
     };
-    let found = search::search(&fit, &fit.values_of(&start), &progress);
+    let found = search::search(&fit, &fit.values_in(&start), &progress);
     drop(activity);
     let found = found.map_err(|error| match error {
         SearchError::Start(_) => IdentifyFailure::new(Exit::Usage)(&error),
@@ -218,7 +218,7 @@ fn known(
 ) -> Result<KnownPlant, IdentifyFailure> {
     let scenario = measurements
         .first()
-        .and_then(|measurement| measurement.own.trial.plant.actuator())
+        .and_then(|measurement| measurement.control_loop.trial.plant.actuator())
         .unwrap_or_default();
     Ok(match &args.known {
         KnownChoice::Nominal => {
@@ -246,7 +246,7 @@ fn differences(plant: &Sma) -> Option<String> {
         .filter(|parameter: &&Parameter| parameter.get(plant) != parameter.get(&nominal))
         .map(|parameter| parameter.path)
         .collect();
-    let of_scenario = [
+    let not_in_model = [
         (
             "heat.latent_heat_joules_per_kilogram",
             plant.heat.latent_heat_joules_per_kilogram
@@ -258,7 +258,7 @@ fn differences(plant: &Sma) -> Option<String> {
             plant.mechanics.stress_strain != nominal.mechanics.stress_strain,
         ),
     ];
-    let differing = of_scenario.into_iter().filter(|(_, differs)| *differs);
+    let differing = not_in_model.into_iter().filter(|(_, differs)| *differs);
     names.extend(differing.map(|(name, _)| name));
     (!names.is_empty()).then(|| {
         format!(
@@ -291,7 +291,7 @@ fn write(
     notes: &[String],
 ) -> Result<PathBuf, Box<dyn std::error::Error>> {
     let first = fit.measurements.first().ok_or("no recording")?;
-    let run = &first.own.trial.run;
+    let run = &first.control_loop.trial.run;
     let plant = fit.plant(&found.statistics.values());
     let arguments = format!(
         "{:?}",
@@ -307,7 +307,7 @@ fn write(
     folder.write(name::PLANT, plant.to_file_text(PLANT)?.as_bytes())?;
     let model = CALIBRATED_LAW.to_owned() + &nominal_model(&plant).to_file_text()?;
     folder.write(name::NOMINAL_MODEL, model.as_bytes())?;
-    let scenario = text_on_shipped_rig(&first.text, &first.own, &plant)?;
+    let scenario = text_on_shipped_rig(&first.text, &first.control_loop, &plant)?;
     folder.write(file::SCENARIO, scenario.as_bytes())?;
     for (table, text) in &first.tables {
         folder.write(table, text.as_bytes())?;

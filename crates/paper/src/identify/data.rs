@@ -14,7 +14,7 @@ use scenario::{ScenarioError, Trial};
 use dbc::scenario_clock::SYNC_COB_ID;
 use plan::{ControlLoop, Plan, Shared};
 use recording::log::{self, Stamped};
-use recording::run_folder::{log_in, own_file};
+use recording::run_folder::{file_in, log_in};
 use recording::session::{FramesError, ReadError, read_plan};
 use recording::timeline::{self, Series, Timeline};
 use worlds::catalogue::catalogue;
@@ -183,7 +183,7 @@ pub struct IdentificationData {
     /// Text of the scenario that was played; empty if there is none.
     pub text: String,
     /// Loop of the recording.
-    pub own: ControlLoop,
+    pub control_loop: ControlLoop,
     /// Tables that the scenario names, by these names.
     pub tables: BTreeMap<String, String>,
     /// Sensor of the recording.
@@ -233,18 +233,18 @@ impl IdentificationData {
         let (log, mut plan) = if metadata.is_dir() {
             let plan = read_plan(path, Some(&[]), catalogue()).map_err(|error| at(error.into()))?;
             let name = log_in(path);
-            let log = own_file(path, name).map_err(|source| {
+            let log = file_in(path, name).map_err(|source| {
                 let name = name.to_owned();
                 at(RecordingFault::Read { name, source })
             });
             (log?, plan)
         } else {
             let scenario = scenario.ok_or_else(|| at(RecordingFault::NoScenario))?;
-            (path.to_owned(), plan_of(scenario).map_err(at)?)
+            (path.to_owned(), load_plan(scenario).map_err(at)?)
         };
         for one in &mut plan.loops {
             if let Some(drive) = &one.real_drive {
-                one.trial.sensor = sensor_of(&drive.real);
+                one.trial.sensor = real_sensor(&drive.real);
             }
         }
         if let Some(database) = database {
@@ -282,12 +282,17 @@ impl IdentificationData {
         Ok(Self::build(path, timeline, only, &plan.shared))
     }
 
-    fn build(path: &Path, timeline: &Timeline, own: &ControlLoop, shared: &Shared) -> Self {
+    fn build(
+        path: &Path,
+        timeline: &Timeline,
+        control_loop: &ControlLoop,
+        shared: &Shared,
+    ) -> Self {
         let mut measurement = Self {
             path: path.to_owned(),
-            sensor: own.trial.sensor.clone(),
+            sensor: control_loop.trial.sensor.clone(),
             text: shared.text.clone(),
-            own: own.clone(),
+            control_loop: control_loop.clone(),
             tables: shared.tables.clone(),
             stretches: Vec::new(),
             times_seconds: Vec::new(),
@@ -349,7 +354,7 @@ impl IdentificationData {
 }
 
 /// Reads the plan of a scenario's file on the emulated rig.
-fn plan_of(path: &Path) -> Result<Plan, RecordingFault> {
+fn load_plan(path: &Path) -> Result<Plan, RecordingFault> {
     let invalid = |error| RecordingFault::Scenario(Box::new(error));
     Plan::load(path, catalogue()).map_err(invalid)
 }
@@ -396,7 +401,7 @@ fn commanded(timeline: &Timeline) -> Series<f64> {
 }
 
 /// Returns the sensor of a real drive, with counts that cover the travel.
-fn sensor_of(real: &RealDrive) -> Sensor {
+fn real_sensor(real: &RealDrive) -> Sensor {
     let step = real.drive.position.resolution;
     let bits = libm::ceil(libm::log2(real.limits.max / step)).clamp(1.0, 24.0);
     #[expect(

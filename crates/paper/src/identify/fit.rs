@@ -91,7 +91,7 @@ impl<'a> Fit<'a> {
 
     /// Returns the values of the parameters in a plant.
     #[must_use]
-    pub fn values_of(&self, plant: &Sma) -> Vec<f64> {
+    pub fn values_in(&self, plant: &Sma) -> Vec<f64> {
         self.parameters
             .iter()
             .map(|parameter| parameter.get(plant))
@@ -183,8 +183,9 @@ impl<'a> Fit<'a> {
         let mut positions = true_metres.iter();
         let expected = self.measurements.iter().flat_map(|measurement| {
             let model = SensorModel::new(&measurement.sensor);
-            let own = positions.by_ref().take(measurement.positions_metres.len());
-            own.map(move |position| model.expected_metres(*position))
+            let positions = positions.by_ref().take(measurement.positions_metres.len());
+            positions
+                .map(move |position| model.expected_metres(*position))
                 .collect::<Vec<_>>()
         });
         expected.collect()

@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn every_parameter_reads_and_writes_its_own_field() {
+    fn every_parameter_reads_and_writes_its_field() {
         let nominal = toml::Table::try_from(Sma::default()).unwrap();
         for parameter in &ALL {
             let value = parameter.get(&Sma::default());

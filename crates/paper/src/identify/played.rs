@@ -17,21 +17,21 @@ const LOOP: &str = "position";
 /// The text is not TOML, or TOML cannot express a value.
 pub fn text_on_shipped_rig(
     text: &str,
-    own: &ControlLoop,
+    control_loop: &ControlLoop,
     plant: &Sma,
 ) -> Result<String, Box<dyn std::error::Error>> {
     let mut table: Table = text.parse()?;
     table.remove("plant");
     table.remove("node");
     table.insert("rig".to_owned(), RIG.into());
-    let bus = Value::try_from(&own.trial.run.bus)?;
+    let bus = Value::try_from(&control_loop.trial.run.bus)?;
     table.insert("bus".to_owned(), bus);
-    let names = names(own);
+    let names = names(control_loop);
     for section in ["controller", "expect"] {
         if let Some(Value::Table(by_loop)) = table.get_mut(section)
-            && let Some(of_loop) = by_loop.remove(&own.trial.wiring.of_loop)
+            && let Some(table) = by_loop.remove(&control_loop.trial.wiring.of_loop)
         {
-            by_loop.insert(LOOP.to_owned(), of_loop);
+            by_loop.insert(LOOP.to_owned(), table);
         }
     }
     for section in ["reference", "disturbance", "fault"] {
@@ -43,12 +43,12 @@ pub fn text_on_shipped_rig(
         resolution_bits,
         span,
         noise_rms,
-    } = own.trial.sensor;
+    } = control_loop.trial.sensor;
     let Amplifier {
         range: CurrentRange { rated, min, max },
         resolution_bits: amplifier_bits,
         ..
-    } = own.trial.amplifier;
+    } = control_loop.trial.amplifier;
     let table = toml::to_string(&table)?;
     let plant = plant.to_file_text(PLANT)?;
     Ok(format!(
@@ -58,14 +58,14 @@ pub fn text_on_shipped_rig(
 }
 
 /// Returns the names of the loop and its nodes, each with the corresponding name of the rig that ships.
-fn names(own: &ControlLoop) -> Vec<(&str, String)> {
-    let nodes = &own.nodes;
+fn names(control_loop: &ControlLoop) -> Vec<(&str, String)> {
+    let nodes = &control_loop.nodes;
     let shipped = LoopNodes::default();
     let named = nodes
         .all()
         .filter_map(|node| Some((node.name.as_str(), shipped.of(node.part)?.name.clone())));
-    let own_loop = (own.trial.wiring.of_loop.as_str(), LOOP.to_owned());
-    [own_loop].into_iter().chain(named).collect()
+    let loop_name = (control_loop.trial.wiring.of_loop.as_str(), LOOP.to_owned());
+    [loop_name].into_iter().chain(named).collect()
 }
 
 /// Replaces the names in a value by those of the rig that ships.

@@ -35,7 +35,7 @@ pub fn markdown(fit: &Fit<'_>, found: &Solution, notes: &[String]) -> String {
         text += &format!(
             "- `{}`: {}, {:.1} s, {} positions\n",
             measurement.path.display(),
-            measurement.own.trial.run.name,
+            measurement.control_loop.trial.run.name,
             measurement
                 .times_seconds
                 .last()

@@ -61,17 +61,17 @@ fn averages(times: &[&[f64]], values: &[f64], span_seconds: f64) -> Vec<f64> {
     let mut rest = values;
     let mut averages = Vec::new();
     for times in times {
-        let (mut own, after) = rest.split_at(times.len());
+        let (mut left, after) = rest.split_at(times.len());
         rest = after;
         let mut times = *times;
         while let Some(start) = times.first() {
             let count = times
                 .partition_point(|time| *time < start + span_seconds)
                 .max(1);
-            let (mean, later) = own.split_at(count);
+            let (mean, later) = left.split_at(count);
             #[expect(clippy::cast_precision_loss, reason = "some hundred positions")]
             averages.push(mean.iter().sum::<f64>() / count as f64);
-            (own, times) = (later, &times[count..]);
+            (left, times) = (later, &times[count..]);
         }
     }
     averages

@@ -378,14 +378,14 @@ pub fn sensor_metres_rms(fit: &Fit<'_>, true_metres: &[f64]) -> f64 {
 fn sensor_errors(fit: &Fit<'_>, true_metres: &[f64], replica: u32) -> Vec<f64> {
     let mut positions = true_metres.iter();
     let errors = fit.measurements.iter().flat_map(|measurement| {
-        let own: Vec<f64> = positions
+        let trace: Vec<f64> = positions
             .by_ref()
             .take(measurement.positions_metres.len())
             .copied()
             .collect();
         trace_errors(
             &measurement.sensor,
-            &own,
+            &trace,
             measurement.sensor_step_metres(),
             replica,
         )

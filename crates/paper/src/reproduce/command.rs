@@ -10,7 +10,7 @@ use super::experiment::{Effort, Experiment, Kept};
 use super::quantity::Quantity;
 use super::result::ExperimentResult;
 use super::{cooling, material, page, response, ripple, robustness, sensitivity};
-use campaigns::campaign::{Campaign, FailedRun, Interrupted, of_one_loop};
+use campaigns::campaign::{Campaign, FailedRun, Interrupted, one_loop_plan};
 use recording::run_folder::{RunFolder, WriteError, file};
 use runner::console::{Spinner, print, print_error, print_text};
 use runner::exit::Exit;
@@ -94,7 +94,7 @@ fn play(
         .iter()
         .flat_map(|experiment| &experiment.runs)
         .collect();
-    let plans = runs.iter().map(|run| of_one_loop(run.scenario.clone()));
+    let plans = runs.iter().map(|run| one_loop_plan(run.scenario.clone()));
     Campaign::on_all_cores(is_shown).play(plans, |played| runs[played.index].keep(played))
 }
 

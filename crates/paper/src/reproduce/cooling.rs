@@ -98,11 +98,11 @@ fn cooled_by(convection: f64, conduction: Option<f64>) -> Trial {
     trial.run_mut().duration_seconds = 10.0 + COOLING_SECONDS;
     let mut wire = Sma::default();
     wire.heat.convection_watts_per_square_metre_kelvin = convection;
-    let own = wire.heat.conduction_watts_per_metre_kelvin;
-    wire.heat.conduction_watts_per_metre_kelvin = conduction.unwrap_or(own);
+    let nominal = wire.heat.conduction_watts_per_metre_kelvin;
+    wire.heat.conduction_watts_per_metre_kelvin = conduction.unwrap_or(nominal);
     if let Some(law) = &mut trial.controller.sliding_mode {
         law.nominal_model.convection_watts_per_square_metre_kelvin = convection;
-        law.nominal_model.conduction_watts_per_metre_kelvin = conduction.unwrap_or(own);
+        law.nominal_model.conduction_watts_per_metre_kelvin = conduction.unwrap_or(nominal);
     }
     if conduction.is_some() || convection != CONVECTIONS[0] {
         trial.expect = Expect::default();

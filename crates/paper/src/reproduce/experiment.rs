@@ -336,15 +336,15 @@ impl Kept {
     #[must_use]
     pub fn model(&self) -> Option<Model> {
         let controller = &self.scenario.controller;
-        let of_ours = controller
+        let shipped = controller
             .sliding_mode
             .as_ref()
             .map(|law| &law.nominal_model);
-        let of_papers = controller
+        let printed = controller
             .sliding_mode_paper
             .as_ref()
             .map(|law| &law.nominal_model);
-        let model = of_ours.or(of_papers)?;
+        let model = shipped.or(printed)?;
         let plant = self.scenario.plant.actuator()?;
         Some(if is_equal(model, &plant) {
             Model::EqualsThePlant
@@ -411,16 +411,16 @@ impl Figure {
     /// Makes a plot of the currents of these runs over time, the first on top.
     #[must_use]
     pub fn currents(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
-        Self::new(title, "A", "time (s)").of_runs(runs, |signals| &signals.current_amperes)
+        Self::new(title, "A", "time (s)").with_runs(runs, |signals| &signals.current_amperes)
     }
 
     /// Makes a plot of the temperatures of the wire in these runs over time, the first on top.
     #[must_use]
     pub fn temperatures(title: impl Into<String>, runs: &[(&Kept, Colour)]) -> Self {
-        Self::new(title, "°C", "time (s)").of_runs(runs, |signals| &signals.temperature_celsius)
+        Self::new(title, "°C", "time (s)").with_runs(runs, |signals| &signals.temperature_celsius)
     }
 
-    fn of_runs(mut self, runs: &[(&Kept, Colour)], values: fn(&Signals) -> &Vec<f64>) -> Self {
+    fn with_runs(mut self, runs: &[(&Kept, Colour)], values: fn(&Signals) -> &Vec<f64>) -> Self {
         for (run, colour) in runs.iter().rev() {
             let times = &run.signals.time_seconds;
             self.line(&run.label, *colour, times, values(&run.signals));

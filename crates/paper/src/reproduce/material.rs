@@ -263,7 +263,7 @@ fn fit(measurement: &IdentificationData) -> Fit<'_> {
 /// Returns the start values from the paper's Sec. 3.
 fn a_priori(fit: &Fit<'_>) -> Result<Vec<f64>, String> {
     let plant = Start::Section3.plant().map_err(|error| error.to_string())?;
-    Ok(fit.values_of(&plant))
+    Ok(fit.values_in(&plant))
 }
 
 fn search(run: &Kept) -> Result<FitStatistics, String> {
@@ -356,10 +356,10 @@ fn found_in_ramp(statistics: &FitStatistics) -> Vec<Quantity> {
         .zip(&statistics.estimates)
         .flat_map(|(parameter, estimate)| {
             let error = 100.0 * estimate.standard_error / estimate.value.abs();
-            let of_error = format!("{}, {of}", parameter.symbol);
+            let error_name = format!("{}, {of}", parameter.symbol);
             [
                 Quantity::derived(parameter.key(), of, Ok(estimate.value), None),
-                Quantity::derived("standard_error_percent", of_error, Ok(error), None),
+                Quantity::derived("standard_error_percent", error_name, Ok(error), None),
             ]
         });
     numbers.chain(residuals(of, statistics)).collect()

@@ -155,7 +155,7 @@ fn bandwidth(effort: Effort) -> Experiment {
         Effort::Full => 1,
         Effort::Reduced => FREQUENCIES_HERTZ.len().div_ceil(FREQUENCIES_REDUCED),
     };
-    let of_law = |law: ComparedLaw| {
+    let sweep = |law: ComparedLaw| {
         // Frequencies are chosen from the highest on, so that few of them still show the fall of the gain.
         let frequencies = FREQUENCIES_HERTZ.into_iter().rev().step_by(every);
         let base = law.plays(&base);
@@ -168,7 +168,7 @@ fn bandwidth(effort: Effort) -> Experiment {
         runs.collect::<Vec<_>>().into_iter().rev()
     };
     let twin = bases::twin();
-    let of_twin = of_law(ComparedLaw::SlidingMode).map(|run| PlannedRun {
+    let on_twin = sweep(ComparedLaw::SlidingMode).map(|run| PlannedRun {
         label: ComparedLaw::SlidingMode.on_twin(),
         scenario: Trial {
             plant: twin.clone(),
@@ -185,8 +185,8 @@ fn bandwidth(effort: Effort) -> Experiment {
                too; with the mean kept, a search with full knowledge of the plant reaches 3.7 Hz. The paper gives its cut-off frequencies without the amplitude.",
         runs: ComparedLaw::ALL
             .into_iter()
-            .flat_map(of_law)
-            .chain(of_twin)
+            .flat_map(sweep)
+            .chain(on_twin)
             .collect(),
         evaluate: responses,
     }
@@ -206,15 +206,15 @@ struct Response {
 
 impl Response {
     fn new(law: ComparedLaw, label: &str, colour: Colour, runs: &[Kept]) -> Self {
-        let own = || runs.iter().filter(|run| run.label == label);
+        let labelled = || runs.iter().filter(|run| run.label == label);
         let values =
-            |name: &'static str| own().map(move |run| run.metric(name).unwrap_or(f64::NAN));
+            |name: &'static str| labelled().map(move |run| run.metric(name).unwrap_or(f64::NAN));
         Self {
             law,
             label: label.to_owned(),
             colour,
-            model: own().next().and_then(Kept::model),
-            hertz: own().filter_map(hertz).collect(),
+            model: labelled().next().and_then(Kept::model),
+            hertz: labelled().filter_map(hertz).collect(),
             gain: values("sine_gain").collect(),
             phase_degrees: values("sine_phase_degrees").collect(),
             offset_millimetres: values("sine_offset_millimetres").collect(),
@@ -364,10 +364,10 @@ fn fan() -> Experiment {
                 &[("maximum_deviation_millimetres", "plot")],
             );
             let paper = [("maximum_deviation_millimetres", "plot")];
-            let of_open = open
+            let open_numbers = open
                 .iter()
                 .flat_map(|run| run.numbers(&DISTURBANCE_METRICS[..1], &paper));
-            numbers.extend(of_open);
+            numbers.extend(open_numbers);
             let colours = [Colour::Run(1), Colour::Run(2), Colour::Run(3)];
             let open = Vec::from_iter(open.iter().zip(colours));
             let shown: Vec<(&Kept, Colour)> = coloured(closed);
@@ -457,7 +457,7 @@ fn coloured(runs: &[Kept]) -> Vec<(&Kept, Colour)> {
 
 /// Returns these metrics of each run; those of `sliding_mode` have the paper's values.
 fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
-    let of_run = |run: &Kept| {
+    let run_numbers = |run: &Kept| {
         let paper = if run.label == ComparedLaw::SlidingMode.name() {
             paper
         } else {
@@ -465,7 +465,7 @@ fn numbers(runs: &[Kept], metrics: &[&str], paper: &Paper) -> Vec<Quantity> {
         };
         run.numbers(metrics, paper)
     };
-    runs.iter().flat_map(of_run).collect()
+    runs.iter().flat_map(run_numbers).collect()
 }
 
 #[cfg(test)]

@@ -23,8 +23,8 @@ impl ExperimentResult {
     pub(crate) fn headline(&self) -> Vec<&Quantity> {
         let numbers = &self.evaluation.numbers;
         let is_compared = |name: &str| {
-            let mut own = numbers.iter().filter(|number| number.name() == name);
-            own.any(Quantity::is_compared)
+            let mut named = numbers.iter().filter(|number| number.name() == name);
+            named.any(Quantity::is_compared)
         };
         let headline = numbers.iter().filter(|number| is_compared(number.name()));
         headline.collect()

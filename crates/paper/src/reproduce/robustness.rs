@@ -82,7 +82,7 @@ fn plants(effort: Effort) -> Experiment {
             ..plant
         })
         .collect();
-    let of_contestant = |contestant: Contestant| {
+    let contestant_runs = |contestant: Contestant| {
         let controller = contestant.controller.map(|of| of());
         let played = plants.iter().map(move |plant| {
             let mut trial = contestant.law.plays(plant);
@@ -102,7 +102,7 @@ fn plants(effort: Effort) -> Experiment {
                loop hunts if its position swings by more than 0.25 mm in the last 5 s, and by 0.9 of the 5 s before at least: else it comes to \
                rest. The shipped PID is tuned on one plant; the other one over plants (scenarios/sweeps/pid.toml). The paper says in one \
                sentence that its controller is robust.",
-        runs: CONTESTANTS.into_iter().flat_map(of_contestant).collect(),
+        runs: CONTESTANTS.into_iter().flat_map(contestant_runs).collect(),
         evaluate: distributions,
     }
 }
@@ -122,12 +122,12 @@ fn distributions(runs: &[Kept]) -> Evaluation {
     let mut rows = Vec::new();
     for contestant in CONTESTANTS {
         let law = contestant.law;
-        let own: Vec<&Kept> = runs
+        let kept: Vec<&Kept> = runs
             .iter()
             .filter(|run| run.label == contestant.label)
             .collect();
         let sorted = |name: &str| {
-            let mut values: Vec<f64> = own
+            let mut values: Vec<f64> = kept
                 .iter()
                 .map(|run| run.metric(name).unwrap_or(f64::INFINITY))
                 .collect();
@@ -137,8 +137,9 @@ fn distributions(runs: &[Kept]) -> Evaluation {
         let times = sorted("settling_time_seconds");
         let peaks = sorted("overshoot_percent");
         #[expect(clippy::cast_precision_loss, reason = "at most some hundred")]
-        let count = |is_one: fn(&Kept) -> bool| own.iter().filter(|run| is_one(run)).count() as f64;
-        let of = format!("{}, {} plants", contestant.label, own.len());
+        let count =
+            |is_one: fn(&Kept) -> bool| kept.iter().filter(|run| is_one(run)).count() as f64;
+        let of = format!("{}, {} plants", contestant.label, kept.len());
         let limit = |max| at_most(max).filter(|_| law == ComparedLaw::SlidingMode);
         let [time_max, peak_max] = TARGETS;
         let (unsettled, hunting) = (count(is_unsettled), count(hunts));
@@ -154,7 +155,7 @@ fn distributions(runs: &[Kept]) -> Evaluation {
                 Quantity::derived("unsettled_plants", &*of, Ok(unsettled), limit(0.0)),
                 Quantity::derived("hunting_plants", &*of, Ok(hunting), limit(0.0)),
             ]
-            .map(|number| number.with_model(own.first().and_then(|run| run.model()))),
+            .map(|number| number.with_model(kept.first().and_then(|run| run.model()))),
         );
         rows.push(
             [contestant.label.to_owned()]

@@ -110,7 +110,7 @@ pub(super) fn experiments(effort: Effort) -> Vec<Experiment> {
                    from 24 to 33 rad/s the paper's λ, φ and KSM give 0.21 to 0.27 s, and so its 0.23 s. Its overshoot of 0.6 % comes out with \
                    none of them. The last row is Eq. (14) as it is printed (PAPER E4): it does not settle.",
             runs: filters(FILTERS.into_iter().take(count + 2)),
-            evaluate: of_filters,
+            evaluate: filter_evaluation,
         },
     ]
 }
@@ -133,10 +133,10 @@ fn on_rigs<T: Copy>(
 }
 
 fn launches(jerks: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
-    let of_jerk = |jerk: f64| {
+    let launch = |jerk: f64| {
         LAUNCH_BASES.map(|base| reported(format!("{jerk} m/s³"), with_launch_jerk(&base(), jerk)))
     };
-    jerks.flat_map(of_jerk).collect()
+    jerks.flat_map(launch).collect()
 }
 
 /// Returns the step under the paper's law with each filter, and as printed.
@@ -158,15 +158,15 @@ fn filters(poles: impl Iterator<Item = f64>) -> Vec<PlannedRun> {
     with_filter.chain([printed]).collect()
 }
 
-fn of_filters(runs: &[Kept]) -> Evaluation {
+fn filter_evaluation(runs: &[Kept]) -> Evaluation {
     let filtered = runs.iter().filter_map(|run| {
         let law = run.scenario.controller.sliding_mode_paper.as_ref()?;
         (!law.as_printed).then_some((law.reference_filter_radians_per_second, run))
     });
     let filtered = Vec::from_iter(filtered);
     let figure = |title: &str, unit, metric: &str| {
-        let of_run = |(poles, run): &(f64, &Kept)| Some((*poles, run.metric(metric)?));
-        let (x, y): (Vec<f64>, Vec<f64>) = filtered.iter().filter_map(of_run).unzip();
+        let point = |(poles, run): &(f64, &Kept)| Some((*poles, run.metric(metric)?));
+        let (x, y): (Vec<f64>, Vec<f64>) = filtered.iter().filter_map(point).unzip();
         let mut figure = Figure::new(title, unit, "poles of the reference filter (rad/s)");
         figure.line(metric, ComparedLaw::SlidingModePaper.colour(), &x, &y);
         figure

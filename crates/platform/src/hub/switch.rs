@@ -112,10 +112,10 @@ impl Switch {
                 return;
             }
         };
-        let own_user =
+        let is_same_user =
             socket_peercred(&socket).is_ok_and(|peer| peer.uid == rustix::process::geteuid());
         let free = self.clients.iter().position(Option::is_none);
-        match free.filter(|_| own_user) {
+        match free.filter(|_| is_same_user) {
             Some(index) if watch(&self.epoll, &socket, index as u64).is_ok() => {
                 self.clients[index] = Some(Client {
                     socket,
@@ -235,14 +235,15 @@ mod tests {
     #[test]
     fn all_that_a_client_sent_is_received_although_it_left_with_frames_unread() {
         let kind = SocketType::SEQPACKET;
-        let (own, its) = socketpair(AddressFamily::UNIX, kind, SocketFlags::CLOEXEC, None).unwrap();
-        send(&own, b"unread", SendFlags::empty()).unwrap();
+        let (server, client_end) =
+            socketpair(AddressFamily::UNIX, kind, SocketFlags::CLOEXEC, None).unwrap();
+        send(&server, b"unread", SendFlags::empty()).unwrap();
         for said in [&b"first"[..], b"last one"] {
-            send(&its, said, SendFlags::empty()).unwrap();
+            send(&client_end, said, SendFlags::empty()).unwrap();
         }
-        drop(its);
+        drop(client_end);
         let client = Client {
-            socket: own,
+            socket: server,
             filters: None,
             dropped: 0,
             dropped_reported: 0,

@@ -149,7 +149,7 @@ impl Follower<'_> {
             Request::Stop { at } => self.stepper.stop(node, at, &mut self.answer)?,
         }
         if let Some(wire) = &mut self.wire {
-            wire.expect_own(&self.answer.frames);
+            wire.expect_echoes(&self.answer.frames);
         }
         Ok(())
     }
@@ -178,7 +178,7 @@ struct Wire<'a> {
     filters: Vec<can::Filter>,
     /// Frames of this node that its own filters accept. The coordinator puts them on the wire, so they come back here, but are
     /// not delivered. The oldest are forgotten, since a fault may keep a frame off the wire.
-    own: Vec<CanFrame>,
+    echoes: Vec<CanFrame>,
 }
 
 impl<'a> Wire<'a> {
@@ -186,7 +186,7 @@ impl<'a> Wire<'a> {
         Self {
             bus,
             filters: node.filters_as_configured(),
-            own: Vec::with_capacity(FRAMES_MAX),
+            echoes: Vec::with_capacity(FRAMES_MAX),
         }
     }
 
@@ -212,8 +212,8 @@ impl<'a> Wire<'a> {
             if arrived == announced {
                 return Ok(arrived);
             }
-            if let Some(index) = self.own.iter().position(|own| *own == arrived) {
-                self.own.remove(index);
+            if let Some(index) = self.echoes.iter().position(|echo| *echo == arrived) {
+                self.echoes.remove(index);
                 continue;
             }
             clock.get_or_insert_with(Clock::start);
@@ -224,13 +224,13 @@ impl<'a> Wire<'a> {
     }
 
     /// Remembers the frames that will come back.
-    fn expect_own(&mut self, queued: &[(Duration, CanFrame)]) {
+    fn expect_echoes(&mut self, queued: &[(Duration, CanFrame)]) {
         for (_, frame) in queued {
             if self.filters.iter().any(|filter| filter.accepts(frame)) {
-                if self.own.len() == FRAMES_MAX {
-                    self.own.remove(0);
+                if self.echoes.len() == FRAMES_MAX {
+                    self.echoes.remove(0);
                 }
-                self.own.push(*frame);
+                self.echoes.push(*frame);
             }
         }
     }

@@ -7,8 +7,8 @@ use can::{CanFrame, Filter, FilterSet, Progress};
 
 use super::answer::Answer;
 use crate::seat::{
-    FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, name_of, split_of, text_of,
-    write_name,
+    FAILED, Header, Kind, MAGIC, Misread, NEVER, STOPPED, VERSION, fitting_text, read_hello_name,
+    split, write_name,
 };
 
 /// Largest number of frames in one message.
@@ -93,7 +93,7 @@ pub(super) fn encode_hello(packet: &mut Vec<u8>, hello: &Hello) -> Result<(), Mi
 
 /// Reads HELLO.
 pub(super) fn decode_hello(packet: &[u8]) -> Result<Hello, Misread> {
-    let (header, name, rest) = name_of(packet, BUS_SEAT)?;
+    let (header, name, rest) = read_hello_name(packet, BUS_SEAT)?;
     let count = counted(header.count.into(), FILTERS_MAX, "filters", COUNT_AT)?;
     let flags = packet[FLAGS_AT];
     if flags & !ERRORS_TOO != 0 {
@@ -141,7 +141,7 @@ pub(super) fn encode_welcome(
 
 /// Reads the quiet filters of WELCOME.
 pub(super) fn decode_welcome(packet: &[u8]) -> Result<Vec<Filter>, Misread> {
-    let (header, body) = split_of(packet, Kind::Welcome)?;
+    let (header, body) = split(packet, Kind::Welcome)?;
     ends_at(packet, 40 + usize::from(header.count) * FILTER_BYTES)?;
     Ok(filters(&body[24..]))
 }
@@ -187,7 +187,7 @@ pub(super) fn decode_request(
         ends_at(packet, BODY_AT)?;
         return Ok((header.number, Request::Stop { at: time }));
     }
-    let (header, body) = split_of(packet, Kind::Grant)?;
+    let (header, body) = split(packet, Kind::Grant)?;
     let until = time_in(packet, body)?;
     let rest = read_records(packet, header.count.into(), frames)?;
     ends_at(packet, packet.len() - rest.len())?;
@@ -203,7 +203,7 @@ pub(super) fn encode_done(
     let (a, text) = match &answer.progress {
         Progress::Running => (0, ""),
         Progress::Stopped => (STOPPED, ""),
-        Progress::Failed(text) => (FAILED, text_of(text)),
+        Progress::Failed(text) => (FAILED, fitting_text(text)),
     };
     let header = Header {
         a,
@@ -226,7 +226,7 @@ pub(super) fn decode_done(
     quiet: &FilterSet,
     answer: &mut Answer,
 ) -> Result<(), Misread> {
-    let (header, body) = split_of(packet, Kind::Done)?;
+    let (header, body) = split(packet, Kind::Done)?;
     if header.number != asked.number {
         let what = format!("number {}, and {} was asked", header.number, asked.number);
         return Err(Misread::new(4, what));

@@ -246,7 +246,7 @@ fn wrong(packet: &[u8]) -> Option<String> {
     misread.err().map(|misread: Misread| misread.to_string())
 }
 
-fn answer_of(frames: &[(Duration, CanFrame)], reached: Duration) -> Answer {
+fn answer_with(frames: &[(Duration, CanFrame)], reached: Duration) -> Answer {
     Answer {
         frames: frames.to_vec(),
         next_deadline: None,
@@ -263,7 +263,7 @@ fn done(answer: &Answer) -> Vec<u8> {
 
 #[test]
 fn malformed_answers_are_named_with_their_byte() {
-    let packet = done(&answer_of(&[(MS, ping(1))], ms(2)));
+    let packet = done(&answer_with(&[(MS, ping(1))], ms(2)));
     assert_eq!(packet.len(), 48);
     assert_eq!(wrong(&packet), None);
     for end in 0..packet.len() {
@@ -332,13 +332,13 @@ fn an_answer_keeps_to_the_time_that_was_granted() {
             Some("byte 24: frame 100#01 at 3ms, which lies outside 0ns to 2ms"),
         ),
     ] {
-        let packet = done(&answer_of(frames, reached));
+        let packet = done(&answer_with(frames, reached));
         assert_eq!(wrong(&packet).as_deref(), said);
     }
     // A node that stops need not continue.
     let stopped = Answer {
         progress: Progress::Stopped,
-        ..answer_of(&[], MS)
+        ..answer_with(&[], MS)
     };
     assert_eq!(wrong(&done(&stopped)), None);
 }
@@ -423,7 +423,7 @@ fn a_process_whose_deadline_does_not_move_is_named() {
         while receive_packet(&theirs, &mut packet).is_ok() && !packet.is_empty() {
             let (number, _) = decode_request(&packet, &mut Vec::new()).unwrap();
             let mut done = Vec::new();
-            let answer = answer_of(&[], MS);
+            let answer = answer_with(&[], MS);
             encode_done(
                 &mut done,
                 number,
@@ -542,7 +542,7 @@ fn send(channel: &OwnedFd, packet: &[u8]) {
 }
 
 #[test]
-fn own_frames_that_come_back_are_not_delivered() {
+fn echoed_frames_are_not_delivered() {
     struct Talker(VecDeque<CanFrame>, Vec<CanFrame>, Option<Duration>);
     impl can::Node for Talker {
         fn filters(&self) -> Vec<Filter> {

@@ -194,7 +194,7 @@ fn the_loop_allocates_nothing_after_its_start() {
 }
 
 #[test]
-fn a_node_that_fails_ends_the_loop_with_its_words() {
+fn a_node_that_fails_ends_the_loop_with_its_message() {
     let mut bench = bench(Echo::new(MS));
     bench.other.send(&CanFrame::new(0x1FF, &[])).unwrap();
     let error = bench.echo.join().unwrap().1.unwrap_err();

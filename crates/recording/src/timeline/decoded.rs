@@ -107,7 +107,7 @@ pub struct Timeline {
     pub last_frame_seconds: f64,
     /// Indices of columns that every recording has.
     pub(super) position: usize,
-    pub(super) own_position: usize,
+    pub(super) measured_position: usize,
     pub(super) current: usize,
 }
 
@@ -133,8 +133,8 @@ impl Timeline {
 
     /// Returns the quantity that the drive of the loop measures itself; the same as [`Self::position`] if the loop follows it.
     #[must_use]
-    pub fn own_position(&self) -> &Series<f64> {
-        &self.columns[self.own_position].values
+    pub fn measured_position(&self) -> &Series<f64> {
+        &self.columns[self.measured_position].values
     }
 
     /// Returns the measured current in amperes.
@@ -221,7 +221,7 @@ impl Timeline {
             return 0.0;
         }
         let is_served = |position: &f64| !position.is_nan();
-        let served = self.own_position().iter().filter(is_served).count();
+        let served = self.measured_position().iter().filter(is_served).count();
         #[expect(
             clippy::cast_precision_loss,
             reason = "cycle counts stay far below 2^52"
@@ -268,9 +268,9 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
 
 /// Returns the events of loops that were played at once, in the order of time; events that several of them saw appear once.
 #[must_use]
-pub fn events_of(timelines: &[Timeline]) -> Events {
-    let of_each = timelines.iter().map(|timeline| timeline.events.clone());
-    let all = of_each.reduce(Events::merged).unwrap_or_default();
+pub fn all_events(timelines: &[Timeline]) -> Events {
+    let each = timelines.iter().map(|timeline| timeline.events.clone());
+    let all = each.reduce(Events::merged).unwrap_or_default();
     if timelines.len() < 2 {
         return all;
     }

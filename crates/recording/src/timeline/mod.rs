@@ -7,6 +7,6 @@ mod passing;
 mod reader;
 mod traffic;
 
-pub use decoded::{Column, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, events_of, signals};
+pub use decoded::{Column, SignalRows, TIME_TOLERANCE_SECONDS, Timeline, all_events, signals};
 pub use platform::series::{Series, SeriesWriter};
 pub use reader::{TimelineReader, decode};

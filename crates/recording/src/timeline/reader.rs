@@ -58,7 +58,7 @@ pub fn decode(
 /// Gives each frame to its readers. The common properties of all frames are read once.
 fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl Borrow<Stamped>>) {
     let eventful = Readers::new(readers.iter().map(|reader| &reader.eventful));
-    let own = Readers::new(readers.iter().map(|reader| &reader.own));
+    let read_ids = Readers::new(readers.iter().map(|reader| &reader.read_ids));
     let Some((first, others)) = readers.split_first() else {
         return;
     };
@@ -81,8 +81,8 @@ fn read_with(readers: &mut [TimelineReader], frames: impl Iterator<Item = impl B
                 readers[*place].events.on_frame(stamped);
             }
         }
-        for place in own.of(id) {
-            readers[*place].on_own_frame(id, stamped, passed);
+        for place in read_ids.of(id) {
+            readers[*place].on_read_frame(id, stamped, passed);
         }
     }
     for place in like {
@@ -111,7 +111,7 @@ pub struct TimelineReader {
     /// Messages from which losses, the truth, the fan and the drive's reports are read.
     rare: Identifiers,
     /// Messages from which everything but events is read. On a rig with several loops, most frames are those of others.
-    own: Identifiers,
+    read_ids: Identifiers,
     traces: TraceReader,
     sources: SourceReader,
     columns: Columns,
@@ -143,13 +143,13 @@ impl TimelineReader {
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);
         let columns = Columns::new(one);
-        let own = [u32::from(SYNC_COB_ID)]
+        let read_ids = [u32::from(SYNC_COB_ID)]
             .into_iter()
             .chain(traces.raw_ids())
             .chain(sources.raw_ids())
             .chain(columns.raw_ids())
             .chain(rare.iter().copied());
-        let own = Vec::from_iter(own);
+        let read_ids = Vec::from_iter(read_ids);
         Ok(Self {
             loop_name: one.name().to_owned(),
             passing: Passing::new(one)?,
@@ -159,7 +159,7 @@ impl TimelineReader {
             latest_sync: Duration::ZERO,
             end_cycle: cycles(end, period),
             eventful: events.raw_ids().collect(),
-            own: own.into_iter().collect(),
+            read_ids: read_ids.into_iter().collect(),
             rare: rare.into_iter().collect(),
             events,
             losses,
@@ -200,13 +200,13 @@ impl TimelineReader {
         if self.eventful.has(id) {
             self.events.on_frame(stamped);
         }
-        if self.own.has(id) {
-            self.on_own_frame(id, stamped, passed);
+        if self.read_ids.has(id) {
+            self.on_read_frame(id, stamped, passed);
         }
     }
 
     /// Takes a frame of a message that is read in each cycle, or watched.
-    fn on_own_frame(&mut self, id: u32, stamped: &Stamped, passed: Passed) {
+    fn on_read_frame(&mut self, id: u32, stamped: &Stamped, passed: Passed) {
         let frame = &stamped.frame;
         let Passed { time, is_sync } = passed;
         self.sources.on_frame(stamped.time, time, frame);
@@ -266,7 +266,7 @@ impl TimelineReader {
         self.cycles_due = self.cycles_due.max(due);
         let is_new = self.cycle.last().is_none_or(|last| number > *last);
         // If the duration is no multiple of the period, a cycle may begin that is not the scenario's.
-        self.is_over |= number >= self.end_cycle && begin_of(number, self.period) < self.end;
+        self.is_over |= number >= self.end_cycle && cycle_begin(number, self.period) < self.end;
         if is_new && number < self.end_cycle {
             self.cycle.push(number);
             self.commands.begin_cycle(number);
@@ -327,8 +327,8 @@ impl TimelineReader {
             .passing
             .last_frame
             .saturating_sub(zero.unwrap_or_default());
-        let own_position = trial.wiring.sensor.measurand.name(names::POSITION);
-        let own_position = trial.wiring.name_in_loop(&own_position);
+        let measured_position = trial.wiring.sensor.measurand.name(names::POSITION);
+        let measured_position = trial.wiring.name_in_loop(&measured_position);
         Ok(Timeline {
             loop_name: self.loop_name.clone(),
             period_seconds,
@@ -346,7 +346,7 @@ impl TimelineReader {
                 &columns,
                 &trial.wiring.feedback.measurand.name(names::POSITION),
             )?,
-            own_position: place(&columns, &own_position)?,
+            measured_position: place(&columns, &measured_position)?,
             current: place(
                 &columns,
                 &trial.wiring.sensor.measurand.name(names::CURRENT),
@@ -375,7 +375,7 @@ fn place(columns: &[Column], name: &str) -> Result<usize, SignalMissing> {
 }
 
 /// Returns the start of a cycle.
-fn begin_of(cycle: u64, period: Duration) -> Duration {
+fn cycle_begin(cycle: u64, period: Duration) -> Duration {
     let cycle = u32::try_from(cycle).unwrap_or(u32::MAX);
     period.saturating_mul(cycle)
 }

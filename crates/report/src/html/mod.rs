@@ -19,7 +19,7 @@ use judge::verdict::{Metric, Outcome, Verdict};
 use recording::events::{Events, Level};
 use recording::frames::Clock;
 use recording::run_folder::file;
-use recording::timeline::{Timeline, events_of};
+use recording::timeline::{Timeline, all_events};
 use scenario::node::Part;
 
 /// Largest number of listed events; a run with more of them has a single cause, which the first ones show.
@@ -40,7 +40,7 @@ pub fn to_html(run: &Run<'_>, remarks: &[String]) -> Result<String, SignalMissin
         @for contour in &shared.contours { (contour::section(contour, run)) }
         @for (number, one) in run.loops().enumerate() { (of_loop(number, &one)) }
         (bus::section(run)?)
-        (events(&events_of(run.timelines)))
+        (events(&all_events(run.timelines)))
         h2 #scenario { "Scenario" }
         details open { summary { (file::SCENARIO) } pre { (shared.text) } }
         @for (name, text) in shared.tables.iter().filter(|(name, _)| name.ends_with(".toml")) {
@@ -178,9 +178,12 @@ fn recorded(run: &Run<'_>) -> String {
 
 /// Returns the cause, unless the verdict's reason contains it.
 fn cause_besides(verdict: &Verdict) -> Option<&str> {
-    let words = verdict.cause.as_ref().map(|cause| cause.words.as_str())?;
+    let description = verdict
+        .cause
+        .as_ref()
+        .map(|cause| cause.description.as_str())?;
     let reason = verdict.reason.as_deref().unwrap_or_default();
-    (!reason.contains(words)).then_some(words)
+    (!reason.contains(description)).then_some(description)
 }
 
 /// Returns remarks on limits that were not judged, times that are not trusted, and frames that are missing.

@@ -38,7 +38,7 @@ pub struct SignalsArgs {
 struct ListedSignal<'a> {
     /// Loop in whose `[[expect.LOOP.signal]]` the name may be; `None` if there is one loop, or if all have the signal.
     #[serde(rename = "loop", skip_serializing_if = "Option::is_none")]
-    of_loop: Option<&'a str>,
+    loop_name: Option<&'a str>,
     /// Unique name of the signal: `message.signal`.
     path: String,
     signal: String,
@@ -62,7 +62,7 @@ impl<'a> ListedSignal<'a> {
         let physical = |raw: i64| raw as f64 * coding.factor + coding.offset;
         let labels = signal.labels.iter();
         Self {
-            of_loop: one.map(ControlLoop::name),
+            loop_name: one.map(ControlLoop::name),
             path: format!("{}.{}", message.name, signal.name),
             signal: one.map_or_else(|| signal.name.clone(), |one| one.name_of(message, signal)),
             unit: &signal.unit,
@@ -78,15 +78,15 @@ impl<'a> ListedSignal<'a> {
 
     /// Returns whether one of the signal's names contains a text, ignoring case.
     fn has(&self, text: &str) -> bool {
-        let words = [
+        let texts = [
             self.path.as_str(),
             &self.signal,
             self.unit,
             self.sender.unwrap_or_default(),
-            self.of_loop.unwrap_or_default(),
+            self.loop_name.unwrap_or_default(),
         ];
         let text = text.to_lowercase();
-        words.iter().any(|word| word.to_lowercase().contains(&text))
+        texts.iter().any(|one| one.to_lowercase().contains(&text))
     }
 
     /// Returns the smallest and the largest value, or the few values that the signal has, with their names.
@@ -120,7 +120,7 @@ fn limit_text(limit: f64) -> String {
 /// Lists the signals.
 #[must_use]
 pub fn signals(args: &SignalsArgs) -> Exit {
-    let plan = args.source.as_deref().map(plan_of).transpose();
+    let plan = args.source.as_deref().map(load_plan).transpose();
     match plan {
         Err(error) => refuse(error),
         Ok(plan) => {
@@ -142,7 +142,7 @@ pub fn signals(args: &SignalsArgs) -> Exit {
 
 /// Returns the plan of a run folder or of a scenario. Signals in the scenario's checks need not exist: a user who looks for the
 /// right name has a wrong one in the file.
-fn plan_of(source: &Path) -> Result<Plan, RecordedError> {
+fn load_plan(source: &Path) -> Result<Plan, RecordedError> {
     if source.is_dir() {
         require_run(source)?;
         return Ok(read_played(source, catalogue())?.0);
@@ -157,11 +157,10 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
     let owner = |message: &Message| loops.iter().find(|one| one.owns(&message.name));
     let messages = || database.messages().iter();
     let several = loops.iter().filter(|_| loops.len() > 1);
-    let of_loops = several.flat_map(|one| {
-        let own = messages().filter(|message| one.owns(&message.name));
-        let own =
-            own.flat_map(|message| message.signals.iter().map(move |signal| (message, signal)));
-        own.chain(one.followed())
+    let by_loop = several.flat_map(|one| {
+        let sent = messages().filter(|message| one.owns(&message.name));
+        sent.flat_map(|message| message.signals.iter().map(move |signal| (message, signal)))
+            .chain(one.followed())
             .map(move |(message, signal)| (Some(one), message, signal))
     });
     let is_shared = |message: &&Message| loops.len() < 2 || owner(message).is_none();
@@ -169,13 +168,13 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
         let signals = message.signals.iter();
         signals.map(move |signal| (None, message, signal))
     });
-    let signals = shared.chain(of_loops);
+    let signals = shared.chain(by_loop);
     let signals = signals.map(|(one, message, signal)| ListedSignal::of(one, message, signal));
     signals.collect()
 }
 
 fn table(signals: &[ListedSignal<'_>]) -> Text {
-    let has_loops = signals.iter().any(|signal| signal.of_loop.is_some());
+    let has_loops = signals.iter().any(|signal| signal.loop_name.is_some());
     let columns = ["signal", "unit", "sender", "message", "range"];
     let mut table = if has_loops {
         Table::new(["loop"].into_iter().chain(columns))
@@ -192,8 +191,8 @@ fn table(signals: &[ListedSignal<'_>]) -> Text {
             signal.message,
             &range,
         ];
-        let of_loop = has_loops.then(|| signal.of_loop.unwrap_or("all"));
-        table.add(of_loop.into_iter().chain(cells));
+        let loop_name = has_loops.then(|| signal.loop_name.unwrap_or("all"));
+        table.add(loop_name.into_iter().chain(cells));
     }
     let place = if has_loops {
         "[[expect.LOOP.signal]]"

@@ -57,14 +57,13 @@ impl Seat {
 
 /// Returns the node-IDs of the drives that move the plant of a drive, with its own.
 fn drives_beside(drive: u8, plan: &Plan) -> Vec<u8> {
-    let own = plan
+    let its_loop = plan
         .loops
         .iter()
         .find(|one| one.place.drive_node_id == drive);
-    let beside = plan
-        .loops
-        .iter()
-        .filter(|one| own.is_some_and(|own| emulator_name(own) == emulator_name(one)));
+    let beside = plan.loops.iter().filter(|one| {
+        its_loop.is_some_and(|its_loop| emulator_name(its_loop) == emulator_name(one))
+    });
     beside.map(|one| one.place.drive_node_id).collect()
 }
 
@@ -252,25 +251,25 @@ impl BusFaults {
             return vec![(time, frame)];
         };
         let seat = self.seats[index];
-        for corrupt in of_seat(&mut self.corrupt, seat) {
+        for corrupt in at_seat(&mut self.corrupt, seat) {
             if corrupt.hits(seconds, &frame) {
                 let bits = corrupt.fault.whole("inverted_bits").unwrap_or_default();
                 frame = inverted(&frame, bits, &mut corrupt.stream);
             }
         }
         let mut leaves = time;
-        for delay in of_seat(&mut self.delay, seat) {
+        for delay in at_seat(&mut self.delay, seat) {
             if delay.hits(seconds, &frame) {
                 let seconds = delay.fault.number("delay_milliseconds") * 1e-3;
                 leaves += Duration::from_secs_f64(seconds);
             }
         }
         let mut copies = 1;
-        for duplicate in of_seat(&mut self.duplicate, seat) {
+        for duplicate in at_seat(&mut self.duplicate, seat) {
             copies += usize::from(duplicate.hits(seconds, &frame));
         }
         let mut is_overtaken = false;
-        for reorder in of_seat(&mut self.reorder, seat) {
+        for reorder in at_seat(&mut self.reorder, seat) {
             is_overtaken |= reorder.hits(seconds, &frame);
         }
         if is_overtaken {
@@ -290,7 +289,7 @@ impl BusFaults {
         let seat = self.seats[index];
         let mut is_missed = false;
         // Every fault is asked, so that none depends on another.
-        for lose in of_seat(&mut self.lose, seat) {
+        for lose in at_seat(&mut self.lose, seat) {
             is_missed |= lose.hits(seconds, frame);
         }
         is_missed
@@ -307,7 +306,7 @@ impl BusFaults {
         let seconds = self.seconds(time).filter(|_| !is_truth(frame))?;
         let seat = self.seats[index];
         let mut disturbed = None;
-        for error in of_seat(&mut self.bit_error, seat) {
+        for error in at_seat(&mut self.bit_error, seat) {
             if error.hits(seconds, frame) {
                 let place = error.stream.below(u64::from(bits));
                 disturbed = Some(1 + u32::try_from(place).unwrap_or_default());
@@ -378,8 +377,8 @@ fn insert(outbox: &mut VecDeque<Timed>, time: Duration, frame: CanFrame) {
 }
 
 /// Returns the faults that hit a participant.
-fn of_seat(faults: &mut [Hitting], seat: Seat) -> impl Iterator<Item = &mut Hitting> {
-    let is_meant = move |one: &&mut Hitting| one.seat.is_none_or(|own| own == seat);
+fn at_seat(faults: &mut [Hitting], seat: Seat) -> impl Iterator<Item = &mut Hitting> {
+    let is_meant = move |one: &&mut Hitting| one.seat.is_none_or(|hit| hit == seat);
     faults.iter_mut().filter(is_meant)
 }
 

@@ -15,7 +15,9 @@ const BITS_PER_KILOBIT: u32 = 1000;
 /// Checks the kernel's report on the interface against the bit rate of the rig file or the scenario.
 pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
     match bus {
-        RunBus::Interface(name) => checks_of(name, platform::link::link(name), kilobits_per_second),
+        RunBus::Interface(name) => {
+            link_checks(name, platform::link::link(name), kilobits_per_second)
+        }
         RunBus::Embedded { .. } | RunBus::Private => vec![
             Check::passed(INTERFACE, "canrig's own bus"),
             Check::open(BIT_RATE, "this bus has none"),
@@ -24,7 +26,7 @@ pub(super) fn checks(bus: &RunBus, kilobits_per_second: u32) -> Vec<Check> {
     }
 }
 
-fn checks_of(name: &str, link: io::Result<Link>, kilobits_per_second: u32) -> Vec<Check> {
+fn link_checks(name: &str, link: io::Result<Link>, kilobits_per_second: u32) -> Vec<Check> {
     match link {
         Ok(link) => vec![
             interface(name, &link),
@@ -92,14 +94,14 @@ fn bus_errors(name: &str, link: &Link) -> Check {
             format!("repair the bus, then: ip link set {name} type can restart")
         }
     };
-    let words = match state {
+    let state_name = match state {
         State::ErrorActive => "error active",
         State::ErrorWarning => "error warning",
         State::ErrorPassive => "error passive",
         State::BusOff => "bus-off",
         State::Stopped => "stopped",
     };
-    Check::failed(BUS_ERRORS, format!("{words}{counters}; {advice}"))
+    Check::failed(BUS_ERRORS, format!("{state_name}{counters}; {advice}"))
 }
 
 #[cfg(test)]
@@ -116,7 +118,7 @@ mod tests {
     };
 
     fn lines(link: Link) -> String {
-        let checks = checks_of("can0", Ok(link), 1000);
+        let checks = link_checks("can0", Ok(link), 1000);
         let lines: Vec<String> = checks.iter().map(ToString::to_string).collect();
         lines.join("\n")
     }
@@ -175,7 +177,7 @@ mod tests {
             let lines = lines(link);
             assert!(lines.contains(line), "{line} is not in\n{lines}");
         }
-        let none = checks_of("can0", Err(io::Error::other("no such device")), 1000);
+        let none = link_checks("can0", Err(io::Error::other("no such device")), 1000);
         assert!(
             none[0]
                 .to_string()

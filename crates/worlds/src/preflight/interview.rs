@@ -96,7 +96,7 @@ impl Interview {
         manager: u8,
     ) -> Self {
         let timeouts = &drive.real.timeouts;
-        let used = objects_of(drive);
+        let used = used_objects(drive);
         let answer_time = Duration::from_millis(timeouts.sdo_answer_milliseconds.into());
         let entry = |(index, sub_index): (u16, u8)| {
             let handle = dictionary.find(index, sub_index).ok()?;
@@ -286,7 +286,7 @@ impl Interview {
 }
 
 /// Returns every object of the drive that a run uses.
-fn objects_of(drive: &LoadedDrive) -> Vec<(u16, u8)> {
+fn used_objects(drive: &LoadedDrive) -> Vec<(u16, u8)> {
     let drive = &drive.real.drive;
     let named = [
         &drive.command.object,

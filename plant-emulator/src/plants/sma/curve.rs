@@ -118,12 +118,12 @@ impl Curve {
                 exponential_at_turn,
             } => {
                 // This is F(T, m) = (1 − gA(T)) (1 − DM(T) / DM(m)), and its derivative.
-                let of_heating = heating.exponential(temperature_celsius);
-                let of_cooling = cooling.exponential(temperature_celsius);
-                let austenite = of_heating / (1.0 + of_heating);
-                let austenite_slope = heating.slope * austenite / (1.0 + of_heating);
-                let share = (exponential_at_turn - of_cooling) / (1.0 + exponential_at_turn);
-                let share_slope = -cooling.slope * of_cooling / (1.0 + exponential_at_turn);
+                let heated = heating.exponential(temperature_celsius);
+                let cooled = cooling.exponential(temperature_celsius);
+                let austenite = heated / (1.0 + heated);
+                let austenite_slope = heating.slope * austenite / (1.0 + heated);
+                let share = (exponential_at_turn - cooled) / (1.0 + exponential_at_turn);
+                let share_slope = -cooling.slope * cooled / (1.0 + exponential_at_turn);
                 (
                     origin - austenite * share,
                     -(austenite_slope * share + austenite * share_slope),

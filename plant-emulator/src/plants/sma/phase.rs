@@ -262,12 +262,12 @@ impl Transformation {
                 exponential_at_turn,
             },
             Branch::Cooling => {
-                let of_heating = self.heating.exponential(last.temperature_celsius);
+                let heated = self.heating.exponential(last.temperature_celsius);
                 Curve::Part {
                     sigmoid: self.cooling,
                     origin,
                     exponential_at_turn,
-                    amplitude: of_heating / (1.0 + of_heating),
+                    amplitude: heated / (1.0 + heated),
                 }
             }
         }
@@ -553,7 +553,7 @@ mod tests {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn memory_and_curves_are_those_of_the_rules_in_words(
+        fn memory_and_curves_follow_the_rules_as_written(
             kinetics in remembering(),
             way in prop::collection::vec(prop_oneof![10.0..130.0_f64, 40.0..80.0_f64, Just(60.0)], 1..60),
         ) {

@@ -173,8 +173,10 @@ fn compared<'a>(
 /// Removes the metrics of the traffic, which depend on the clock: a run in virtual time misses no cycle.
 fn leave_timing_out(comparison: &mut Comparison) {
     let whole = comparison.remarks.is_empty();
-    let own = |name: &str| name.rsplit('.').next().is_some_and(is_of_traffic);
-    comparison.metrics.retain(|metric| !own(&metric.name));
+    let is_traffic = |name: &str| name.rsplit('.').next().is_some_and(is_of_traffic);
+    comparison
+        .metrics
+        .retain(|metric| !is_traffic(&metric.name));
     comparison.agrees = whole
         && comparison.signals.iter().all(SignalDifference::agrees)
         && comparison.metrics.iter().all(|metric| metric.agrees);

@@ -45,7 +45,7 @@ pub(super) fn to_text(comparison: &Comparison) -> Text {
             Cell::number(tolerance(signal.tolerance)),
             Cell::number(from(signal)),
             Cell::number(lag(signal)),
-            result(Standing::of_signal(signal)),
+            result(Standing::signal(signal)),
         ]);
     }
     let mut text = Text::default();
@@ -89,7 +89,7 @@ fn metrics_table(metrics: &[MetricDifference]) -> Table {
             Cell::number(value(metric, metric.a)),
             Cell::number(value(metric, metric.b)),
             Cell::number(terminal::rounded(metric.tolerance)),
-            result(Standing::of_metric(metric)),
+            result(Standing::metric(metric)),
         ]);
     }
     table
@@ -165,7 +165,7 @@ enum Standing {
 }
 
 impl Standing {
-    fn of_signal(signal: &SignalDifference) -> Self {
+    fn signal(signal: &SignalDifference) -> Self {
         match (signal.largest, signal.tolerance) {
             (None, _) => Self::NoValues,
             (Some(_), None) => Self::DoesNotCount,
@@ -174,7 +174,7 @@ impl Standing {
         }
     }
 
-    fn of_metric(metric: &MetricDifference) -> Self {
+    fn metric(metric: &MetricDifference) -> Self {
         match (metric.a, metric.b) {
             (None, None) => Self::NoValues,
             (Some(_), None) => Self::OnlyIn("A"),
@@ -306,8 +306,8 @@ impl Plots {
     fn of(compared: &Compared<'_>) -> Self {
         let comparison = compared.comparison;
         let names = compared.timelines[0].iter().flat_map(|timeline| {
-            let own = [names::POSITION, names::CURRENT];
-            own.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.name(name)))
+            let judged = [names::POSITION, names::CURRENT];
+            judged.map(|name| format!("{}{}", timeline.prefix(), timeline.measurand.name(name)))
         });
         let names = Vec::from_iter(names);
         let is_first = |signal: &&SignalDifference| names.contains(&signal.name);
@@ -387,12 +387,12 @@ fn difference(signal: &SignalDifference, compared: &Compared<'_>) -> (Series<f64
     let mut ahead = a_values.iter();
     let mut near = VecDeque::from_iter(ahead.by_ref().take(reach));
     let rows = a.cycle.iter().zip(&a_values).enumerate();
-    let differences = rows.map(|(row, (cycle, own))| {
+    let differences = rows.map(|(row, (cycle, in_a))| {
         near.extend(ahead.next());
         if row > reach {
             near.pop_front();
         }
-        let Some(value) = at(cycle).filter(|_| own.is_finite()) else {
+        let Some(value) = at(cycle).filter(|_| in_a.is_finite()) else {
             return f64::NAN;
         };
         let low = near.iter().copied().fold(f64::INFINITY, f64::min);
@@ -449,7 +449,7 @@ fn metrics(metrics: &[MetricDifference]) -> Markup {
             td.number data-name="A" { (value(metric, metric.a)) }
             td.number data-name="B" { (value(metric, metric.b)) }
             td.number data-name="tolerance" { (terminal::rounded(metric.tolerance)) }
-            td data-name="result" { (word(Standing::of_metric(metric))) }
+            td data-name="result" { (word(Standing::metric(metric))) }
         } } }
     } } }
 }
@@ -474,7 +474,7 @@ fn signals(signals: &[SignalDifference]) -> Markup {
             td.number.none[signal.agrees()] data-name="diverges from (s)" { (time(signal.diverges_at_seconds)) }
             td.number data-name="in % of the cycles" { (terminal::significant(signal.beyond_percent)) }
             td.number.nowrap.none[lag(signal).is_empty()] data-name="B later by" { (lag(signal)) }
-            td data-name="result" { (word(Standing::of_signal(signal))) }
+            td data-name="result" { (word(Standing::signal(signal))) }
         } } }
         } } }
         @if !same.is_empty() { details {
