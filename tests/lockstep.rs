@@ -307,7 +307,7 @@ fn looking_ahead_leaves_the_bytes_of_asking_at_every_event() {
     use worlds::bench_node::BenchNode;
     use worlds::law_process::LawPlace;
     use worlds::lockstep::{play, simulate};
-    use worlds::nodes::{make_controller, controller_views, plant_emulator};
+    use worlds::nodes::{controller_views, make_controller, plant_emulator};
     use worlds::programs::Hosting;
     for name in ["fan.toml", "step.toml"] {
         let source = plan(&scenario(name));
@@ -468,7 +468,7 @@ fn a_recorder_that_sleeps_loses_and_changes_nothing() {
     use runner::run::run;
     use worlds::Played;
     use worlds::law_process::LawPlace;
-    use worlds::nodes::{make_controller, controller_views, plant_emulator};
+    use worlds::nodes::{controller_views, make_controller, plant_emulator};
     let folder = tempfile::tempdir().unwrap();
     let source = plan(&crate::support::short_scenario(folder.path(), 1.0));
     let mut runs = Vec::new();

@@ -215,8 +215,10 @@ pub(crate) fn command_line() -> clap::Command {
         list += &format!("\n{group}:\n");
         for name in names {
             let command = command_line.find_subcommand(name);
-            let about = command.and_then(clap::Command::get_about);
-            let about = about.map(ToString::to_string).unwrap_or_default();
+            let about = command
+                .and_then(clap::Command::get_about)
+                .map(ToString::to_string)
+                .unwrap_or_default();
             list += &format!("  {name:<12}{about}\n");
         }
     }

@@ -87,8 +87,9 @@ fn with_clients_listed(text: &str, count: usize) -> String {
     let others = indices.filter(|index| !CLIENTS.contains(index));
     let mut all = Vec::from_iter(others.chain(CLIENTS.take(count)));
     all.sort_unstable();
-    let lines = (1..).zip(&all);
-    let lines = lines.map(|(number, index): (usize, _)| format!("{number}=0x{index:04X}\n"));
+    let lines = (1..)
+        .zip(&all)
+        .map(|(number, index): (usize, _)| format!("{number}=0x{index:04X}\n"));
     let lines = String::from_iter(lines);
     let count = all.len();
     format!("{before}{OPTIONAL_OBJECTS}SupportedObjects={count}\n{lines}\n{behind}")
@@ -178,8 +179,9 @@ pub fn with_outputs(eds: &str, outputs: &[AnalogueOutput]) -> String {
     let count = last.place + 1;
     let is_replaced = |section: &str| {
         OUTPUT_OBJECTS.iter().any(|(object, ..)| {
-            let number = section.strip_prefix(object);
-            let number = number.and_then(|rest| rest.strip_prefix("sub")?.parse().ok());
+            let number = section
+                .strip_prefix(object)
+                .and_then(|rest| rest.strip_prefix("sub")?.parse().ok());
             number.is_some_and(|number: usize| number > first.place)
         })
     };

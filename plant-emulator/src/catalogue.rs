@@ -143,8 +143,11 @@ pub fn emulator(trial: &Trial) -> Result<Box<dyn Node>, InvalidEmulator> {
 /// # Errors
 /// As [`emulator`], or a port that the plants lack.
 pub fn joint_emulator(drives: &[DriveOf<'_>]) -> Result<Box<dyn Node>, InvalidEmulator> {
-    let plants = drives.first().map(|drive| drive.trial.on_each_plant());
-    let plants = plants.unwrap_or_default().into_iter();
+    let plants = drives
+        .first()
+        .map(|drive| drive.trial.on_each_plant())
+        .unwrap_or_default()
+        .into_iter();
     let plants = plants.map(|trial| Ok((trial.wiring.plant.clone(), plant(&trial)?)));
     let plants = plants.collect::<Result<Vec<_>, InvalidEmulator>>()?;
     Ok(Box::new(PlantEmulator::of(plants, drives)?))

@@ -173,8 +173,10 @@ impl Parts {
     ) -> Result<Self, InvalidEmulator> {
         let DriveOf { trial, place, .. } = of;
         let faults = trial.drive_faults();
-        let wrong_id = faults.of("wrong_node_id").next();
-        let wrong_id = wrong_id.and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
+        let wrong_id = faults
+            .of("wrong_node_id")
+            .next()
+            .and_then(|fault| u8::try_from(fault.whole("node_id")?).ok());
         let node_id = wrong_id
             .and_then(NodeId::new)
             .map_or_else(|| node_id(place.drive_node_id), Ok)?;

@@ -166,8 +166,10 @@ impl PlantEmulator {
         plants: Vec<(String, Box<dyn Plant>)>,
         drives: &[DriveOf<'_>],
     ) -> Result<Self, InvalidEmulator> {
-        let manager = drives.first().map(|of| of.trial.wiring.nodes.controller.id);
-        let manager = manager.unwrap_or_default();
+        let manager = drives
+            .first()
+            .map(|of| of.trial.wiring.nodes.controller.id)
+            .unwrap_or_default();
         let ports = plants
             .iter()
             .map(|(name, plant)| (name.as_str(), plant.ports()));
@@ -401,8 +403,10 @@ impl Node for PlantEmulator {
 
     fn next_deadline(&self) -> Option<Duration> {
         let drives = self.drives.iter().map(DriveNode::next_deadline);
-        let modules = self.modules.iter();
-        let modules = modules.map(|module| module.device.next_deadline());
+        let modules = self
+            .modules
+            .iter()
+            .map(|module| module.device.next_deadline());
         drives.chain(modules).fold(None, earlier)
     }
 
@@ -412,8 +416,7 @@ impl Node for PlantEmulator {
             return Progress::Failed(format!("the plant `{}` cannot go on: {reason}", self.name));
         }
         let drives = self.drives.iter().map(|drive| drive.as_node().progress());
-        let modules = self.modules.iter();
-        let modules = modules.map(|module| module.device.progress());
+        let modules = self.modules.iter().map(|module| module.device.progress());
         let mut all = Progress::Stopped;
         for one in drives.chain(modules) {
             match one {

@@ -68,8 +68,7 @@ impl Wires {
     /// Finds the ports that a rig file names.
     pub(crate) fn new(ports: &Ports, wiring: &Wiring) -> Result<Self, InvalidEmulator> {
         let unknown = |name: &str| InvalidEmulator::UnknownPort(name.to_owned());
-        let input = wiring.driven(ports);
-        let input = input.ok_or_else(|| unknown(&wiring.input))?;
+        let input = wiring.driven(ports).ok_or_else(|| unknown(&wiring.input))?;
         let output = wiring
             .measured(ports)
             .ok_or_else(|| unknown(&wiring.output))?;

@@ -69,8 +69,8 @@ impl Plant for Arm {
 
 fn scenario(input: &str) -> Trial {
     let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"t\"\nduration_seconds = 1.0\n[controller.open_loop]\n";
-    let scenario = Trial::parse(text, "t.toml", |_| unreachable!("no table"));
-    let mut scenario = scenario.expect("it is valid");
+    let mut scenario =
+        Trial::parse(text, "t.toml", |_| unreachable!("no table")).expect("it is valid");
     scenario.sensor.span = 180.0;
     scenario.sensor.resolution_bits = 20;
     scenario.wiring = Wiring {

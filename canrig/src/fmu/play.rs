@@ -89,8 +89,7 @@ fn played(args: &PlayArgs) -> Result<(), Refused> {
 fn plant_played(args: &PlayArgs, name: &str) -> Result<(), Refused> {
     let refused = |reason: &str| Refused(Exit::Usage, format!("{name}: {reason}"));
     let shipped = fmu_plants::shipped();
-    let exported = named(&shipped, name);
-    let exported = exported.ok_or_else(|| refused("is no plant that ships"))?;
+    let exported = named(&shipped, name).ok_or_else(|| refused("is no plant that ships"))?;
     let model = exported.model().map_err(|reason| refused(&reason))?;
     let variables = model.variables;
     let parameters = variables.iter().filter_map(|variable| {
@@ -236,8 +235,10 @@ fn input_rows(path: &Path, wiring: &Wiring) -> Result<Vec<Vec<f64>>, Refused> {
 }
 
 fn row(time_seconds: f64, outputs: &[f64], wiring: &Wiring) -> String {
-    let values = outputs.iter().zip(&wiring.outputs);
-    let values = values.map(|(value, port)| port.conversion.of(*value));
+    let values = outputs
+        .iter()
+        .zip(&wiring.outputs)
+        .map(|(value, port)| port.conversion.of(*value));
     let cells = std::iter::once(time_seconds).chain(values);
     Vec::from_iter(cells.map(|value| value.to_string())).join(",")
 }

@@ -104,9 +104,11 @@ pub(super) fn written(args: &ControllerArgs) -> Result<String, NewError> {
             })
     })?;
     let folder = folder.display();
-    let steps = [build, &format!("canrig simulate {name}.toml"), test];
-    let steps = steps.iter().filter(|step| !step.is_empty());
-    let steps = Vec::from_iter(steps.map(|step| format!("\n  {step}")));
+    let play = format!("canrig simulate {name}.toml");
+    let steps = [build, &play, test].map(|step| match step {
+        "" => String::new(),
+        step => format!("\n  {step}"),
+    });
     Ok(format!(
         "{folder} holds a controller and a scenario. Play and test it:\n  cd {folder}{}",
         steps.concat()

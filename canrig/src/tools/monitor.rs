@@ -65,8 +65,9 @@ impl Decoder {
     /// Makes a decoder from a DBC and data sheets.
     #[must_use]
     pub(crate) fn new(database: Database, sheets: Vec<DataSheet>, options: MonitorOptions) -> Self {
-        let nodes = sheets.iter();
-        let nodes = nodes.map(|sheet| (sheet.node_id, sheet.node_name.as_str()));
+        let nodes = sheets
+            .iter()
+            .map(|sheet| (sheet.node_id, sheet.node_name.as_str()));
         Self {
             database: database.with_nodes(nodes),
             sheets,
@@ -447,8 +448,9 @@ mod tests {
             (0x000, &[1, 0x12], "nmt_node_id=\"y\""),
             (0x492, &[0; 8], "y TPDO4"),
         ] {
-            let line = decoder.line(Duration::ZERO, &CanFrame::new(id, data));
-            let line = line.unwrap();
+            let line = decoder
+                .line(Duration::ZERO, &CanFrame::new(id, data))
+                .unwrap();
             assert!(line.contains(expected), "{expected} in {line}");
         }
     }

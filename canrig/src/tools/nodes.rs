@@ -455,8 +455,9 @@ pub(crate) fn nodes(args: &NodesArgs) -> Exit {
 fn called(args: &NodesArgs) -> Result<String, ToolError> {
     let mut sheets = args.names.nodes()?.sheets;
     let names = args.names.rig.as_ref().map(|_| {
-        let named = sheets.iter();
-        let named = named.map(|sheet| (sheet.node_id, sheet.node_name.clone()));
+        let named = sheets
+            .iter()
+            .map(|sheet| (sheet.node_id, sheet.node_name.clone()));
         named.collect()
     });
     for path in &args.eds {
@@ -467,8 +468,8 @@ fn called(args: &NodesArgs) -> Result<String, ToolError> {
             ..sheet
         });
     }
-    let roll_call = RollCall::new(sheets, Duration::from_secs_f64(args.listen));
-    let mut roll_call = roll_call.naming(names.unwrap_or_default());
+    let mut roll_call = RollCall::new(sheets, Duration::from_secs_f64(args.listen))
+        .naming(names.unwrap_or_default());
     super::run(&mut roll_call, &args.bus.chosen())?;
     Ok(report(&roll_call))
 }

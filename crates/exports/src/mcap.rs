@@ -251,8 +251,8 @@ mod tests {
             at(12, 0x190, &[0x37, 0x02]),
             at(13, 0x7E5, &[1, 0xAB]),
         ];
-        let events = [(-0.004, "before"), (9.0, "after")];
-        let events = events.map(|(time, text)| (time, Event::new(Level::Warning, text)));
+        let events = [(-0.004, "before"), (9.0, "after")]
+            .map(|(time, text)| (time, Event::new(Level::Warning, text)));
         let events = Events::from_iter(events);
         let zero = Duration::from_millis(10);
         let frames = frames.to_vec().into();

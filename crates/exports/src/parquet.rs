@@ -125,8 +125,9 @@ pub fn write_signals(
         let group = begin..rows.min(begin + GROUP_ROWS);
         pass.advance(group.len());
         let cycles = Cells::Count(timeline.cycle.part(group.clone()));
-        let numbers = numbers.iter();
-        let numbers = numbers.map(|(_, values)| Cells::Number(values.part(group.clone())));
+        let numbers = numbers
+            .iter()
+            .map(|(_, values)| Cells::Number(values.part(group.clone())));
         table.write([cycles].into_iter().chain(numbers))?;
     }
     table.finish().map(drop)

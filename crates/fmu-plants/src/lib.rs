@@ -102,8 +102,9 @@ impl<P: Plant> Exported for Of<P> {
         let Ports { inputs, outputs } = Self::ports()?;
         let parameters = Self::parameters();
         let seen = outputs.iter().map(|port| variable(port, Role::Output));
-        let acting = inputs.iter();
-        let acting = acting.map(|port| variable(port, Role::Input(port.at_rest)));
+        let acting = inputs
+            .iter()
+            .map(|port| variable(port, Role::Input(port.at_rest)));
         Ok(Model {
             name: self.name.to_owned(),
             description: self.description.to_owned(),

@@ -134,8 +134,8 @@ fn the_descriptions_are_complete() {
     for version in [Version::Two, Version::Three] {
         for exported in shipped() {
             let model = exported.model().unwrap();
-            let read = Description::parse(&model.description_xml(version));
-            let read = read.unwrap_or_else(|fault: Fault| panic!("{fault}"));
+            let read = Description::parse(&model.description_xml(version))
+                .unwrap_or_else(|fault: Fault| panic!("{fault}"));
             assert_eq!(
                 (read.version, read.token.as_str()),
                 (version, &*model.token())

@@ -359,8 +359,8 @@ fn comment(variable: &Variable) -> String {
     let unit = variable.unit.as_deref().unwrap_or("no unit");
     let description = Vec::from_iter(variable.description.split_whitespace()).join(" ");
     let text = format!("{unit}: {description}");
-    let text = text.trim_end_matches(": ");
-    let clean = String::from_iter(text.chars().filter(|character| !character.is_control()));
+    let shown = text.trim_end_matches(": ").chars();
+    let clean = String::from_iter(shown.filter(|character| !character.is_control()));
     format!("  # {clean}\n")
 }
 
@@ -385,12 +385,15 @@ fn unique(taken: &mut Vec<String>, variable: &Variable, description: &Descriptio
         } else {
             String::new()
         };
-        let parts = [stem, &number, word.unwrap_or_default()];
-        let parts = parts.into_iter().filter(|part| !part.is_empty());
+        let parts = [stem, &number, word.unwrap_or_default()]
+            .into_iter()
+            .filter(|part| !part.is_empty());
         Vec::from_iter(parts).join("_")
     };
-    let free = (1..).map(name).find(|name| !taken.contains(name));
-    let free = free.unwrap_or_default();
+    let free = (1..)
+        .map(name)
+        .find(|name| !taken.contains(name))
+        .unwrap_or_default();
     taken.push(free.clone());
     free
 }

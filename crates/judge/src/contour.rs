@@ -74,10 +74,12 @@ fn values(contour: &Contour, axes: &[Evidence<'_>], end_seconds: f64) -> [Metric
     contour_errors(contour, &timelines, end_seconds)
         .filter(|(time, _)| !is_left_out(*time))
         .for_each(|(_, error)| errors.add(error));
-    match errors.count == 0.0 {
-        true if !axes.iter().all(Evidence::has_all) => none(Absence::left_out()),
-        true => none("no sample of all axes in the window"),
-        false => [errors.longest, errors.rms()].map(checked),
+    if errors.count > 0.0 {
+        [errors.longest, errors.rms()].map(checked)
+    } else if axes.iter().all(Evidence::has_all) {
+        none("no sample of all axes in the window")
+    } else {
+        none(Absence::left_out())
     }
 }
 
@@ -118,21 +120,25 @@ pub fn contour_errors<'a>(
     end_seconds: f64,
 ) -> impl Iterator<Item = (f64, f64)> + use<'a> {
     let window = window(contour, end_seconds);
-    let window = window.from_seconds..window.until_seconds;
-    let rows = axes.iter().map(|axis| axis.time_seconds.len()).min();
-    let rows = rows.unwrap_or(0);
-    let pieces = (0..rows).step_by(PIECE_ROWS);
-    let pieces = pieces.map(move |begin| begin..rows.min(begin + PIECE_ROWS));
+    let seconds = window.from_seconds..window.until_seconds;
+    let rows = axes
+        .iter()
+        .map(|axis| axis.time_seconds.len())
+        .min()
+        .unwrap_or(0);
+    let pieces = (0..rows)
+        .step_by(PIECE_ROWS)
+        .map(move |begin| begin..rows.min(begin + PIECE_ROWS));
     pieces.flat_map(move |piece| {
         let path = Path::about(axes, piece.clone(), rows);
         let times = axes[0].time_seconds.range(piece.clone());
         let positions = axes.iter().map(|axis| axis.position().range(piece.clone()));
         let (mut positions, mut point) = (Vec::from_iter(positions), Vec::new());
-        let window = window.clone();
+        let seconds = seconds.clone();
         times.filter_map(move |time| {
             point.clear();
             point.extend(positions.iter_mut().filter_map(Iterator::next));
-            let is_seen = window.contains(&time) && point.iter().all(|value| !value.is_nan());
+            let is_seen = seconds.contains(&time) && point.iter().all(|value| !value.is_nan());
             is_seen.then(|| (time, path.distance(&point, time)))
         })
     })

@@ -61,8 +61,9 @@ pub fn judge(plan: &Plan, timelines: &[Timeline], circumstances: &Circumstances)
         ..circumstances.clone()
     });
     let verdicts = all.iter().map(|evidence| {
-        let node = broke_off.as_ref();
-        let node = node.and_then(|end| end.node_elsewhere(evidence));
+        let node = broke_off
+            .as_ref()
+            .and_then(|end| end.node_elsewhere(evidence));
         let verdict = match node.zip(elsewhere.as_ref()) {
             None => judge_loop(plan, evidence, broke_off.as_ref()),
             Some((node, elsewhere)) => {

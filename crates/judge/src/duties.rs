@@ -100,10 +100,10 @@ pub(crate) fn largest_period_error(evidence: &Evidence<'_>, with_host: bool) -> 
         let interval = (until - from) / period;
         let is_gap = interval > GAP_PERIODS;
         let is_held_up = held_up > 0.5 && interval < 0.5;
-        match is_gap {
-            true => held_up = interval - 1.0,
-            false if is_held_up => held_up -= 1.0 - interval,
-            false => {}
+        if is_gap {
+            held_up = interval - 1.0;
+        } else if is_held_up {
+            held_up -= 1.0 - interval;
         }
         let is_of_host = !with_host && evidence.is_in_stall(Part::Controller, from, until);
         if is_gap || is_held_up || is_of_host {

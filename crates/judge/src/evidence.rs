@@ -274,8 +274,8 @@ impl<'a> Evidence<'a> {
         let mut loops = self.loops.iter();
         let (control_loop, timeline) =
             loops.find(|(control_loop, _)| control_loop.name() == name)?;
-        let evidence = Self::new(timeline, control_loop, self.circumstances);
-        let evidence = evidence.among(self.contours, self.loops);
+        let evidence =
+            Self::new(timeline, control_loop, self.circumstances).among(self.contours, self.loops);
         Some(match &self.left_out {
             None => evidence,
             Some(left_out) => evidence.rest(left_out.only_long),

@@ -76,8 +76,9 @@ fn position_range(evidence: &Evidence<'_>) -> MetricValue {
             format!("the set-point stands for {seconds:.3} s; {HUNTING_SECONDS} s are needed");
         return Err(reason.into());
     }
-    let samples = evidence.seen(last)?;
-    let samples = samples.map(|sample| (sample.time_seconds, sample.position));
+    let samples = evidence
+        .seen(last)?
+        .map(|sample| (sample.time_seconds, sample.position));
     checked(swing(&Vec::from_iter(samples), last.from_seconds).unwrap_or(f64::NAN))
 }
 
@@ -104,8 +105,10 @@ fn calm(evidence: &Evidence<'_>) -> Result<Window, Absence> {
         return Err("no set-point".into());
     }
     let until_seconds = scenario.judged_end_seconds();
-    let edges = scenario.edges_seconds().into_iter();
-    let edges = edges.filter(|time| *time < until_seconds);
+    let edges = scenario
+        .edges_seconds()
+        .into_iter()
+        .filter(|time| *time < until_seconds);
     let changed = evidence.set_point_changes().last().unwrap_or_default();
     let from_seconds = edges.fold(changed, f64::max);
     Ok(Window {

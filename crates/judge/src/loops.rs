@@ -29,8 +29,12 @@ pub fn limits(plan: &Plan) -> Vec<(String, Limit)> {
         let limits = metrics::limits(&one.trial).into_iter();
         limits.map(|(row, limit)| (row_of_loop(one, &row), limit))
     });
-    let contours = plan.shared.contours.iter().flat_map(Contour::rows);
-    let contours = contours.filter_map(|(row, limit)| Some((row, limit?)));
+    let contours = plan
+        .shared
+        .contours
+        .iter()
+        .flat_map(Contour::rows)
+        .filter_map(|(row, limit)| Some((row, limit?)));
     loop_limits.chain(contours).collect()
 }
 
@@ -59,8 +63,10 @@ pub(crate) fn whole(plan: &Plan, verdicts: Vec<Verdict>) -> Verdict {
 /// There is no loop.
 #[must_use]
 fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
-    let outcome = loops.iter().map(|(_, verdict)| verdict.outcome);
-    let outcome = outcome.max_by_key(gravity);
+    let outcome = loops
+        .iter()
+        .map(|(_, verdict)| verdict.outcome)
+        .max_by_key(gravity);
     let first = first_cause(&loops, outcome);
     let cause = first.and_then(|first| loops[first].1.cause.clone());
     let reason = joined_reason(&loops, first.unwrap_or_default());
@@ -72,8 +78,10 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
     let mut external: Vec<String> = Vec::new();
     let mut whole = None;
     for (name, verdict) in loops {
-        let others = verdict.external.iter();
-        let others = others.filter(|name| !external.contains(name));
+        let others = verdict
+            .external
+            .iter()
+            .filter(|name| !external.contains(name));
         external.extend(Vec::from_iter(others.cloned()));
         for metric in verdict.metrics.iter().cloned() {
             if let Some(place) = contour_rows.iter().position(|row| *row == metric.name) {
@@ -88,8 +96,7 @@ fn joined(loops: Vec<(String, Verdict)>, contour_rows: &[String]) -> Verdict {
             }
         }
         // Losses name their nodes. A loss that several loops saw appears once.
-        let fresh = verdict.losses.iter();
-        let fresh = fresh.filter(|loss| !losses.contains(loss));
+        let fresh = verdict.losses.iter().filter(|loss| !losses.contains(loss));
         losses.extend(Vec::from_iter(fresh.cloned()));
         whole.get_or_insert(verdict);
     }
@@ -130,8 +137,8 @@ fn joined_reason(loops: &[(String, Verdict)], first: usize) -> Option<String> {
     let others = loops
         .iter()
         .enumerate()
-        .filter(|(place, _)| *place != first);
-    let others = others.map(|(_, other)| other);
+        .filter(|(place, _)| *place != first)
+        .map(|(_, other)| other);
     for (name, verdict) in loops.get(first).into_iter().chain(others) {
         let Some(reason) = verdict.reason.as_deref() else {
             continue;

@@ -168,8 +168,9 @@ pub(crate) fn current_zero(evidence: &Evidence<'_>) -> Measurement {
             None => "current flows on".into(),
         })
     };
-    let zero = evidence.worst_event(&[()], |()| window, true, value);
-    let zero = zero.unwrap_or_else(|| Err(Absence::left_out()));
+    let zero = evidence
+        .worst_event(&[()], |()| window, true, value)
+        .unwrap_or_else(|| Err(Absence::left_out()));
     zero.map(|seconds| 1e3 * seconds).into()
 }
 

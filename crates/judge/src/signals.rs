@@ -69,8 +69,10 @@ fn observe_rest(
 ) -> Observation {
     if matches!(demand, Demand::Reaches(_)) {
         let arrival = observe(trace, window, demand, limit);
-        let until = arrival.at_seconds.filter(|_| arrival.value.is_ok());
-        let until = until.unwrap_or(window.until_seconds);
+        let until = arrival
+            .at_seconds
+            .filter(|_| arrival.value.is_ok())
+            .unwrap_or(window.until_seconds);
         return if evidence.leaves_out(window.from_seconds, until) {
             Observation::none(Absence::left_out())
         } else {

@@ -50,8 +50,10 @@ pub fn judge_timing(
 
 /// Returns the largest share of cycles without a command over all loops.
 fn missed_commands_percent(verdict: &Verdict) -> f64 {
-    let rows = verdict.metrics.iter();
-    let rows = rows.filter(|row| row.name.ends_with(MISSED_COMMANDS));
+    let rows = verdict
+        .metrics
+        .iter()
+        .filter(|row| row.name.ends_with(MISSED_COMMANDS));
     rows.filter_map(|row| row.value).fold(0.0, f64::max)
 }
 

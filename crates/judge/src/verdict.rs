@@ -218,8 +218,9 @@ mod tests {
         let text = "schema = 1\nrig = \"sma_actuator\"\nname = \"step\"\nseed = 7\nduration_seconds = 1.0\nrequirements = [\"REQ-1\"]\n\
             [controller.pid]\n[[reference.hold]]\nat_seconds = 0.0\nposition_millimetres = 10.0\n";
         let scenario = Trial::parse(text, "step.toml", |_| unreachable!("no table")).unwrap();
-        let plan = Plan::new(scenario, &Catalogue::shipped());
-        let plan = plan.with_external(&["drive".to_owned()]).unwrap();
+        let plan = Plan::new(scenario, &Catalogue::shipped())
+            .with_external(&["drive".to_owned()])
+            .unwrap();
         let expected = Verdict {
             requirements: vec!["REQ-1".to_owned()],
             external: vec!["drive".to_owned()],

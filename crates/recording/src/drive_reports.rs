@@ -51,8 +51,11 @@ fn current(one: &ControlLoop) -> Option<(ObjectAddress, Coding)> {
     let feedback = one.message(&one.nodes.drive, names::TPDO1).ok()?;
     let signal = feedback.signal(&one.trial.wiring.sensor.measurand.name(names::CURRENT))?;
     let real = one.real_drive.as_ref();
-    let object = real.map(|drive| &drive.real.drive.current.object);
-    let object = object.unwrap_or(&signal.object).parse().ok()?;
+    let object = real
+        .map(|drive| &drive.real.drive.current.object)
+        .unwrap_or(&signal.object)
+        .parse()
+        .ok()?;
     Some((object, signal.coding.starting_at(0)))
 }
 

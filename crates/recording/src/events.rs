@@ -107,8 +107,9 @@ impl EventSignal {
         let named = || {
             let label = definition.label(value - node)?;
             let mut ids = 0..=u8::MAX;
-            let name = ids.find(|id| f64::from(*id) == node);
-            let name = name.and_then(|id| node_names.name(id));
+            let name = ids
+                .find(|id| f64::from(*id) == node)
+                .and_then(|id| node_names.name(id));
             Some(match name {
                 Some(name) => format!("{label} ({name})"),
                 None => format!("{label} (node {node})"),

@@ -135,8 +135,7 @@ impl Iterator for FrameIter<'_> {
             Self::Kept(frames) => frames.next().copied(),
             Self::Log { log, left } => {
                 *left = left.checked_sub(1)?;
-                let next = log.next_frame();
-                let next = next.unwrap_or_else(|error| changed(&error));
+                let next = log.next_frame().unwrap_or_else(|error| changed(&error));
                 Some(next.unwrap_or_else(|| changed(&"it has fewer frames than before")))
             }
         }

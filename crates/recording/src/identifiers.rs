@@ -129,8 +129,8 @@ mod tests {
 
     #[test]
     fn a_frame_is_for_those_who_read_it() {
-        let sets = [vec![0x000, 0x190], vec![0x7FF, 0x190, 0x8000_0190], vec![]];
-        let sets = sets.map(Identifiers::from_iter);
+        let sets = [vec![0x000, 0x190], vec![0x7FF, 0x190, 0x8000_0190], vec![]]
+            .map(Identifiers::from_iter);
         let readers = Readers::new(&sets);
         assert_eq!(readers.of(0x000), [0]);
         assert_eq!(readers.of(0x190), [0, 1]);

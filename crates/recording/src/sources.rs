@@ -683,8 +683,9 @@ fn watched(
 /// Returns how often a scenario restarts the controller.
 fn starts_anew(faults: &Faults) -> usize {
     let crashes = faults.of("crash");
-    let starts = crashes.filter(|fault| fault.until_seconds.is_some());
-    let starts = starts.chain(faults.of("restart"));
+    let starts = crashes
+        .filter(|fault| fault.until_seconds.is_some())
+        .chain(faults.of("restart"));
     starts.filter(|fault| fault.is_at_controller()).count()
 }
 
@@ -752,8 +753,8 @@ mod tests {
         );
         let scenario = Trial::parse(&text, "t.toml", |_| unreachable!("no table")).unwrap();
         let external = external.iter().map(ToString::to_string);
-        let plan = Plan::new(scenario, &Catalogue::shipped());
-        let plan = plan.recorded_external(&Vec::from_iter(external));
+        let plan =
+            Plan::new(scenario, &Catalogue::shipped()).recorded_external(&Vec::from_iter(external));
         let sources = read(&plan, frames);
         let found = sources.found(sent).into_iter();
         let short = found.map(|one| {

@@ -192,8 +192,9 @@ impl BufferedLines {
     /// Prints the lines that wait.
     pub fn flush(&mut self) {
         let mut stdout = io::stdout().lock();
-        let written = stdout.write_all(self.text.as_bytes());
-        let written = written.and_then(|()| stdout.flush());
+        let written = stdout
+            .write_all(self.text.as_bytes())
+            .and_then(|()| stdout.flush());
         self.is_closed |= written.is_err();
         keep_error(written);
         self.text.clear();
@@ -453,8 +454,8 @@ fn show_work(passes: &AtomicU64, before: u64, end: &mpsc::Receiver<()>) {
         return;
     }
     let parts = || passes.load(Ordering::Relaxed) * PARTS;
-    let bar = ProgressBar::with_draw_target(Some(parts()), ProgressDrawTarget::stderr());
-    let bar = bar.with_elapsed(PATIENCE);
+    let bar = ProgressBar::with_draw_target(Some(parts()), ProgressDrawTarget::stderr())
+        .with_elapsed(PATIENCE);
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {left} left");
     let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style.with_key("left", show_left));

@@ -16,8 +16,10 @@ const KERNEL_NAME: &str = "/proc/sys/kernel/hostname";
 #[must_use]
 pub fn name() -> String {
     let named = NAME_VARIABLES.iter().find_map(|name| env::var(name).ok());
-    let named = named.or_else(|| fs::read_to_string(KERNEL_NAME).ok());
-    let named = named.unwrap_or_default().replace(char::is_control, "");
+    let named = named
+        .or_else(|| fs::read_to_string(KERNEL_NAME).ok())
+        .unwrap_or_default()
+        .replace(char::is_control, "");
     if named.is_empty() {
         "unknown".to_owned()
     } else {

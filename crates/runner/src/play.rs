@@ -140,8 +140,9 @@ impl ValueArgs {
             }
             None => rig.to_string_lossy().into_owned(),
         });
-        let rig = name.map(|name| format!("rig={name:?}"));
-        let rig = rig.map(|text| text.parse().expect("a key and a value"));
+        let rig = name
+            .map(|name| format!("rig={name:?}"))
+            .map(|text| text.parse().expect("a key and a value"));
         self.overrides.iter().cloned().chain(rig).collect()
     }
 }

@@ -368,10 +368,12 @@ pub fn refuse(error: RecordedError) -> Exit {
 /// The folder has many runs or none, or cannot be read.
 pub fn require_run(path: &Path) -> Result<(), RecordedError> {
     let path = path.to_owned();
-    match is_folder(&path)? && path.join(file::SCENARIO).exists() {
-        true if holds_many_runs(&path) => Err(RecordedError::ManyRuns { path }),
-        true => Ok(()),
-        false => Err(RecordedError::NoRun { path }),
+    if !is_folder(&path)? || !path.join(file::SCENARIO).exists() {
+        Err(RecordedError::NoRun { path })
+    } else if holds_many_runs(&path) {
+        Err(RecordedError::ManyRuns { path })
+    } else {
+        Ok(())
     }
 }
 

@@ -139,8 +139,9 @@ fn led_by(
         None => read(&rig).ok(),
     });
     // Errors of the rig are reported when it is loaded.
-    let controller = rig.and_then(|rig| controller_in(&rig));
-    let controller = controller.unwrap_or_else(|| Part::Controller.word().to_owned());
+    let controller = rig
+        .and_then(|rig| controller_in(&rig))
+        .unwrap_or_else(|| Part::Controller.word().to_owned());
     let command = toml::Value::from(command.to_vec());
     let program = format!("node.{controller}.program={command}").parse();
     let program = program.map(|program: Override| overridden(text, &[program]));

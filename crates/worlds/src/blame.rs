@@ -266,8 +266,8 @@ impl<'a> Seen<'a> {
             frame.standard_id() == Some(NMT_COB_ID) && frame.data().first() == Some(&NMT_START)
         };
         let is_sync = |frame: &CanFrame| frame.standard_id() == Some(SYNC_COB_ID);
-        let commands = [("NMT start", is_sent(is_start)), ("SYNC", is_sent(is_sync))];
-        let commands = commands.map(|(name, sent)| format!("{name}: {sent}"));
+        let commands = [("NMT start", is_sent(is_start)), ("SYNC", is_sent(is_sync))]
+            .map(|(name, sent)| format!("{name}: {sent}"));
         let drives = self.plan.loops.iter().map(|one| {
             let drive = &one.nodes.drive.name;
             format!(
@@ -292,8 +292,9 @@ impl<'a> Seen<'a> {
 
     /// Returns the end by a node that gave up by itself. If a controller gave a drive up, the end is the drive's.
     fn gave_up(&self, name: &str, how: &str, log: &str) -> EarlyEnd {
-        let given_up = self.drive_given_up();
-        let given_up = given_up.filter(|_| name == self.plan.controller().name);
+        let given_up = self
+            .drive_given_up()
+            .filter(|_| name == self.plan.controller().name);
         let Some((drive, given_up)) = given_up else {
             let what = format!("{how}{}{log}", self.when());
             let node = self.node(name);

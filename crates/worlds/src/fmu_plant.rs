@@ -36,8 +36,10 @@ pub(crate) fn more_patience(plan: &Plan) -> Duration {
 /// Returns the objection to the table of an FMU, or to the FMU.
 pub(crate) fn objection(fmu: &Fmu) -> Option<Objection> {
     let Misfit { place, fault } = fmu_wiring(fmu).err()?;
-    let name = Path::new(&fmu.file).file_name().unwrap_or(OsStr::new(""));
-    let name = name.to_string_lossy();
+    let name = Path::new(&fmu.file)
+        .file_name()
+        .unwrap_or(OsStr::new(""))
+        .to_string_lossy();
     Some(Objection {
         path: format!("plant.{FMU}.{place}"),
         message: format!("{name} cannot be this plant: {fault}"),
@@ -78,8 +80,10 @@ fn fmu_ports(wiring: &table::Wiring) -> Ports {
         let input = Port::input(&port.name, port.range).resting_at(port.at_rest);
         described(input, port)
     });
-    let outputs = wiring.outputs.iter();
-    let outputs = outputs.map(|port| described(Port::output(&port.name, port.range), port));
+    let outputs = wiring
+        .outputs
+        .iter()
+        .map(|port| described(Port::output(&port.name, port.range), port));
     Ports {
         inputs: inputs.collect(),
         outputs: outputs.collect(),

@@ -157,8 +157,10 @@ pub fn started_by(plan: &Plan) -> Vec<String> {
         let name = &plan.controller().name;
         format!("{name}: a program leads, so [controller] of the scenario is left out")
     });
-    let ours = plan.loops.iter();
-    let ours = ours.filter(|one| one.is_ours(Part::Controller));
+    let ours = plan
+        .loops
+        .iter()
+        .filter(|one| one.is_ours(Part::Controller));
     let laws = ours.filter_map(|one| one.trial.controller.process_law());
     let folder = scenario_folder(plan);
     let line = |law: ProcessLaw| format!("law: starts `{}` in {}", law.plays, folder.display());
@@ -261,8 +263,9 @@ impl LawProcess {
 
     fn ask(&mut self, cycle: &Cycle, reads: &[f64]) {
         self.asked = self.asked.wrapping_add(1);
-        let time = Duration::try_from_secs_f64(cycle.scenario_time_seconds);
-        let time = time.unwrap_or_default().as_nanos();
+        let time = Duration::try_from_secs_f64(cycle.scenario_time_seconds)
+            .unwrap_or_default()
+            .as_nanos();
         let header = Header {
             a: if reads.iter().any(|value| value.is_nan()) {
                 IS_MISSING

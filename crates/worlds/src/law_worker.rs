@@ -45,8 +45,10 @@ pub(crate) fn objection(law: &FmuLaw) -> Option<Objection> {
     ];
     let variables = ports.iter().flat_map(|(_, ports, _)| ports.iter());
     let variables = variables.map(|(variable, signal)| (signal.clone(), variable.clone()));
-    let name = Path::new(&law.file).file_name().unwrap_or(OsStr::new(""));
-    let name = name.to_string_lossy();
+    let name = Path::new(&law.file)
+        .file_name()
+        .unwrap_or(OsStr::new(""))
+        .to_string_lossy();
     let objection = |place: String, what: String| Objection {
         path: format!("controller.fmu.{place}"),
         message: format!("{name} cannot be this law: {what}"),
@@ -183,8 +185,8 @@ fn load_library(file: &Path, welcome: &Welcome, seed: u64) -> Result<Loaded, Str
 fn load_fmu(file: &Path, folder: &Path, welcome: &Welcome) -> Result<Loaded, String> {
     let name = file.to_string_lossy();
     let (variables, parameters) = (welcome.variables.clone(), welcome.parameters.clone());
-    let wiring = fmu_wiring(&fmu_table(&name, variables, parameters));
-    let wiring = wiring.map_err(|misfit| misfit.fault.to_string())?;
+    let wiring = fmu_wiring(&fmu_table(&name, variables, parameters))
+        .map_err(|misfit| misfit.fault.to_string())?;
     let text = |error: FmuError| error.fault.to_string();
     let instance = Instance::new(folder, file, &wiring.configuration).map_err(text)?;
     let mut instance = Terminated(Some(instance));

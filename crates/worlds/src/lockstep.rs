@@ -120,16 +120,17 @@ fn play_here(
     let views = nodes::controller_views(plan);
     let make = move || nodes::make_controller(&views, &laws);
     let is_ours = !plan.is_external(plan.controller());
-    let controller = is_ours.then(|| nodes::faulty_controller(make, plan, |_| false));
-    let mut controller = controller.transpose()?;
+    let mut controller = is_ours
+        .then(|| nodes::faulty_controller(make, plan, |_| false))
+        .transpose()?;
     let emulators = emulators.iter_mut();
     let mut emulators =
         Vec::from_iter(emulators.map(|(name, node)| Local::new(*name, &mut **node)));
     let mut seat = Local::new(BENCH, &mut bench);
-    let controller = controller.as_mut();
-    let mut controller = controller.map(|node| Local::new(&plan.controller().name, &mut **node));
-    let drives = emulators.iter_mut();
-    let drives = drives.map(|one| Role::plant(plan, one));
+    let mut controller = controller
+        .as_mut()
+        .map(|node| Local::new(&plan.controller().name, &mut **node));
+    let drives = emulators.iter_mut().map(|one| Role::plant(plan, one));
     let controller = controller.as_mut().map(|one| Role::controller(one));
     let mut guests = guests.participants();
     let roles = in_order(drives, &mut guests, &mut seat, controller);

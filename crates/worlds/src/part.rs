@@ -20,8 +20,10 @@ pub(crate) fn of(plan: &Plan, node: &Node) -> Value {
         Part::Io => "io",
         Part::Bench => "bench",
     };
-    let loops = plan.loops.iter();
-    let loops = loops.filter(|one| one.nodes.all().any(|other| other.id == node.id));
+    let loops = plan
+        .loops
+        .iter()
+        .filter(|one| one.nodes.all().any(|other| other.id == node.id));
     json!({
         "version": VERSION,
         "node": {"name": node.name, "node_id": node.id, "kind": kind},

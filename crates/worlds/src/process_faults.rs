@@ -27,8 +27,11 @@ pub(super) struct ProcessFaults(VecDeque<(Duration, String, ProcessAction)>);
 
 impl ProcessFaults {
     pub(super) fn new(plan: &Plan) -> Self {
-        let programs = plan.programs().into_iter().map(|(node, _)| node);
-        let programs = programs.filter(|node| node.part != Part::Controller);
+        let programs = plan
+            .programs()
+            .into_iter()
+            .map(|(node, _)| node)
+            .filter(|node| node.part != Part::Controller);
         let mut actions = Vec::new();
         for node in programs.chain([plan.controller()]) {
             for fault in faults_at(plan, node).faults {

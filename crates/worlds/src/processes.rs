@@ -192,8 +192,7 @@ fn play(
         let mut bench = BenchNode::new(plan)?;
         let mut seat = Local::new(BENCH, &mut bench);
         let (emulators, manager) = remotes.split_at_mut(count);
-        let drives = emulators.iter_mut();
-        let drives = drives.map(|one| Role::plant(plan, one));
+        let drives = emulators.iter_mut().map(|one| Role::plant(plan, one));
         let manager = manager.first_mut().map(|one| Role::controller(one));
         let mut guests = guests.participants();
         let roles = lockstep::in_order(drives, &mut guests, &mut seat, manager);

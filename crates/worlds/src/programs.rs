@@ -146,8 +146,9 @@ impl ProgramOrder {
         let listener = Listener::open().map_err(refused)?;
         let bus = format!("lockstep:{}", listener.path().display());
         let (channel, program) = if self.command.is_some() {
-            let started = self.start(bus, "virtual", Some(listener));
-            let mut started = started.map_err(refused)?;
+            let mut started = self
+                .start(bus, "virtual", Some(listener))
+                .map_err(refused)?;
             if !started.program.accept().map_err(refused)? {
                 let how = || format!("did not come to its seat in {} s", START_PATIENCE.as_secs());
                 return Err(started.broken(name, how, Duration::ZERO));
@@ -232,10 +233,12 @@ impl StartedProgram {
         let (how, output) = ended
             .or_else(|| self.program.ended(END_PATIENCE))
             .unwrap_or_default();
-        let doing = match is_by_itself {
-            true if how.starts_with("cannot be started") => Doing::NotSetUp,
-            true => Doing::GaveUp,
-            false => Doing::Crashed,
+        let doing = if !is_by_itself {
+            Doing::Crashed
+        } else if how.starts_with("cannot be started") {
+            Doing::NotSetUp
+        } else {
+            Doing::GaveUp
         };
         WorldError::Process {
             name: name.to_owned(),

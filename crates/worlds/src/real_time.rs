@@ -91,8 +91,8 @@ pub fn play(
     }
     let by_bench = ended
         .as_ref()
-        .map(|report| Vec::from_iter(report.sent_frames()));
-    let by_bench = by_bench.unwrap_or_default();
+        .map(|report| Vec::from_iter(report.sent_frames()))
+        .unwrap_or_default();
     let end = match (ended, bench.violation()) {
         (Err(RunError::Node(_)), Some(violation)) => Err(violation),
         (ended, _) => end.and_then(|end| ended.map(|_| end).map_err(WorldError::Bench)),
@@ -344,8 +344,7 @@ fn is_over(
 
 /// Returns the time until the scenario must begin. A real drive may take the time that its controller allows.
 fn start_patience(plan: &Plan) -> Duration {
-    let drives = plan.loops.iter();
-    let drives = drives.filter_map(|one| one.real_drive.as_ref());
+    let drives = plan.loops.iter().filter_map(|one| one.real_drive.as_ref());
     let bring_ups = drives.map(|drive| drive.real.timeouts.bring_up() + ENABLE_PATIENCE);
     bring_ups.fold(START_PATIENCE, Duration::max)
         + more_patience(plan)

@@ -203,8 +203,9 @@ fn two_axes_draw_a_circle() {
     }
     let radius_errors = x.position().iter().zip(y.position()).zip(&x.time_seconds);
     let errors = radius_errors.filter(|(_, time)| (8.0..20.9).contains(time));
-    let worst = errors.map(|((x, y), _)| ((x - 30.0).hypot(y - 30.0) - 10.0).abs());
-    let worst = worst.fold(0.0, f64::max);
+    let worst = errors
+        .map(|((x, y), _)| ((x - 30.0).hypot(y - 30.0) - 10.0).abs())
+        .fold(0.0, f64::max);
     assert!(worst < 0.3, "{worst} mm");
     assert!(worst > 0.0);
     // The axes are 90° apart, so neither reads the other's frames.

@@ -63,10 +63,12 @@ pub(super) struct Tested {
 
 impl Play {
     pub(super) fn read(folder: &Path) -> Result<Self, PlayError> {
-        match holds_many_runs(folder) {
-            true if is_torture(folder) => Err(PlayError::Torture(folder.to_owned())),
-            true => Self::read_sweep(folder),
-            false => Self::read_run(folder),
+        if !holds_many_runs(folder) {
+            Self::read_run(folder)
+        } else if is_torture(folder) {
+            Err(PlayError::Torture(folder.to_owned()))
+        } else {
+            Self::read_sweep(folder)
         }
     }
 
@@ -211,8 +213,10 @@ fn tested(plan: &Plan, test: impl Fn(Option<String>) -> Tested) -> BTreeMap<Stri
         rows.map(|(row, ids)| (judge::row_of_loop(one, &row), ids))
     });
     let contour_rows = plan.shared.contours.iter().flat_map(|contour| {
-        let rows = contour.rows().into_iter();
-        let rows = rows.filter(|(_, limit)| limit.is_some());
+        let rows = contour
+            .rows()
+            .into_iter()
+            .filter(|(_, limit)| limit.is_some());
         rows.map(|(row, _)| (row, contour.requirements.clone()))
     });
     for (row, requirements) in loop_rows.chain(contour_rows) {

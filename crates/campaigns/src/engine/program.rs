@@ -88,8 +88,9 @@ mod tests {
             "{error}"
         );
         assert!(error.ends_with(help), "{error}");
-        let error = run("sh", &["-c", "echo queue closed >&2; exit 3"], help);
-        let error = error.unwrap_err().to_string();
+        let error = run("sh", &["-c", "echo queue closed >&2; exit 3"], help)
+            .unwrap_err()
+            .to_string();
         assert_eq!(error, "sh refuses (exit status: 3): queue closed");
         assert_eq!(run("printf", &["text"], help).unwrap(), "text");
     }

@@ -63,14 +63,20 @@ pub trait Cases: Sync {
 
     /// Keys and values of a case, as a text.
     fn values_text(&self, number: usize) -> String {
-        let values = self.keys().into_iter().zip(self.values(number));
-        let values = values.map(|(key, value)| format!("{key} = {value}"));
+        let values = self
+            .keys()
+            .into_iter()
+            .zip(self.values(number))
+            .map(|(key, value)| format!("{key} = {value}"));
         values.collect::<Vec<_>>().join(", ")
     }
     /// Keys and values of a case, as a text with four digits each, for a page.
     fn short_values_text(&self, number: usize) -> String {
-        let values = self.keys().into_iter().zip(self.values(number));
-        let values = values.map(|(key, value)| format!("{key} = {}", rounded(value)));
+        let values = self
+            .keys()
+            .into_iter()
+            .zip(self.values(number))
+            .map(|(key, value)| format!("{key} = {}", rounded(value)));
         values.collect::<Vec<_>>().join(", ")
     }
 }

@@ -159,10 +159,13 @@ impl Sampler {
         found.truncate(NAMED);
         let first = found.first()?.0;
         let stride = runs.len().div_ceil(DRAWN).max(1);
-        let drawn = runs.iter().step_by(stride);
-        let drawn = drawn.map(|(place, value)| (key_values[*place][first], *value));
-        let worst = self.worst[name].iter();
-        let worst = worst.map(|one| (one.case, cases.values(one.case)[first], one.value));
+        let drawn = runs
+            .iter()
+            .step_by(stride)
+            .map(|(place, value)| (key_values[*place][first], *value));
+        let worst = self.worst[name]
+            .iter()
+            .map(|one| (one.case, cases.values(one.case)[first], one.value));
         Some(Driven {
             name: name.to_owned(),
             limit: self.limits.get(name).copied(),

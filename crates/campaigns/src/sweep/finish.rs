@@ -119,8 +119,11 @@ fn command(cases: &dyn Cases, summary: &Summary, case: usize) -> Option<String> 
     if let Some(one) = failing.find(|one| one.case == case) {
         return (one.ended != Ended::Invalid).then(|| format!("canrig simulate {}", place(one)));
     }
-    let values = cases.keys().into_iter().zip(cases.values(case));
-    let values = values.map(|(key, value)| format!(" --set '{key}={value}'"));
+    let values = cases
+        .keys()
+        .into_iter()
+        .zip(cases.values(case))
+        .map(|(key, value)| format!(" --set '{key}={value}'"));
     let is_sweep = cases.kind() == "sweep";
     is_sweep.then(|| {
         format!(

@@ -332,8 +332,9 @@ mod tests {
         let watch = Stopwatch::start();
         let output = folder.path().join("merged");
         merge_parts(&parts, campaign, plan, &output, Shown::All).unwrap();
-        let entries = std::fs::read_dir(&output).unwrap();
-        let entries = entries.map(|entry| entry.unwrap().path());
+        let entries = std::fs::read_dir(&output)
+            .unwrap()
+            .map(|entry| entry.unwrap().path());
         let mut pages = entries.filter(|path| path.join(file::ROWS).exists());
         let page = pages.next().unwrap();
         let size = |name: &str| page.join(name).metadata().unwrap().len();

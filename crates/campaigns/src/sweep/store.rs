@@ -306,8 +306,9 @@ impl Rows {
         loop {
             line.clear();
             let bounded = input.by_ref().take(LINE_BYTES_MAX);
-            let length = { bounded }.read_until(b'\n', &mut line);
-            let length = length.map_err(read_error(&file.path))?;
+            let length = { bounded }
+                .read_until(b'\n', &mut line)
+                .map_err(read_error(&file.path))?;
             let Some(line) = line.strip_suffix(b"\n") else {
                 file.is_cut = length > 0;
                 let path = file.path.clone();
@@ -400,8 +401,11 @@ impl Rows {
     pub(crate) fn iter(
         &self,
     ) -> Result<impl Iterator<Item = Result<SweepRow, StoreError>>, StoreError> {
-        let files = self.files.iter().map(|file| opened(&file.path));
-        let files = files.collect::<Result<Vec<File>, _>>()?;
+        let files = self
+            .files
+            .iter()
+            .map(|file| opened(&file.path))
+            .collect::<Result<Vec<File>, _>>()?;
         Ok(self.rows.iter().map(move |(case, place)| {
             let mut line = vec![0; place.length];
             let path = &self.files[place.file].path;
@@ -528,8 +532,11 @@ pub(super) mod tests {
     }
 
     fn cases(rows: &Rows) -> Vec<usize> {
-        let all = rows.iter().unwrap().map(Result::unwrap);
-        let all = all.inspect(|found| assert_eq!(*found, row(found.case)));
+        let all = rows
+            .iter()
+            .unwrap()
+            .map(Result::unwrap)
+            .inspect(|found| assert_eq!(*found, row(found.case)));
         all.map(|row| row.case).collect()
     }
 
@@ -585,8 +592,10 @@ pub(super) mod tests {
         let whole = undisturbed();
         for length in 0..=whole.len() {
             let (cases, damaged) = kept(&whole[..length]);
-            let lines = whole[..length].iter().filter(|byte| **byte == b'\n');
-            let lines = lines.count();
+            let lines = whole[..length]
+                .iter()
+                .filter(|byte| **byte == b'\n')
+                .count();
             assert_eq!(cases, CASES[..lines.saturating_sub(1)], "{length}");
             let is_cut = length > 0 && whole[length - 1] != b'\n';
             assert_eq!(damaged, Vec::from_iter(is_cut.then_some(lines + 1)));

@@ -81,8 +81,9 @@ impl TortureCases {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             text => text,
         };
-        let draws = text.and_then(|text| Ok(serde_json::from_str(&text)?));
-        let draws = draws.map_err(|source| NoTorture::Read { path, source })?;
+        let draws = text
+            .and_then(|text| Ok(serde_json::from_str(&text)?))
+            .map_err(|source| NoTorture::Read { path, source })?;
         Ok(Some(Self::new(plan, draws)))
     }
 

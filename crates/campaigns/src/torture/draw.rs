@@ -154,8 +154,10 @@ const FREE_NODE_ID_MIN: u32 = 0x20;
 
 /// Returns the kinds that are drawn, each with its group: `bus.lose`.
 pub(super) fn kinds(nodes: &Nodes) -> Vec<String> {
-    let kinds = [false, true].map(|is_of_boot| nodes.kinds(is_of_boot));
-    let kinds = kinds.into_iter().flatten();
+    let kinds = [false, true]
+        .map(|is_of_boot| nodes.kinds(is_of_boot))
+        .into_iter()
+        .flatten();
     kinds
         .map(|kind| format!("{}.{}", kind.group.name(), kind.name))
         .collect()

@@ -59,8 +59,10 @@ impl TortureCase {
         let rig = document.get("rig").and_then(Value::as_str);
         let rig = rig.and_then(|rig| files.get_key_value(rig));
         let hashes = files.iter().filter(|(name, _)| name.ends_with(HASH_SUFFIX));
-        let files = rig.into_iter().chain(hashes);
-        let files = files.map(|(name, text)| (name.clone(), text.clone()));
+        let files = rig
+            .into_iter()
+            .chain(hashes)
+            .map(|(name, text)| (name.clone(), text.clone()));
         Ok(Self {
             document,
             files: files.collect(),

@@ -38,8 +38,8 @@ pub(super) fn description(document: &Document<'_>) -> Result<Description, Fault>
     let others = [
         ("ModelExchange", "model exchange"),
         ("ScheduledExecution", "scheduled execution"),
-    ];
-    let others = others.into_iter();
+    ]
+    .into_iter();
     let types = types(&root, version)?;
     Ok(Description {
         version,
@@ -196,8 +196,9 @@ fn variable(
             "`{name}` has the valueReference `{reference}`, no number of 32 bits"
         ))
     })?;
-    let causality = element.word("causality", Causality::of)?;
-    let causality = causality.unwrap_or(Causality::Local);
+    let causality = element
+        .word("causality", Causality::of)?
+        .unwrap_or(Causality::Local);
     let variability = element.word("variability", Variability::of)?;
     let variability = variability.unwrap_or_else(|| default_variability(causality, kind, version));
     let initial = element.word("initial", Initial::of)?;

@@ -84,8 +84,11 @@ fn a_description_of_fmi_3_is_read() {
 #[test]
 fn what_is_not_served_says_what_to_do() {
     let without = THREE.replace("<CoSimulation", "<Other");
-    let fault = Description::parse(&without).unwrap();
-    let fault = fault.served().unwrap_err().to_string();
+    let fault = Description::parse(&without)
+        .unwrap()
+        .served()
+        .unwrap_err()
+        .to_string();
     assert!(
         fault.contains("only model exchange; export it for co-simulation"),
         "{fault}"
@@ -106,8 +109,9 @@ fn what_is_not_served_says_what_to_do() {
 #[track_caller]
 fn refused(from: &str, to: &str, message: &str) {
     assert!(TWO.contains(from), "{from}");
-    let fault = Description::parse(&TWO.replace(from, to)).unwrap_err();
-    let fault = fault.to_string();
+    let fault = Description::parse(&TWO.replace(from, to))
+        .unwrap_err()
+        .to_string();
     assert!(fault.contains(message), "{fault}");
 }
 

@@ -73,8 +73,10 @@ struct Names {
 
 impl Names {
     fn of<'a>(names: impl IntoIterator<Item = &'a String>) -> Result<Self, Fault> {
-        let texts = names.into_iter().map(|name| text(name));
-        let texts = texts.collect::<Result<Vec<_>, _>>()?;
+        let texts = names
+            .into_iter()
+            .map(|name| text(name))
+            .collect::<Result<Vec<_>, _>>()?;
         let pointers = texts.iter().map(|text| text.as_ptr()).collect();
         Ok(Self {
             _texts: texts,
@@ -100,8 +102,8 @@ impl Memory {
             let reason = format!("canrig_law_bytes wants {bytes} bytes (limit {BYTES_MAX})");
             return Err(Fault::Table(reason));
         }
-        let layout = Layout::from_size_align(bytes.max(1), ALIGNMENT);
-        let layout = layout.map_err(|error| Fault::Table(error.to_string()))?;
+        let layout = Layout::from_size_align(bytes.max(1), ALIGNMENT)
+            .map_err(|error| Fault::Table(error.to_string()))?;
         // SAFETY: the layout has a size above 0.
         let start = unsafe { alloc_zeroed(layout) };
         let start = NonNull::new(start).unwrap_or_else(|| handle_alloc_error(layout));

@@ -58,8 +58,9 @@ impl ScenarioFaults {
         };
         let controller = &one.nodes.controller.name;
         let emergencies = timeline.emergencies.iter();
-        let reports = emergencies.filter(|emergency| emergency.node == *controller);
-        let reports = reports.map(|one| one.time_seconds);
+        let reports = emergencies
+            .filter(|emergency| emergency.node == *controller)
+            .map(|one| one.time_seconds);
         Self {
             reports_seconds: reports.filter(|at| is_in_a_fault(*at)).collect(),
             touched: touched.collect(),

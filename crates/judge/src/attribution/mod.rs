@@ -225,8 +225,10 @@ impl<'a> Attribution<'a> {
             breach.from_seconds >= window.from_seconds - TIME_TOLERANCE_SECONDS
                 && breach.from_seconds < window.until_seconds - TIME_TOLERANCE_SECONDS
         };
-        let missed = self.attributed(missed_cycles(self.timeline, self.due));
-        let mut missed = missed.filter(inside).peekable();
+        let mut missed = self
+            .attributed(missed_cycles(self.timeline, self.due))
+            .filter(inside)
+            .peekable();
         missed.peek().is_some() && missed.all(|(_, cause)| matches!(cause, Cause::Host(_)))
     }
 }

@@ -271,8 +271,8 @@ mod tests {
             &series(&[1.0, f64::NAN, 3.0]),
             &series(&[1.0, 5.0, f64::NAN]),
             0,
-        );
-        let found = found.to_vec();
+        )
+        .to_vec();
         assert_eq!(found[0], 0.0);
         assert!(found[1].is_nan() && found[2].is_nan());
     }

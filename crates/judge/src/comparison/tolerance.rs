@@ -151,8 +151,9 @@ impl Tolerances<'_> {
     /// Returns the tolerance of a signal: the user's for it, or for it in all loops, the user's for its unit, or the default.
     pub(super) fn for_signal(&self, prefix: &str, name: &str, unit: &str) -> f64 {
         let in_loop = self.given(&format!("{prefix}{name}"));
-        let given = in_loop.or_else(|| self.given(name));
-        let given = given.or_else(|| self.given_for(unit));
+        let given = in_loop
+            .or_else(|| self.given(name))
+            .or_else(|| self.given_for(unit));
         given.unwrap_or_else(|| self.signal_default(prefix, name, unit))
     }
 
@@ -189,8 +190,8 @@ impl Tolerances<'_> {
             let parts: Vec<&str> = name.split(['_', ' ']).collect();
             let default = METRIC_TOLERANCES
                 .iter()
-                .find(|(unit, _)| parts.contains(unit));
-            let default = default.map(|(_, tolerance)| *tolerance);
+                .find(|(unit, _)| parts.contains(unit))
+                .map(|(_, tolerance)| *tolerance);
             let default = self.position_metric_default(name).or(default);
             let largest = values
                 .into_iter()
@@ -279,8 +280,8 @@ mod tests {
         assert_eq!(for_signal("martensite_fraction", ""), 0.02);
         assert_eq!(for_signal("current_amperes", "A"), f64::INFINITY);
         assert_eq!(for_signal("saturation_on_stop", ""), f64::INFINITY);
-        let given = ["position_millimetres=2", "x.position_millimetres=3"];
-        let given = given.map(|text| text.parse().unwrap());
+        let given = ["position_millimetres=2", "x.position_millimetres=3"]
+            .map(|text| text.parse().unwrap());
         let two_loops = Tolerances {
             given: &given,
             time_seconds: 0.0,

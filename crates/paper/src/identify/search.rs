@@ -192,8 +192,8 @@ fn continue_from(
     lower: &Optimum,
     progress: OnIteration<'_>,
 ) -> Optimum {
-    let continued = optimiser::sequential_quadratic_programming(fit, &lower.values, progress);
-    let mut continued = continued.unwrap_or_else(|| lower.clone());
+    let mut continued = optimiser::sequential_quadratic_programming(fit, &lower.values, progress)
+        .unwrap_or_else(|| lower.clone());
     continued.iterations += descent.optimum.iterations;
     std::mem::replace(&mut descent.optimum, continued)
 }

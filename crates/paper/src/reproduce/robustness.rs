@@ -111,8 +111,7 @@ fn plants(effort: Effort) -> Experiment {
 fn unknown_plants(count: usize) -> impl Iterator<Item = Trial> {
     let cases = bases::plants();
     (1..=count).map(move |number| {
-        let plan = cases.case(number).plan();
-        let plan = plan.expect("a test makes every plant");
+        let plan = cases.case(number).plan().expect("a test makes every plant");
         bases::only(&plan).clone()
     })
 }

@@ -359,8 +359,9 @@ fn read_records<'a>(
 
 /// Returns the time after a header.
 fn time_in(packet: &[u8], body: &[u8]) -> Result<Duration, Misread> {
-    let time = body.first_chunk();
-    let time = time.ok_or_else(|| short(packet, RECORDS_AT))?;
+    let time = body
+        .first_chunk()
+        .ok_or_else(|| short(packet, RECORDS_AT))?;
     Ok(Duration::from_nanos(u64::from_le_bytes(*time)))
 }
 

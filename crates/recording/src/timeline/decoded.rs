@@ -253,8 +253,10 @@ pub fn signals(timelines: &[Timeline]) -> Vec<SignalRows<'_>> {
             timeline.measurand.unit.symbol(),
             &timeline.set_point,
         );
-        let columns = timeline.columns.iter();
-        let columns = columns.map(|column| (column.name.clone(), &*column.unit, &column.values));
+        let columns = timeline
+            .columns
+            .iter()
+            .map(|column| (column.name.clone(), &*column.unit, &column.values));
         let signals = [set_point].into_iter().chain(columns);
         let signals = signals.map(|(name, unit, values)| SignalRows {
             name: format!("{prefix}{name}"),

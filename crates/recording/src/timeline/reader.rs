@@ -35,8 +35,9 @@ pub fn decode(
     plan: &Plan,
 ) -> Result<Vec<Timeline>, SignalMissing> {
     let loops = plan.loops.iter();
-    let readers = loops.map(|one| TimelineReader::new(&plan.shared, one));
-    let mut readers = readers.collect::<Result<Vec<_>, _>>()?;
+    let mut readers = loops
+        .map(|one| TimelineReader::new(&plan.shared, one))
+        .collect::<Result<Vec<_>, _>>()?;
     // All of them together have as much in memory as one.
     let kept_max = KEPT_MAX / plan.loops.len();
     readers.iter_mut().for_each(|reader| reader.keep(kept_max));
@@ -137,8 +138,10 @@ impl TimelineReader {
         let truth = TruthReader::new(one)?;
         let fan = FanReader::new(one);
         let drive_reports = DriveReportReader::new(one);
-        let rare = losses.raw_ids().chain(truth.raw_id());
-        let rare = rare.chain([drive_reports.raw_id()]);
+        let rare = losses
+            .raw_ids()
+            .chain(truth.raw_id())
+            .chain([drive_reports.raw_id()]);
         let rare = Vec::from_iter(rare.chain(fan.raw_ids()));
         let traces = TraceReader::new(one);
         let sources = SourceReader::new(one);

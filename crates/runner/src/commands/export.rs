@@ -150,8 +150,9 @@ fn frame_table<'a>(
     Ok(match message {
         None => Box::new(move |output| frames::write_all(output, frames, database, zero)),
         Some(name) => {
-            let message = database.message(name);
-            let message = message.ok_or_else(|| RecordedError::no_message(name, database))?;
+            let message = database
+                .message(name)
+                .ok_or_else(|| RecordedError::no_message(name, database))?;
             Box::new(move |output| frames::write_message(output, frames, database, zero, message))
         }
     })

@@ -168,8 +168,9 @@ fn listed<'a>(database: &'a Database, loops: &'a [ControlLoop]) -> Vec<ListedSig
         let signals = message.signals.iter();
         signals.map(move |signal| (None, message, signal))
     });
-    let signals = shared.chain(by_loop);
-    let signals = signals.map(|(one, message, signal)| ListedSignal::of(one, message, signal));
+    let signals = shared
+        .chain(by_loop)
+        .map(|(one, message, signal)| ListedSignal::of(one, message, signal));
     signals.collect()
 }
 

@@ -291,8 +291,9 @@ fn interview(drive: &LoadedDrive, one: &ControlLoop) -> Result<Interview, WorldE
         .map_err(|error| cannot_be_made(&error))?
         .dictionary;
     let io = one.nodes.io.iter().filter(|io| one.external.has(io));
-    let nodes = iter::once(&one.nodes.drive).chain(io);
-    let nodes = nodes.filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
+    let nodes = iter::once(&one.nodes.drive)
+        .chain(io)
+        .filter_map(|node| Some((NodeId::new(node.id)?, node.name.clone())));
     Ok(Interview::new(
         drive,
         dictionary,

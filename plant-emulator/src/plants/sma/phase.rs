@@ -403,8 +403,11 @@ mod tests {
             ),
         ] {
             let mut wire = Led::new(kinetics);
-            let found = way.map(|celsius| format!("{:.6}", wire.to(celsius)));
-            let found = found.each_ref().map(|digits| &digits[1..]).join(" ");
+            let found = way
+                .map(|celsius| format!("{:.6}", wire.to(celsius)))
+                .each_ref()
+                .map(|digits| &digits[1..])
+                .join(" ");
             assert_eq!(found, expected, "{kinetics:?}");
         }
     }

@@ -146,8 +146,12 @@ fn compared<'a>(
         leave_timing_out(&mut comparison);
     }
     for (letter, recorded) in LETTERS.iter().zip([&a, &b]) {
-        let remarks = recorded.log.unread.remarks().into_iter();
-        let remarks = remarks.map(|remark| format!("of {letter}, {remark}"));
+        let remarks = recorded
+            .log
+            .unread
+            .remarks()
+            .into_iter()
+            .map(|remark| format!("of {letter}, {remark}"));
         comparison.remarks.extend(remarks);
     }
     let page = args.output.as_deref().map(|place| {

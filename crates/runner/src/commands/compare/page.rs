@@ -330,8 +330,8 @@ impl Plots {
 /// Checks whether a signal has more than one value.
 fn changes(signal: &SignalDifference, compared: &Compared<'_>) -> bool {
     compared.timelines.into_iter().any(|run| {
-        let values = values(run, signal);
-        let mut values = values.iter().filter(|value| value.is_finite());
+        let series = values(run, signal);
+        let mut values = series.iter().filter(|value| value.is_finite());
         let first = values.next();
         values.any(|value| Some(value) != first)
     })
