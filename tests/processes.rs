@@ -247,7 +247,7 @@ fn is_named_and_no_current_stays(count: u8, victim: &str, clock: &str) {
         if plant_name(drive) != victim {
             assert_eq!(last_current(&log, one), 0.0, "{drive} after {victim}");
         }
-        // A drive that ended with its emulator reports nothing.
+        // A drive that ended with its emulator sends no report.
         let is_off = (plant_name(drive) != victim).then_some(true);
         let row = format!("{}.drive_off", one.name());
         assert_eq!(row_passed(&verdict, &row), is_off, "{row} after {victim}");

@@ -1,5 +1,5 @@
 //! Tests in real time on machines with occasional host stalls: a virtual machine that is held up for 60 ms loses its
-//! drive, as it should. A failure during such a stall proves nothing and is tried again; a failure without one counts.
+//! drive, as it should. A failure during such a stall is no proof, and is tried again; a failure without one counts.
 
 use std::ops::{Deref, DerefMut};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};

@@ -687,7 +687,7 @@ fn a_loop_follows_what_another_drive_measures() {
     let (code, stdout, stderr) = output(program(&["replay"]).arg(&runs[0]));
     assert_eq!(code, Some(0), "{stdout}{stderr}");
 
-    // If the followed sensor is faulty, the truth is judged as well, as for an own sensor.
+    // If the followed sensor is faulty, the truth is judged as well, as for the sensor of the drive itself.
     let truth = "true_position_degrees_max";
     for (node, is_followed) in [("extensor", true), ("flexor", false)] {
         let fault = format!(

@@ -32,9 +32,9 @@ pub enum Kind {
 /// Lowest and highest physical value.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Range {
-    /// Lowest.
+    /// Lowest physical value.
     pub minimum: f64,
-    /// Highest.
+    /// Highest physical value.
     pub maximum: f64,
 }
 

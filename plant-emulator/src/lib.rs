@@ -342,7 +342,7 @@ impl Node for PlantEmulator {
             .collect()
     }
 
-    /// Returns filters for PDOs of the manager and of the own nodes that wait for the SYNC, or that no node here reads.
+    /// Returns filters for PDOs of the manager and of the nodes here that wait for the SYNC, or that no node here reads.
     /// With faults any frame may make the emulator publish the truth.
     fn silent_filters(&self) -> Vec<Filter> {
         if self.drives.iter().any(DriveNode::is_faulty) {

@@ -8,12 +8,12 @@ use crate::InvalidEmulator;
 /// An output that a drive publishes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Published {
-    /// Name at the drive.
+    /// Name of the signal in the messages of the drive.
     pub(crate) name: String,
     /// Index of the output.
     pub(crate) output: usize,
     pub(crate) steps_per_unit: f64,
-    /// Whether its 16 bits have a sign.
+    /// Whether the 16 bits of the signal have a sign.
     pub(crate) is_signed: bool,
 }
 

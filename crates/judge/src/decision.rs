@@ -268,7 +268,7 @@ fn decide(evidence: &Evidence<'_>, metrics: &mut [Metric]) -> Decision {
     if let Some(reason) = overload(metrics) {
         return (Outcome::Fail, Some(reason), None);
     }
-    // A run with a foreign source of frames proves nothing of the nodes under test.
+    // With a foreign source of frames, the run does not show how the nodes under test behave.
     if let Some((reason, cause)) = two_sources(evidence) {
         return (Outcome::Inconclusive, Some(reason), Some(cause));
     }

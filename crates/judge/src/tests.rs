@@ -1048,7 +1048,7 @@ fn a_node_without_a_heartbeat_at_the_end_is_named() {
     assert_eq!(verdict.reason.as_deref(), Some(reason));
 }
 
-/// The run passes, with a remark that this proves nothing.
+/// The run passes, with a remark that no limit was judged.
 #[test]
 fn a_run_in_which_nothing_is_limited_judges_nothing() {
     let whole = frames(4000, |_| Some(10.0));

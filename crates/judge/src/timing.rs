@@ -35,7 +35,7 @@ pub struct Timing {
     pub position_to_command_microseconds: Quantiles,
     /// Time from the SYNC to the command.
     pub round_trip_microseconds: Quantiles,
-    /// Reasons why these numbers say nothing about the software; empty if they do.
+    /// Reasons why these numbers are no measure of the software; empty if they are.
     pub distrust: Vec<String>,
 }
 
@@ -212,7 +212,7 @@ fn metric(name: String, value: Option<f64>, limit: Option<Limit>) -> Option<Metr
     })
 }
 
-/// Returns the reasons why the timing of a run of this duration proves nothing.
+/// Returns the reasons why the timing of a run of this duration is not trusted.
 fn distrust(host: &Host, duration: Duration) -> Vec<String> {
     let mut reasons: Vec<String> = Vec::new();
     let reports = [&host.controller, &host.plant_emulator];

@@ -124,14 +124,14 @@ pub fn lock_memory() -> Result<(), Refused> {
     })
 }
 
-/// Lowers the priority of this thread, and of its future children, below all others. A refusal changes nothing.
+/// Lowers the priority of this thread, and of its future children, below all others, unless the system refuses.
 pub fn step_back() {
     let _ = rustix::process::nice(NICENESS);
 }
 
-/// Guard that keeps this thread, and the processes that it starts meanwhile, on the present processor until dropped. Threads that
-/// only take turns lose nothing by it, and waking a process on another processor costs more than most turns. A refusal changes
-/// nothing.
+/// Guard that keeps this thread, and the processes that it starts meanwhile, on the present processor until dropped, unless the
+/// system refuses. Threads that only take turns lose no time by it: waking a process on another processor costs more than most
+/// turns.
 #[derive(Debug)]
 pub struct OneProcessor {
     before: Option<CpuSet>,

@@ -130,7 +130,7 @@ impl Bus for SocketCanBus {
                     address: self.address(),
                 });
             }
-            // ENOBUFS is the device's queue, of which poll knows nothing: it would call the socket writable.
+            // ENOBUFS is the device's queue, which poll does not see: it would call the socket writable.
             if full == Errno::NOBUFS {
                 clock::sleep(SEND_RETRY);
             } else {

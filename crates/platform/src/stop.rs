@@ -27,7 +27,7 @@ pub const OF_TERMINAL: [libc::c_int; 3] = [libc::SIGINT, libc::SIGQUIT, libc::SI
 /// Signal for a loop to stop.
 #[derive(Debug)]
 pub struct StopSignal {
-    /// Pipe whose end means stop; bytes written to it mean nothing.
+    /// Pipe whose end means stop; bytes written to it are ignored.
     pipe: Option<Pipe>,
     /// Event that the signal handler raises.
     event: Option<BorrowedFd<'static>>,
@@ -197,7 +197,7 @@ pub(crate) fn end_at_once_after_nothing() {
     AT_ONCE_EVENT.store(-1, Ordering::Relaxed);
 }
 
-/// Makes these signals do nothing.
+/// Ignores these signals from now on.
 pub(crate) fn ignore(signals: &[libc::c_int]) -> io::Result<()> {
     signals
         .iter()

@@ -1,5 +1,5 @@
 //! Reports of a drive on itself after a node ended a run: its power state and its current. The bench asks for them by SDO once
-//! the drive's watches have run out, since a drive that hears no SYNC sends nothing by itself.
+//! the drive's watches have run out, since a drive that hears no SYNC sends no message by itself.
 
 use std::time::Duration;
 

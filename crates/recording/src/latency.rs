@@ -198,9 +198,9 @@ pub enum CycleStage {
         /// Time since the SYNC.
         after_sync: Duration,
     },
-    /// The controller sent the command that follows from it.
+    /// The controller sent the command that follows from the position.
     Command {
-        /// Time since the position.
+        /// Time since the position of the cycle.
         after_position: Duration,
         /// Time since the SYNC.
         after_sync: Duration,

@@ -70,15 +70,6 @@ impl Stamped {
     }
 }
 
-/// Writes a line as [`Stamped::push_to`], without its end.
-impl fmt::Display for Stamped {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut line = String::new();
-        self.push_to(&mut line);
-        formatter.write_str(line.trim_end())
-    }
-}
-
 /// Appends the last digits of a number.
 fn push_decimal(text: &mut String, number: u64, digits: usize) {
     let mut shown = [b'0'; 20];
@@ -588,13 +579,20 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Returns the line of a frame, without its end.
+    fn shown(stamped: &Stamped) -> String {
+        let mut line = String::new();
+        stamped.push_to(&mut line);
+        line.trim_end().to_owned()
+    }
+
     #[test]
     fn a_line_reads_as_candump_writes_it() {
         let stamped = Stamped::new(
             Duration::from_micros(1_234_567),
             CanFrame::new(0x190, &[1, 0xAB]),
         );
-        assert_eq!(stamped.to_string(), "(0000000001.234567) can0 190#01AB");
+        assert_eq!(shown(&stamped), "(0000000001.234567) can0 190#01AB");
         assert_eq!("(0000000001.234567) vcan0 190#01AB R".parse(), Ok(stamped));
     }
 
@@ -624,19 +622,16 @@ mod tests {
             assert!(line.parse::<Stamped>().is_err(), "{line}");
         }
         let error = "(0000000000.000001) can0 20000004#0001000000000000";
-        assert_eq!(error.parse::<Stamped>().unwrap().to_string(), error);
+        assert_eq!(shown(&error.parse().unwrap()), error);
     }
 
     #[test]
     fn a_remote_frame_keeps_its_length() {
-        let line = "(0000000000.000001) can0 190#R8";
-        let read: Stamped = line.parse().unwrap();
-        assert_eq!(
-            (read.to_string().as_str(), read.frame.data().len()),
-            (line, 8)
-        );
+        let full = "(0000000000.000001) can0 190#R8";
+        let read: Stamped = full.parse().unwrap();
+        assert_eq!((shown(&read).as_str(), read.frame.data().len()), (full, 8));
         let without = "(0000000000.000001) can0 190#R";
-        assert_eq!(without.parse::<Stamped>().unwrap().to_string(), without);
+        assert_eq!(shown(&without.parse().unwrap()), without);
     }
 
     /// A socket may give both flags; candump shows the one in the identifier and the other in place of the data.
@@ -645,7 +640,7 @@ mod tests {
         let flags = ERROR_FLAG | REMOTE_FLAG | 4;
         let both = CanFrame::from_raw(flags, 8, [0, 1, 0, 0, 0, 0, 0, 0]).unwrap();
         let written = Stamped::new(Duration::from_micros(1), both);
-        assert_eq!(written.to_string().parse(), Ok(written));
+        assert_eq!(shown(&written).parse(), Ok(written));
         let by_candump: Stamped = "(0.000001) can0 20000004#R8".parse().unwrap();
         assert!(by_candump.frame.is_error());
     }
@@ -701,7 +696,7 @@ mod tests {
     fn a_part_that_is_there_twice_is_read_once() {
         let line = |millis: u64| {
             let frame = CanFrame::new(0x190, &millis.to_le_bytes());
-            format!("{}\n", Stamped::new(Duration::from_millis(millis), frame))
+            shown(&Stamped::new(Duration::from_millis(millis), frame)) + "\n"
         };
         let whole: String = (0..300).map(|number| line(10 * number)).collect();
         let (frames, unread) = read_cut_log(format!("{whole}{whole}").as_bytes()).unwrap();
@@ -723,7 +718,7 @@ mod tests {
     fn a_time_stamp_far_ahead_takes_no_other_line_with_it() {
         let line = |millis: u64| {
             let frame = CanFrame::new(0x190, &millis.to_le_bytes());
-            format!("{}\n", Stamped::new(Duration::from_millis(millis), frame))
+            shown(&Stamped::new(Duration::from_millis(millis), frame)) + "\n"
         };
         let lines: Vec<String> = (1..300).map(|number| line(10 * number)).collect();
         let (whole, _) = read_cut_log(lines.concat().as_bytes()).unwrap();

@@ -206,7 +206,7 @@ mod tests {
                 let mut bytes = whole.clone();
                 bytes[place] ^= 1 << bit;
                 let (text, damaged) = read(&bytes);
-                // A bit in its header may mean nothing, or that there is no checksum: then the text is whole.
+                // A bit in its header may have no meaning, or say that there is no checksum: then the text is whole.
                 let is_whole = text == texts.concat();
                 let is_without = text == [texts[0], texts[2]].concat() && damaged > 0;
                 assert!(is_whole || is_without, "{place} {bit}: {text}");

@@ -374,7 +374,7 @@ impl OwnProcess {
         (!tail.is_empty()).then(|| indented(&tail.join("\n")))
     }
 
-    /// Removes the log of a node that wrote nothing.
+    /// Removes the log of a node if it is empty.
     fn remove_empty_log(&self) {
         let is_empty = fs::metadata(&self.log).is_ok_and(|metadata| metadata.len() == 0);
         let removed = if is_empty {

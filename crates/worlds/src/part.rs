@@ -1,5 +1,5 @@
-//! Part of a plan that a program may know: its node, the bus, and for each loop the frames, the limits and the set-point. It
-//! holds nothing of the plant, the disturbances, the faults and the limits of the verdict.
+//! Part of a plan that a program may know: its node, the bus, and for each loop the frames, the limits and the set-point. The
+//! plant, the disturbances, the faults and the limits of the verdict are not in it.
 
 use dbc::names;
 use dbc::{ByteOrder, Kind, Message, Signal, SignalHandle};

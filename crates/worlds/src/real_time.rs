@@ -76,7 +76,7 @@ pub fn play(
                 stopper = None;
             }
             let is_broken_off = (bench.is_finished() || end.is_err()) && !is_second_master;
-            // After any end of the run nothing may stay heated or running.
+            // After any end of the run no wire may stay heated, and no process running.
             (end, run.stop(is_broken_off).await)
         });
         drop(stopper);
@@ -122,8 +122,8 @@ pub fn play(
 }
 
 /// Returns the frames that canrig's nodes sent, as far as they report them. For a controller that a fault kills, the report is
-/// that of the last process only, which proves nothing. The bench sends frames that the controller sends too, so without the
-/// controller's report the bench's proves nothing either.
+/// that of the last process only, and is left out. The bench sends frames that the controller sends too, so without the
+/// controller's report the bench's is left out as well.
 fn sent(
     plan: &Plan,
     reports: &mut BTreeMap<String, NodeReport>,

@@ -175,7 +175,7 @@ impl Play {
 }
 
 impl Tested {
-    /// Takes what is worse; whether it was.
+    /// Takes an outcome that is worse, with its case. Returns whether it was worse.
     fn worsen(&mut self, outcome: Outcome, case: Option<usize>) -> bool {
         let is_worse = severity(outcome) > severity(self.outcome);
         if is_worse {

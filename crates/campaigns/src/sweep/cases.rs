@@ -37,6 +37,11 @@ pub trait Cases: Sync {
     /// Scenario of a case, as a file of its own.
     fn text(&self, number: usize) -> String;
 
+    /// Options with which `canrig simulate` plays a case on the scenario of the campaign; `None` if there are none that do.
+    fn options(&self, _number: usize) -> Option<String> {
+        None
+    }
+
     /// Plays a case.
     ///
     /// # Errors
@@ -70,6 +75,7 @@ pub trait Cases: Sync {
             .map(|(key, value)| format!("{key} = {value}"));
         values.collect::<Vec<_>>().join(", ")
     }
+
     /// Keys and values of a case, as a text with four digits each, for a page.
     fn short_values_text(&self, number: usize) -> String {
         let values = self

@@ -113,25 +113,14 @@ fn place(failing: &Failing) -> String {
     format!("{FAILING}/case-{}-{}.toml", failing.case, failing.id)
 }
 
-/// Returns the command that plays a case alone, in the folder of the sweep. `--set` cannot give the faults of torture as values.
+/// Returns the command that plays a case alone, in the folder of the campaign.
 fn command(cases: &dyn Cases, summary: &Summary, case: usize) -> Option<String> {
     let mut failing = summary.failing.iter();
     if let Some(one) = failing.find(|one| one.case == case) {
         return (one.ended != Ended::Invalid).then(|| format!("canrig simulate {}", place(one)));
     }
-    let values = cases
-        .keys()
-        .into_iter()
-        .zip(cases.values(case))
-        .map(|(key, value)| format!(" --set '{key}={value}'"));
-    let is_sweep = cases.kind() == "sweep";
-    is_sweep.then(|| {
-        format!(
-            "canrig simulate {}{}",
-            file::SCENARIO,
-            String::from_iter(values)
-        )
-    })
+    let options = cases.options(case)?;
+    Some(format!("canrig simulate {}{options}", file::SCENARIO))
 }
 
 /// Returns the comment at the top of a failing case's scenario.

@@ -241,6 +241,13 @@ impl Cases for SweepCases {
         self.case(number).text
     }
 
+    fn options(&self, number: usize) -> Option<String> {
+        let values = self.keys().zip(self.values(number));
+        Some(String::from_iter(
+            values.map(|(key, value)| format!(" --set '{key}={value}'")),
+        ))
+    }
+
     fn play(&self, number: usize, watch: &Watch) -> Result<SweepRow, NoResult> {
         let case = self.case(number);
         let plan = match case.plan() {

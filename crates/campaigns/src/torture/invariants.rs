@@ -34,7 +34,7 @@ const HEARTBEAT: u16 = 0x700;
 pub struct BrokenInvariant {
     /// Name of the invariant.
     pub invariant: &'static str,
-    /// Observation that breaks it.
+    /// Description of the observation that breaks it.
     pub text: String,
 }
 

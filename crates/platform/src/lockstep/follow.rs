@@ -41,7 +41,7 @@ pub enum FollowError {
         /// Frame that arrived on the wire.
         arrived: CanFrame,
     },
-    /// The wire carried nothing.
+    /// No frame came over the wire in time.
     #[error(
         "frame {announced} was announced but nothing arrived within {} s",
         WIRE_PATIENCE.as_secs()

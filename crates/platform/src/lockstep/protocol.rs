@@ -219,7 +219,7 @@ pub(super) fn encode_done(
     Ok(())
 }
 
-/// Reads DONE into the answer. After an own frame that is not quiet the node must not have continued.
+/// Reads DONE into the answer. After a frame of the node that is not quiet, it must not have continued.
 pub(super) fn decode_done(
     packet: &[u8],
     asked: &Asked,

@@ -158,7 +158,7 @@ pub(super) struct QuickStop {
     sent_at: Duration,
     /// Delay until the drive first showed that no current flows, and that it has left Operation enabled.
     pub(super) without_current_after: Option<Duration>,
-    /// Last sample after it.
+    /// Latest feedback after the quick stop.
     pub(super) last: Option<Feedback>,
 }
 

@@ -13,15 +13,15 @@ const REFERENCE_CELSIUS: f64 = 25.0;
 /// The heat balance and its state.
 #[derive(Clone, Debug)]
 pub(super) struct Heat {
-    /// `R25`, Ω.
+    /// Resistance of the winding at 25 °C, `R25`, Ω.
     resistance: f64,
-    /// `1 / Rth2`, W/K.
+    /// Conductance from winding to housing, `1 / Rth2`, W/K.
     winding_conductance: f64,
-    /// `1 / Rth1` in still air, W/K.
+    /// Conductance from housing to still air, `1 / Rth1`, W/K.
     housing_conductance: f64,
-    /// `τw / Rth2`, J/K.
+    /// Heat capacity of the winding, `τw / Rth2`, J/K.
     winding_capacity: f64,
-    /// `τs / Rth1`, J/K.
+    /// Heat capacity of the housing, `τs / Rth1`, J/K.
     housing_capacity: f64,
     ambient_celsius: f64,
     winding_celsius: f64,

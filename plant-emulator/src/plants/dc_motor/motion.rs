@@ -6,7 +6,7 @@ use super::condition::Condition;
 use crate::integrator::runge_kutta_4;
 use crate::plant::Inputs;
 
-/// `g`, m/s².
+/// Acceleration of gravity `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
 /// Largest number of reversals in one step; then the load rests until the next step.
 const TURNS_MAX: u32 = 4;
@@ -14,25 +14,25 @@ const TURNS_MAX: u32 = 4;
 /// The equation of motion and its state.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
-    /// `r`, m.
+    /// Radius of the pinion, `r`, m.
     pinion_radius_metres: f64,
-    /// `n / r`, 1/m.
+    /// Angle of the motor per travel of the rack, `n / r`, 1/m.
     transmission: f64,
-    /// `kM n / r`, N/A.
+    /// Force on the rack per current, `kM n / r`, N/A.
     force_per_ampere: f64,
-    /// `(JR + JG) (n / r)²`, kg.
+    /// Inertia of rotor and gearbox as a mass on the rack, `(JR + JG) (n / r)²`, kg.
     rotating_kilograms: f64,
-    /// `mL`, kg.
+    /// Mass of the load, `mL`, kg.
     load_kilograms: f64,
-    /// `MC n / r + MG / r`, N.
+    /// Coulomb friction of motor and gearbox on the rack, `MC n / r + MG / r`, N.
     coulomb_newtons: f64,
-    /// `b (n / r)²`, N s/m.
+    /// Viscous friction on the rack, `b (n / r)²`, N s/m.
     damping: f64,
-    /// `k`, N/m.
+    /// Stiffness of the spring, `k`, N/m.
     stiffness: f64,
-    /// `x`, zero on the stop, upwards.
+    /// Height `x` of the load, zero on the stop, upwards.
     position_metres: f64,
-    /// `ẋ`.
+    /// Its rate `ẋ`.
     velocity_metres_per_second: f64,
 }
 

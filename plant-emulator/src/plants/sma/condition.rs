@@ -11,7 +11,7 @@ pub(super) struct Condition {
     pub(super) resistance_factor: f64,
     /// Factor of `Δ`.
     pub(super) recoverable_strain_factor: f64,
-    /// Whether the wire is broken and carries nothing.
+    /// Whether the wire is broken, and carries neither load nor current.
     pub(super) is_wire_broken: bool,
     /// Whether the load cannot move.
     pub(super) is_pulley_jammed: bool,

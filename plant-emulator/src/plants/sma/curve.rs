@@ -38,9 +38,9 @@ impl Sigmoid {
 /// A point of a curve.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
-    /// `ξ`.
+    /// Martensite fraction `ξ`.
     pub(super) martensite_fraction: f64,
-    /// `ξ′ = dξ/dT`, 1/K; never positive.
+    /// Its slope over the temperature, `ξ′ = dξ/dT`, 1/K; never positive.
     pub(super) fraction_per_kelvin: f64,
 }
 

@@ -5,28 +5,28 @@ use scenario::plant;
 /// Coefficients of the heat balance, Eq. (1); all per metre of wire.
 #[derive(Clone, Debug)]
 pub(super) struct HeatBalance {
-    /// `1 / (m cp)`, m K/J.
+    /// Inverse of the heat capacity, `1 / (m cp)`, m K/J.
     inverse_heat_capacity: f64,
-    /// `L / cp`, K.
+    /// Latent heat over specific heat, `L / cp`, K.
     latent_heat_kelvins: f64,
-    /// `R`, Ω/m.
+    /// Resistance `R`, Ω/m.
     resistance: f64,
-    /// `h A` in still air, W/(m K).
+    /// Convection in still air, `h A`, W/(m K).
     convection: f64,
-    /// `C`, W/(m K).
+    /// Conduction to the cooling element, `C`, W/(m K).
     conduction: f64,
-    /// `Tamb`, °C.
+    /// Temperature of the air, `Tamb`, °C.
     ambient_celsius: f64,
-    /// `Tp`, °C.
+    /// Temperature of the cooling element, `Tp`, °C.
     cooling_element_celsius: f64,
 }
 
 /// Heat input and loss of the wire, per metre.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heating {
-    /// `i² R`, W/m.
+    /// Heat of the current, `i² R`, W/m.
     joule: f64,
-    /// `h A` with the fan, W/(m K).
+    /// Convection with the fan, `h A`, W/(m K).
     convection: f64,
 }
 

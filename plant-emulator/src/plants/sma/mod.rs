@@ -39,13 +39,13 @@ struct Acting {
 /// The integrated quantities, and the fraction that follows from them.
 #[derive(Clone, Copy, Debug)]
 struct State {
-    /// `T`.
+    /// Temperature `T` of the wire.
     temperature_celsius: f64,
-    /// `x`, zero on the stop, upwards.
+    /// Height `x` of the load, zero on the stop, upwards.
     position_metres: f64,
-    /// `ẋ`.
+    /// Its rate `ẋ`.
     velocity_metres_per_second: f64,
-    /// `ξ` at `T` on the present branch.
+    /// Martensite fraction `ξ` at `T` on the present branch.
     martensite_fraction: f64,
 }
 
@@ -158,7 +158,7 @@ impl Actuator {
         self.state = self.integrated(duration_seconds - turn, |time| acting(self, turn + time));
     }
 
-    /// Follows the sign of `dT/dt`. At a turn the fraction is continuous except for the last bits.
+    /// Takes the branch for the sign of `dT/dt`. At a turn the fraction is continuous except for the last bits.
     fn follow(&mut self, rate_kelvin_per_second: f64) {
         let temperature = self.state.temperature_celsius;
         if self.phase.follow(rate_kelvin_per_second, temperature) {

@@ -17,7 +17,7 @@ use super::wire::Mechanics;
 use crate::integrator::runge_kutta_4;
 use crate::plant::{Faults, InvalidPlant, Plant, Port, Ports, follows, not_negative, positive};
 
-/// `g`, m/s².
+/// Acceleration of gravity `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
 /// Tolerated excess of the steps' total length, as a share of a step, as for the actuator.
 const STEP_EXCESS: f64 = 0.1;
@@ -45,27 +45,27 @@ pub struct SmaPair {
     heat: HeatBalance,
     mechanics: Mechanics,
     wires: [Wire; 2],
-    /// `r`, m.
+    /// Radius of the pulley, `r`, m.
     radius: f64,
-    /// `J`, kg m².
+    /// Moment of inertia `J`, kg m².
     inertia: f64,
-    /// `c`, N m s.
+    /// Viscous friction `c`, N m s.
     damping: f64,
     /// Contraction of both wires in the middle, m.
     middle: f64,
     /// Angle of the stops, from the middle.
     stop_degrees: f64,
     stop_radians: f64,
-    /// `θ`, towards the flexor's side.
+    /// Angle `θ`, towards the flexor's side.
     angle_radians: f64,
-    /// `θ̇`.
+    /// Its rate `θ̇`.
     speed_radians_per_second: f64,
 }
 
 /// The inputs as terms of the equations.
 struct Acting {
     heating: [Heating; 2],
-    /// `m`, kg.
+    /// Mass of the load, `m`, kg.
     load: f64,
 }
 

@@ -106,7 +106,7 @@ impl Transformation {
         further.curve.at(temperature_celsius)
     }
 
-    /// Follows the sign of `dT/dt`; zero keeps the branch. The curves of both branches pass through the point of a turn
+    /// Takes the branch for the sign of `dT/dt`; zero keeps it. The curves of both branches pass through the point of a turn
     /// (PAPER E2). Returns whether there was a turn.
     #[inline]
     pub(super) fn follow(&mut self, rate_kelvin_per_second: f64, temperature_celsius: f64) -> bool {

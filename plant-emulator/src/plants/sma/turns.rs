@@ -6,9 +6,9 @@ pub(super) const TURNS_MAX: usize = 64;
 /// A point of the hysteresis at which the temperature turned.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Turn {
-    /// `T`.
+    /// Temperature `T` of the turn.
     pub(super) temperature_celsius: f64,
-    /// `ξ`.
+    /// Martensite fraction `ξ` at the turn.
     pub(super) martensite_fraction: f64,
 }
 

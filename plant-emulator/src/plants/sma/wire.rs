@@ -2,41 +2,41 @@
 
 use scenario::plant::{self, StressStrain};
 
-/// `g`, m/s².
+/// Acceleration of gravity `g`, m/s².
 const GRAVITY: f64 = 9.806_65;
 
 /// Coefficients of wire mechanics and motion, Eq. (3)-(9).
 #[derive(Clone, Debug)]
 pub(super) struct Mechanics {
     law: StressStrain,
-    /// `Awire`, m².
+    /// Section of the wire, `Awire`, m².
     section_square_metres: f64,
-    /// `EA · Awire`, N.
+    /// Stiffness as austenite, `EA · Awire`, N.
     austenite_stiffness: f64,
-    /// `EM · Awire`, N.
+    /// Stiffness as martensite, `EM · Awire`, N.
     martensite_stiffness: f64,
-    /// `ε_my`.
+    /// Yield strain of martensite, `ε_my`.
     yield_strain: f64,
-    /// `Δ`, m.
+    /// Recoverable elongation `Δ`, m.
     recoverable_elongation: f64,
-    /// `1 / l0` with `l0 = l_wire − Δ`, 1/m.
+    /// Inverse of the length as austenite, `1 / l0` with `l0 = l_wire − Δ`, 1/m.
     inverse_austenite_length: f64,
-    /// `1 / n` with `n = r2 / r1`.
+    /// Inverse of the transmission, `1 / n` with `n = r2 / r1`.
     inverse_transmission: f64,
-    /// `J / r2²`, kg.
+    /// Inertia of the pulley as a mass at the load, `J / r2²`, kg.
     pulley_mass: f64,
-    /// `mL`, kg.
+    /// Mass of the load, `mL`, kg.
     load: f64,
-    /// `c`, N s/m.
+    /// Viscous friction `c`, N s/m.
     damping: f64,
 }
 
 /// Load of the wire.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
-    /// `mL g`, N.
+    /// Weight `mL g`, N.
     weight_newtons: f64,
-    /// `J / r2² + mL`, kg.
+    /// Inertia of pulley and load, `J / r2² + mL`, kg.
     inertia_kilograms: f64,
 }
 
