@@ -61,10 +61,10 @@ fn what_is_no_fmu_ends_in_3() {
     fs::write(folder.path().join("a.fmu"), "PK").unwrap();
     let (code, _, error) = fmu(folder.path(), &["a.fmu"]);
     assert_eq!(code, Some(3));
-    assert!(error.contains("a.fmu: it is no zip file"), "{error}");
+    assert!(error.contains("a.fmu: not a zip file"), "{error}");
     let (code, _, error) = fmu(folder.path(), &["b.fmu"]);
     assert_eq!(code, Some(3));
-    assert!(error.contains("b.fmu: it cannot be opened"), "{error}");
+    assert!(error.contains("b.fmu: cannot be opened"), "{error}");
 }
 
 #[test]
@@ -661,7 +661,7 @@ fn what_does_not_fit_the_fmu_is_underlined_in_the_rig_file() {
     );
     fs::write(&rig, &text).unwrap();
     fs::write(folder.path().join("rigs/cart.fmu"), "PK").unwrap();
-    refused("cart", "cart", &["it is no zip file"]);
+    refused("cart", "cart", &["not a zip file"]);
 }
 
 #[test]

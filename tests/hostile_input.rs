@@ -297,7 +297,7 @@ fn output_that_cannot_be_written_is_no_success() {
     };
     let (code, _, stderr) = export("/dev/full");
     assert_eq!(code, Some(4), "{stderr}");
-    assert!(stderr.contains("/dev/full cannot be written"), "{stderr}");
+    assert!(stderr.contains("/dev/full` cannot be written"), "{stderr}");
     assert_eq!(export("/dev/null").0, Some(0));
     assert!(!fs::metadata("/dev/null").unwrap().is_file());
     // A link stays a link.
@@ -418,7 +418,7 @@ fn an_fmu_that_the_disk_does_not_take_is_named_and_nothing_else_is_printed() {
         ("", 1),
         "{stderr}"
     );
-    assert!(stderr.contains("sma.fmu cannot be written"), "{stderr}");
+    assert!(stderr.contains("sma.fmu` cannot be written"), "{stderr}");
     assert!(!place.exists());
 }
 

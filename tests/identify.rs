@@ -494,7 +494,7 @@ fn complaint(run: &Path, arguments: &[&str]) -> String {
 fn a_recording_that_is_not_there_is_named() {
     let message = complaint(Path::new("/nowhere"), &[]);
     assert!(
-        message.contains("/nowhere: it cannot be read: No such file"),
+        message.contains("/nowhere: the recording cannot be read: No such file"),
         "{message}"
     );
 }

@@ -261,7 +261,7 @@ fn parts_together_are_the_whole() {
 
     let (code, _, stderr) = merge(&[folder.path().to_owned()]);
     assert_eq!(code, Some(3), "{stderr}");
-    assert!(stderr.contains("is no folder of a sweep"), "{stderr}");
+    assert!(stderr.contains("is not the folder of a sweep"), "{stderr}");
     let (code, _, stderr) = merge(&folders[..2]);
     assert_eq!(code, Some(3), "{stderr}");
     assert!(

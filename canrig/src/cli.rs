@@ -90,7 +90,7 @@ Exit codes, of the worst run:
 const MERGE_EXITS: &str = "\
 Exit codes, of the worst run:
   0 pass · 1 a limit was not met
-  3 a run is missing or invalid, or a part is that of another sweep
+  3 a run is missing or invalid, or a part belongs to another sweep
   4 a run broke off, or a file cannot be written · 5 inconclusive · 70 internal error";
 
 const SUBMIT_EXITS: &str = "\
@@ -99,7 +99,7 @@ Exit codes, of the worst run:
   3 the file is invalid, or the campaign was submitted otherwise before
   4 the engine is not there or refuses, parts were lost too often, a run broke off, or a file cannot be written
   5 inconclusive · 70 internal error
-  130 interrupted: the job goes on, and --resume waits for it";
+  130 interrupted: the job continues, and --resume waits for it";
 
 /// Tests a controller against a plant over a CAN bus: simulated, in real time, and with real hardware.
 #[derive(Debug, Parser)]

@@ -44,9 +44,9 @@ fn explain(path: &Path, error: &io::Error) -> String {
     let path = path.display();
     match error.kind() {
         io::ErrorKind::AlreadyExists => {
-            format!("{path} is there already; remove it, or name another folder with --to")
+            format!("`{path}` is there already; remove it, or name another folder with --to")
         }
-        _ => format!("{path} cannot be written: {error}"),
+        _ => format!("`{path}` cannot be written: {error}"),
     }
 }
 

@@ -17,7 +17,7 @@ class Sweep:
         #: The folder of the sweep.
         self.folder = Path(folder)
         if not (self.folder / "runs.csv").is_file():
-            raise CannotStart(f"{self.folder} is no folder of a sweep that has ended: there is no runs.csv in it")
+            raise CannotStart(f"`{self.folder}` is not the folder of a sweep that has ended (no runs.csv in it)")
         #: How the program ended, by the worst run; ``None`` for an earlier sweep.
         self.exit_code: Optional[ExitCode] = None
 

@@ -30,7 +30,7 @@ pub(crate) fn register(models: Vec<OwnModel>) {
 enum ExportError {
     #[error("there is no plant `{name}` to export; there are: {known}")]
     Unknown { name: String, known: String },
-    #[error("the plant `{name}` is none by its defaults: {reason}")]
+    #[error("the plant `{name}` cannot be made from its defaults: {reason}")]
     NoModel { name: String, reason: String },
     #[error("the shared library {name} is not in {places}; {advice}")]
     NoLibrary {
@@ -40,7 +40,7 @@ enum ExportError {
     },
     #[error("{} cannot be read: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
-    #[error("{} cannot be written: {source}", path.display())]
+    #[error("`{}` cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
 }
 

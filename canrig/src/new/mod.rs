@@ -139,15 +139,15 @@ enum NewError {
         "`{0}` cannot be the name of a {1}; use small letters, digits and underscores, a letter first"
     )]
     PlainName(String, &'static str),
-    #[error("{} is no checkout of canrig: it has no canrig/Cargo.toml", .0.display())]
+    #[error("`{}` is not a checkout of canrig (no canrig/Cargo.toml in it)", .0.display())]
     NoCheckout(PathBuf),
     #[error(
         "the sources that this canrig was built from are not on this machine; name a checkout with --canrig FOLDER"
     )]
     SourcesGone,
-    #[error("{} is no manifest of canrig: {reason}", path.display())]
+    #[error("`{}` is not the manifest of canrig: {reason}", path.display())]
     Manifest { path: PathBuf, reason: String },
-    #[error("{} cannot be written: {source}", path.display())]
+    #[error("`{}` cannot be written: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
 }
 

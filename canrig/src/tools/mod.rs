@@ -77,7 +77,7 @@ impl ToolBusArgs {
 /// Names of the nodes.
 #[derive(Args, Debug)]
 pub(crate) struct NamesArgs {
-    /// Rig file, scenario or folder of a run with the nodes on the bus, which are taken and shown by their names
+    /// Rig file, scenario or run folder with the nodes on the bus, which then have their names here
     #[arg(long, value_name = "FILE")]
     pub rig: Option<PathBuf>,
 }

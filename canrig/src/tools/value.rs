@@ -191,7 +191,7 @@ pub(crate) fn parse(entry: &Entry, text: &str) -> Result<Vec<u8>, String> {
     let wrong = |expected: &str| {
         let (index, sub_index) = (entry.index, entry.sub_index);
         format!(
-            "\"{text}\" is no value for 0x{index:04X}:{sub_index:02X} {}: {expected}",
+            "\"{text}\" is not a value for 0x{index:04X}:{sub_index:02X} {}: {expected}",
             entry.name
         )
     };
@@ -331,7 +331,7 @@ mod tests {
         let error = parse(&entry(0x1017, 0), "70000").unwrap_err();
         assert_eq!(
             error,
-            "\"70000\" is no value for 0x1017:00 Producer heartbeat time: it does not fit UNSIGNED16"
+            "\"70000\" is not a value for 0x1017:00 Producer heartbeat time: it does not fit UNSIGNED16"
         );
         for text in ["", "-1", "ten", "0x", "1.5", "--1", "+-1"] {
             assert!(parse(&entry(0x1017, 0), text).is_err(), "{text}");

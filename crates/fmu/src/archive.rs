@@ -165,7 +165,7 @@ fn at(place: &str, source: io::Error) -> Fault {
 }
 
 fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
-    let unread = |source| at("it cannot be opened", source);
+    let unread = |source| at("cannot be opened", source);
     // Opening a pipe would wait for its other end.
     let metadata = path.metadata().map_err(unread)?;
     if !metadata.is_file() {
@@ -184,7 +184,7 @@ fn opened(path: &Path) -> Result<ZipArchive<File>, Fault> {
 /// Opens a zip file, and checks that its entries stay in their folder and are not too many or too large.
 fn open_zip<R: Read + io::Seek>(bytes: R) -> Result<ZipArchive<R>, Fault> {
     let mut zip = ZipArchive::new(bytes)
-        .map_err(|error| Fault::Archive(format!("it is no zip file that can be read: {error}")))?;
+        .map_err(|error| Fault::Archive(format!("not a zip file that can be read: {error}")))?;
     if zip.len() > FILES_MAX {
         return Err(Fault::Archive(format!(
             "it has {} files in it (limit {FILES_MAX})",
@@ -261,7 +261,7 @@ fn limited_text(bytes: impl Read) -> Result<String, Fault> {
     if text.len() as u64 > BYTES_MAX {
         return Err(Fault::Xml(format!("it has more than {BYTES_MAX} bytes")));
     }
-    String::from_utf8(text).map_err(|_| Fault::Xml("it is no text in UTF-8".to_owned()))
+    String::from_utf8(text).map_err(|_| Fault::Xml("it is not text in UTF-8".to_owned()))
 }
 
 /// Unpacks the description, the resources and the libraries of one platform.

@@ -28,7 +28,7 @@ pub enum Fault {
     #[error("{0}")]
     Archive(String),
     /// The description is no XML.
-    #[error("modelDescription.xml is no XML that is taken: {0}")]
+    #[error("modelDescription.xml cannot be read as XML: {0}")]
     Xml(String),
     /// The description is invalid.
     #[error("modelDescription.xml, line {line}: {reason}")]

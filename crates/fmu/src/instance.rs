@@ -119,10 +119,10 @@ impl Configuration {
 fn check_port(variable: &Variable, is_input: bool) -> Result<(), Fault> {
     let fault = |reason: &str| Err(Fault::variable(&variable.name, reason));
     if variable.is_array {
-        return fault("is an array, which is no port");
+        return fault("is an array, which cannot be a port");
     }
     if !variable.kind.is_number() {
-        return fault("is no number, so it is no port");
+        return fault("is not a number, so it cannot be a port");
     }
     if is_input && !variable.is_input() {
         let is = variable.causality.name();

@@ -176,7 +176,7 @@ fn record(table: &Fmu, description: &Description, wiring: &mut Wiring) -> Result
         let variable = description.variable(name).map_err(at_place())?;
         let refused = |reason: &str| Err(at_place()(Fault::variable(name, reason)));
         if !variable.is_port_shaped() {
-            return refused("is no single number, so it cannot be recorded");
+            return refused("is not a single number, so it cannot be recorded");
         }
         let name = unique(&mut taken, variable, description);
         let port = FmuPort {

@@ -64,7 +64,7 @@ pub enum BusAddress {
 
 /// Error in the text of an address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("\"{text}\" is no bus: name a CAN interface such as vcan0, or embedded:/path/to/socket")]
+#[error("\"{text}\" is not a bus: name a CAN interface such as vcan0, or embedded:/path/to/socket")]
 pub struct BadAddress {
     text: String,
 }

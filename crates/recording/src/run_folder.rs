@@ -352,7 +352,7 @@ pub fn write_new(
     let folder = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => {
-            io::Error::other(format!("{} is no folder", folder.display()))
+            io::Error::other(format!("`{}` is not a folder", folder.display()))
         }
         _ => error,
     })?;
@@ -463,7 +463,7 @@ mod tests {
         });
         let error = failed.unwrap_err().to_string();
         assert!(
-            error.ends_with("file cannot be written: the disk is full"),
+            error.ends_with("file` cannot be written: the disk is full"),
             "{error}"
         );
         assert_eq!(read(), "the old one");

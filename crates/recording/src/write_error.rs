@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// Error: a file of a run cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{} cannot be written: {source}", path.display())]
+#[error("`{}` cannot be written: {source}", path.display())]
 pub struct WriteError {
     pub path: PathBuf,
     pub source: io::Error,

@@ -23,7 +23,7 @@ pub(crate) fn write_with(
 
 fn refuse(place: &Path, error: &io::Error) -> Exit {
     let place = place.display();
-    print_error(&format!("canrig: {place} cannot be written: {error}"));
+    print_error(&format!("canrig: `{place}` cannot be written: {error}"));
     Exit::BenchFailed
 }
 

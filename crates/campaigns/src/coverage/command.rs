@@ -23,14 +23,14 @@ const COLUMNS: [&str; 2] = ["id", "text"];
 enum CoverageError {
     #[error(transparent)]
     Play(#[from] PlayError),
-    #[error("{} is no list of requirements: {reason}", path.display())]
+    #[error("`{}` is not a list of requirements: {reason}", path.display())]
     List { path: PathBuf, reason: String },
 }
 
 /// Arguments of `coverage`.
 #[derive(Args, Debug)]
 pub struct CoverageArgs {
-    /// Folders of runs and sweeps, or folders of these; of several plays of a scenario the latest counts
+    /// Folders of runs and sweeps, or folders of these; the latest play of a scenario counts
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// A CSV file of all requirements, with a column `id` and, if you like, `text`: those that no run tests are shown too

@@ -80,7 +80,7 @@ pub fn merge(args: &MergeArgs) -> Exit {
     if let Some(other) = args.shards.iter().find(|path| !is_campaign(path)) {
         let (path, name) = (other.display(), file::SCENARIO);
         print_error(&format!(
-            "canrig: {path} is no folder of a sweep: there is no {name} in it"
+            "canrig: `{path}` is not the folder of a sweep (no {name} in it)"
         ));
         return Exit::CannotStart;
     }

@@ -118,7 +118,7 @@ pub(crate) enum NoPart {
         "--shard auto: no engine runs this command (SLURM_ARRAY_TASK_ID, HQ_TASK_ID and JOB_COMPLETION_INDEX are not set); name the part, such as --shard 2/4"
     )]
     NoEngine,
-    #[error("--shard auto: {name} is \"{value}\", which is no number of a task")]
+    #[error("--shard auto: {name} is \"{value}\", which is not the number of a task")]
     NoNumber { name: &'static str, value: String },
     #[error(
         "--shard auto: {name} says which task this is, but not how many there are; add --shards COUNT"

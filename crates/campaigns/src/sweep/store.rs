@@ -35,7 +35,7 @@ const NAMED_MAX: usize = 10;
 pub(crate) enum StoreError {
     #[error("{} cannot be read: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
-    #[error("{} cannot be written: {source}. What is done is kept: {}, and give the same command again", path.display(), cure(source))]
+    #[error("`{}` cannot be written: {source}. What is done is kept: {}, and give the same command again", path.display(), cure(source))]
     Write { path: PathBuf, source: io::Error },
     #[error("{} is being written by {writer}: wait until it has ended, or end it", path.display())]
     Busy { path: PathBuf, writer: String },

@@ -55,7 +55,7 @@ pub struct SweepCase<'a> {
 /// Error of a scenario without a sweep.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{0} has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
+    "`{0}` has no [sweep] table, so nothing varies; add one, such as [[sweep.list]] with a key and its values"
 )]
 pub struct NoSweep(String);
 

@@ -55,7 +55,7 @@ impl TortureError {
 
 fn runs(text: &str) -> Result<usize, String> {
     match text.parse() {
-        Ok(0) => Err("nothing would be played; it must be at least 1".to_owned()),
+        Ok(0) => Err("it must be at least 1".to_owned()),
         Ok(runs) => Ok(runs),
         Err(error) => Err(format!("{error}")),
     }

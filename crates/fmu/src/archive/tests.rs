@@ -134,7 +134,7 @@ fn what_is_no_fmu_is_refused() {
         .unwrap()
         .to_string();
     assert!(
-        error.starts_with("/nowhere/a.fmu: it cannot be opened"),
+        error.starts_with("/nowhere/a.fmu: cannot be opened"),
         "{error}"
     );
     assert!(Archive::open(Path::new("/tmp")).is_err());

@@ -77,7 +77,7 @@ fn co_simulation(element: Attributes<'_, '_>) -> Result<CoSimulation, Fault> {
     let is_name = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_';
     if !model_identifier.bytes().all(is_name) {
         return Err(element.fault(format!(
-            "the modelIdentifier `{model_identifier}` is no name of C"
+            "the modelIdentifier `{model_identifier}` is not a name in C"
         )));
     }
     let fixed_step = element.number("fixedInternalStepSize")?;
@@ -189,7 +189,8 @@ fn variable(
         Version::Two => Kind::of_fmi_2(tag),
         Version::Three => Kind::of_fmi_3(tag),
     };
-    let kind = kind.ok_or_else(|| element.fault(format!("<{tag}> is no variable of FMI 3.0")))?;
+    let kind =
+        kind.ok_or_else(|| element.fault(format!("<{tag}> is not a variable of FMI 3.0")))?;
     let reference = element.required("valueReference")?.trim();
     let reference = reference.parse().map_err(|_| {
         element.fault(format!(

@@ -148,7 +148,7 @@ impl Played {
 
     pub(super) fn step(&mut self, from_seconds: f64, duration_seconds: f64) -> Result<(), String> {
         if !(duration_seconds >= 0.0 && duration_seconds.is_finite()) {
-            return Err(format!("a step of {duration_seconds} s is none"));
+            return Err(format!("a step cannot take {duration_seconds} s"));
         }
         let mut running = self.running.take().ok_or("it was not initialized")?;
         let values = self.model.variables.iter().zip(&self.numbers);

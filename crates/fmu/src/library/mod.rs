@@ -61,7 +61,7 @@ impl Status {
             Self::Pending => {
                 "returned before it was done (pending), which was not allowed".to_owned()
             }
-            Self::Unknown(number) => format!("returned {number}, which is no status of FMI"),
+            Self::Unknown(number) => format!("returned {number}, which is not a status of FMI"),
         }
     }
 }

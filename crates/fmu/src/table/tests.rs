@@ -76,7 +76,7 @@ fn what_cannot_be_a_port_is_refused() {
     );
     refused(
         &port("name", "variable = \"arm's name\""),
-        "is no number, so it is no port",
+        "is not a number, so it cannot be a port",
     );
 }
 

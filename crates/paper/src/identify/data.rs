@@ -227,7 +227,7 @@ impl IdentificationData {
             fault,
         };
         let metadata = path.metadata().map_err(|source| {
-            let name = "it".to_owned();
+            let name = "the recording".to_owned();
             at(RecordingFault::Read { name, source })
         })?;
         let (log, mut plan) = if metadata.is_dir() {

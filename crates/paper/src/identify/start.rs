@@ -38,7 +38,7 @@ pub enum Start {
 
 /// Reason why a file has no usable plant.
 #[derive(Debug, thiserror::Error)]
-#[error("{} gives no plant: {reason}", path.display())]
+#[error("`{}` gives no plant: {reason}", path.display())]
 pub struct PlantFileError {
     path: PathBuf,
     reason: String,

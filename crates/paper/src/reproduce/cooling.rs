@@ -1,4 +1,4 @@
-//! Speed of cooling: a step down, with the thermoelectric element and without it.
+//! Experiment on the speed of cooling: a step down, with the thermoelectric element and without it.
 
 use scenario::Trial;
 use scenario::expect::Expect;

@@ -1,4 +1,4 @@
-//! Response of the closed loop: steps, sines, fan, load, and unreachable set-points.
+//! Experiments on the response of the closed loop: steps, sines, fan, load, and unreachable set-points.
 
 use scenario::Trial;
 use scenario::events::Window;

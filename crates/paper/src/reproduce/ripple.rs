@@ -1,4 +1,4 @@
-//! Ripple of the current while the load is held.
+//! Experiment on the ripple of the current while the load is held.
 
 use scenario::expect::Expect;
 

@@ -1,4 +1,4 @@
-//! Robustness of the closed loop on plants that the controller does not know.
+//! Experiment on the robustness of the closed loop on plants that the controller does not know.
 
 use scenario::Trial;
 use scenario::controller::Controller;

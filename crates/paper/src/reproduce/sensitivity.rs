@@ -1,4 +1,4 @@
-//! Sensitivity of the closed loop to cycle time, resolution and noise, and the price of a faster launch.
+//! Experiments on the sensitivity of the closed loop to cycle time, resolution and noise, and the price of a faster launch.
 
 use scenario::Trial;
 use scenario::controller::SlidingModePaper;

@@ -26,7 +26,7 @@ pub enum FollowError {
     #[error("the coordinator ended before the node had stopped")]
     CoordinatorGone,
     /// The coordinator sent a packet that breaks the protocol.
-    #[error("the coordinator sent what is no message of lock-step: {0}")]
+    #[error("the coordinator sent bytes that are not a message of lock-step: {0}")]
     Protocol(#[from] Misread),
     /// The step was not possible.
     #[error("the node could not be stepped: {0}")]

@@ -54,8 +54,8 @@ pub fn examples(args: &ExamplesArgs) -> Exit {
 
 fn named(name: &str) -> Result<ShippedFile, String> {
     file(name).ok_or_else(|| match meant(name) {
-        Some(meant) => format!("no file of the name `{name}` ships; did you mean `{meant}`?"),
-        None => format!("no file of the name `{name}` ships; `canrig examples` lists them"),
+        Some(meant) => format!("no example is called `{name}`; did you mean `{meant}`?"),
+        None => format!("no example is called `{name}`; `canrig examples` lists them"),
     })
 }
 
@@ -91,7 +91,7 @@ fn copied(folder: &Path, files: &[ShippedFile]) -> Exit {
                 }
                 _ => error.to_string(),
             };
-            print_error(&format!("canrig: {path} cannot be written: {why}"));
+            print_error(&format!("canrig: `{path}` cannot be written: {why}"));
             Exit::BenchFailed
         }
     }

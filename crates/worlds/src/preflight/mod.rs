@@ -369,7 +369,7 @@ fn ramp(drive: &LoadedDrive, plan: &Plan, one: &ControlLoop) -> Result<Plan, Wor
 fn cannot_be_made(reason: &dyn std::fmt::Display) -> WorldError {
     WorldError::Preflight {
         name: NAME,
-        found: format!("it cannot be made: {reason}"),
+        found: format!("cannot be made: {reason}"),
     }
 }
 

@@ -29,7 +29,7 @@ pub struct CompareArgs {
     /// The run that is compared with A
     pub b: PathBuf,
     /// How far a signal, a metric or all signals of a unit may differ: `position_millimetres=0.5`, `degrees=2`; `inf`
-    /// for not judged
+    /// leaves it out
     #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',')]
     pub tolerance: Vec<GivenTolerance>,
     /// How much earlier or later a value of B may come
@@ -108,7 +108,7 @@ impl CompareError {
             Self::Recorded(error) => refuse(error),
             Self::NoSuchName(UnknownName(name)) => {
                 print_error(&format!(
-                    "canrig: --tolerance: no signal, metric or unit is called {name}"
+                    "canrig: --tolerance: no signal, metric or unit is called `{name}`"
                 ));
                 Exit::Usage
             }
