@@ -98,7 +98,7 @@ impl HeartbeatProducer {
 /// Result of a heartbeat for the watch over its node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Watch {
-    /// Not watched, or as expected.
+    /// The node is not watched, or its heartbeat came as expected.
     Normal,
     /// The node is back after a loss.
     Recovered,

@@ -40,7 +40,7 @@ impl fmt::Display for NodeId {
 /// The states of a node (CiA 301, figure 48).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NmtState {
-    /// Not yet up; as a heartbeat this is the boot-up message.
+    /// The node is not up yet; as a heartbeat this is the boot-up message.
     Initialising,
     /// Only NMT and heartbeat work.
     Stopped,

@@ -233,7 +233,7 @@ struct Thread<T> {
 }
 
 impl<T> Thread<T> {
-    /// `None` if the system does not count, or the thread has ended.
+    /// Opens the counters of a thread; `None` if the system does not count, or the thread has ended.
     fn open(who: T, place: &Path) -> Option<Self> {
         let count = File::open(place.join("schedstat")).ok()?;
         let waited = waited_in_all(&count)?;

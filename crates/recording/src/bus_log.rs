@@ -23,7 +23,7 @@ const LEVEL: i32 = 3;
 /// `bus.log`, or the compressed log of a long run.
 #[derive(Debug)]
 pub struct BusLog {
-    /// `None` for a file without a name.
+    /// Path of the log; `None` for a file without a name.
     path: Option<PathBuf>,
     output: Output,
 }

@@ -23,7 +23,7 @@ pub struct PlantTruth {
 /// Reader of the messages. The plant's clock is not the recording's: their difference is the smallest one between a stamp and the
 /// plant's own time in the message, since a full bus only makes messages late.
 pub(crate) struct TruthReader {
-    /// `None` for an external drive, which sends none.
+    /// Signals of the truth; `None` for an external drive, which sends none.
     signals: Option<TruthSignals>,
     messages: SeriesWriter<PlantTruth>,
     offset_seconds: f64,

@@ -150,7 +150,7 @@ impl Node for Watchman {
 /// its heartbeat makes the drive switch the current off.
 #[derive(Debug)]
 pub struct Vigil {
-    /// `None` on a private bus, which no other bench can join.
+    /// Thread that keeps the place; `None` on a private bus, which no other bench can join.
     kept: Option<(Stopper, JoinHandle<Result<RunReport, RunError>>)>,
 }
 

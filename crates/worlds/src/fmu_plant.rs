@@ -108,7 +108,7 @@ fn described(port: Port, of: &table::Port) -> Port {
 #[derive(Debug)]
 pub(crate) struct FmuPlant {
     ports: Ports,
-    /// `None` after a failure: its worker is gone.
+    /// The FMU in its worker; `None` after a failure, with which the worker is gone.
     remote: Option<Remote>,
     /// Files that the worker has open.
     _unpacked: Arc<Unpacked>,

@@ -313,7 +313,7 @@ struct ProgramNode {
     order: ProgramOrder,
     /// Dropped before the program, which waits at its other end.
     remote: Remote,
-    /// `None` if canrig did not start it.
+    /// The started program; `None` if canrig did not start it.
     program: Option<StartedProgram>,
 }
 
@@ -334,7 +334,7 @@ impl ProgramNode {
 /// Node at its seat that is asked at each event, as faults need.
 #[derive(Debug)]
 struct Asked {
-    /// `None` once it is gone.
+    /// The node at its seat; `None` once it is gone.
     node: Option<ProgramNode>,
     filters: Vec<Filter>,
     answer: Answer,

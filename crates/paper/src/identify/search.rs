@@ -40,7 +40,7 @@ pub enum SearchError {
 /// Reason why the search began at other values than the start values, or at both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detour {
-    /// With the start values the load never lifts, so there is no gradient.
+    /// The load never lifts with the start values, so there is no gradient.
     NeverLifts,
     /// The fit from the start values was poor; another start gave a better one.
     PoorFit,

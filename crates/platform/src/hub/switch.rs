@@ -30,7 +30,7 @@ const STOP: u64 = u64::MAX - 1;
 
 struct Client {
     socket: OwnedFd,
-    /// `None` until the first packet.
+    /// Filters of the client; `None` until its first packet.
     filters: Option<Vec<Filter>>,
     dropped: u64,
     dropped_reported: u64,

@@ -33,7 +33,7 @@ pub(super) struct Passing {
 /// Place of a frame in scenario time.
 #[derive(Clone, Copy)]
 pub(super) struct Passed {
-    /// `None` before the scenario began.
+    /// Scenario time; `None` before its beginning.
     pub(super) time: Option<Duration>,
     /// Whether it is a SYNC of the scenario.
     pub(super) is_sync: bool,

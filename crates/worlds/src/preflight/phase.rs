@@ -13,7 +13,7 @@ const MOTION_SAMPLES: u32 = 3;
 pub(super) enum Phase {
     /// The load rests without current.
     Rest {
-        /// `None` before the first sample.
+        /// Span of the positions at rest; `None` before the first sample.
         rest: Option<Span>,
     },
     /// The current rises.
@@ -21,7 +21,7 @@ pub(super) enum Phase {
     /// The quick stop was sent.
     Stop {
         rest: Option<Span>,
-        /// `None` if the stop came before the ramp.
+        /// Motion in the ramp; `None` if the stop came before it.
         motion: Option<Motion>,
         quick_stop: QuickStop,
     },
