@@ -472,7 +472,7 @@ fn what_the_user_got_wrong_is_reported() {
             2,
             "nowhere.dbc` cannot be read",
         ),
-        (&["nodes", "--bus", "a/b"], 2, "is no bus"),
+        (&["nodes", "--bus", "a/b"], 2, "is not a bus"),
         (&["nodes"], 4, "no embedded bus of yours is running"),
         (
             &["nodes", "--bus", "embedded:/nowhere"],

@@ -409,7 +409,11 @@ mod tests {
                 Some(4),
                 "number the tasks from 0 to 3",
             ),
-            (&[(SLURM, "x")], Some(4), "is \"x\", which is not the number of a task"),
+            (
+                &[(SLURM, "x")],
+                Some(4),
+                "is \"x\", which is not the number of a task",
+            ),
             (&[(SLURM, "1")], Some(0), "there are 1 to 10000 parts"),
             (&list, None, "not evenly spaced"),
             (&absurd, None, "not evenly spaced"),

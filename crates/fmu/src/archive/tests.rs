@@ -126,9 +126,9 @@ fn what_unpacks_to_more_than_it_says_is_refused_or_cut() {
 
 #[test]
 fn what_is_no_fmu_is_refused() {
-    refused(b"PK".to_vec(), "no zip file");
+    refused(b"PK".to_vec(), "not a zip file");
     refused(zipped(&[("readme", b"x")]), "has no modelDescription.xml");
-    refused(zipped(&[(DESCRIPTION, &[0xFF, 0xFE])]), "no text in UTF-8");
+    refused(zipped(&[(DESCRIPTION, &[0xFF, 0xFE])]), "not text in UTF-8");
     let error = Archive::open(Path::new("/nowhere/a.fmu"))
         .err()
         .unwrap()

@@ -148,7 +148,7 @@ fn a_wrong_description_names_its_line() {
         "is not a name in C",
     );
     refused("name=\"w\"", "name=\"u\"", "there are two variables `u`");
-    refused("</ModelVariables>", "", "no XML");
+    refused("</ModelVariables>", "", "cannot be read as XML");
 }
 
 #[test]
