@@ -444,7 +444,7 @@ fn what_the_user_got_wrong_is_reported() {
         (
             &["sdo", "read", "motor", "6064"][..],
             2,
-            "\"motor\" is no node",
+            "\"motor\" is not a node",
         ),
         (
             &["sdo", "read", "drive", "warp"],

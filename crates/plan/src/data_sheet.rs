@@ -109,7 +109,7 @@ pub fn node_id(text: &str, sheets: &[DataSheet]) -> Result<u8, DataSheetError> {
         let meant =
             nearest.map_or_else(String::new, |name| format!("; did you mean \"{name}\"?"));
         DataSheetError::Unknown(format!(
-            "\"{text}\" is no node{meant}\ngive a number from 1 to 127 (such as 16 or 0x10) or one of {}",
+            "\"{text}\" is not a node: give a number from 1 to 127 (such as 16 or 0x10), or one of {}{meant}",
             names.join(", ")
         ))
     })
@@ -119,7 +119,7 @@ impl DataSheet {
     /// Reads a file for a node.
     ///
     /// # Errors
-    /// The file cannot be read or is no EDS.
+    /// The file cannot be read or is not an EDS.
     pub fn load(path: &Path, node_id: u8) -> Result<Self, DataSheetError> {
         let text =
             scenario::read_text(path, FILE_BYTES_MAX).map_err(|source| DataSheetError::File {
@@ -215,7 +215,7 @@ impl DataSheet {
                 format!("; did you mean \"{name}\" (0x{index:04X}:{sub_index:02X})?")
             });
         format!(
-            "{} has no object \"{text}\"{meant}\ngive an index such as 0x6064:00, or a name from the EDS",
+            "{} has no object \"{text}\": give an index such as 0x6064:00, or a name from the EDS{meant}",
             self.name
         )
     }
