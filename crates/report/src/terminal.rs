@@ -173,8 +173,8 @@ pub fn value(name: &str, value: f64) -> String {
 
 /// Returns yes or no, if the metric of this name is an answer.
 pub(crate) fn answer(name: &str, value: f64) -> Option<&'static str> {
-    let words = |is_yes| if is_yes { "yes" } else { "no" };
-    metrics::answer(name, value).map(words)
+    let text = |is_yes| if is_yes { "yes" } else { "no" };
+    metrics::answer(name, value).map(text)
 }
 
 /// Writes a number with four digits; with a power of ten if it would be long otherwise, or have no digits but zeros.
@@ -204,9 +204,10 @@ pub fn significant(value: f64) -> String {
 #[must_use]
 pub fn rounded(value: f64) -> String {
     let text = significant(value);
-    match text.contains('.') && !text.contains('e') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-        false => text,
+    if text.contains('.') && !text.contains('e') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
     }
 }
 
